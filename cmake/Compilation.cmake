@@ -1,0 +1,35 @@
+# Language level, warnings and sanitizers for every target of the project.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR})
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+# NDEBUG is never set: an invariant that is worth writing down is worth checking in release too.
+set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
+set(CMAKE_CXX_FLAGS_DEBUG "-O1 -g")
+
+option(B4MRL_WERROR "Treat warnings as errors" ON)
+set(B4MRL_SANITIZE "" CACHE STRING "Sanitizers to build with, as for -fsanitize=")
+# algorithms/ alone is built for one processor type; everything else stays baseline x86-64, so that
+# simulation, corruption and file bytes do not depend on the machine that compiled them.
+set(B4MRL_ARCH "native" CACHE STRING "-march= for algorithms/ (learners); use x86-64-v3 on clusters")
+
+add_compile_options(-Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Wno-missing-field-initializers)
+# Contraction would make a*b+c depend on whether the processor has FMA.
+add_compile_options(-ffp-contract=off)
+if(B4MRL_WERROR)
+  add_compile_options(-Werror)
+endif()
+if(B4MRL_SANITIZE)
+  add_compile_options(-fsanitize=${B4MRL_SANITIZE} -fno-omit-frame-pointer
+                      -fno-sanitize-recover=all)
+  add_link_options(-fsanitize=${B4MRL_SANITIZE})
+endif()
+
+find_program(B4MRL_CCACHE ccache)
+if(B4MRL_CCACHE)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${B4MRL_CCACHE})
+endif()

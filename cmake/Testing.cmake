@@ -1,0 +1,14 @@
+# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ...): a Catch2 binary registered with CTest.
+# Every binary shares one compiled Catch2 main.
+function(b4mrl_test name)
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LIBS;LABELS" ${ARGN})
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 120)
+  endif()
+  add_executable(${name} ${ARG_SOURCES})
+  target_link_libraries(${name} PRIVATE b4mrl_catch_main ${ARG_LIBS})
+  target_compile_definitions(${name} PRIVATE
+    B4MRL_SOURCE_DIR="${CMAKE_SOURCE_DIR}" B4MRL_BINARY_DIR="${CMAKE_BINARY_DIR}")
+  add_test(NAME ${name} COMMAND ${name})
+  set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+endfunction()

@@ -1,0 +1,59 @@
+// Every bound of the system in one place. Hello sends those that concern a client; exceeding one is
+// answered with kLimitExceeded and the limit's name, never with silence.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace b4mrl::limits {
+
+inline constexpr uint32_t kProtocolVersion = 1;
+
+// Messages.
+inline constexpr size_t kMaxEnvelopeBytes =
+    64 * 1024;  // frame 1; 64 KiB parses to 5.2 MiB at worst
+inline constexpr size_t kMaxPayloadBytes = 64 * 1024 * 1024;  // frame 2
+inline constexpr size_t kMaxFramesPerMessage = 2;             // after the routing id
+inline constexpr size_t kMaxArraysPerMessage = 32;
+inline constexpr size_t kMaxArrayDimensions = 8;
+inline constexpr size_t kArrayAlignment = 64;  // of offsets within frame 2
+
+// Sessions and lanes.
+inline constexpr size_t kTokenBytes = 16;
+inline constexpr uint32_t kMaxSessions = 1024;
+inline constexpr uint32_t kMaxLanesPerSession = 1024;
+inline constexpr uint32_t kMaxLanes = 8192;               // over all sessions
+inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // one of a lane's two state buffers
+inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // kept in shared memory for adoption
+inline constexpr uint32_t kMaxPerturbations = 16;
+inline constexpr uint32_t kMaxRequestsInFlight = 64;  // of one session, in one worker
+inline constexpr uint32_t kMaxQueuedRequests = 4096;  // in one worker
+inline constexpr uint32_t kMaxQueryRows = 4096;
+inline constexpr uint32_t kMaxRowsPerBatch = 65536;  // Sample and Read
+inline constexpr uint32_t kMaxBatchesPerSample = 64;
+inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;
+inline constexpr int64_t kRemoteLeaseMs = 300'000;
+
+// Time.
+inline constexpr int64_t kDefaultDeadlineMs = 10'000;
+inline constexpr int64_t kMaxDeadlineMs = 3'600'000;
+inline constexpr int64_t kHandshakeMs = 3'000;
+inline constexpr int64_t kHeartbeatIntervalMs = 2'000;
+inline constexpr int64_t kHeartbeatTimeoutMs = 6'000;
+inline constexpr int64_t kHeartbeatTtlMs = 10'000;
+inline constexpr int64_t kFrozenChildMs = 2'000;  // supervisor replaces a silent child after this
+inline constexpr int64_t kDrainMs = 5'000;        // SIGTERM: time for requests under way
+
+// Sockets: messages queued towards one peer before it counts as too slow.
+inline constexpr int kHighWaterMark = 1'000;
+
+// Processes.
+inline constexpr uint32_t kMaxWorkers = 64;
+inline constexpr uint32_t kMaxThreads = 256;
+
+// Datasets.
+inline constexpr uint64_t kMaxDatasetRows = 100'000'000;
+inline constexpr uint32_t kMaxObservationDimensions = 4096;
+inline constexpr uint32_t kMaxActionDimensions = 1024;
+
+}  // namespace b4mrl::limits

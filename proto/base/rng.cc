@@ -1,0 +1,155 @@
+#include "proto/base/rng.h"
+
+#include <cmath>
+
+namespace b4mrl {
+namespace {
+
+// Philox-4x32: round multipliers and key increments of the paper, section 4.3.
+constexpr uint32_t kMultiplier0 = 0xD2511F53u;
+constexpr uint32_t kMultiplier1 = 0xCD9E8D57u;
+constexpr uint32_t kWeyl0 = 0x9E3779B9u;
+constexpr uint32_t kWeyl1 = 0xBB67AE85u;
+
+std::array<uint32_t, 4> Philox(std::array<uint32_t, 4> counter, std::array<uint32_t, 2> key) {
+  for (int round = 0; round < 10; ++round) {
+    const uint64_t product0 = static_cast<uint64_t>(kMultiplier0) * counter[0];
+    const uint64_t product1 = static_cast<uint64_t>(kMultiplier1) * counter[2];
+    counter = {static_cast<uint32_t>(product1 >> 32) ^ counter[1] ^ key[0],
+               static_cast<uint32_t>(product1),
+               static_cast<uint32_t>(product0 >> 32) ^ counter[3] ^ key[1],
+               static_cast<uint32_t>(product0)};
+    key[0] += kWeyl0;
+    key[1] += kWeyl1;
+  }
+  return counter;
+}
+
+uint64_t Finalize(uint64_t z) {
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+  return z ^ (z >> 31);
+}
+
+double Polynomial(std::span<const double> coefficients, double x) {
+  double sum = 0;
+  for (size_t i = coefficients.size(); i-- > 0;) sum = sum * x + coefficients[i];
+  return sum;
+}
+
+// Natural logarithm for (0, 1) from basic arithmetic only: glibc's picks an FMA variant at run
+// time, and noise must not depend on that. log x = k log 2 + 2 atanh((m - 1) / (m + 1)).
+double Log(double x) {
+  int exponent = 0;
+  double mantissa = std::frexp(x, &exponent);  // exact
+  if (mantissa < 0.70710678118654752) {
+    mantissa *= 2;
+    --exponent;
+  }
+  const double t = (mantissa - 1) / (mantissa + 1);
+  const double t2 = t * t;
+  double series = 0;
+  for (int k = 25; k >= 1; k -= 2) series = series * t2 + 1.0 / k;
+  return exponent * 0.69314718055994530942 + 2 * t * series;
+}
+
+}  // namespace
+
+uint64_t MixSeeds(uint64_t a, uint64_t b) {
+  return Finalize(Finalize(a + 0x9e3779b97f4a7c15ull) + b + 0x9e3779b97f4a7c15ull);
+}
+
+Rng::Rng(uint64_t seed, std::string_view purpose, uint64_t stream) : stream_(stream) {
+  const uint64_t key = MixSeeds(seed, HashName(purpose));
+  key_ = {static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32)};
+}
+
+uint64_t Rng::NextUint64() {
+  const uint64_t block = position_ >> 1;
+  if (block != cached_block_) {
+    const auto words =
+        Philox({static_cast<uint32_t>(block), static_cast<uint32_t>(block >> 32),
+                static_cast<uint32_t>(stream_), static_cast<uint32_t>(stream_ >> 32)},
+               key_);
+    cache_ = {words[0] | static_cast<uint64_t>(words[1]) << 32,
+              words[2] | static_cast<uint64_t>(words[3]) << 32};
+    cached_block_ = block;
+  }
+  return cache_[position_++ & 1];
+}
+
+double Rng::Uniform() { return static_cast<double>(NextUint64() >> 11) * 0x1p-53; }
+
+double Rng::Normal() {
+  // The midpoint of the 2^53 cells: never 0 or 1, symmetric about one half.
+  return NormalQuantile((static_cast<double>(NextUint64() >> 11) + 0.5) * 0x1p-53);
+}
+
+uint64_t Rng::Below(uint64_t bound) {
+  __extension__ using Uint128 = unsigned __int128;
+  return static_cast<uint64_t>((static_cast<Uint128>(NextUint64()) * bound) >> 64);
+}
+
+void Rng::FillNormal(std::span<float> out) {
+  for (float& x : out) x = static_cast<float>(Normal());
+}
+
+void Rng::FillNormal(std::span<double> out) {
+  for (double& x : out) x = Normal();
+}
+
+double NormalQuantile(double p) {
+  static constexpr double kA[] = {3.3871328727963666080e0, 1.3314166789178437745e2,
+                                  1.9715909503065514427e3, 1.3731693765509461125e4,
+                                  4.5921953931549871457e4, 6.7265770927008700853e4,
+                                  3.3430575583588128105e4, 2.5090809287301226727e3};
+  static constexpr double kB[] = {1.0,
+                                  4.2313330701600911252e1,
+                                  6.8718700749205790830e2,
+                                  5.3941960214247511077e3,
+                                  2.1213794301586595867e4,
+                                  3.9307895800092710610e4,
+                                  2.8729085735721942674e4,
+                                  5.2264952788528545610e3};
+  static constexpr double kC[] = {1.42343711074968357734e0,  4.63033784615654529590e0,
+                                  5.76949722146069140550e0,  3.64784832476320460504e0,
+                                  1.27045825245236838258e0,  2.41780725177450611770e-1,
+                                  2.27238449892691845833e-2, 7.74545014278341407640e-4};
+  static constexpr double kD[] = {1.0,
+                                  2.05319162663775882187e0,
+                                  1.67638483018380384940e0,
+                                  6.89767334985100004550e-1,
+                                  1.48103976427480074590e-1,
+                                  1.51986665636164571966e-2,
+                                  5.47593808499534494600e-4,
+                                  1.05075007164441684324e-9};
+  static constexpr double kE[] = {6.65790464350110377720e0,  5.46378491116411436990e0,
+                                  1.78482653991729133580e0,  2.96560571828504891230e-1,
+                                  2.65321895265761230930e-2, 1.24266094738807843860e-3,
+                                  2.71155556874348757815e-5, 2.01033439929228813265e-7};
+  static constexpr double kF[] = {1.0,
+                                  5.99832206555887937690e-1,
+                                  1.36929880922735805310e-1,
+                                  1.48753612908506148525e-2,
+                                  7.86869131145613259100e-4,
+                                  1.84631831751005468180e-5,
+                                  1.42151175831644588870e-7,
+                                  2.04426310338993978564e-15};
+  const double q = p - 0.5;
+  if (std::abs(q) <= 0.425) {
+    const double r = 0.180625 - q * q;
+    return q * Polynomial(kA, r) / Polynomial(kB, r);
+  }
+  double r = std::sqrt(-Log(q < 0 ? p : 1 - p));
+  double x;
+  if (r <= 5) {
+    r -= 1.6;
+    x = Polynomial(kC, r) / Polynomial(kD, r);
+  } else {
+    r -= 5;
+    x = Polynomial(kE, r) / Polynomial(kF, r);
+  }
+  return q < 0 ? -x : x;
+}
+
+}  // namespace b4mrl

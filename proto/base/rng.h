@@ -1,0 +1,64 @@
+// Counter-based random numbers: every draw is a pure function of (seed, purpose, stream, position).
+//
+// Philox-4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011) under a
+// key made from a seed and a purpose. Because a position can be addressed directly, noise for one
+// step, row or lane can be drawn anywhere, in any order, by any thread, with equal bytes. Uniform
+// and normal variates are our own: the standard library's differ between implementations. Nothing
+// here calls a function whose last bit depends on the processor. Thread rule: an Rng belongs to one
+// thread; copies are independent and cheap.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+namespace b4mrl {
+
+// Mixes two numbers into a well-spread third (splitmix64's finaliser over their sum).
+uint64_t MixSeeds(uint64_t a, uint64_t b);
+
+// FNV-1a, so that a purpose is named by a readable string.
+constexpr uint64_t HashName(std::string_view name) {
+  uint64_t hash = 0xcbf29ce484222325ull;
+  for (const char c : name) {
+    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ull;
+  }
+  return hash;
+}
+
+class Rng {
+ public:
+  // `seed`: the run's, lane's or dataset's own seed; `purpose`: what the numbers are for ("reset",
+  // "obs-noise", "policy"); `stream`: which of many equal uses (episode, batch, draw).
+  Rng(uint64_t seed, std::string_view purpose, uint64_t stream = 0);
+
+  uint64_t NextUint64();
+  // Uniform in [0, 1), 53 bits.
+  double Uniform();
+  // Uniform in [low, high).
+  double Uniform(double low, double high) { return low + (high - low) * Uniform(); }
+  // Standard normal; exactly one 64-bit draw each, by inversion of the distribution function.
+  double Normal();
+  // Uniform in [0, bound), bound > 0; exactly one draw (bias below bound / 2^64).
+  uint64_t Below(uint64_t bound);
+  void FillNormal(std::span<float> out);
+  void FillNormal(std::span<double> out);
+
+  // The number of 64-bit draws made so far; Seek makes the next draw the one at `position`.
+  uint64_t position() const { return position_; }
+  void Seek(uint64_t position) { position_ = position; }
+
+ private:
+  std::array<uint32_t, 2> key_;
+  uint64_t stream_;
+  uint64_t position_ = 0;
+  uint64_t cached_block_ = UINT64_MAX;  // the block of two draws in cache_, if any
+  std::array<uint64_t, 2> cache_{};
+};
+
+// The standard normal quantile of p in (0, 1): Wichura's AS 241 (PPND16), relative error about
+// 1e-16.
+double NormalQuantile(double p);
+
+}  // namespace b4mrl

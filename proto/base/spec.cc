@@ -1,0 +1,83 @@
+#include "proto/base/spec.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+namespace b4mrl {
+
+Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const {
+  std::vector<std::string> names;
+  for (size_t i = 0; i < dimensions.size(); ++i) {
+    if (dimensions[i].name == index_or_name) return static_cast<uint32_t>(i);
+    names.push_back(dimensions[i].name);
+  }
+  const bool is_number =
+      !index_or_name.empty() && std::all_of(index_or_name.begin(), index_or_name.end(),
+                                            [](char c) { return c >= '0' && c <= '9'; });
+  if (!is_number) return UnknownName("dimension", index_or_name, names);
+  B4MRL_ASSIGN_OR_RETURN(const uint64_t index,
+                         ParseUnsigned("dimension", index_or_name, 0, dimensions.size() - 1));
+  return static_cast<uint32_t>(index);
+}
+
+std::optional<double> EnvironmentSpec::NormalisedScore(double episode_return) const {
+  if (!reference_min || !reference_max) return std::nullopt;
+  return 100.0 * (episode_return - *reference_min) / (*reference_max - *reference_min);
+}
+
+Result<std::vector<NamedArgument>> ParseNamedArguments(std::string_view text) {
+  std::vector<NamedArgument> items;
+  if (text.empty()) return items;
+  while (true) {
+    const size_t comma = text.find(',');
+    const std::string_view item = text.substr(0, comma);
+    const size_t equals = item.find('=');
+    const std::string_view name = item.substr(0, equals);
+    const bool valid_name = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
+      return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
+    });
+    const bool has_argument = equals != std::string_view::npos;
+    const std::string_view argument = has_argument ? item.substr(equals + 1) : "";
+    if (!valid_name || (has_argument && argument.empty())) {
+      return InvalidArgument("perturbation", item, "name or name=argument, separated by commas");
+    }
+    items.push_back({std::string(name), std::string(argument)});
+    if (comma == std::string_view::npos) return items;
+    text.remove_prefix(comma + 1);
+  }
+}
+
+std::string FormatNamedArguments(const std::vector<NamedArgument>& items) {
+  std::string text;
+  for (const NamedArgument& item : items) {
+    if (!text.empty()) text += ',';
+    text += item.ToString();
+  }
+  return text;
+}
+
+Result<double> ParseFinite(std::string_view name, std::string_view text, double low, double high) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  const bool whole = error == std::errc() && end == text.data() + text.size();
+  if (!whole || !std::isfinite(value) || value < low || value > high) {
+    return InvalidArgument(name, text, fmt::format("a number in {}..{}", low, high));
+  }
+  return value;
+}
+
+Result<uint64_t> ParseUnsigned(std::string_view name, std::string_view text, uint64_t low,
+                               uint64_t high) {
+  uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  const bool whole = error == std::errc() && end == text.data() + text.size();
+  if (!whole || value < low || value > high) {
+    return InvalidArgument(name, text, fmt::format("a whole number in {}..{}", low, high));
+  }
+  return value;
+}
+
+}  // namespace b4mrl

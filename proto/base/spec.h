@@ -1,0 +1,68 @@
+// What both sides must agree on about an environment: its spaces, its limits, and how perturbations
+// and corruptions are written. Value types; no thread rule.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// One coordinate of an observation or action.
+struct DimensionSpec {
+  std::string name;  // "v-root-z"; usable wherever a 0-based index is
+  std::string unit;  // "m/s", "rad"; "" for none
+  double low = 0;
+  double high = 0;
+};
+
+// A box: dimensions in order, possibly reshaped (Highway's rows); the product of `shape` is their
+// count.
+struct SpaceSpec {
+  std::vector<DimensionSpec> dimensions;
+  std::vector<uint64_t> shape;
+
+  size_t size() const { return dimensions.size(); }
+  // Accepts a 0-based index ("9") or a name ("v-root-z").
+  Result<uint32_t> FindDimension(std::string_view index_or_name) const;
+};
+
+struct EnvironmentSpec {
+  std::string name;  // "HalfCheetah"
+  SpaceSpec observation;
+  SpaceSpec action;
+  std::string reward;  // the formula, in words
+  uint32_t max_episode_steps = 0;
+  double step_seconds = 0;  // simulated time of one step
+  // Returns that D4RL's normalised score maps to 0 and 100; none for environments D4RL lacks.
+  std::optional<double> reference_min;
+  std::optional<double> reference_max;
+
+  // 100 (return - min) / (max - min).
+  std::optional<double> NormalisedScore(double episode_return) const;
+};
+
+// One item of "gravity=1.5,obs-noise-low": a name and, after '=', its argument as written.
+struct NamedArgument {
+  std::string name;
+  std::string argument;  // "" when there was none
+
+  std::string ToString() const { return argument.empty() ? name : name + "=" + argument; }
+  bool operator==(const NamedArgument&) const = default;
+};
+
+// Splits a comma-separated list; "" is the empty list. Refuses empty items and names with
+// characters outside [a-z0-9-].
+Result<std::vector<NamedArgument>> ParseNamedArguments(std::string_view text);
+std::string FormatNamedArguments(const std::vector<NamedArgument>& items);
+
+// A decimal number that uses the whole text and is finite; `name` is for the message.
+Result<double> ParseFinite(std::string_view name, std::string_view text, double low, double high);
+Result<uint64_t> ParseUnsigned(std::string_view name, std::string_view text, uint64_t low,
+                               uint64_t high);
+
+}  // namespace b4mrl

@@ -1,0 +1,237 @@
+#include "proto/wire/socket.h"
+
+#include <fmt/format.h>
+#include <sys/un.h>
+#include <zmq.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+
+namespace b4mrl {
+namespace {
+
+zmq_msg_t* AsZmq(Frame& frame) { return static_cast<zmq_msg_t*>(frame.handle()); }
+
+void SetInt(void* socket, int option, int value) {
+  zmq_setsockopt(socket, option, &value, sizeof(value));
+}
+
+// Bounds that every socket of the project has, whichever side it is on.
+void SetCommonOptions(void* socket) {
+  const int64_t max_message = limits::kMaxPayloadBytes;
+  zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &max_message, sizeof(max_message));
+  SetInt(socket, ZMQ_LINGER, 0);
+  SetInt(socket, ZMQ_SNDHWM, limits::kHighWaterMark);
+  SetInt(socket, ZMQ_RCVHWM, limits::kHighWaterMark);
+  SetInt(socket, ZMQ_HANDSHAKE_IVL, limits::kHandshakeMs);
+  SetInt(socket, ZMQ_HEARTBEAT_IVL, limits::kHeartbeatIntervalMs);
+  SetInt(socket, ZMQ_HEARTBEAT_TIMEOUT, limits::kHeartbeatTimeoutMs);
+  SetInt(socket, ZMQ_HEARTBEAT_TTL, limits::kHeartbeatTtlMs);
+}
+
+bool HasMore(Frame& frame) { return zmq_msg_more(AsZmq(frame)) != 0; }
+
+bool ReceivePart(void* socket, Frame& frame) {
+  while (zmq_msg_recv(AsZmq(frame), socket, ZMQ_DONTWAIT) < 0) {
+    if (errno != EINTR) return false;
+  }
+  return true;
+}
+
+// Reads the parts of a message after the first `more`; surplus parts empty the message (see the
+// header).
+Message ReceiveBody(void* socket, bool more) {
+  Message message;
+  size_t parts = 0;
+  while (more) {
+    Frame part;
+    if (!ReceivePart(socket, part)) break;  // cannot happen: parts arrive together
+    more = HasMore(part);
+    ++parts;
+    if (parts == 1) message.envelope = std::move(part);
+    if (parts == 2) message.payload = std::move(part);
+  }
+  if (parts > limits::kMaxFramesPerMessage) message = Message();
+  return message;
+}
+
+bool SendPart(void* socket, Frame& frame, int flags) {
+  while (zmq_msg_send(AsZmq(frame), socket, flags | ZMQ_DONTWAIT) < 0) {
+    if (errno != EINTR) return false;
+  }
+  return true;
+}
+
+bool SendBody(void* socket, Message& message) {
+  const bool has_payload = message.payload.size() > 0;
+  if (!SendPart(socket, message.envelope, has_payload ? ZMQ_SNDMORE : 0)) return false;
+  return !has_payload || SendPart(socket, message.payload, 0);
+}
+
+Status ZmqError(std::string_view action, std::string_view address) {
+  return Status(StatusCode::kIoError,
+                fmt::format("cannot {} {}: {}", action, address, zmq_strerror(zmq_errno())));
+}
+
+}  // namespace
+
+Context::Context() : handle_(zmq_ctx_new()) { zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, 65535); }
+Context::~Context() { zmq_ctx_term(handle_); }
+
+Result<RouterSocket> RouterSocket::Bind(Context& context,
+                                        std::span<const ListeningEndpoint> endpoints) {
+  RouterSocket router(zmq_socket(context.handle(), ZMQ_ROUTER));
+  if (router.socket_ == nullptr) return ZmqError("create", "a socket");
+  SetCommonOptions(router.socket_);
+  SetInt(router.socket_, ZMQ_ROUTER_MANDATORY, 1);
+  for (const ListeningEndpoint& endpoint : endpoints) {
+    SetInt(router.socket_, ZMQ_USE_FD, endpoint.fd);
+    if (zmq_bind(router.socket_, endpoint.address.c_str()) != 0) {
+      return ZmqError("listen on", endpoint.address);
+    }
+  }
+  return router;
+}
+
+RouterSocket::RouterSocket(RouterSocket&& other) noexcept
+    : socket_(std::exchange(other.socket_, nullptr)) {}
+RouterSocket& RouterSocket::operator=(RouterSocket&& other) noexcept {
+  std::swap(socket_, other.socket_);
+  return *this;
+}
+RouterSocket::~RouterSocket() {
+  if (socket_ != nullptr) zmq_close(socket_);
+}
+
+std::optional<IncomingMessage> RouterSocket::TryReceive() {
+  Frame id;
+  if (!ReceivePart(socket_, id)) return std::nullopt;
+  IncomingMessage incoming;
+  incoming.sender.assign(id.view());
+  incoming.message = ReceiveBody(socket_, HasMore(id));
+  return incoming;
+}
+
+Status RouterSocket::Send(const RoutingId& receiver, Message message) {
+  Frame id = Frame::Copy(receiver);
+  if (!SendPart(socket_, id, ZMQ_SNDMORE)) {
+    if (errno == EHOSTUNREACH) return Status(StatusCode::kUnavailable, "the peer has gone");
+    return Status(StatusCode::kLimitExceeded, "the peer does not read its replies");
+  }
+  // Once the routing id was accepted, the pipe takes the rest of the message.
+  if (!SendBody(socket_, message)) return ZmqError("send", "a reply");
+  return Status();
+}
+
+Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& address) {
+  static std::atomic<uint64_t> monitor_number{0};
+  void* socket = zmq_socket(context.handle(), ZMQ_DEALER);
+  if (socket == nullptr) return ZmqError("create", "a socket");
+  SetCommonOptions(socket);
+  SetInt(socket, ZMQ_RECONNECT_IVL, 5);
+  SetInt(socket, ZMQ_RECONNECT_IVL_MAX, 200);
+  const std::string monitor_address = fmt::format("inproc://monitor-{}", monitor_number++);
+  zmq_socket_monitor(socket, monitor_address.c_str(), ZMQ_EVENT_HANDSHAKE_SUCCEEDED);
+  void* monitor = zmq_socket(context.handle(), ZMQ_PAIR);
+  SetInt(monitor, ZMQ_LINGER, 0);
+  DealerSocket dealer(socket, monitor);
+  if (zmq_connect(monitor, monitor_address.c_str()) != 0) return ZmqError("watch", address);
+  if (zmq_connect(socket, address.c_str()) != 0) {
+    return InvalidArgument("endpoint", address, "tcp://HOST:PORT or ipc:///PATH");
+  }
+  return dealer;
+}
+
+DealerSocket::DealerSocket(DealerSocket&& other) noexcept
+    : socket_(std::exchange(other.socket_, nullptr)),
+      monitor_(std::exchange(other.monitor_, nullptr)),
+      connections_(other.connections_) {}
+DealerSocket& DealerSocket::operator=(DealerSocket&& other) noexcept {
+  std::swap(socket_, other.socket_);
+  std::swap(monitor_, other.monitor_);
+  std::swap(connections_, other.connections_);
+  return *this;
+}
+DealerSocket::~DealerSocket() {
+  if (socket_ != nullptr) {
+    zmq_socket_monitor(socket_, nullptr, 0);
+    zmq_close(socket_);
+  }
+  if (monitor_ != nullptr) zmq_close(monitor_);
+}
+
+Status DealerSocket::Send(Message message) {
+  if (!SendBody(socket_, message)) {
+    return Status(StatusCode::kUnavailable, "the queue towards the server is full");
+  }
+  return Status();
+}
+
+std::optional<Message> DealerSocket::TryReceive() {
+  Frame first;
+  if (!ReceivePart(socket_, first)) return std::nullopt;
+  if (!HasMore(first)) return Message{std::move(first), Frame()};
+  Message rest = ReceiveBody(socket_, true);
+  if (rest.payload.size() > 0) return Message();  // surplus parts: no parser accepts it
+  return Message{std::move(first), std::move(rest.envelope)};
+}
+
+bool DealerSocket::Wait(const Deadline& deadline) {
+  zmq_pollitem_t items[] = {{socket_, 0, ZMQ_POLLIN, 0}, {monitor_, 0, ZMQ_POLLIN, 0}};
+  return zmq_poll(items, 2, static_cast<long>(deadline.remaining_ms())) > 0;
+}
+
+uint32_t DealerSocket::connections() {
+  // Each event is two frames; only handshakes are subscribed to, so counting messages is enough.
+  Frame event;
+  while (ReceivePart(monitor_, event)) {
+    if (!HasMore(event)) ++connections_;
+  }
+  return connections_;
+}
+
+bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
+                  std::vector<bool>* fd_ready) {
+  std::vector<zmq_pollitem_t> items;
+  items.push_back({socket, 0, ZMQ_POLLIN, 0});
+  for (const int fd : fds) items.push_back({nullptr, fd, ZMQ_POLLIN, 0});
+  zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms));
+  if (fd_ready != nullptr) {
+    fd_ready->assign(fds.size(), false);
+    for (size_t i = 0; i < fds.size(); ++i) (*fd_ready)[i] = items[i + 1].revents != 0;
+  }
+  return items[0].revents != 0;
+}
+
+Result<TcpAddress> ParseTcpAddress(std::string_view address) {
+  constexpr std::string_view kPrefix = "tcp://";
+  const size_t colon = address.rfind(':');
+  if (!address.starts_with(kPrefix) || colon < kPrefix.size()) {
+    return InvalidArgument("address", address, "tcp://HOST:PORT");
+  }
+  TcpAddress result;
+  result.host = std::string(address.substr(kPrefix.size(), colon - kPrefix.size()));
+  B4MRL_ASSIGN_OR_RETURN(const uint64_t port,
+                         ParseUnsigned("port", address.substr(colon + 1), 0, 65535));
+  result.port = static_cast<uint16_t>(port);
+  if (result.host.empty()) return InvalidArgument("address", address, "tcp://HOST:PORT");
+  return result;
+}
+
+Result<std::string> ParseIpcAddress(std::string_view address) {
+  constexpr std::string_view kPrefix = "ipc://";
+  const size_t longest = sizeof(sockaddr_un::sun_path) - 1;
+  if (!address.starts_with(kPrefix) || address.size() == kPrefix.size() ||
+      address.size() - kPrefix.size() > longest) {
+    return InvalidArgument("address", address,
+                           fmt::format("ipc://PATH with a path of at most {} bytes", longest));
+  }
+  return std::string(address.substr(kPrefix.size()));
+}
+
+}  // namespace b4mrl
