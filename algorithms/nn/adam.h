@@ -1,0 +1,57 @@
+// Adam (Kingma and Ba 2015, algorithm 1, as torch.optim.Adam computes it) over one flat buffer, and
+// Polyak averaging, which can ride in the same pass.
+//
+//   m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2
+//   p -= lr / (1 - b1^t) * m / (sqrt(v) / sqrt(1 - b2^t) + eps)
+//   target = (1 - tau) target + tau p
+//
+// No weight decay. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "algorithms/nn/parameters.h"
+#include "algorithms/nn/view.h"
+
+namespace b4mrl {
+
+struct AdamOptions {
+  double learning_rate = 3e-4;
+  double beta1 = 0.9;
+  double beta2 = 0.999;
+  double epsilon = 1e-8;
+};
+
+template <typename Scalar>
+class Adam {
+ public:
+  Adam() = default;
+  Adam(const AdamOptions& options, int64_t size);
+
+  // One step; the three spans have the size given at construction.
+  void Step(std::span<Scalar> parameters, std::span<const Scalar> gradient);
+  // The same, followed by target <- tau * parameters + (1 - tau) * target in the same pass.
+  void StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient, double tau,
+                      std::span<Scalar> target);
+
+  void set_learning_rate(double learning_rate) { options_.learning_rate = learning_rate; }
+  int64_t steps() const { return steps_; }
+
+  // "<prefix>/first_moment" and "<prefix>/second_moment"; the counter "<prefix>/steps".
+  void Visit(std::string_view prefix, const ArrayVisitor<Scalar>& visitor);
+  void VisitCounters(std::string_view prefix, const CounterVisitor& visitor);
+
+ private:
+  AdamOptions options_;
+  int64_t steps_ = 0;
+  AlignedVector<Scalar> first_moment_;
+  AlignedVector<Scalar> second_moment_;
+};
+
+// target <- tau * online + (1 - tau) * target.
+template <typename Scalar>
+void Polyak(double tau, std::span<const Scalar> online, std::span<Scalar> target);
+
+}  // namespace b4mrl

@@ -1,0 +1,36 @@
+// Losses on network outputs, each with its gradient. All are pure functions of their arguments and
+// sum in index order; a mean is over the batch's columns.
+#pragma once
+
+#include <span>
+
+#include "algorithms/nn/view.h"
+
+namespace b4mrl {
+
+// y = r + not_terminated * gamma * (min over rows of q - entropy_scale * log_prob), per column.
+// q: critics x n. `log_probs` empty: no entropy term.
+template <typename Scalar>
+void BellmanTargets(MatrixView<const Scalar> q, std::span<const Scalar> rewards,
+                    std::span<const Scalar> not_terminated, Scalar gamma,
+                    std::span<const Scalar> log_probs, Scalar entropy_scale,
+                    std::span<Scalar> targets);
+
+struct CriticLoss {
+  double loss = 0;    // scale * sum over critics of mean (q - y)^2
+  double mean_q = 0;  // over critics and columns
+};
+// Also writes q_gradient = d loss / d q (critics x n).
+template <typename Scalar>
+CriticLoss SquaredErrorToTargets(MatrixView<const Scalar> q, std::span<const Scalar> targets,
+                                 Scalar scale, MatrixView<Scalar> q_gradient);
+
+// mean over columns of the minimum over rows; q_gradient (critics x n) = d(-mean min) / d q: -1/n
+// where a critic is the smaller one (the first on a tie), 0 elsewhere.
+template <typename Scalar>
+double MeanMinimum(MatrixView<const Scalar> q, MatrixView<Scalar> q_gradient);
+
+template <typename Scalar>
+double Mean(std::span<const Scalar> values);
+
+}  // namespace b4mrl

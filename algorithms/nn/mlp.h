@@ -1,0 +1,119 @@
+// Multi-layer perceptrons, one or several of equal shape side by side: an actor (one member), twin
+// critics (two), a dynamics ensemble (seven).
+//
+// MlpLayout says where each layer's numbers lie in one flat parameter buffer; gradients, targets
+// and optimiser moments use the same layout, so Adam, Polyak averaging and checkpoints are one loop
+// each. A weight is stored as PyTorch stores it, (outputs, inputs) row-major, and a layer's members
+// follow each other: the first layers of all members are therefore also one weight of members *
+// outputs rows, which multiplies a shared input in one product.
+//
+// Activations are (members * width) x batch: member m owns rows [m * width, (m + 1) * width).
+// MlpWorkspace keeps them from the forward for the backward pass; it is sized once and nothing is
+// allocated afterwards. Thread rule: a layout is immutable; a workspace belongs to one thread.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/nn/parameters.h"
+#include "algorithms/nn/view.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl {
+
+enum class Activation {
+  kRelu,
+  kSwish,  // x * sigmoid(x)
+};
+
+struct MlpShape {
+  int members = 1;
+  int inputs = 0;           // of one member
+  std::vector<int> hidden;  // widths of one member, at least one
+  int outputs = 0;          // of one member; the output layer is linear
+  Activation activation = Activation::kRelu;
+};
+
+enum class Initialization {
+  kTorchUniform,     // weight and bias ~ U(-1/sqrt(inputs), 1/sqrt(inputs)): torch.nn.Linear
+  kTruncatedNormal,  // weight ~ N(0, 1/(4 inputs)) cut at two deviations, bias 0: MOPO's original
+};
+
+class MlpLayout {
+ public:
+  struct Layer {
+    int inputs;           // of one member
+    int outputs;          // of one member
+    int64_t weight;       // offset of (members, outputs, inputs)
+    int64_t bias;         // offset of (members, outputs)
+    int64_t weight_size;  // members * outputs * inputs
+    int64_t bias_size;    // members * outputs
+  };
+
+  explicit MlpLayout(MlpShape shape);
+
+  const MlpShape& shape() const { return shape_; }
+  int members() const { return shape_.members; }
+  const std::vector<Layer>& layers() const { return layers_; }
+  // Length of a flat buffer. Arrays start on cache lines; the gaps stay zero under every update.
+  int64_t size() const { return size_; }
+
+  // Fills `parameters`, layer by layer and member by member.
+  template <typename Scalar>
+  void Initialize(Initialization initialization, Rng& rng, std::span<Scalar> parameters) const;
+
+  // Names "<prefix>/layer<i>/weight" and ".../bias".
+  template <typename Scalar>
+  void Visit(std::string_view prefix, std::span<Scalar> parameters,
+             const ArrayVisitor<Scalar>& visitor) const;
+
+ private:
+  MlpShape shape_;
+  std::vector<Layer> layers_;
+  int64_t size_ = 0;
+};
+
+template <typename Scalar>
+struct MlpWorkspace {
+  // For passes over `members` of the layout's members and up to `batch_max` columns.
+  // `keep_gradients` false saves the memory that only the backward pass needs.
+  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, bool keep_gradients = true);
+
+  int members;
+  int batch = 0;                                  // of the last forward pass
+  std::vector<MatrixBuffer<Scalar>> activations;  // per layer; the last is the output
+  std::vector<MatrixBuffer<Scalar>> slopes;       // swish only: its derivative, per hidden layer
+  std::vector<MatrixBuffer<Scalar>> gradients;    // d loss / d activation; the last: d output
+
+  MatrixView<Scalar> output() { return activations.back().view(batch); }
+  // To be filled between MlpForward and MlpBackward.
+  MatrixView<Scalar> output_gradient() { return gradients.back().view(batch); }
+};
+
+// Evaluates members [first_member, first_member + workspace.members). `input` has shape.inputs rows
+// (shared by the members) or workspace.members * inputs rows (one block each), and at most
+// batch_max columns. Returns workspace.output(): (members * outputs) x batch.
+template <typename Scalar>
+MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> parameters,
+                              MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
+                              int first_member = 0);
+
+// Gradients of a loss from workspace.output_gradient(), for the members of the last MlpForward on
+// this workspace, which must have had the same `input` and `first_member`. `parameter_gradient` is
+// overwritten, and may be empty: then no weight gradient is computed. The workspace must be of all
+// members if it is not.
+template <typename Scalar>
+void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
+                 MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
+                 std::span<Scalar> parameter_gradient, int first_member = 0);
+
+// After MlpBackward with a shared input: the gradient with respect to rows [first_row, first_row +
+// input_gradient.rows) of the input, summed over the members.
+template <typename Scalar>
+void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
+                      MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
+                      int first_member = 0);
+
+}  // namespace b4mrl

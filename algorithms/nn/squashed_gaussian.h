@@ -1,0 +1,45 @@
+// The tanh-squashed diagonal Gaussian policy: sampling with log-density, and its gradient.
+//
+//   log_std = clamp(raw, min, max);  u = mean + exp(log_std) e;  a = tanh(u)
+//   log pi = sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2)]
+// with e given (the reparameterisation trick). Gradients with e fixed, for a loss with derivatives
+// g_a (per action) and g_l (per row's log pi):
+//   d/du = g_a (1 - a^2) + g_l * 2 a (1 - a^2) / (1 - a^2 + epsilon)
+//   d mean = d/du;   d raw = d/du * exp(log_std) e - g_l, or 0 where raw was clamped.
+// kEpsilon is the form log(1 - a^2 + epsilon) of Stable-Baselines3; kExact is the stable
+// 2 (log 2 - u - softplus(-2u)), whose derivative has no epsilon.
+// `head` is the actor's output, mean rows first, then raw log_std rows. Thread rule: pure
+// functions.
+#pragma once
+
+#include <span>
+
+#include "algorithms/nn/view.h"
+
+namespace b4mrl {
+
+enum class LogProbForm { kEpsilon, kExact };
+
+struct SquashedGaussianOptions {
+  LogProbForm form = LogProbForm::kEpsilon;
+  double epsilon = 1e-6;  // of kEpsilon
+  double log_std_min = -20;
+  double log_std_max = 2;
+};
+
+// head: 2 action x n; noise: action x n; writes actions (action x n, overlapping neither) and
+// log_probs (n).
+template <typename Scalar>
+void SampleSquashedGaussian(const SquashedGaussianOptions& options, MatrixView<const Scalar> head,
+                            MatrixView<const Scalar> noise, MatrixView<Scalar> actions,
+                            std::span<Scalar> log_probs);
+
+// action_gradient: d loss / d actions (action x n); log_prob_gradient: d loss / d log pi, the same
+// for every row. Writes head_gradient (2 action x n).
+template <typename Scalar>
+void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView<const Scalar> head,
+                              MatrixView<const Scalar> noise, MatrixView<const Scalar> actions,
+                              MatrixView<const Scalar> action_gradient, Scalar log_prob_gradient,
+                              MatrixView<Scalar> head_gradient);
+
+}  // namespace b4mrl

@@ -1,0 +1,162 @@
+// An ensemble of probabilistic networks (o, a) -> N(mean, diag(exp(log_var))), as MOPO trains it.
+//
+// Yu et al., "MOPO" (2020); defaults are those of the implementation B4MRL used
+// (junming-yang/mopo): no input scaling, no bootstrap, the data's last tenth held out. The target
+// of a row is given by the caller, observation part first, reward last: MOPO passes [o' - o, r],
+// HyMOPO [o' - o'_sim, r]. Loss of one minibatch (B columns, K = observation_size + 1 outputs):
+//   sum over members of mean_{B,K}((mean - target)^2 exp(-lv)) + mean_{B,K}(lv)
+//   + decay_scale * sum over layers of decay[layer] * sum(weight^2)
+//   + bound_weight * (sum(max_log_var) - sum(min_log_var))
+//   with lv = max - softplus(max - raw), then lv = min + softplus(lv - min),
+// max and min being trained vectors of length K that all members share. After each epoch a member's
+// weights are kept if its hold-out squared error fell by more than min_improvement (relative);
+// training ends after patience_epochs epochs in a row without such a member, or max_updates. The
+// kept weights are then restored; elites are the members of smallest hold-out error.
+//
+// Training: StartTraining, Train until progress.finished (or FinishTraining at any time). Its state
+// between two calls of Train is complete in Visit*, so a run may be resumed there; the data given
+// must be the same each time. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algorithms/nn/adam.h"
+#include "algorithms/nn/mlp.h"
+#include "proto/base/rng.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+enum class HoldoutRule {
+  kTail,         // the last rows in file order
+  kPermutation,  // rows of a random permutation (MOPO's original)
+};
+
+struct DynamicsEnsembleOptions {
+  int observation_size = 0;
+  int action_size = 0;
+  int members = 7;
+  int elites = 5;
+  std::vector<int> hidden = {200, 200, 200, 200};
+  Initialization initialization = Initialization::kTorchUniform;
+  double learning_rate = 1e-3;
+  int batch_size = 256;
+  std::vector<double> decay = {2.5e-5, 5e-5, 7.5e-5, 7.5e-5, 1e-4};  // per layer, weights only
+  double decay_scale = 1.0;                                          // 0.5 in MOPO's original
+  double bound_weight = 0.01;
+  double max_log_var = 0.5;  // initial bounds
+  double min_log_var = -10;
+  bool bootstrap = false;     // each member draws its own rows with replacement
+  bool scale_inputs = false;  // standardise inputs by the training rows' mean and deviation
+  HoldoutRule holdout_rule = HoldoutRule::kTail;
+  double holdout_fraction = 0.1;
+  int64_t holdout_max = INT64_MAX;  // 1000 in MOPO's original
+  double min_improvement = 0.01;
+  int patience_epochs = 5;
+  int64_t max_updates = 800000;
+  uint64_t seed = 0;
+};
+
+// Columns are rows of the data set: (observation | action | observation + 1) x N, owned by the
+// caller.
+template <typename Scalar>
+struct DynamicsData {
+  MatrixView<const Scalar> observations;
+  MatrixView<const Scalar> actions;
+  MatrixView<const Scalar> targets;
+};
+
+struct DynamicsProgress {
+  int64_t epoch = 0;    // epochs completed
+  int64_t updates = 0;  // in all
+  int64_t updates_per_epoch = 0;
+  double train_loss = 0;     // of the last minibatch, all terms
+  bool epoch_ended = false;  // by this call; then holdout_mse is fresh
+  bool finished = false;
+  std::vector<double> holdout_mse;  // per member, of the last epoch
+};
+
+template <typename Scalar>
+class DynamicsEnsemble {
+ public:
+  static Result<DynamicsEnsemble> Create(const DynamicsEnsembleOptions& options);
+
+  // Chooses the hold-out rows and the input scaling. Also to be called after a resumed state was
+  // read back: it changes nothing that Visit* shows except the scaling, which is the same again.
+  Status StartTraining(const DynamicsData<Scalar>& data);
+  // Up to `max_updates` minibatches, fewer where an epoch or the training ends. An epoch's end
+  // evaluates the hold-out rows. After the finish it does nothing.
+  DynamicsProgress Train(const DynamicsData<Scalar>& data, int64_t max_updates);
+  // Restores each member's best weights. Train does it itself when it finishes.
+  void FinishTraining();
+  // One gradient step on given columns (observations | actions stacked, shared by the members).
+  // Returns the loss. For tests and benchmarks.
+  double UpdateOnBatch(MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets);
+
+  const DynamicsEnsembleOptions& options() const { return options_; }
+  int output_size() const { return options_.observation_size + 1; }
+  // Members of smallest hold-out error, best first; before any epoch the first `elites` members.
+  std::vector<int> Elites() const;
+
+  // outputs (output_size x n) = mean + exp(log_var / 2) * noise of member members[i] for column i
+  // of `inputs` (observation + action x n). With an empty `penalty` only the drawn members are
+  // evaluated; otherwise all are, and penalty[i] is the largest L2 norm of a member's deviations.
+  // Not const: it uses the ensemble's workspaces.
+  void Sample(MatrixView<const Scalar> inputs, std::span<const int> members,
+              MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
+              std::span<Scalar> penalty = {});
+  // Mean and bounded log-variance of one member (output_size x n each).
+  void Predict(int member, MatrixView<const Scalar> inputs, MatrixView<Scalar> mean,
+               MatrixView<Scalar> log_var);
+
+  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
+  void VisitCounters(const CounterVisitor& visitor);
+  // Gradients of the last update, under the names of the parameters; for tests.
+  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+
+ private:
+  explicit DynamicsEnsemble(const DynamicsEnsembleOptions& options);
+
+  void ScaleInputs(MatrixView<Scalar> inputs) const;
+  void PrepareEpoch();
+  int64_t TrainingRow(int64_t position, int member) const;
+  void GatherBatch(const DynamicsData<Scalar>& data, int64_t first, int count);
+  double UpdateOnGathered(int count);
+  void EvaluateHoldout(const DynamicsData<Scalar>& data);
+  bool KeepImproved();
+  void CopyMember(int member, std::span<const Scalar> from, std::span<Scalar> to) const;
+
+  DynamicsEnsembleOptions options_;
+  MlpLayout layout_;
+  AlignedVector<Scalar> parameters_, gradient_, best_parameters_;
+  AlignedVector<Scalar> bounds_, bounds_gradient_;  // max_log_var, then min_log_var
+  AlignedVector<Scalar> scaler_;                    // input mean, then 1 / deviation
+  AlignedVector<Scalar> best_mse_;                  // per member
+  Adam<Scalar> adam_, bounds_adam_;
+  int64_t epoch_ = 0;
+  int64_t updates_ = 0;
+  int64_t updates_in_epoch_ = 0;
+  int64_t epochs_without_improvement_ = 0;
+  int64_t finished_ = 0;  // 0 or 1
+
+  // Derived from the data and the epoch; never saved.
+  std::vector<int32_t> train_rows_, holdout_rows_;
+  std::vector<int32_t> order_;  // permutation of train_rows_ of the present epoch
+  int64_t order_epoch_ = -1;
+  std::vector<double> holdout_mse_;
+
+  MlpWorkspace<Scalar> workspace_;         // all members, batch_size columns
+  MlpWorkspace<Scalar> member_workspace_;  // one member, for prediction
+  MatrixBuffer<Scalar> inputs_;            // (members or 1) * inputs x batch
+  MatrixBuffer<Scalar> targets_;           // (members or 1) * outputs x batch
+  MatrixBuffer<Scalar> grouped_inputs_;    // prediction: rows of one member side by side
+  std::vector<int> group_columns_;
+};
+
+extern template class DynamicsEnsemble<float>;
+extern template class DynamicsEnsemble<double>;
+
+}  // namespace b4mrl
