@@ -128,6 +128,10 @@ Status RouterSocket::Send(const RoutingId& receiver, Message message) {
   return Status();
 }
 
+void RouterSocket::LingerOnClose(int64_t linger_ms) {
+  SetInt(socket_, ZMQ_LINGER, static_cast<int>(linger_ms));
+}
+
 Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& address) {
   static std::atomic<uint64_t> monitor_number{0};
   void* socket = zmq_socket(context.handle(), ZMQ_DEALER);
@@ -206,6 +210,12 @@ bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
     for (size_t i = 0; i < fds.size(); ++i) (*fd_ready)[i] = items[i + 1].revents != 0;
   }
   return items[0].revents != 0;
+}
+
+void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms) {
+  std::vector<zmq_pollitem_t> items;
+  for (void* socket : sockets) items.push_back({socket, 0, ZMQ_POLLIN, 0});
+  zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms));
 }
 
 Result<TcpAddress> ParseTcpAddress(std::string_view address) {

@@ -61,6 +61,8 @@ class RouterSocket {
   std::optional<IncomingMessage> TryReceive();
   // Never blocks. kUnavailable: the peer has gone; kLimitExceeded: it does not read its replies.
   Status Send(const RoutingId& receiver, Message message);
+  // Lets what was sent leave for up to `linger_ms` when the socket closes; without it, it is dropped.
+  void LingerOnClose(int64_t linger_ms);
   void* handle() const { return socket_; }
 
  private:
@@ -97,6 +99,9 @@ class DealerSocket {
 // socket is; sets fd_ready[i] (if given) for the descriptors.
 bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
                   std::vector<bool>* fd_ready = nullptr);
+
+// Waits until one of the sockets is readable or the time is over.
+void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms);
 
 // "tcp://host:port" into its parts; anything else is refused with what is allowed.
 struct TcpAddress {

@@ -1,0 +1,26 @@
+#include "server/child.h"
+
+#include <utility>
+
+namespace b4mrl {
+namespace {
+
+uint32_t ChildIndex(const ChildOptions& options) {
+  if (options.role == "gateway") return kGatewayChild;
+  if (options.role == "dataset-worker") return kDatasetChild;
+  return kFirstWorkerChild + options.index;
+}
+
+}  // namespace
+
+ChildContext::ChildContext(ChildOptions options, SharedState shared)
+    : options_(std::move(options)),
+      shared_(std::move(shared)),
+      child_index_(ChildIndex(options_)) {}
+
+void ChildContext::Beat() {
+  ++record().heartbeat;
+  record().ready.store(1, std::memory_order_relaxed);
+}
+
+}  // namespace b4mrl

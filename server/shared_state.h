@@ -1,0 +1,142 @@
+// The memory that outlives every child: which children run, which sessions exist, what each lane last
+// did. The supervisor creates it (an anonymous, sparse memfd) and passes its descriptor on; every child
+// maps all of it.
+//
+// Who writes what: the supervisor the children's process ids and restarts and the lanes' blame; the gateway
+// a session's record while it is kFree or kOpening; a session's worker everything of it while it is kLive
+// (and its lanes from kOpening on); each thread its own mark. Numbers that several processes touch are
+// atomics. Whatever a process reads that another wrote is checked before it is used as an index or a
+// length: the writer may have died of a wild pointer.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "proto/base/limits.h"
+#include "proto/base/status.h"
+#include "server/lane_slot.h"
+
+namespace b4mrl {
+
+// The gateway, the dataset worker and the environment workers, in this order in the child table.
+inline constexpr uint32_t kGatewayChild = 0;
+inline constexpr uint32_t kDatasetChild = 1;
+inline constexpr uint32_t kFirstWorkerChild = 2;
+inline constexpr uint32_t kMaxChildren = kFirstWorkerChild + limits::kMaxWorkers;
+// "gateway", "dataset-worker", "worker-0" and so on.
+std::string ChildName(uint32_t child);
+
+struct alignas(64) ChildRecord {
+  std::atomic<int32_t> process_id;  // 0: not running
+  std::atomic<uint32_t> restarts;
+  std::atomic<uint32_t> ready;      // the child set it to 1 when it first read its sockets
+  std::atomic<uint64_t> heartbeat;  // grows at least every 200 ms while the child is healthy
+  // Totals since the daemon's start; they go on through restarts.
+  std::atomic<uint64_t> steps;
+  std::atomic<uint64_t> query_rows;
+  std::atomic<uint64_t> requests;
+  std::atomic<uint64_t> errors;
+};
+
+// What one thread of a worker is executing, so that a death can be blamed on somebody.
+enum class MarkKind : uint32_t { kIdle = 0, kLane = 1, kQuery = 2 };
+struct alignas(64) ThreadMark {
+  std::atomic<MarkKind> kind;      // stored last when work begins, first when it ends
+  std::atomic<uint32_t> crashed;   // this thread raised the deadly signal
+  std::atomic<uint32_t> lane;      // kLane: index into SharedState::lane
+  std::atomic<uint32_t> session;   // kQuery: index into SharedState::session
+  std::atomic<uint64_t> number;    // kLane: the operation; kQuery: the request id
+  std::atomic<int64_t> since_ms;   // MonotonicMs() when it began
+};
+inline constexpr uint32_t kMarksPerWorker = limits::kMaxThreads + 1;  // the socket's thread is mark 0
+
+enum class SessionState : uint32_t {
+  kFree = 0,     // may be allocated
+  kOpening = 1,  // allocated by the gateway, not yet acknowledged by the worker
+  kLive = 2,     // a replacement worker adopts it
+  kClosed = 3,   // the worker is done with it; the gateway frees it
+};
+
+struct alignas(64) SessionRecord {
+  std::atomic<SessionState> state;
+  std::atomic<uint32_t> worker;
+  std::atomic<uint32_t> first_lane;
+  std::atomic<uint32_t> lane_count;
+  std::atomic<uint64_t> generation;         // never repeats; its lanes carry it too
+  std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
+  std::atomic<uint64_t> steps;
+  std::atomic<uint32_t> adoption_attempts;  // deaths while rebuilding it
+  std::atomic<uint32_t> query_blame;        // as a lane's, for the query `blamed_query`
+  std::atomic<uint64_t> blamed_query;
+  std::array<uint8_t, limits::kTokenBytes> token;
+  uint64_t request_hash;  // of the OpenRequest as it came, for the same token again
+  // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and the
+  // lane range.
+  uint64_t checksum;
+  uint32_t open_size;
+  std::array<std::byte, limits::kMaxOpenRequestBytes> open;
+};
+
+struct SharedHeader {
+  uint64_t magic;
+  uint32_t version;
+  uint32_t worker_count;
+  int64_t lease_ms;
+  int64_t start_ms;  // MonotonicMs() of the daemon's start
+  std::atomic<uint32_t> draining;
+  std::atomic<uint64_t> next_generation;
+};
+
+struct SharedMemory {
+  SharedHeader header;
+  std::array<ChildRecord, kMaxChildren> children;
+  std::array<std::array<ThreadMark, kMarksPerWorker>, limits::kMaxWorkers> marks;
+  std::array<SessionRecord, limits::kMaxSessions> sessions;
+  std::array<LaneSlotMemory, limits::kMaxLanes> lanes;
+};
+static_assert(std::atomic<uint64_t>::is_always_lock_free);
+
+// Milliseconds of the clock that all processes of the machine share.
+int64_t MonotonicMs();
+
+// A mapping of the shared memory. Movable; unmaps on destruction. Any thread.
+class SharedState {
+ public:
+  // Supervisor: fresh memory. `worker_count` is at most limits::kMaxWorkers.
+  static Result<SharedState> Create(uint32_t worker_count, int64_t lease_ms);
+  // Child: refuses memory of another size or version.
+  static Result<SharedState> Map(int fd);
+  SharedState(SharedState&& other) noexcept;
+  SharedState& operator=(SharedState&& other) noexcept;
+  ~SharedState();
+
+  int fd() const { return fd_; }
+  SharedHeader& header() const { return memory_->header; }
+  // At most limits::kMaxWorkers, whatever the memory says.
+  uint32_t worker_count() const;
+  // Indices are the caller's to check; `lane` is below limits::kMaxLanes, and so on.
+  ChildRecord& child(uint32_t index) const { return memory_->children[index]; }
+  std::span<ThreadMark> marks(uint32_t worker) const { return memory_->marks[worker]; }
+  SessionRecord& session(uint32_t index) const { return memory_->sessions[index]; }
+  LaneSlot lane(uint32_t index) const { return LaneSlot(&memory_->lanes[index]); }
+
+ private:
+  SharedState(int fd, SharedMemory* memory) : fd_(fd), memory_(memory) {}
+  int fd_ = -1;
+  SharedMemory* memory_ = nullptr;
+};
+
+// The checksum that belongs into `record.checksum`.
+uint64_t SessionChecksum(const SessionRecord& record);
+// kDataLoss unless lane range, sizes and checksum are sound.
+Status CheckSessionRecord(const SessionRecord& record);
+std::string_view SessionToken(const SessionRecord& record);
+std::string_view SessionOpenBytes(const SessionRecord& record);  // of a checked record
+
+}  // namespace b4mrl
