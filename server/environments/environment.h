@@ -1,0 +1,97 @@
+// What a simulated task is. Read this first; then simulator.h (an environment with its
+// perturbations) and lane_stepper.h (episodes: limits, resets, truncation).
+//
+// An Environment is a scratch simulator, not a lane. A lane's state is a flat array of doubles that
+// its owner keeps (server/environments/lane_record.h); a step is LoadState, Step, SaveState,
+// Observe, on whichever Environment is free. LoadState sets everything that Step, Observe and
+// SaveState read, so one object can serve lanes in any order and the numbers never depend on which
+// object or thread served.
+//
+// An Environment knows no seeds, step limits, perturbations or wires. Thread rule: one thread at a
+// time per Environment; an EnvironmentModel is immutable and shared. Arrays are float64 and
+// row-major; sizes are those of spec() and state_size(), and callers guarantee them (a peer's bytes
+// are checked before).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "proto/base/rng.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Why a step ended its episode. The numbers are those of the wire (proto/b4mrl.proto).
+enum class Cause : uint8_t {
+  kNone = 0,
+  kUnhealthy = 1,       // terminated by the task's rule
+  kLimit = 2,           // truncated by the step limit
+  kCrash = 3,           // truncated: the step ended its process, or the engine gave it up
+  kNumericalError = 4,  // truncated: the engine warned, or a number was not finite
+};
+
+struct StepResult {
+  double reward = 0;
+  bool terminated = false;
+  // kNone, kUnhealthy (with terminated), kNumericalError or kCrash. After the last two the object
+  // holds no meaningful state until the next LoadState, Reset or Query; reward is 0.
+  Cause cause = Cause::kNone;
+};
+
+struct QueryResult {
+  double reward = 0;
+  bool terminated = false;
+  bool valid = false;  // false: an input was not finite or the engine warned; all outputs are 0
+};
+
+// A state for users: name -> values, such as "qpos" -> 9 numbers.
+using NamedState = std::map<std::string, std::vector<double>>;
+
+class Environment {
+ public:
+  virtual ~Environment() = default;
+
+  virtual const EnvironmentSpec& spec() const = 0;
+  // Doubles that SaveState writes.
+  virtual size_t state_size() const = 0;
+
+  // Starts an episode with noise from `rng`. Fails only if the engine cannot hold the state.
+  virtual Status Reset(Rng& rng) = 0;
+  // One control step. `action` is finite; values outside the action space follow the task's own
+  // rule.
+  virtual StepResult Step(std::span<const double> action) = 0;
+  virtual void Observe(std::span<double> observation) const = 0;
+  virtual void SaveState(std::span<double> state) const = 0;
+  virtual void LoadState(std::span<const double> state) = 0;
+
+  // The state that `observation` describes; what it does not tell (the root's x) is 0.
+  virtual Status SetFromObservation(std::span<const double> observation) = 0;
+
+  // A state for reading, and its inverse. SetNamedState refuses unknown names, missing parts, wrong
+  // sizes and values that are not finite.
+  virtual NamedState GetNamedState() const = 0;
+  virtual Status SetNamedState(const NamedState& state) = 0;
+
+  // One step of the paper's T_sim: from the state that `observation` describes, by `action`, to
+  // `next_observation`. A pure function of its inputs, whatever the object did before.
+  virtual QueryResult Query(std::span<const double> observation, std::span<const double> action,
+                            std::span<double> next_observation) = 0;
+};
+
+// What the Environments of one task, configuration and set of perturbations share: the compiled
+// model. Immutable; any thread.
+class EnvironmentModel {
+ public:
+  virtual ~EnvironmentModel() = default;
+  virtual const EnvironmentSpec& spec() const = 0;
+  // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
+  virtual std::string Identity() const = 0;
+  virtual Result<std::unique_ptr<Environment>> NewEnvironment() const = 0;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,101 @@
+// A lane as plain memory: everything about one environment of a session, in one block without
+// pointers, fit for memcpy, shared memory and the wire (Snapshot sends it as it is).
+//
+//   LaneHeader | state doubles | perturbation state doubles | observation | final observation
+//
+// The last step's outcome is part of the record, so whoever holds a committed record can answer the
+// step again without simulating. Records of one LaneLayout are interchangeable; the block is 8-byte
+// aligned and at most limits::kLaneBufferBytes long. Views do not own; no thread rule beyond
+// memory's own.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "proto/base/status.h"
+#include "server/environments/environment.h"
+
+namespace b4mrl {
+
+enum class LanePhase : uint32_t {
+  kFresh = 0,  // never reset: cannot be stepped
+  kRunning = 1,
+  kEnded = 2,  // the episode is over; what a step does now is the auto-reset mode's rule
+};
+
+struct LaneHeader {
+  uint64_t lane_seed = 0;
+  uint64_t episode = 0;        // counts from 0; with lane_seed it names every random stream
+  uint64_t elapsed_steps = 0;  // of this episode
+  double episode_return = 0;   // undiscounted, of this episode
+  uint64_t digest =
+      0;  // rolls over observations, actions, rewards and flags since the seed was set
+  LanePhase phase = LanePhase::kFresh;
+
+  // The last operation's outcome. The observation stands behind the header.
+  uint8_t terminated = 0;
+  uint8_t truncated = 0;
+  Cause cause = Cause::kNone;
+  uint8_t episode_ended =
+      0;  // terminated or truncated: the three fields below and final observation hold
+  double reward = 0;
+  double final_return = 0;
+  uint64_t final_length = 0;
+};
+static_assert(sizeof(LaneHeader) == 72);
+
+struct LaneLayout {
+  size_t state_size = 0;
+  size_t perturbation_state_size = 0;
+  size_t observation_size = 0;
+
+  size_t doubles() const { return state_size + perturbation_state_size + 2 * observation_size; }
+  size_t bytes() const { return sizeof(LaneHeader) + doubles() * sizeof(double); }
+  bool operator==(const LaneLayout&) const = default;
+};
+
+// A view; Byte is std::byte or const std::byte.
+template <typename Byte>
+class BasicLaneRecord {
+  template <typename T>
+  using Like = std::conditional_t<std::is_const_v<Byte>, const T, T>;
+
+ public:
+  // `memory`: at least layout.bytes() bytes, 8-byte aligned.
+  BasicLaneRecord(const LaneLayout& layout, Byte* memory) : layout_(layout), memory_(memory) {}
+
+  Like<LaneHeader>& header() const { return *reinterpret_cast<Like<LaneHeader>*>(memory_); }
+  std::span<Like<double>> state() const { return Part(0, layout_.state_size); }
+  std::span<Like<double>> perturbation_state() const {
+    return Part(layout_.state_size, layout_.perturbation_state_size);
+  }
+  // What the client sees after the last operation.
+  std::span<Like<double>> observation() const {
+    return Part(layout_.state_size + layout_.perturbation_state_size, layout_.observation_size);
+  }
+  // The last observation of the episode that ended, if header().episode_ended.
+  std::span<Like<double>> final_observation() const {
+    return Part(layout_.state_size + layout_.perturbation_state_size + layout_.observation_size,
+                layout_.observation_size);
+  }
+  std::span<Byte> bytes() const { return {memory_, layout_.bytes()}; }
+  const LaneLayout& layout() const { return layout_; }
+
+ private:
+  std::span<Like<double>> Part(size_t offset, size_t size) const {
+    auto* doubles = reinterpret_cast<Like<double>*>(memory_ + sizeof(LaneHeader));
+    return {doubles + offset, size};
+  }
+
+  LaneLayout layout_;
+  Byte* memory_;
+};
+using LaneRecord = BasicLaneRecord<std::byte>;
+using ConstLaneRecord = BasicLaneRecord<const std::byte>;
+
+// Whether bytes from a peer may become a lane: right length, known enumerators, every number
+// finite.
+Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> bytes);
+
+}  // namespace b4mrl

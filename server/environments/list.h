@@ -1,0 +1,49 @@
+// The table of environments: the one place that knows them all. Adding one is a .cc file and a line
+// in list.cc. Everything here but EnvironmentEntry::open works without the physics engine. Any
+// thread.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/environments/config.h"
+#include "server/environments/environment.h"
+
+namespace b4mrl {
+
+class Perturbation;
+
+struct EnvironmentSetup {
+  Config config;                                   // as completed by EnvironmentEntry::complete
+  std::vector<const Perturbation*> perturbations;  // in their order; used during open only
+  std::string models_folder;
+};
+
+struct EnvironmentEntry {
+  std::string_view name;
+  // Checks the settings and fills in those left out; refuses unknown ones.
+  Result<Config> (*complete)(const Config& config);
+  // The task's spaces and limits under a completed configuration.
+  EnvironmentSpec (*describe)(const Config& config);
+  // Loads the model and applies the perturbations to it.
+  Result<std::shared_ptr<const EnvironmentModel>> (*open)(const EnvironmentSetup& setup);
+};
+
+// In the catalogue's order.
+std::span<const EnvironmentEntry> EnvironmentList();
+// kUnknownName with the nearest known one.
+Result<const EnvironmentEntry*> FindEnvironment(std::string_view name);
+// The specification under the default configuration.
+Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
+
+// The folder with the MJCF files when none is given: the checkout's data/models.
+std::string DefaultModelsFolder();
+// The engine whose version decides the numbers: "MuJoCo 2.2.2".
+std::string EngineVersion();
+
+}  // namespace b4mrl

@@ -1,0 +1,99 @@
+// An environment with its configuration and perturbations: what a session simulates. With no
+// perturbation it is the real environment.
+//
+// A Simulator is immutable and shared by threads and sessions; Open returns the same object for the
+// same request while anybody holds it, so models are compiled once. Scratch environments are
+// borrowed from its pool, which grows to the number of threads that step it at once.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/environments/config.h"
+#include "server/environments/environment.h"
+#include "server/perturbations/perturbation.h"
+
+namespace b4mrl {
+
+struct SimulatorRequest {
+  std::string environment;
+  std::vector<NamedArgument> perturbations;  // presets or parametric forms, applied in this order
+  std::string config;                        // JSON object of settings; "" for none
+  std::string models_folder;                 // "" for DefaultModelsFolder()
+};
+
+// Which noise a query draws: row i of a request has that of (seed, draw, first_row + i).
+struct QueryRow {
+  uint64_t seed = 0;
+  uint64_t draw = 0;
+  uint64_t row = 0;
+};
+
+class Simulator {
+ public:
+  // Unknown names, settings and values are typed errors. Any thread; compiling a model takes about
+  // a millisecond and is serialised by MuJoCo.
+  static Result<std::shared_ptr<const Simulator>> Open(const SimulatorRequest& request);
+  // From perturbations that the caller built; not shared. `config` may leave settings out.
+  static Result<std::shared_ptr<const Simulator>> Build(std::string_view environment,
+                                                        const Config& config,
+                                                        PerturbationSet perturbations,
+                                                        const std::string& models_folder);
+
+  const EnvironmentSpec& spec() const { return model_->spec(); }
+  const PerturbationSet& perturbations() const { return perturbations_; }
+  // Everything in force: presets resolved, defaults filled in.
+  std::vector<NamedArgument> resolved_perturbations() const { return perturbations_.items(); }
+  const std::string& config_json() const { return config_json_; }
+  // Text that names the dynamics: environment, settings, perturbations, model content, engine
+  // version.
+  const std::string& identity() const { return identity_; }
+  // Doubles of the environment's own state and of all perturbations' states.
+  size_t state_size() const { return state_size_; }
+  size_t perturbation_state_size() const { return perturbations_.state_size(); }
+
+  // A borrowed Environment; returns to the pool on destruction. Keep it for one piece of work.
+  class Lease {
+   public:
+    Lease(const Simulator* owner, std::unique_ptr<Environment> environment)
+        : owner_(owner), environment_(std::move(environment)) {}
+    Lease(Lease&&) = default;
+    Lease& operator=(Lease&&) = delete;
+    ~Lease();
+    Environment& operator*() const { return *environment_; }
+    Environment* operator->() const { return environment_.get(); }
+
+   private:
+    const Simulator* owner_;
+    std::unique_ptr<Environment> environment_;
+  };
+  // Fails only when memory for a new scratch environment is refused. The Simulator outlives its
+  // leases.
+  Result<Lease> Borrow() const;
+
+  // OK when every perturbation can be applied to single transitions; else the reason.
+  Status CheckQueryable() const;
+  // One row of T_sim with the perturbations applied. Sizes as in spec(); inputs may hold anything.
+  QueryResult Query(Environment& environment, const QueryRow& row,
+                    std::span<const double> observation, std::span<const double> action,
+                    std::span<double> next_observation) const;
+
+ private:
+  Simulator() = default;
+  void Return(std::unique_ptr<Environment> environment) const;
+
+  PerturbationSet perturbations_;
+  std::shared_ptr<const EnvironmentModel> model_;
+  std::string config_json_;
+  std::string identity_;
+  size_t state_size_ = 0;
+  mutable std::mutex mutex_;
+  mutable std::vector<std::unique_ptr<Environment>> pool_;
+};
+
+}  // namespace b4mrl
