@@ -1,0 +1,33 @@
+// The checkout's own source files, read once, for tests of what they may contain.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace b4mrl {
+
+struct SourceFile {
+  std::string path;    // from the repository's root: "proto/base/rng.h"
+  std::string folder;  // its first component
+  std::vector<std::string> lines;
+
+  bool EndsWith(std::string_view suffix) const { return path.ends_with(suffix); }
+  bool In(std::string_view prefix) const { return path.starts_with(prefix); }
+  std::string text() const;
+};
+
+// What the tree's C++ folders hold, sorted by path; `suffixes` such as ".h".
+std::vector<SourceFile> ReadTree(const std::vector<std::string>& suffixes);
+// One file; fails the running test when it is missing.
+SourceFile ReadSource(const std::string& path);
+
+struct Include {
+  int line;          // 1-based
+  std::string path;  // as written, without quotes or brackets
+  bool quoted;       // "..." rather than <...>
+};
+std::vector<Include> IncludesOf(const SourceFile& file);
+
+}  // namespace b4mrl
