@@ -57,8 +57,10 @@ class FixedOrderPolicy {
   // actions (action x n) = tanh(mean) for observations (observation x n).
   void Act(MatrixView<const float> observations, MatrixView<float> actions) const;
   // The stochastic action for the standard normals `noise` (action x n). Needs stochastic().
+  // `log_probs` (n, or empty): sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2 + 1e-6)], in
+  // fixed order too; dataset files store it.
   void Sample(MatrixView<const float> observations, MatrixView<const float> noise,
-              MatrixView<float> actions) const;
+              MatrixView<float> actions, std::span<float> log_probs = {}) const;
 
  private:
   struct Network;

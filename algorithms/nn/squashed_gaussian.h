@@ -8,8 +8,8 @@
 //   d mean = d/du;   d raw = d/du * exp(log_std) e - g_l, or 0 where raw was clamped.
 // kEpsilon is the form log(1 - a^2 + epsilon) of Stable-Baselines3; kExact is the stable
 // 2 (log 2 - u - softplus(-2u)), whose derivative has no epsilon.
-// `head` is the actor's output, mean rows first, then raw log_std rows. Thread rule: pure
-// functions.
+// `head` is the actor's output, mean rows first, then raw log_std rows; at most kActionMax actions.
+// Thread rule: pure functions.
 #pragma once
 
 #include <span>
@@ -17,6 +17,8 @@
 #include "algorithms/nn/view.h"
 
 namespace b4mrl {
+
+inline constexpr int kActionMax = 512;
 
 enum class LogProbForm { kEpsilon, kExact };
 

@@ -87,8 +87,10 @@ class SacCore {
  private:
   explicit SacCore(const SacOptions& options);
 
-  // One step of the legend each, in this order; `batch_` is the update's size.
-  void SampleActions(const TransitionBatch<Scalar>& batch);
+  // Reads noise_: columns [0, n) for a, [n, 2n) for a'.
+  SacMetrics UpdateOnNoise(const TransitionBatch<Scalar>& batch);
+  // The steps of the legend, in this order.
+  void SampleActions(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
   void UpdateAlpha(SacMetrics& metrics);
   void ComputeTargets(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
   void UpdateCritics(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);

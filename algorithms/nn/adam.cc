@@ -1,0 +1,92 @@
+#include "algorithms/nn/adam.h"
+
+#include <cmath>
+#include <string>
+
+namespace b4mrl {
+namespace {
+
+template <typename Scalar>
+struct StepConstants {
+  Scalar beta1, beta2, step_size, root_scale, epsilon;
+};
+
+template <typename Scalar>
+StepConstants<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
+  const double correction1 = 1 - std::pow(options.beta1, static_cast<double>(step));
+  const double correction2 = 1 - std::pow(options.beta2, static_cast<double>(step));
+  return {static_cast<Scalar>(options.beta1), static_cast<Scalar>(options.beta2),
+          static_cast<Scalar>(options.learning_rate / correction1),
+          static_cast<Scalar>(1 / std::sqrt(correction2)), static_cast<Scalar>(options.epsilon)};
+}
+
+// The new parameter; updates both moments.
+template <typename Scalar>
+Scalar StepOne(const StepConstants<Scalar>& c, Scalar parameter, Scalar gradient, Scalar& first,
+               Scalar& second) {
+  first = c.beta1 * first + (1 - c.beta1) * gradient;
+  second = c.beta2 * second + (1 - c.beta2) * (gradient * gradient);
+  return parameter - c.step_size * first / (std::sqrt(second) * c.root_scale + c.epsilon);
+}
+
+}  // namespace
+
+template <typename Scalar>
+Adam<Scalar>::Adam(const AdamOptions& options, int64_t size)
+    : options_(options), first_moment_(size), second_moment_(size) {}
+
+template <typename Scalar>
+void Adam<Scalar>::Step(std::span<Scalar> parameters, std::span<const Scalar> gradient) {
+  const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
+  Scalar* __restrict p = parameters.data();
+  const Scalar* __restrict g = gradient.data();
+  Scalar* __restrict m = first_moment_.data();
+  Scalar* __restrict v = second_moment_.data();
+  const size_t size = parameters.size();
+  for (size_t i = 0; i < size; ++i) p[i] = StepOne(constants, p[i], g[i], m[i], v[i]);
+}
+
+template <typename Scalar>
+void Adam<Scalar>::StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient,
+                                  double tau, std::span<Scalar> target) {
+  const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
+  const Scalar rate = static_cast<Scalar>(tau);
+  Scalar* __restrict p = parameters.data();
+  const Scalar* __restrict g = gradient.data();
+  Scalar* __restrict m = first_moment_.data();
+  Scalar* __restrict v = second_moment_.data();
+  Scalar* __restrict t = target.data();
+  const size_t size = parameters.size();
+  for (size_t i = 0; i < size; ++i) {
+    p[i] = StepOne(constants, p[i], g[i], m[i], v[i]);
+    t[i] = (1 - rate) * t[i] + rate * p[i];
+  }
+}
+
+template <typename Scalar>
+void Adam<Scalar>::Visit(std::string_view prefix, const ArrayVisitor<Scalar>& visitor) {
+  const int size = static_cast<int>(first_moment_.size());
+  visitor({std::string(prefix) + "/first_moment", {size}, first_moment_});
+  visitor({std::string(prefix) + "/second_moment", {size}, second_moment_});
+}
+
+template <typename Scalar>
+void Adam<Scalar>::VisitCounters(std::string_view prefix, const CounterVisitor& visitor) {
+  visitor({std::string(prefix) + "/steps", &steps_});
+}
+
+template <typename Scalar>
+void Polyak(double tau, std::span<const Scalar> online, std::span<Scalar> target) {
+  const Scalar rate = static_cast<Scalar>(tau);
+  const Scalar* __restrict p = online.data();
+  Scalar* __restrict t = target.data();
+  const size_t size = target.size();
+  for (size_t i = 0; i < size; ++i) t[i] = (1 - rate) * t[i] + rate * p[i];
+}
+
+template class Adam<float>;
+template class Adam<double>;
+template void Polyak<float>(double, std::span<const float>, std::span<float>);
+template void Polyak<double>(double, std::span<const double>, std::span<double>);
+
+}  // namespace b4mrl

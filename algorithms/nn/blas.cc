@@ -1,0 +1,65 @@
+#include "algorithms/nn/blas.h"
+
+#include <cblas.h>
+
+namespace b4mrl {
+namespace {
+
+CBLAS_TRANSPOSE ToCblas(Transpose transpose) {
+  return transpose == Transpose::kYes ? CblasTrans : CblasNoTrans;
+}
+
+// y = op(a) x, with strides for vectors that are rows of a matrix.
+void MatrixVector(Transpose transpose, MatrixView<const float> a, const float* x, int x_stride,
+                  float beta, float* y, int y_stride) {
+  cblas_sgemv(CblasColMajor, ToCblas(transpose), a.rows, a.columns, 1.0f, a.data, a.stride, x,
+              x_stride, beta, y, y_stride);
+}
+
+void MatrixVector(Transpose transpose, MatrixView<const double> a, const double* x, int x_stride,
+                  double beta, double* y, int y_stride) {
+  cblas_dgemv(CblasColMajor, ToCblas(transpose), a.rows, a.columns, 1.0, a.data, a.stride, x,
+              x_stride, beta, y, y_stride);
+}
+
+void MatrixMatrix(MatrixView<const float> a, Transpose transpose_a, MatrixView<const float> b,
+                  Transpose transpose_b, int inner, float beta, MatrixView<float> c) {
+  cblas_sgemm(CblasColMajor, ToCblas(transpose_a), ToCblas(transpose_b), c.rows, c.columns, inner,
+              1.0f, a.data, a.stride, b.data, b.stride, beta, c.data, c.stride);
+}
+
+void MatrixMatrix(MatrixView<const double> a, Transpose transpose_a, MatrixView<const double> b,
+                  Transpose transpose_b, int inner, double beta, MatrixView<double> c) {
+  cblas_dgemm(CblasColMajor, ToCblas(transpose_a), ToCblas(transpose_b), c.rows, c.columns, inner,
+              1.0, a.data, a.stride, b.data, b.stride, beta, c.data, c.stride);
+}
+
+}  // namespace
+
+void UseOneBlasThread() { openblas_set_num_threads(1); }
+
+std::string BlasKernelName() { return openblas_get_corename(); }
+
+template <typename Scalar>
+void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<const Scalar> b,
+              Transpose transpose_b, MatrixView<Scalar> c, bool accumulate) {
+  const Scalar beta = accumulate ? 1 : 0;
+  const bool a_flipped = transpose_a == Transpose::kYes;
+  const bool b_flipped = transpose_b == Transpose::kYes;
+  if (c.rows == 1) {
+    // The row c is op(b)^T times the row op(a).
+    MatrixVector(b_flipped ? Transpose::kNo : Transpose::kYes, b, a.data, a_flipped ? 1 : a.stride,
+                 beta, c.data, c.stride);
+  } else if (c.columns == 1) {
+    MatrixVector(transpose_a, a, b.data, b_flipped ? b.stride : 1, beta, c.data, 1);
+  } else {
+    MatrixMatrix(a, transpose_a, b, transpose_b, a_flipped ? a.rows : a.columns, beta, c);
+  }
+}
+
+template void Multiply<float>(MatrixView<const float>, Transpose, MatrixView<const float>,
+                              Transpose, MatrixView<float>, bool);
+template void Multiply<double>(MatrixView<const double>, Transpose, MatrixView<const double>,
+                               Transpose, MatrixView<double>, bool);
+
+}  // namespace b4mrl

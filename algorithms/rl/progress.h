@@ -1,0 +1,48 @@
+// Progress of a long piece of work, on stderr.
+//
+// On a terminal: one line that is redrawn at most ten times a second, with a bar, the rate and the
+// time left. Elsewhere: a plain line every 30 seconds and one at the end, so that a log stays
+// short. Other messages go through Message, which keeps the bar intact. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "proto/base/clock.h"
+
+namespace b4mrl {
+
+class Progress {
+ public:
+  // Draws nothing at all when `quiet`.
+  explicit Progress(bool quiet = false);
+  ~Progress() { Finish(); }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  // Begins a stage: "train", counted in "updates" from `first` to `total`.
+  void Start(std::string_view stage, std::string_view unit, uint64_t total, uint64_t first = 0);
+  // `note` is shown behind the numbers ("score 31.2").
+  void Update(uint64_t done, std::string_view note = "");
+  void Message(std::string_view text);
+  // Ends the stage with its line. Does nothing when none is open.
+  void Finish();
+
+ private:
+  std::string Line(bool with_bar) const;
+  void Erase();
+
+  bool quiet_;
+  bool terminal_;
+  bool open_ = false;
+  bool drawn_ = false;
+  std::string stage_, unit_, note_;
+  uint64_t first_ = 0, total_ = 0, done_ = 0;
+  Clock::time_point start_, last_drawn_;
+};
+
+// "1:02:03" or "2:03".
+std::string FormatDuration(double seconds);
+
+}  // namespace b4mrl

@@ -1,0 +1,100 @@
+#include "algorithms/rl/run_record.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "algorithms/nn/blas.h"
+#include "data/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMaxRecordBytes = 1 << 20;
+
+std::string RecordPath(const std::string& folder) { return folder + "/run.json"; }
+
+// Leaves `value` alone when the record lacks the name; false when it has another type.
+template <typename T>
+bool Take(const Json& json, const char* name, T& value) {
+  const auto found = json.find(name);
+  if (found == json.end() || found->is_null()) return true;
+  if constexpr (std::is_same_v<T, std::string>) {
+    if (!found->is_string()) return false;
+    value = found->get_ref<const std::string&>();
+  } else {
+    if (!found->is_number_unsigned()) return false;
+    value = found->get<T>();
+  }
+  return true;
+}
+
+bool TakeOptions(const Json& json, RunRecord& record) {
+  TrainOptions& options = record.options;
+  bool understood =
+      Take(json, "algorithm", options.algorithm) &&
+      Take(json, "environment", options.environment) &&
+      Take(json, "simulator", options.simulator) && Take(json, "dataset", options.dataset) &&
+      Take(json, "corruption", options.corruption) &&
+      Take(json, "history", options.history_length) && Take(json, "seed", options.seed) &&
+      Take(json, "updates", options.updates) && Take(json, "eval_every", options.eval_every) &&
+      Take(json, "eval_episodes", options.eval_episodes) &&
+      Take(json, "log_every", options.log_every) &&
+      Take(json, "checkpoint_every", options.checkpoint_every);
+  const auto score = json.find("stop_at_score");
+  if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
+  const auto hyperparameters = json.find("hyperparameters");
+  if (hyperparameters == json.end() || !hyperparameters->is_object()) return false;
+  for (const auto& [name, value] : hyperparameters->items()) {
+    understood = understood && value.is_number();
+    if (value.is_number()) record.hyperparameters.emplace_back(name, value.get<double>());
+  }
+  return understood;
+}
+
+}  // namespace
+
+Status WriteRunRecord(const TrainOptions& options) {
+  Json json;
+  json["algorithm"] = options.algorithm;
+  json["environment"] = options.environment;
+  json["simulator"] = options.simulator;
+  json["dataset"] = options.dataset;
+  json["corruption"] = options.corruption;
+  json["history"] = options.history_length;
+  json["seed"] = options.seed;
+  json["updates"] = options.updates;
+  json["eval_every"] = options.eval_every;
+  json["eval_episodes"] = options.eval_episodes;
+  json["log_every"] = options.log_every;
+  json["checkpoint_every"] = options.checkpoint_every;
+  json["stop_at_score"] = options.stop_at_score ? Json(*options.stop_at_score) : Json(nullptr);
+  json["hyperparameters"] = Json::object();
+  for (const Hyperparameter& entry : options.hyperparameters.entries()) {
+    json["hyperparameters"][std::string(entry.name)] = entry.value;
+  }
+  json["command"] = options.command;
+  json["version"] = B4MRL_VERSION;
+  json["blas_kernel"] = BlasKernelName();
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(RecordPath(options.folder)));
+  // Bytes of the command line that are not UTF-8 must not throw.
+  B4MRL_RETURN_IF_ERROR(
+      file.Write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"));
+  return file.Commit();
+}
+
+Result<RunRecord> ReadRunRecord(const std::string& folder) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text,
+                         ReadSmallFile(RecordPath(folder), kMaxRecordBytes));
+  const Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  RunRecord record;
+  if (!json.is_object() || !TakeOptions(json, record)) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("{} is not a run's record", RecordPath(folder)));
+  }
+  return record;
+}
+
+}  // namespace b4mrl

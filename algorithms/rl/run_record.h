@@ -1,0 +1,50 @@
+// What a run was asked to do, and run.json, which keeps it in the run's folder: enough to repeat
+// the run and to resume it without naming every option again. Value types; no thread rule.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "algorithms/learner.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct TrainOptions {
+  // Identity: two runs that agree here compute the same numbers, and a resumed run must agree.
+  std::string algorithm;
+  std::string environment;
+  std::string simulator;   // perturbations as written; "" is the true environment
+  std::string dataset;     // "" for none
+  std::string corruption;  // as written
+  uint32_t history_length = 1;
+  uint64_t seed = 0;
+  Hyperparameters hyperparameters;
+
+  // How far and how it is watched; may change when a run is resumed.
+  uint64_t updates = 1'000'000;
+  uint64_t eval_every = 10'000;
+  uint32_t eval_episodes = 10;
+  uint64_t log_every = 1'000;
+  uint64_t checkpoint_every = 10'000;
+  std::optional<double> stop_at_score;  // normalised
+
+  std::string folder;
+  bool resume = false;
+  std::string command;  // as typed, for provenance
+};
+
+// Atomic. Adds the program's version and the BLAS kernel, under which training is reproducible.
+Status WriteRunRecord(const TrainOptions& options);
+
+struct RunRecord {
+  TrainOptions options;  // without hyperparameters, folder and resume
+  std::vector<std::pair<std::string, double>> hyperparameters;
+};
+// kIoError when the folder has none; kDataLoss when it cannot be understood.
+Result<RunRecord> ReadRunRecord(const std::string& folder);
+
+}  // namespace b4mrl

@@ -1,0 +1,229 @@
+#include "algorithms/rl/sac_core.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/losses.h"
+#include "algorithms/rl/core_common.h"
+
+namespace b4mrl {
+namespace {
+
+Status Validate(const SacOptions& options) {
+  B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
+                                      options.batch_max));
+  B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateRate("alpha_learning_rate", options.alpha_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));
+  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("tau", options.tau));
+  if (!(options.initial_alpha > 0) || !std::isfinite(options.initial_alpha)) {
+    return InvalidNumber("initial_alpha", options.initial_alpha, "a finite number above 0");
+  }
+  return {};
+}
+
+AdamOptions Rate(double learning_rate) { return {.learning_rate = learning_rate}; }
+
+}  // namespace
+
+template <typename Scalar>
+Result<SacCore<Scalar>> SacCore<Scalar>::Create(const SacOptions& options) {
+  B4MRL_RETURN_IF_ERROR(Validate(options));
+  return SacCore(options);
+}
+
+template <typename Scalar>
+SacCore<Scalar>::SacCore(const SacOptions& options)
+    : options_(options),
+      actor_layout_({.members = 1,
+                     .inputs = options.observation_size,
+                     .hidden = options.hidden,
+                     .outputs = 2 * options.action_size}),
+      critic_layout_({.members = 2,
+                      .inputs = options.observation_size + options.action_size,
+                      .hidden = options.hidden,
+                      .outputs = 1}),
+      actor_(actor_layout_.size()),
+      actor_gradient_(actor_layout_.size()),
+      critic_(critic_layout_.size()),
+      critic_gradient_(critic_layout_.size()),
+      log_alpha_(1, static_cast<Scalar>(std::log(options.initial_alpha))),
+      log_alpha_gradient_(1),
+      actor_adam_(Rate(options.actor_learning_rate), actor_layout_.size()),
+      critic_adam_(Rate(options.critic_learning_rate), critic_layout_.size()),
+      alpha_adam_(Rate(options.alpha_learning_rate), 1),
+      actor_workspace_(actor_layout_, 1, 2 * options.batch_max),
+      critic_workspace_(critic_layout_, 2, options.batch_max),
+      actor_input_(options.observation_size, 2 * options.batch_max),
+      critic_input_(options.observation_size + options.action_size, options.batch_max),
+      noise_(options.action_size, 2 * options.batch_max),
+      actions_(options.action_size, 2 * options.batch_max),
+      action_gradient_(options.action_size, options.batch_max),
+      log_probs_(2 * static_cast<size_t>(options.batch_max)),
+      targets_(options.batch_max) {
+  Rng actor_rng(options.seed, "sac-actor-weights");
+  Rng critic_rng(options.seed, "sac-critic-weights");
+  actor_layout_.Initialize<Scalar>(Initialization::kTorchUniform, actor_rng, actor_);
+  critic_layout_.Initialize<Scalar>(Initialization::kTorchUniform, critic_rng, critic_);
+  critic_target_ = critic_;
+}
+
+template <typename Scalar>
+double SacCore<Scalar>::alpha() const {
+  return std::exp(static_cast<double>(log_alpha_[0]));
+}
+
+template <typename Scalar>
+SacMetrics SacCore<Scalar>::Update(const TransitionBatch<Scalar>& batch) {
+  const MatrixView<Scalar> noise = noise_.view(2 * batch.size());
+  Rng rng(options_.seed, "sac-noise", static_cast<uint64_t>(updates_));
+  rng.FillNormal(std::span<Scalar>(noise.data, static_cast<size_t>(noise.rows) * noise.columns));
+  return UpdateOnNoise(batch);
+}
+
+template <typename Scalar>
+SacMetrics SacCore<Scalar>::UpdateWithNoise(const TransitionBatch<Scalar>& batch,
+                                            MatrixView<const Scalar> noise,
+                                            MatrixView<const Scalar> next_noise) {
+  const int n = batch.size();
+  CopyMatrix<Scalar>(noise, noise_.view(n));
+  CopyMatrix<Scalar>(next_noise, noise_.view(2 * n).ColumnBlock(n, n));
+  return UpdateOnNoise(batch);
+}
+
+template <typename Scalar>
+SacMetrics SacCore<Scalar>::UpdateOnNoise(const TransitionBatch<Scalar>& batch) {
+  SacMetrics metrics;
+  SampleActions(batch, metrics);
+  UpdateAlpha(metrics);
+  ComputeTargets(batch, metrics);
+  UpdateCritics(batch, metrics);
+  UpdateActor(batch, metrics);
+  ++updates_;
+  return metrics;
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::SampleActions(const TransitionBatch<Scalar>& batch, SacMetrics& metrics) {
+  const int n = batch.size();
+  const MatrixView<Scalar> input = actor_input_.view(2 * n);
+  CopyMatrix<Scalar>(batch.observations, input.ColumnBlock(0, n));
+  CopyMatrix<Scalar>(batch.next_observations, input.ColumnBlock(n, n));
+  const MatrixView<Scalar> head =
+      MlpForward<Scalar>(actor_layout_, actor_, input, actor_workspace_);
+  SampleSquashedGaussian<Scalar>(options_.policy, head, noise_.view(2 * n), actions_.view(2 * n),
+                                 log_probs_);
+  metrics.entropy = -Mean<Scalar>(std::span<const Scalar>(log_probs_).first(n));
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::UpdateAlpha(SacMetrics& metrics) {
+  alpha_ = std::exp(log_alpha_[0]);
+  metrics.alpha = alpha_;
+  const double target_entropy =
+      options_.target_entropy.value_or(-static_cast<double>(options_.action_size));
+  const double gradient = metrics.entropy - target_entropy;
+  metrics.alpha_loss = gradient * log_alpha_[0];
+  log_alpha_gradient_[0] = static_cast<Scalar>(gradient);
+  if (options_.learn_alpha) alpha_adam_.Step(log_alpha_, log_alpha_gradient_);
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::ComputeTargets(const TransitionBatch<Scalar>& batch, SacMetrics& metrics) {
+  const int n = batch.size();
+  const MatrixView<Scalar> input = critic_input_.view(n);
+  CopyMatrix<Scalar>(batch.next_observations, input.RowBlock(0, options_.observation_size));
+  CopyMatrix<Scalar>(actions_.view(2 * n).ColumnBlock(n, n),
+                     input.RowBlock(options_.observation_size, options_.action_size));
+  const MatrixView<Scalar> q =
+      MlpForward<Scalar>(critic_layout_, critic_target_, input, critic_workspace_);
+  const std::span<const Scalar> next_log_probs =
+      std::span<const Scalar>(log_probs_).subspan(n, options_.entropy_in_target ? n : 0);
+  BellmanTargets<Scalar>(q, batch.rewards, batch.not_terminated,
+                         static_cast<Scalar>(options_.gamma), next_log_probs, alpha_, targets_);
+  metrics.mean_target = Mean<Scalar>(std::span<const Scalar>(targets_).first(n));
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, SacMetrics& metrics) {
+  const MatrixView<Scalar> input = critic_input_.view(batch.size());
+  CopyMatrix<Scalar>(batch.observations, input.RowBlock(0, options_.observation_size));
+  CopyMatrix<Scalar>(batch.actions,
+                     input.RowBlock(options_.observation_size, options_.action_size));
+  const MatrixView<Scalar> q =
+      MlpForward<Scalar>(critic_layout_, critic_, input, critic_workspace_);
+  const CriticLoss loss =
+      SquaredErrorToTargets<Scalar>(q, targets_, static_cast<Scalar>(options_.critic_loss_scale),
+                                    critic_workspace_.output_gradient());
+  metrics.critic_loss = loss.loss;
+  metrics.mean_q = loss.mean_q;
+  MlpBackward<Scalar>(critic_layout_, critic_, input, critic_workspace_, critic_gradient_);
+  // Step 6 rides along: nothing reads the target critics before the next update.
+  critic_adam_.StepWithPolyak(critic_, critic_gradient_, options_.tau, critic_target_);
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::UpdateActor(const TransitionBatch<Scalar>& batch, SacMetrics& metrics) {
+  const int n = batch.size();
+  const MatrixView<const Scalar> actions = actions_.view(n);
+  // Its observation rows still hold the batch's.
+  const MatrixView<Scalar> critic_input = critic_input_.view(n);
+  CopyMatrix<Scalar>(actions,
+                     critic_input.RowBlock(options_.observation_size, options_.action_size));
+  const MatrixView<Scalar> q =
+      MlpForward<Scalar>(critic_layout_, critic_, critic_input, critic_workspace_);
+  const double mean_minimum = MeanMinimum<Scalar>(q, critic_workspace_.output_gradient());
+  metrics.actor_loss = -alpha_ * metrics.entropy - mean_minimum;
+  MlpBackward<Scalar>(critic_layout_, critic_, critic_input, critic_workspace_, {});
+  MlpInputGradient<Scalar>(critic_layout_, critic_, options_.observation_size, critic_workspace_,
+                           action_gradient_.view(n));
+
+  actor_workspace_.batch = n;  // of the 2 n columns only those of s have a gradient
+  SquashedGaussianBackward<Scalar>(
+      options_.policy, actor_workspace_.output(), noise_.view(n), actions, action_gradient_.view(n),
+      alpha_ / static_cast<Scalar>(n), actor_workspace_.output_gradient());
+  MlpBackward<Scalar>(actor_layout_, actor_, actor_input_.view(n), actor_workspace_,
+                      actor_gradient_);
+  actor_adam_.Step(actor_, actor_gradient_);
+}
+
+template <typename Scalar>
+PolicyWeights SacCore<Scalar>::Policy() const {
+  PolicyWeights weights = ActorWeights<Scalar>(actor_layout_, actor_, options_.action_size);
+  weights.log_std_min = static_cast<float>(options_.policy.log_std_min);
+  weights.log_std_max = static_cast<float>(options_.policy.log_std_max);
+  return weights;
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
+  actor_layout_.Visit<Scalar>("actor", actor_, visitor);
+  critic_layout_.Visit<Scalar>("critic", critic_, visitor);
+  critic_layout_.Visit<Scalar>("critic_target", critic_target_, visitor);
+  visitor({"log_alpha", {1}, log_alpha_});
+  actor_adam_.Visit("actor/adam", visitor);
+  critic_adam_.Visit("critic/adam", visitor);
+  alpha_adam_.Visit("log_alpha/adam", visitor);
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
+  visitor({"updates", &updates_});
+  actor_adam_.VisitCounters("actor/adam", visitor);
+  critic_adam_.VisitCounters("critic/adam", visitor);
+  alpha_adam_.VisitCounters("log_alpha/adam", visitor);
+}
+
+template <typename Scalar>
+void SacCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
+  actor_layout_.Visit<Scalar>("actor", actor_gradient_, visitor);
+  critic_layout_.Visit<Scalar>("critic", critic_gradient_, visitor);
+  visitor({"log_alpha", {1}, log_alpha_gradient_});
+}
+
+template class SacCore<float>;
+template class SacCore<double>;
+
+}  // namespace b4mrl
