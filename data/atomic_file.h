@@ -1,0 +1,69 @@
+// A file that appears complete or not at all.
+//
+// Bytes go to "<path>.tmp"; Commit flushes and fsyncs them, renames the file into place and fsyncs
+// the folder. Destroyed before Commit, the temporary file is removed; left behind by a killed
+// process, it is overwritten by the next writer. A lock on the temporary file refuses a second
+// writer (kBusy). Thread rule: one thread. Ownership: owns the descriptor until destruction.
+// Errors: kIoError with path and reason (full disk, permissions, missing folder), kBusy.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Owns a file descriptor; -1 owns nothing.
+class UniqueFd {
+ public:
+  UniqueFd() = default;
+  explicit UniqueFd(int fd) : fd_(fd) {}
+  UniqueFd(UniqueFd&& other) noexcept : fd_(other.Release()) {}
+  UniqueFd& operator=(UniqueFd&& other) noexcept;
+  ~UniqueFd() { Reset(); }
+
+  int get() const { return fd_; }
+  bool valid() const { return fd_ >= 0; }
+  int Release();
+  void Reset();
+
+ private:
+  int fd_ = -1;
+};
+
+class AtomicFile {
+ public:
+  static Result<AtomicFile> Create(const std::string& path);
+  AtomicFile(AtomicFile&& other) noexcept;
+  AtomicFile& operator=(AtomicFile&&) = delete;
+  ~AtomicFile();
+
+  int fd() const { return fd_.get(); }
+  const std::string& path() const { return path_; }
+  // Appends at the descriptor's position; short writes are continued.
+  Status Write(std::span<const std::byte> bytes);
+  Status Write(std::string_view text);
+  Status Commit();
+
+ private:
+  AtomicFile(std::string path, UniqueFd fd);
+
+  std::string path_;
+  std::string temporary_path_;
+  UniqueFd fd_;
+  bool owns_temporary_ = true;
+};
+
+// Writes all of `bytes` to `fd`; `path` is for the message.
+Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path);
+// Makes a rename or creation inside `folder` durable.
+Status SyncFolder(const std::string& folder);
+// The folder part of a path: "." when it has none.
+std::string FolderOf(const std::string& path);
+// The whole file, refused when longer than `max_bytes`.
+Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
+
+}  // namespace b4mrl
