@@ -1,0 +1,29 @@
+// The SIMD kernels of nn/inference.h, in a translation unit of their own because they are compiled
+// for x86-64-v3 whatever the rest of algorithms/ is compiled for. Internal to nn/inference.cc.
+//
+// A layer's weights are packed in panels of kPanel outputs: panel p holds, for each input k, the
+// weights of outputs [kPanel p, kPanel p + kPanel), zero beyond the last output. Rows of
+// activations are one observation each, with strides that are multiples of kPanel.
+#pragma once
+
+namespace b4mrl::inference {
+
+inline constexpr int kPanel = 16;
+
+constexpr int Padded(int count) { return (count + kPanel - 1) / kPanel * kPanel; }
+
+// output[row][o] = bias[o] + sum_k weight[o][k] input[row][k], then max(., 0) if `relu`: one chain
+// of fused multiply-adds in the order of k for every element. `weights` has Padded(outputs) *
+// inputs numbers, `bias` Padded(outputs).
+void Dense(const float* weights, const float* bias, int inputs, int outputs, bool relu,
+           const float* input, int input_stride, int rows, float* output, int output_stride);
+
+// values[i] = tanh(values[i]) for i in [0, Padded(count)).
+void TanhInPlace(int count, float* values);
+
+// mean[i] = tanh(mean[i] + exp(clamp(log_std[i], low, high)) * noise[i]), likewise; terms[i] = the
+// log-density of that action's component i, as nn/inference.h defines it.
+void SquashSample(int count, float low, float high, const float* log_std, const float* noise,
+                  float* mean, float* terms);
+
+}  // namespace b4mrl::inference
