@@ -1,0 +1,114 @@
+#include "server/environments/config.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kMaxDepth = 8;
+
+}  // namespace
+
+Result<Config> ParseConfig(std::string_view text) {
+  if (text.empty()) return Config::object();
+  if (text.size() > limits::kMaxOpenRequestBytes) {
+    return Status(
+        StatusCode::kLimitExceeded,
+        fmt::format("config has {} bytes, allowed: {}", text.size(), limits::kMaxOpenRequestBytes));
+  }
+  bool too_deep = false;
+  const auto watch_depth = [&too_deep](int depth, Config::parse_event_t, Config&) {
+    too_deep = too_deep || depth > kMaxDepth;
+    return !too_deep;
+  };
+  Config config = Config::parse(text, watch_depth, /*allow_exceptions=*/false);
+  if (too_deep) return InvalidArgument("depth of config", "more", std::to_string(kMaxDepth));
+  if (!config.is_object()) {
+    return Status(StatusCode::kInvalidArgument, "config is not a JSON object");
+  }
+  return config;
+}
+
+const Config* ConfigReader::Find(const std::string& key) {
+  const auto it = config_.find(key);
+  return it == config_.end() ? nullptr : &*it;
+}
+
+void ConfigReader::Fail(Status status) {
+  if (first_error_.ok()) first_error_ = std::move(status);
+}
+
+double ConfigReader::Number(const std::string& key, double fallback, double low, double high) {
+  double value = fallback;
+  if (const Config* found = Find(key)) {
+    const double given = found->is_number() ? found->get<double>() : std::nan("");
+    if (given >= low && given <= high) {
+      value = given;
+    } else {
+      Fail(InvalidArgument(key, found->dump(), fmt::format("a number in {}..{}", low, high)));
+    }
+  }
+  completed_[key] = value;
+  return value;
+}
+
+uint64_t ConfigReader::Integer(const std::string& key, uint64_t fallback, uint64_t low,
+                               uint64_t high) {
+  uint64_t value = fallback;
+  if (const Config* found = Find(key)) {
+    const bool fits = found->is_number_unsigned();
+    const uint64_t given = fits ? found->get<uint64_t>() : 0;
+    if (fits && given >= low && given <= high) {
+      value = given;
+    } else {
+      Fail(InvalidArgument(key, found->dump(), fmt::format("an integer in {}..{}", low, high)));
+    }
+  }
+  completed_[key] = value;
+  return value;
+}
+
+bool ConfigReader::Bool(const std::string& key, bool fallback) {
+  bool value = fallback;
+  if (const Config* found = Find(key)) {
+    if (found->is_boolean()) {
+      value = found->get<bool>();
+    } else {
+      Fail(InvalidArgument(key, found->dump(), "true or false"));
+    }
+  }
+  completed_[key] = value;
+  return value;
+}
+
+std::string ConfigReader::Choice(const std::string& key, const std::vector<std::string>& allowed) {
+  std::string value = allowed.front();
+  if (const Config* found = Find(key)) {
+    const std::string given = found->is_string() ? found->get<std::string>() : "";
+    if (std::ranges::find(allowed, given) != allowed.end()) {
+      value = given;
+    } else {
+      Fail(InvalidArgument(key, found->dump(), fmt::format("one of {}", fmt::join(allowed, ", "))));
+    }
+  }
+  completed_[key] = value;
+  return value;
+}
+
+Status ConfigReader::Finish() const {
+  if (!first_error_.ok()) return first_error_;
+  for (const auto& [key, value] : config_.items()) {
+    if (completed_.contains(key)) continue;
+    std::vector<std::string> known;
+    for (const auto& [name, unused] : completed_.items()) known.push_back(name);
+    return UnknownName("setting", key, known);
+  }
+  return Status();
+}
+
+}  // namespace b4mrl

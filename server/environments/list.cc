@@ -1,0 +1,37 @@
+#include "server/environments/list.h"
+
+#include <fmt/format.h>
+#include <mujoco/mujoco.h>
+
+#include <array>
+
+namespace b4mrl {
+
+// Each is defined in the environment's own file.
+extern const EnvironmentEntry kHalfCheetah;
+
+std::span<const EnvironmentEntry> EnvironmentList() {
+  static const std::array kList = {kHalfCheetah};
+  return kList;
+}
+
+Result<const EnvironmentEntry*> FindEnvironment(std::string_view name) {
+  std::vector<std::string_view> known;
+  for (const EnvironmentEntry& entry : EnvironmentList()) {
+    if (entry.name == name) return &entry;
+    known.push_back(entry.name);
+  }
+  return UnknownName("environment", name, known);
+}
+
+Result<EnvironmentSpec> DescribeEnvironment(std::string_view name) {
+  B4MRL_ASSIGN_OR_RETURN(const EnvironmentEntry* entry, FindEnvironment(name));
+  B4MRL_ASSIGN_OR_RETURN(const Config config, entry->complete(Config::object()));
+  return entry->describe(config);
+}
+
+std::string DefaultModelsFolder() { return B4MRL_MODELS_FOLDER; }
+
+std::string EngineVersion() { return fmt::format("MuJoCo {}", mj_versionString()); }
+
+}  // namespace b4mrl

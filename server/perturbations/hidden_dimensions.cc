@@ -1,0 +1,65 @@
+// hidden=A+B+...: sets dimensions of observations to 0. Dimensions are 0-based indices or names.
+#include "server/perturbations/hidden_dimensions.h"
+
+#include <algorithm>
+
+namespace b4mrl {
+namespace {
+
+class HiddenDimensionsPerturbation final : public Perturbation {
+ public:
+  explicit HiddenDimensionsPerturbation(std::vector<uint32_t> dimensions)
+      : dimensions_(std::move(dimensions)) {}
+
+  NamedArgument ToNamedArgument() const override {
+    std::string argument;
+    for (const uint32_t dimension : dimensions_) {
+      argument += (argument.empty() ? "" : "+") + std::to_string(dimension);
+    }
+    return {"hidden", argument};
+  }
+
+  void OnObservation(const DrawContext& /*context*/, std::span<double> observation) const override {
+    for (const uint32_t dimension : dimensions_) observation[dimension] = 0;
+  }
+
+ private:
+  std::vector<uint32_t> dimensions_;
+};
+
+Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<uint32_t> dimensions,
+                         ParseDimensions(input.argument, *input.spec));
+  return std::unique_ptr<Perturbation>(
+      std::make_unique<HiddenDimensionsPerturbation>(std::move(dimensions)));
+}
+
+}  // namespace
+
+Result<std::vector<uint32_t>> ParseDimensions(std::string_view text, const EnvironmentSpec& spec) {
+  std::vector<uint32_t> dimensions;
+  while (true) {
+    const size_t end = std::min(text.find('+'), text.size());
+    B4MRL_ASSIGN_OR_RETURN(const uint32_t dimension,
+                           spec.observation.FindDimension(text.substr(0, end)));
+    dimensions.push_back(dimension);
+    if (end == text.size()) break;
+    text.remove_prefix(end + 1);
+  }
+  std::ranges::sort(dimensions);
+  const auto repeated = std::ranges::unique(dimensions);
+  dimensions.erase(repeated.begin(), repeated.end());
+  return dimensions;
+}
+
+extern const PerturbationEntry kHiddenDimensions;  // its line in list.cc
+constinit const PerturbationEntry kHiddenDimensions = {
+    .name = "hidden",
+    .parameter = "dimensions",
+    .type = "dimensions",
+    .description = "sets dimensions of observations to 0; indices or names joined by +",
+    .corrupts_datasets = true,
+    .queryable = true,
+    .make = Make};
+
+}  // namespace b4mrl
