@@ -1,5 +1,7 @@
 // Lists against files: what stands in a folder is built, and what is built can be named.
 #include <catch2/catch.hpp>
+#include <cctype>
+#include <regex>
 #include <set>
 
 #include "tests/architecture/source_tree.h"
@@ -18,6 +20,78 @@ bool Mentions(const std::string& text, const std::string& name) {
     if (starts && ends) return true;
   }
   return false;
+}
+
+// "half_cheetah" -> "HalfCheetah"
+std::string CamelCase(const std::string& snake) {
+  std::string camel;
+  bool upper = true;
+  for (const char c : snake) {
+    if (c != '_') camel += upper ? static_cast<char>(std::toupper(c)) : c;
+    upper = c == '_';
+  }
+  return camel;
+}
+
+// The files of a folder, without its subfolders, as "half_cheetah".
+std::set<std::string> StemsIn(const std::string& folder, const std::string& suffix) {
+  std::set<std::string> stems;
+  for (const SourceFile& file : ReadTree({suffix})) {
+    const std::string name = FileName(file.path);
+    if (file.path == folder + "/" + name) stems.insert(name.substr(0, name.rfind('.')));
+  }
+  return stems;
+}
+
+std::set<std::string> MatchesIn(const std::string& text, const std::regex& pattern) {
+  std::set<std::string> found;
+  for (std::sregex_iterator it(text.begin(), text.end(), pattern), end; it != end; ++it) {
+    found.insert((*it)[1]);
+  }
+  return found;
+}
+
+// The entries of a folder's list.cc against the files that define them: one file each, named after
+// it. A file with neither an entry nor a header of its own is one that the list forgot.
+void CheckEntries(const std::string& folder, const std::string& type) {
+  const std::string list = ReadSource(folder + "/list.cc").text();
+  const std::set<std::string> declared =
+      MatchesIn(list, std::regex("extern const " + type + R"( k(\w+);)"));
+  std::smatch table;
+  REQUIRE(std::regex_search(list, table, std::regex(R"(kList = \{([^}]*)\})")));
+  const std::set<std::string> listed = MatchesIn(table[1], std::regex(R"(k(\w+))"));
+  CHECK_FALSE(listed.empty());
+  CHECK(declared == listed);
+  const std::set<std::string> headers = StemsIn(folder, ".h");
+  std::set<std::string> defined;
+  for (const std::string& stem : StemsIn(folder, ".cc")) {
+    const std::string text = ReadSource(folder + "/" + stem + ".cc").text();
+    const std::set<std::string> entries =
+        MatchesIn(text, std::regex("\nconstinit const " + type + R"( k(\w+) ?[={])"));
+    INFO(folder << "/" << stem << ".cc");
+    CHECK((!entries.empty() || headers.contains(stem)));
+    if (!entries.empty()) CHECK(entries == std::set<std::string>{CamelCase(stem)});
+    defined.insert(entries.begin(), entries.end());
+  }
+  CHECK(defined == listed);
+}
+
+TEST_CASE("Each environment is one file and one line of the list") {
+  CheckEntries("server/environments", "EnvironmentEntry");
+}
+
+TEST_CASE("Each perturbation is one file and one line of the list") {
+  CheckEntries("server/perturbations", "PerturbationEntry");
+}
+
+TEST_CASE("Each learner is one file and one line of the list") {
+  const std::string list = ReadSource("algorithms/list.cc").text();
+  const std::set<std::string> listed = MatchesIn(list, std::regex(R"(\bCreate(\w+)\})"));
+  std::set<std::string> files;
+  for (const std::string& stem : StemsIn("algorithms/learners", ".cc")) {
+    files.insert(CamelCase(stem));
+  }
+  CHECK(files == listed);
 }
 
 TEST_CASE("Every source file is named by a CMakeLists.txt of its folder or one above") {
