@@ -1,0 +1,55 @@
+// Reads the arrays that reference/dump_pytorch.py wrote (its docstring is the format), and compares
+// a core's arrays with them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algorithms/nn/parameters.h"
+#include "algorithms/nn/view.h"
+#include "algorithms/rl/transition_batch.h"
+
+namespace b4mrl {
+
+class ReferenceFile {
+ public:
+  struct Array {
+    std::vector<int> shape;
+    std::vector<double> values;
+  };
+
+  // Fails the running test when the file is missing or malformed. `name`: "sac.ref".
+  explicit ReferenceFile(const std::string& name);
+
+  const Array& Get(const std::string& name) const;
+  // As a features x batch matrix: the file's arrays are batch x features, row-major.
+  template <typename Scalar>
+  MatrixBuffer<Scalar> Matrix(const std::string& name) const;
+  template <typename Scalar>
+  std::vector<Scalar> Vector(const std::string& name) const;
+
+  // Copies the array "<prefix>/<array.name>" into the array.
+  template <typename Scalar>
+  void Load(const std::string& prefix, const NamedArray<Scalar>& array) const;
+  // The largest |array - reference| / largest |reference| for "<prefix>/<array.name>".
+  template <typename Scalar>
+  double Difference(const std::string& prefix, const NamedArray<Scalar>& array) const;
+
+ private:
+  std::map<std::string, Array> arrays_;
+};
+
+// The transitions under "batch/", and the storage their views look at.
+template <typename Scalar>
+struct ReferenceBatch {
+  explicit ReferenceBatch(const ReferenceFile& file);
+  TransitionBatch<Scalar> Views() const;
+
+  MatrixBuffer<Scalar> observations, actions, next_observations;
+  std::vector<Scalar> rewards, not_terminated;
+};
+
+}  // namespace b4mrl
