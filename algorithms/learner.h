@@ -1,0 +1,112 @@
+// A learner: what `b4mrl train` runs. Read this first; then learners/sac.cc, and list.cc to add
+// one.
+//
+// A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
+// hyperparameters as a table, its options, and three functions that matter:
+//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble
+//   Update    one gradient step, with the interaction that belongs to it
+//   Policy    what acts now: goes into evaluations and agent files
+// The train loop (rl/train_loop.h) counts updates, evaluates, logs, writes checkpoints and stops. A
+// learner asks the daemon for everything else: it opens the sessions and datasets that it needs
+// through `LearnerContext::client`, and never sees the simulator itself.
+//
+// Save and Load carry everything that decides the future, so that a run resumed from a checkpoint
+// continues bit for bit (on the same kind of processor). All random numbers come from
+// RoleSeed(run seed, role, index): what they are for, never from who drew before.
+// Thread rule: one thread. Ownership: the context outlives the learner.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/nn/checkpoint.h"
+#include "algorithms/nn/inference.h"
+#include "algorithms/rl/metrics.h"
+#include "algorithms/rl/progress.h"
+#include "proto/base/rng.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class Client;
+
+// One number that a user may set: `--<name> value` or `<name> = value` in a TOML file.
+struct Hyperparameter {
+  std::string_view name;
+  double value;  // the default
+  double low;    // allowed range
+  double high;
+  bool whole;  // takes whole numbers only
+  std::string_view meaning;
+};
+
+// The values in force: a learner's table with the user's changes.
+class Hyperparameters {
+ public:
+  Hyperparameters() = default;
+  explicit Hyperparameters(std::span<const Hyperparameter> table)
+      : entries_(table.begin(), table.end()) {}
+
+  // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
+  Status Set(std::string_view name, double value);
+  // `name` must stand in the table.
+  double Number(std::string_view name) const;
+  int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
+  const std::vector<Hyperparameter>& entries() const { return entries_; }
+
+ private:
+  std::vector<Hyperparameter> entries_;
+};
+
+struct LearnerContext {
+  Client* client = nullptr;
+  EnvironmentSpec environment;           // the true one's
+  std::vector<NamedArgument> simulator;  // perturbations of the simulator to learn in
+  std::string dataset;                   // "" for none
+  std::vector<NamedArgument> corruption;
+  uint32_t history_length = 1;
+  uint64_t seed = 0;
+  uint64_t updates = 0;  // planned; for schedules
+  std::string folder;    // for files that are too big for a checkpoint
+  Hyperparameters hyperparameters;
+
+  int observation_size() const { return static_cast<int>(environment.observation.size()); }
+  int action_size() const { return static_cast<int>(environment.action.size()); }
+};
+
+class Learner {
+ public:
+  virtual ~Learner() = default;
+
+  virtual Status Prepare(Progress& progress) = 0;
+  virtual Status Update(MetricMeans& metrics) = 0;
+  // Its input is `history_length` observations, oldest first; mean, std and mask included.
+  virtual PolicyWeights Policy() const = 0;
+
+  // Instead of Prepare when a run is resumed.
+  virtual void Save(CheckpointWriter& writer) = 0;
+  virtual Status Load(CheckpointReader& reader) = 0;
+
+  // Steps taken in the simulator so far, warm-up included and queries not.
+  virtual uint64_t environment_steps() const { return 0; }
+  // Of the dataset's file; "" without a dataset.
+  virtual std::string dataset_sha256() const { return ""; }
+};
+
+struct LearnerNeeds {
+  bool simulator = false;  // otherwise --simulator is refused
+  bool dataset = false;    // then --dataset is required, otherwise refused
+  bool history = false;    // supports --history above 1
+};
+
+// The seed of use `index` of `role` ("train-lane", "explore", "rollout") within a run.
+inline uint64_t RoleSeed(uint64_t run_seed, std::string_view role, uint64_t index = 0) {
+  return MixSeeds(MixSeeds(run_seed, HashName(role)), index);
+}
+
+}  // namespace b4mrl

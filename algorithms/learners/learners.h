@@ -1,0 +1,20 @@
+// What list.cc takes from each learner's file.
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "algorithms/learner.h"
+
+namespace b4mrl {
+
+std::span<const Hyperparameter> SacHyperparameters();
+Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context);
+
+std::span<const Hyperparameter> Td3BcHyperparameters();
+Result<std::unique_ptr<Learner>> CreateTd3Bc(const LearnerContext& context);
+
+std::span<const Hyperparameter> HymopoHyperparameters();
+Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context);
+
+}  // namespace b4mrl

@@ -1,0 +1,39 @@
+#include "algorithms/list.h"
+
+#include <vector>
+
+#include "algorithms/learners/learners.h"
+
+namespace b4mrl {
+
+std::span<const Algorithm> Algorithms() {
+  static const Algorithm kAlgorithms[] = {
+      {"sac",
+       "soft actor-critic, online in a simulator",
+       {.simulator = true, .history = true},
+       SacHyperparameters(),
+       CreateSac},
+      {"td3-bc",
+       "TD3 with behaviour cloning, offline on a dataset",
+       {.dataset = true},
+       Td3BcHyperparameters(),
+       CreateTd3Bc},
+      {"hymopo",
+       "model-based hybrid: a learned correction of the simulator, SAC in the corrected one",
+       {.simulator = true, .dataset = true},
+       HymopoHyperparameters(),
+       CreateHymopo},
+  };
+  return kAlgorithms;
+}
+
+Result<const Algorithm*> FindAlgorithm(std::string_view name) {
+  std::vector<std::string_view> names;
+  for (const Algorithm& algorithm : Algorithms()) {
+    if (algorithm.name == name) return &algorithm;
+    names.push_back(algorithm.name);
+  }
+  return UnknownName("algorithm", name, names);
+}
+
+}  // namespace b4mrl

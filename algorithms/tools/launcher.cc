@@ -1,0 +1,57 @@
+// `b4mrl`: one name for three programs that stand beside it.
+//
+//   b4mrl serve ...     -> b4mrl-serve ...      the daemon
+//   b4mrl perf ...      -> b4mrl-perf ...       measurements
+//   b4mrl <other> ...   -> b4mrl-tools <other> ...
+// It replaces itself by the program, so signals, exit code and process id are the program's own. A
+// learner's process therefore never holds the simulator. B4MRL_SERVER, B4MRL_PERF and B4MRL_TOOLS
+// name another file to run. Links nothing but the C library.
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <climits>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <string_view>
+
+namespace {
+
+constexpr int kExitCannotStart = 127;  // as a shell reports a missing command
+
+std::string OwnFolder() {
+  std::array<char, PATH_MAX> buffer{};
+  const ssize_t length = readlink("/proc/self/exe", buffer.data(), buffer.size());
+  if (length <= 0) return ".";
+  const std::string path(buffer.data(), static_cast<size_t>(length));
+  return path.substr(0, path.rfind('/'));
+}
+
+std::string ProgramPath(const char* variable, std::string_view name) {
+  const char* override_path = std::getenv(variable);
+  if (override_path != nullptr && *override_path != '\0') return override_path;
+  return OwnFolder() + "/" + std::string(name);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string_view command = argc > 1 ? argv[1] : "--help";
+  const bool own_program = command == "serve" || command == "perf";
+  std::string path;
+  if (command == "serve") {
+    path = ProgramPath("B4MRL_SERVER", "b4mrl-serve");
+  } else if (command == "perf") {
+    path = ProgramPath("B4MRL_PERF", "b4mrl-perf");
+  } else {
+    path = ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
+  }
+  // argv[0] stays the program's path; a program of its own does not see its command's word.
+  char** arguments = own_program ? argv + 1 : argv;
+  arguments[0] = path.data();
+  execv(path.c_str(), arguments);
+  std::fprintf(stderr, "b4mrl: cannot start %s: %s\n", path.c_str(), std::strerror(errno));
+  return kExitCannotStart;
+}
