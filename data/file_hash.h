@@ -1,0 +1,37 @@
+// Hashes that name and protect files. SHA-256 identifies a source file to people and other
+// programs; XXH3 (128 bits) detects damage in files that this project wrote. Any thread.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Lower-case hexadecimal, 64 characters.
+Result<std::string> Sha256OfFile(const std::string& path);
+// `fd` is read from its start to its end by position; `path` is for the message.
+Result<std::string> Sha256OfDescriptor(int fd, const std::string& path);
+std::string Sha256OfText(std::string_view text);
+
+// Lower-case hexadecimal, 32 characters. One thread at a time.
+class StreamHash {
+ public:
+  StreamHash();
+  StreamHash(StreamHash&&) noexcept;
+  StreamHash& operator=(StreamHash&&) noexcept;
+  ~StreamHash();
+  void Update(std::span<const std::byte> bytes);
+  std::string Hex() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace b4mrl
