@@ -46,6 +46,18 @@ struct EnvironmentSpec {
   std::optional<double> NormalisedScore(double episode_return) const;
 };
 
+// Why a step ended its episode. The numbers are those of the wire (proto/b4mrl.proto).
+enum class Cause : uint8_t {
+  kNone = 0,
+  kUnhealthy = 1,       // terminated by the task's rule
+  kLimit = 2,           // truncated by the step limit
+  kCrash = 3,           // truncated: the step ended its process, or the engine gave it up
+  kNumericalError = 4,  // truncated: the engine warned, or a number was not finite
+};
+
+// The numbers are those of the wire (proto/b4mrl.proto).
+enum class AutoresetMode : uint8_t { kNextStep = 0, kSameStep = 1, kDisabled = 2 };
+
 // One item of "gravity=1.5,obs-noise-low": a name and, after '=', its argument as written.
 struct NamedArgument {
   std::string name;

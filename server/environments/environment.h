@@ -26,15 +26,6 @@
 
 namespace b4mrl {
 
-// Why a step ended its episode. The numbers are those of the wire (proto/b4mrl.proto).
-enum class Cause : uint8_t {
-  kNone = 0,
-  kUnhealthy = 1,       // terminated by the task's rule
-  kLimit = 2,           // truncated by the step limit
-  kCrash = 3,           // truncated: the step ended its process, or the engine gave it up
-  kNumericalError = 4,  // truncated: the engine warned, or a number was not finite
-};
-
 struct StepResult {
   double reward = 0;
   bool terminated = false;

@@ -29,9 +29,6 @@
 
 namespace b4mrl {
 
-// The numbers are those of the wire (proto/b4mrl.proto).
-enum class AutoresetMode : uint8_t { kNextStep = 0, kSameStep = 1, kDisabled = 2 };
-
 class LaneStepper {
  public:
   // kLimitExceeded if a record would not fit limits::kLaneBufferBytes.
