@@ -78,7 +78,7 @@ Status DatasetWriter::CreateColumns() {
   return Status();
 }
 
-Status DatasetWriter::CheckSizes(const TransitionRows& rows) const {
+Status DatasetWriter::CheckSizes(const DatasetRows& rows) const {
   const size_t n = rows.rows;
   const size_t observation = options_.observation_dimensions;
   B4MRL_RETURN_IF_ERROR(CheckSize("observations", rows.observations.size(), n, observation));
@@ -99,13 +99,13 @@ Status DatasetWriter::CheckSizes(const TransitionRows& rows) const {
   return Status();
 }
 
-Status DatasetWriter::Append(const TransitionRows& rows) {
+Status DatasetWriter::Append(const DatasetRows& rows) {
   B4MRL_RETURN_IF_ERROR(CheckSizes(rows));
   // Cut where chunks end: the order of chunks in the file must not show how rows were appended.
   for (size_t first = 0; first < rows.rows;) {
     const size_t count = std::min<size_t>(rows.rows - first, kChunkRows - rows_ % kChunkRows);
     const size_t observation = options_.observation_dimensions;
-    TransitionRows piece;
+    DatasetRows piece;
     piece.rows = count;
     piece.observations = Piece(rows.observations, first, count, observation);
     piece.actions = Piece(rows.actions, first, count, options_.action_dimensions);
@@ -123,7 +123,7 @@ Status DatasetWriter::Append(const TransitionRows& rows) {
   return Status();
 }
 
-Status DatasetWriter::AppendPiece(const TransitionRows& rows) {
+Status DatasetWriter::AppendPiece(const DatasetRows& rows) {
   B4MRL_RETURN_IF_ERROR(file_.Append(observations_, rows.observations));
   B4MRL_RETURN_IF_ERROR(file_.Append(actions_, rows.actions));
   B4MRL_RETURN_IF_ERROR(file_.Append(next_observations_, rows.next_observations));

@@ -36,7 +36,7 @@ struct DatasetWriterOptions {
 
 // Consecutive rows. Every array is row-major and must have `rows` rows; optional ones that the
 // options leave out must be empty.
-struct TransitionRows {
+struct DatasetRows {
   size_t rows = 0;
   std::span<const float> observations;
   std::span<const float> actions;
@@ -53,7 +53,7 @@ class DatasetWriter {
  public:
   static Result<DatasetWriter> Create(const std::string& path, const DatasetWriterOptions& options);
 
-  Status Append(const TransitionRows& rows);
+  Status Append(const DatasetRows& rows);
   // Written as metadata/<name>; a name once only.
   Status SetMetadata(std::string_view name, std::string_view text);
   Status SetMetadata(std::string_view name, int64_t value);
@@ -67,8 +67,8 @@ class DatasetWriter {
  private:
   DatasetWriter(Hdf5Writer file, const DatasetWriterOptions& options);
   Status CreateColumns();
-  Status CheckSizes(const TransitionRows& rows) const;
-  Status AppendPiece(const TransitionRows& rows);
+  Status CheckSizes(const DatasetRows& rows) const;
+  Status AppendPiece(const DatasetRows& rows);
 
   Hdf5Writer file_;
   DatasetWriterOptions options_;

@@ -18,8 +18,8 @@ struct ExampleDataset {
   std::vector<uint8_t> terminals, timeouts;
 
   size_t rows() const { return rewards.size(); }
-  TransitionRows Rows(size_t first, size_t count) const {
-    TransitionRows rows;
+  DatasetRows Rows(size_t first, size_t count) const {
+    DatasetRows rows;
     rows.rows = count;
     const auto floats = [&](const std::vector<float>& all, size_t width) {
       return std::span(all).subspan(first * width, count * width);
@@ -32,7 +32,7 @@ struct ExampleDataset {
     rows.timeouts = std::span(timeouts).subspan(first, count);
     return rows;
   }
-  TransitionRows Rows() const { return Rows(0, rows()); }
+  DatasetRows Rows() const { return Rows(0, rows()); }
 };
 
 // Episodes of the given lengths that end by time-out, but for every second one, which ends

@@ -65,7 +65,7 @@ TEST_CASE("optional infos and metadata are kept") {
   const std::vector<double> qpos = {1, 2, 3, 4, 5, 6, 7, 1e-300};
   const std::vector<double> qvel = {0.1, 0.2, 0.3, 0.4};
   const std::vector<float> log_probs = {-1, -2, -3, -4};
-  TransitionRows rows = data.Rows();
+  DatasetRows rows = data.Rows();
   CHECK(writer->Append(rows).code() == StatusCode::kInvalidArgument);  // infos are missing
   rows.qpos = qpos;
   rows.qvel = qvel;
