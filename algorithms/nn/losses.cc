@@ -1,6 +1,7 @@
 #include "algorithms/nn/losses.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace b4mrl {
@@ -52,6 +53,30 @@ double MeanMinimum(MatrixView<const Scalar> q, MatrixView<Scalar> q_gradient) {
 }
 
 template <typename Scalar>
+double AddMeanSquaredError(MatrixView<const Scalar> prediction, MatrixView<const Scalar> target,
+                           MatrixView<Scalar> gradient) {
+  const double size = static_cast<double>(prediction.rows) * prediction.columns;
+  const Scalar slope = static_cast<Scalar>(2 / size);
+  double sum = 0;
+  for (int i = 0; i < prediction.columns; ++i) {
+    for (int k = 0; k < prediction.rows; ++k) {
+      const Scalar error = prediction(k, i) - target(k, i);
+      gradient(k, i) += slope * error;
+      sum += static_cast<double>(error) * error;
+    }
+  }
+  return sum / size;
+}
+
+template <typename Scalar>
+double MeanMagnitude(std::span<const Scalar> values) {
+  double sum = 0;
+  for (const Scalar value : values) sum += std::abs(value);
+  return values.empty() ? std::numeric_limits<double>::quiet_NaN()
+                        : sum / static_cast<double>(values.size());
+}
+
+template <typename Scalar>
 double Mean(std::span<const Scalar> values) {
   double sum = 0;
   for (const Scalar value : values) sum += value;
@@ -59,13 +84,16 @@ double Mean(std::span<const Scalar> values) {
                         : sum / static_cast<double>(values.size());
 }
 
-#define B4MRL_INSTANTIATE(Scalar)                                                                \
-  template void BellmanTargets<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,        \
-                                       std::span<const Scalar>, Scalar, std::span<const Scalar>, \
-                                       Scalar, std::span<Scalar>);                               \
-  template CriticLoss SquaredErrorToTargets<Scalar>(                                             \
-      MatrixView<const Scalar>, std::span<const Scalar>, Scalar, MatrixView<Scalar>);            \
-  template double MeanMinimum<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);             \
+#define B4MRL_INSTANTIATE(Scalar)                                                                 \
+  template void BellmanTargets<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,         \
+                                       std::span<const Scalar>, Scalar, std::span<const Scalar>,  \
+                                       Scalar, std::span<Scalar>);                                \
+  template CriticLoss SquaredErrorToTargets<Scalar>(                                              \
+      MatrixView<const Scalar>, std::span<const Scalar>, Scalar, MatrixView<Scalar>);             \
+  template double MeanMinimum<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);              \
+  template double AddMeanSquaredError<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>, \
+                                              MatrixView<Scalar>);                                \
+  template double MeanMagnitude<Scalar>(std::span<const Scalar>);                                 \
   template double Mean<Scalar>(std::span<const Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)

@@ -30,6 +30,14 @@ CriticLoss SquaredErrorToTargets(MatrixView<const Scalar> q, std::span<const Sca
 template <typename Scalar>
 double MeanMinimum(MatrixView<const Scalar> q, MatrixView<Scalar> q_gradient);
 
+// mean over all elements of (prediction - target)^2; its gradient is added to `gradient`.
+template <typename Scalar>
+double AddMeanSquaredError(MatrixView<const Scalar> prediction, MatrixView<const Scalar> target,
+                           MatrixView<Scalar> gradient);
+
+// NaN for no values.
+template <typename Scalar>
+double MeanMagnitude(std::span<const Scalar> values);
 template <typename Scalar>
 double Mean(std::span<const Scalar> values);
 

@@ -93,13 +93,35 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
   }
 }
 
+template <typename Scalar>
+void TanhForward(MatrixView<const Scalar> head, MatrixView<Scalar> actions) {
+  Strip<Scalar> strip;
+  const int columns_per_strip = kStrip / head.rows;
+  for (int first = 0; first < head.columns; first += columns_per_strip) {
+    const int count = std::min(columns_per_strip, head.columns - first);
+    Pack<Scalar>(head.ColumnBlock(first, count), strip);
+    strip = strip.tanh();
+    CopyMatrix<Scalar>({strip.data(), head.rows, count}, actions.ColumnBlock(first, count));
+  }
+}
+
+template <typename Scalar>
+void TanhBackward(MatrixView<const Scalar> actions, MatrixView<const Scalar> action_gradient,
+                  MatrixView<Scalar> head_gradient) {
+  ToEigen(head_gradient) =
+      (ToEigen(action_gradient).array() * (Scalar(1) - ToEigen(actions).array().square())).matrix();
+}
+
 #define B4MRL_INSTANTIATE(Scalar)                                                                  \
   template void SampleSquashedGaussian<Scalar>(const SquashedGaussianOptions&,                     \
                                                MatrixView<const Scalar>, MatrixView<const Scalar>, \
                                                MatrixView<Scalar>, std::span<Scalar>);             \
   template void SquashedGaussianBackward<Scalar>(                                                  \
       const SquashedGaussianOptions&, MatrixView<const Scalar>, MatrixView<const Scalar>,          \
-      MatrixView<const Scalar>, MatrixView<const Scalar>, Scalar, MatrixView<Scalar>);
+      MatrixView<const Scalar>, MatrixView<const Scalar>, Scalar, MatrixView<Scalar>);             \
+  template void TanhForward<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);                 \
+  template void TanhBackward<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>,           \
+                                     MatrixView<Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)
 #undef B4MRL_INSTANTIATE

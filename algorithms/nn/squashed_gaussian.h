@@ -1,4 +1,4 @@
-// The tanh-squashed diagonal Gaussian policy: sampling with log-density, and its gradient.
+// The policies whose actions end in tanh. The Gaussian one, sampled with log-density, has the form
 //
 //   log_std = clamp(raw, min, max);  u = mean + exp(log_std) e;  a = tanh(u)
 //   log pi = sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2)]
@@ -43,5 +43,13 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
                               MatrixView<const Scalar> noise, MatrixView<const Scalar> actions,
                               MatrixView<const Scalar> action_gradient, Scalar log_prob_gradient,
                               MatrixView<Scalar> head_gradient);
+
+// The deterministic policy: actions = tanh(head), both action x n (same place allowed), and
+// head_gradient = action_gradient (1 - actions^2).
+template <typename Scalar>
+void TanhForward(MatrixView<const Scalar> head, MatrixView<Scalar> actions);
+template <typename Scalar>
+void TanhBackward(MatrixView<const Scalar> actions, MatrixView<const Scalar> action_gradient,
+                  MatrixView<Scalar> head_gradient);
 
 }  // namespace b4mrl
