@@ -18,9 +18,4 @@ ChildContext::ChildContext(ChildOptions options, SharedState shared)
       shared_(std::move(shared)),
       child_index_(ChildIndex(options_)) {}
 
-void ChildContext::Beat() {
-  ++record().heartbeat;
-  record().ready.store(1, std::memory_order_relaxed);
-}
-
 }  // namespace b4mrl

@@ -1,6 +1,7 @@
-// What every child process of the daemon is given and owes: its listening sockets, the shared memory, a
-// heartbeat, and an ear for the drain. Built by main from the supervisor's arguments; lives as long as
-// the process. Thread rule: the child's main thread, unless a method says otherwise.
+// What every child process of the daemon is given and owes: its listening sockets, the shared
+// memory, a heartbeat, and an ear for the drain. Built by main from the supervisor's arguments;
+// lives as long as the process. Thread rule: the child's main thread, unless a method says
+// otherwise.
 #pragma once
 
 #include <cstdint>
@@ -17,9 +18,9 @@ namespace b4mrl {
 inline constexpr int64_t kBeatIntervalMs = 100;
 
 struct ChildOptions {
-  std::string role;       // "gateway", "worker", "dataset-worker"
-  uint32_t index = 0;     // of an environment worker
-  uint32_t threads = 1;   // of its pool
+  std::string role;      // "gateway", "worker", "dataset-worker"
+  uint32_t index = 0;    // of an environment worker
+  uint32_t threads = 1;  // of its pool
   std::string data_folder;
   std::string models_folder;  // "" for the default
   std::vector<ListeningEndpoint> endpoints;
@@ -42,15 +43,13 @@ class ChildContext {
   // This process's line of the child table. Its counters may be bumped by any thread.
   ChildRecord& record() { return shared_.child(child_index_); }
 
-  // Tells the supervisor that the main loop goes round. The first call also reports readiness, so it
-  // comes after the sockets are open. At least every 200 ms; silence for limits::kFrozenChildMs gets
-  // the process replaced.
-  void Beat();
-  // Like Beat without reporting readiness, for long starts.
-  void BeatWhileStarting() { ++record().heartbeat; }
+  // Tells the supervisor that the main loop goes round. The first call also reports readiness, so
+  // it comes after the sockets are open. At least every 200 ms; silence for limits::kFrozenChildMs
+  // gets the process replaced.
+  void Beat() { ++record().heartbeat; }
   // True once the daemon stops: finish what is under way, answer what is new with kUnavailable, let
   // replies leave (RouterSocket::LingerOnClose) and return.
-  bool draining() const { return shared_.header().draining.load(std::memory_order_relaxed) != 0; }
+  bool draining() const { return shared_.header().draining.load(std::memory_order_relaxed); }
 
  private:
   ChildOptions options_;
@@ -58,8 +57,8 @@ class ChildContext {
   uint32_t child_index_;
 };
 
-// The roles' main functions. They return OK after a drain; another status ends the process with a message
-// and, if it came before the first Beat, the whole daemon.
+// The roles' main functions. They return OK after a drain; another status ends the process with a
+// message and, if it came before the first Beat, the whole daemon.
 Status RunGateway(ChildContext& context);
 Status RunWorker(ChildContext& context);
 

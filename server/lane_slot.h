@@ -1,10 +1,10 @@
 // A lane's place in shared memory: its last committed record and room for the next one.
 //
-// Operation N (a step, reset or restore) is computed straight into buffer N & 1, sealed with its size
-// and a checksum, and published by one release store of N. A process killed anywhere leaves the last
-// committed record whole, so that a replacement has nothing to recover. Readers that check nothing
-// are in the process that wrote; a replacement calls Verify first, because a dying process may have
-// written anywhere.
+// Operation N (a step, reset or restore) is computed straight into buffer N & 1, sealed with its
+// size and a checksum, and published by one release store of N. A process killed anywhere leaves
+// the last committed record whole, so that a replacement has nothing to recover. Readers that check
+// nothing are in the process that wrote; a replacement calls Verify first, because a dying process
+// may have written anywhere.
 //
 // Thread rule: at most one thread works on a lane (its request is the only one in flight); the
 // supervisor touches the blame alone, while no worker has the lane. A LaneSlot is a view.
@@ -24,8 +24,8 @@ namespace b4mrl {
 enum class Operation : uint32_t { kNone = 0, kStep = 1, kReset = 2, kRestore = 3 };
 std::string_view OperationName(Operation operation);
 
-// A step that ends its process with certainty gets kCrashBlame each time, one that was merely under way
-// when somebody killed the process gets kKillBlame. At kBlameLimit it is not tried again.
+// A step that ends its process with certainty gets kCrashBlame each time, one that was merely under
+// way when somebody killed the process gets kKillBlame. At kBlameLimit it is not tried again.
 inline constexpr uint32_t kCrashBlame = 4;
 inline constexpr uint32_t kKillBlame = 1;
 inline constexpr uint32_t kBlameLimit = 8;
@@ -39,8 +39,8 @@ struct BufferSeal {
 
 struct alignas(64) LaneSlotMemory {
   std::atomic<uint64_t> committed;
-  std::atomic<uint64_t> generation;      // of the session that owns the lane
-  std::atomic<uint64_t> blamed_number;   // the operation that `blame` is about
+  std::atomic<uint64_t> generation;     // of the session that owns the lane
+  std::atomic<uint64_t> blamed_number;  // the operation that `blame` is about
   std::atomic<uint32_t> blame;
   std::array<BufferSeal, 2> seals;
   // The second buffer starts a little off a power of two, and so does the next slot, so that equal
@@ -62,15 +62,16 @@ class LaneSlot {
   // Publishes the idle buffer's first `size` bytes as operation committed() + 1.
   void Commit(Operation operation, size_t size);
 
-  // Makes the slot a new session's: the first buffer's `size` bytes, written by the caller beforehand, are
-  // its record number 0. Only for a lane whose session is not live yet.
+  // Makes the slot a new session's: the first buffer's `size` bytes, written by the caller
+  // beforehand, are its record number 0. Only for a lane whose session is not live yet.
   void Initialize(uint64_t generation, size_t size);
   std::span<std::byte> initial_buffer() { return buffer(0); }
 
   // kDataLoss unless the committed record is whole, `size` bytes long and of session `generation`.
   Status Verify(uint64_t generation, size_t size) const;
 
-  // Supervisor: operation `number` was under way when its process died. Ignored if it was committed.
+  // Supervisor: operation `number` was under way when its process died. Ignored if it was
+  // committed.
   void AddBlame(uint64_t number, uint32_t blame);
   // Whether operation committed() + 1 has ended its process too often to be tried again.
   bool condemned() const;

@@ -1,12 +1,12 @@
-// The memory that outlives every child: which children run, which sessions exist, what each lane last
-// did. The supervisor creates it (an anonymous, sparse memfd) and passes its descriptor on; every child
-// maps all of it.
+// The memory that outlives every child: which children run, which sessions exist, what each lane
+// last did. The supervisor creates it (an anonymous, sparse memfd) and passes its descriptor on;
+// every child maps all of it.
 //
-// Who writes what: the supervisor the children's process ids and restarts and the lanes' blame; the gateway
-// a session's record while it is kFree or kOpening; a session's worker everything of it while it is kLive
-// (and its lanes from kOpening on); each thread its own mark. Numbers that several processes touch are
-// atomics. Whatever a process reads that another wrote is checked before it is used as an index or a
-// length: the writer may have died of a wild pointer.
+// Who writes what: the supervisor the children's process ids and restarts and the lanes' blame; the
+// gateway a session's record while it is kFree or kOpening; a session's worker everything of it
+// while it is kLive (and its lanes from kOpening on); each thread its own mark. Numbers that
+// several processes touch are atomics. Whatever a process reads that another wrote is checked
+// before it is used as an index or a length: the writer may have died of a wild pointer.
 #pragma once
 
 #include <array>
@@ -35,8 +35,8 @@ std::string ChildName(uint32_t child);
 struct alignas(64) ChildRecord {
   std::atomic<int32_t> process_id;  // 0: not running
   std::atomic<uint32_t> restarts;
-  std::atomic<uint32_t> ready;      // the child set it to 1 when it first read its sockets
-  std::atomic<uint64_t> heartbeat;  // grows at least every 200 ms while the child is healthy
+  // Grows at least every 200 ms from the moment the child reads its sockets, while it is healthy.
+  std::atomic<uint64_t> heartbeat;
   // Totals since the daemon's start; they go on through restarts.
   std::atomic<uint64_t> steps;
   std::atomic<uint64_t> query_rows;
@@ -47,14 +47,15 @@ struct alignas(64) ChildRecord {
 // What one thread of a worker is executing, so that a death can be blamed on somebody.
 enum class MarkKind : uint32_t { kIdle = 0, kLane = 1, kQuery = 2 };
 struct alignas(64) ThreadMark {
-  std::atomic<MarkKind> kind;      // stored last when work begins, first when it ends
-  std::atomic<uint32_t> crashed;   // this thread raised the deadly signal
-  std::atomic<uint32_t> lane;      // kLane: index into SharedState::lane
-  std::atomic<uint32_t> session;   // kQuery: index into SharedState::session
-  std::atomic<uint64_t> number;    // kLane: the operation; kQuery: the request id
-  std::atomic<int64_t> since_ms;   // MonotonicMs() when it began
+  std::atomic<MarkKind> kind;     // stored last when work begins, first when it ends
+  std::atomic<uint32_t> crashed;  // this thread raised the deadly signal
+  std::atomic<uint32_t> lane;     // kLane: index into SharedState::lane
+  std::atomic<uint32_t> session;  // kQuery: index into SharedState::session
+  std::atomic<uint64_t> number;   // kLane: the operation; kQuery: the request id
+  std::atomic<int64_t> since_ms;  // MonotonicMs() when it began
 };
-inline constexpr uint32_t kMarksPerWorker = limits::kMaxThreads + 1;  // the socket's thread is mark 0
+inline constexpr uint32_t kMarksPerWorker =
+    limits::kMaxThreads + 1;  // the socket's thread is mark 0
 
 enum class SessionState : uint32_t {
   kFree = 0,     // may be allocated
@@ -68,16 +69,16 @@ struct alignas(64) SessionRecord {
   std::atomic<uint32_t> worker;
   std::atomic<uint32_t> first_lane;
   std::atomic<uint32_t> lane_count;
-  std::atomic<uint64_t> generation;         // never repeats; its lanes carry it too
-  std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
+  std::atomic<uint64_t> generation;       // never repeats; its lanes carry it too
+  std::atomic<int64_t> last_activity_ms;  // MonotonicMs()
   std::atomic<uint64_t> steps;
   std::atomic<uint32_t> adoption_attempts;  // deaths while rebuilding it
   std::atomic<uint32_t> query_blame;        // as a lane's, for the query `blamed_query`
   std::atomic<uint64_t> blamed_query;
   std::array<uint8_t, limits::kTokenBytes> token;
   uint64_t request_hash;  // of the OpenRequest as it came, for the same token again
-  // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and the
-  // lane range.
+  // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and
+  // the lane range.
   uint64_t checksum;
   uint32_t open_size;
   std::array<std::byte, limits::kMaxOpenRequestBytes> open;
@@ -89,7 +90,7 @@ struct SharedHeader {
   uint32_t worker_count;
   int64_t lease_ms;
   int64_t start_ms;  // MonotonicMs() of the daemon's start
-  std::atomic<uint32_t> draining;
+  std::atomic<bool> draining;
   std::atomic<uint64_t> next_generation;
 };
 

@@ -80,6 +80,12 @@ Frame Frame::Copy(std::string_view bytes) {
   return frame;
 }
 
+Frame Frame::Share() {
+  Frame frame;
+  zmq_msg_copy(AsZmq(frame.storage_.data()), AsZmq(storage_.data()));
+  return frame;
+}
+
 std::byte* Frame::data() { return static_cast<std::byte*>(zmq_msg_data(AsZmq(storage_.data()))); }
 const std::byte* Frame::data() const { return const_cast<Frame*>(this)->data(); }
 size_t Frame::size() const { return zmq_msg_size(AsZmq(const_cast<std::byte*>(storage_.data()))); }
@@ -98,6 +104,17 @@ size_t ArrayLayout::Add(std::string_view name, DType dtype, std::initializer_lis
   }
   size_ = offset + bytes;
   return offset;
+}
+
+Frame ArrayLayout::Allocate() const {
+  Frame payload = Frame::OfSize(size_);
+  for (int i = 0; i + 1 < table_->size(); ++i) {
+    const pb::Array& entry = table_->Get(i);
+    const size_t end = entry.offset() + ArrayBytes(entry).value_or(0);
+    const size_t next = table_->Get(i + 1).offset();
+    if (end < next && next <= size_) std::memset(payload.data() + end, 0, next - end);
+  }
+  return payload;
 }
 
 Result<ArrayReader> ArrayReader::Parse(const google::protobuf::RepeatedPtrField<pb::Array>& table,

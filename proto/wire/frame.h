@@ -34,6 +34,8 @@ class Frame {
   // Uninitialised bytes; at most limits::kMaxPayloadBytes by the callers' contracts.
   static Frame OfSize(size_t size);
   static Frame Copy(std::string_view bytes);
+  // A second handle to the same bytes, which nobody may change from now on.
+  Frame Share();
 
   std::byte* data();
   const std::byte* data() const;
@@ -56,16 +58,19 @@ struct Message {
 // then the payload is allocated once and written in place.
 class ArrayLayout {
  public:
-  // `table` outlives this object. Returns the array's offset for Write.
-  explicit ArrayLayout(google::protobuf::RepeatedPtrField<pb::Array>* table) : table_(table) {}
+  // `table` outlives this object. `used` bytes of the payload are taken by arrays already in it.
+  explicit ArrayLayout(google::protobuf::RepeatedPtrField<pb::Array>* table, size_t used = 0)
+      : table_(table), size_(used) {}
+  // Returns the array's offset for ArrayAt.
   size_t Add(std::string_view name, DType dtype, std::initializer_list<uint64_t> shape);
 
   size_t payload_bytes() const { return size_; }
-  Frame Allocate() const { return Frame::OfSize(size_); }
+  // The gaps between arrays are zero, the arrays' own bytes are not initialised.
+  Frame Allocate() const;
 
  private:
   google::protobuf::RepeatedPtrField<pb::Array>* table_;
-  size_t size_ = 0;
+  size_t size_;
 };
 
 // The `count` elements of type T at `offset` of a payload made by ArrayLayout::Allocate.

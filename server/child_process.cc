@@ -1,0 +1,157 @@
+#include "server/child_process.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+#include "server/options.h"
+
+namespace b4mrl {
+namespace {
+
+// A process that lived shorter than this died young: its restarts are spaced out.
+constexpr int64_t kYoungMs = 250;
+constexpr int64_t kFirstBackOffMs = 10;
+constexpr int64_t kLongestBackOffMs = 5'000;
+// Loading the libraries and adopting sessions may take this long.
+constexpr int64_t kStartingMs = 20'000;
+
+// Runs in the forked child until exec: async-signal-safe calls only.
+[[noreturn]] void BecomeChild(pid_t supervisor, const std::vector<int>& kept_fds,
+                              char* const* arguments) {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (getppid() != supervisor) _exit(1);  // it died before prctl
+  signal(SIGINT, SIG_IGN);
+  signal(SIGTERM, SIG_IGN);
+  sigset_t none;
+  sigemptyset(&none);
+  sigprocmask(SIG_SETMASK, &none, nullptr);
+  const rlimit no_core{0, 0};
+  setrlimit(RLIMIT_CORE, &no_core);
+  const int null = open("/dev/null", O_RDONLY);
+  dup2(null, STDIN_FILENO);
+  dup2(STDERR_FILENO, STDOUT_FILENO);  // stdout is the supervisor's: it says "ready"
+  for (const int fd : kept_fds) fcntl(fd, F_SETFD, 0);
+  execv("/proc/self/exe", arguments);
+  _exit(127);
+}
+
+uint32_t BlameFor(Death death) { return death == Death::kKilled ? kKillBlame : kCrashBlame; }
+
+void BlameMark(SharedState& shared, const ThreadMark& mark, uint32_t blame) {
+  const uint64_t number = mark.number.load();
+  if (mark.kind.load() == MarkKind::kLane && mark.lane.load() < limits::kMaxLanes) {
+    shared.lane(mark.lane.load()).AddBlame(number, blame);
+  }
+  if (mark.kind.load() == MarkKind::kQuery && mark.session.load() < limits::kMaxSessions) {
+    SessionRecord& session = shared.session(mark.session.load());
+    if (session.blamed_query.exchange(number) != number) session.query_blame.store(0);
+    session.query_blame.store(std::min(session.query_blame.load() + blame, kBlameLimit));
+  }
+}
+
+}  // namespace
+
+ChildProcess::ChildProcess(uint32_t child, ChildOptions options, SharedState* shared)
+    : child_(child), options_(std::move(options)), shared_(shared) {}
+
+Status ChildProcess::Start() {
+  std::vector<std::string> arguments = ChildArguments(options_, shared_->fd());
+  std::vector<char*> pointers;
+  for (std::string& argument : arguments) pointers.push_back(argument.data());
+  pointers.push_back(nullptr);
+  std::vector<int> kept_fds = {shared_->fd()};
+  for (const ListeningEndpoint& endpoint : options_.endpoints) kept_fds.push_back(endpoint.fd);
+
+  ChildRecord& record = shared_->child(child_);
+  const pid_t supervisor = getpid();
+  const pid_t child = fork();
+  if (child < 0) {
+    const int error = errno;
+    restart_at_ms_ = MonotonicMs() + kLongestBackOffMs;
+    return IoError("start", ChildName(child_), error);
+  }
+  if (child == 0) BecomeChild(supervisor, kept_fds, pointers.data());
+  process_id_ = child;
+  record.process_id.store(child);
+  killed_as_frozen_ = false;
+  beat_at_start_ = last_beat_ = record.heartbeat.load();
+  started_ms_ = last_beat_ms_ = MonotonicMs();
+  return Status();
+}
+
+std::optional<Death> ChildProcess::Reap() {
+  int wait_status = 0;
+  if (!running() || waitpid(process_id_, &wait_status, WNOHANG) != process_id_) return std::nullopt;
+  process_id_ = 0;
+  ChildRecord& record = shared_->child(child_);
+  record.process_id.store(0);
+  last_exit_code_ = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
+  if (!ready()) ++deaths_before_ready_;
+  ScheduleRestart();
+  if (killed_as_frozen_) return Death::kFrozen;
+  const bool killed = WIFSIGNALED(wait_status) && WTERMSIG(wait_status) == SIGKILL;
+  if (shared_->header().draining.load() == false) {
+    spdlog::warn("{} ended ({} {})", ChildName(child_),
+                 WIFSIGNALED(wait_status) ? "signal" : "exit code",
+                 WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : last_exit_code_);
+  }
+  return killed ? Death::kKilled : Death::kCrashed;
+}
+
+void ChildProcess::ScheduleRestart() {
+  const int64_t now = MonotonicMs();
+  young_deaths_ = now - started_ms_ < kYoungMs ? young_deaths_ + 1 : 0;
+  int64_t delay = 0;
+  if (young_deaths_ > 1) {
+    const uint32_t doublings = std::min(young_deaths_ - 2, 16u);
+    delay = std::min(kFirstBackOffMs << doublings, kLongestBackOffMs);
+  }
+  restart_at_ms_ = now + delay;
+  ++shared_->child(child_).restarts;
+}
+
+void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
+  if (!running()) return;
+  const uint64_t beat = shared_->child(child_).heartbeat.load();
+  if (beat != last_beat_ || paused) {
+    last_beat_ = beat;
+    last_beat_ms_ = now_ms;
+    return;
+  }
+  const int64_t limit = ready() ? limits::kFrozenChildMs : kStartingMs;
+  if (killed_as_frozen_ || now_ms - last_beat_ms_ < limit) return;
+  spdlog::warn("{} has not answered for {} ms and is replaced", ChildName(child_), limit);
+  killed_as_frozen_ = true;
+  Kill();
+}
+
+void ChildProcess::Kill() {
+  if (running()) kill(process_id_, SIGKILL);
+}
+
+void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
+  const std::span<ThreadMark> marks = shared.marks(worker);
+  const bool one_crashed = std::any_of(marks.begin(), marks.end(),
+                                       [](const ThreadMark& mark) { return mark.crashed != 0; });
+  const int64_t now = MonotonicMs();
+  for (ThreadMark& mark : marks) {
+    const bool accused = death == Death::kCrashed && one_crashed ? mark.crashed != 0
+                         : death == Death::kFrozen
+                             ? now - mark.since_ms >= limits::kFrozenChildMs / 2
+                             : true;
+    if (accused) BlameMark(shared, mark, BlameFor(death));
+    mark.kind.store(MarkKind::kIdle);
+    mark.crashed.store(0);
+  }
+}
+
+}  // namespace b4mrl

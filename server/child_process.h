@@ -1,0 +1,70 @@
+// One supervised process: started, watched and started again by the supervisor's only thread.
+#pragma once
+
+#include <sys/types.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/child.h"
+#include "server/shared_state.h"
+
+namespace b4mrl {
+
+// How a process ended, as far as blame and restarts care.
+enum class Death {
+  kKilled,   // SIGKILL from outside: nobody's fault
+  kCrashed,  // another signal, or an exit that nobody asked for
+  kFrozen,   // SIGKILL from the supervisor after its heartbeat stopped
+};
+
+class ChildProcess {
+ public:
+  // `child` is the index in the child table; `options` goes to every generation.
+  ChildProcess(uint32_t child, ChildOptions options, SharedState* shared);
+
+  // Forks and execs. The process dies with the supervisor, has no stdin, ignores SIGINT and SIGTERM
+  // (the drain is announced in shared memory) and inherits its listeners and the shared memory
+  // alone.
+  Status Start();
+  bool running() const { return process_id_ > 0; }
+  // The time of the next Start of a dead child; backs off while it dies young.
+  int64_t restart_at_ms() const { return restart_at_ms_; }
+
+  // Reaps the process if it has ended; says how.
+  std::optional<Death> Reap();
+  // Kills it if its heartbeat has been silent too long. `paused` says that the supervisor itself
+  // was not running for a while, so that silence means nothing.
+  void KillIfFrozen(int64_t now_ms, bool paused);
+  void Kill();
+
+  uint32_t child() const { return child_; }
+  bool ready() const { return shared_->child(child_).heartbeat.load() != beat_at_start_; }
+  uint32_t deaths_before_ready() const { return deaths_before_ready_; }
+  // The exit code of a process that ended before it was ever ready; -1 if a signal ended it.
+  int last_exit_code() const { return last_exit_code_; }
+
+ private:
+  void ScheduleRestart();
+
+  uint32_t child_;
+  ChildOptions options_;
+  SharedState* shared_;
+  pid_t process_id_ = 0;
+  bool killed_as_frozen_ = false;
+  uint64_t beat_at_start_ = 0;
+  uint64_t last_beat_ = 0;
+  int64_t last_beat_ms_ = 0;
+  int64_t started_ms_ = 0;
+  int64_t restart_at_ms_ = 0;
+  uint32_t young_deaths_ = 0;  // in a row
+  uint32_t deaths_before_ready_ = 0;
+  int last_exit_code_ = -1;
+};
+
+// Spreads the blame for the death of environment worker `worker` over what its threads were
+// executing, and clears their marks. The thread that raised a deadly signal takes it alone.
+void BlameDeath(SharedState& shared, uint32_t worker, Death death);
+
+}  // namespace b4mrl

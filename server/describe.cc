@@ -1,0 +1,82 @@
+#include "server/describe.h"
+
+#include <fmt/format.h>
+
+#include "proto/base/limits.h"
+#include "server/environments/list.h"
+#include "server/perturbations/list.h"
+
+namespace b4mrl {
+namespace {
+
+void DescribeSpace(const SpaceSpec& space, pb::Space* out) {
+  for (const uint64_t extent : space.shape) out->add_shape(extent);
+  for (const DimensionSpec& dimension : space.dimensions) {
+    pb::Dimension* target = out->add_dimensions();
+    target->set_name(dimension.name);
+    target->set_unit(dimension.unit);
+    target->set_low(dimension.low);
+    target->set_high(dimension.high);
+  }
+}
+
+void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* out) {
+  out->set_name(std::string(entry.name));
+  out->set_parameter(std::string(entry.parameter));
+  out->set_type(std::string(entry.type));
+  out->set_low(entry.low);
+  out->set_high(entry.high);
+  out->set_description(std::string(entry.description));
+  out->set_corrupts_datasets(entry.corrupts_datasets);
+  for (const PerturbationPreset& preset : PresetList()) {
+    if (preset.parametric != entry.name) continue;
+    pb::PresetInfo* target = out->add_presets();
+    target->set_name(std::string(preset.name));
+    target->set_environment(std::string(preset.environment));
+    target->set_argument(std::string(preset.argument));
+  }
+}
+
+}  // namespace
+
+void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out) {
+  out->set_name(spec.name);
+  DescribeSpace(spec.observation, out->mutable_observation());
+  DescribeSpace(spec.action, out->mutable_action());
+  out->set_reward(spec.reward);
+  out->set_max_episode_steps(spec.max_episode_steps);
+  out->set_step_seconds(spec.step_seconds);
+  if (spec.reference_min) out->set_reference_min(*spec.reference_min);
+  if (spec.reference_max) out->set_reference_max(*spec.reference_max);
+}
+
+void DescribeCatalogue(pb::CatalogueReply* out) {
+  for (const EnvironmentEntry& entry : EnvironmentList()) {
+    const Result<EnvironmentSpec> spec = DescribeEnvironment(entry.name);
+    if (spec.ok()) DescribeEnvironment(*spec, out->add_environments());
+  }
+  for (const PerturbationEntry& entry : PerturbationList()) {
+    DescribePerturbation(entry, out->add_perturbations());
+  }
+}
+
+void DescribeSession(const Session& session, pb::AttachReply* out) {
+  DescribeEnvironment(session.simulator().spec(), out->mutable_info());
+  for (const NamedArgument& item : session.simulator().resolved_perturbations()) {
+    pb::NamedArgument* target = out->add_perturbations();
+    target->set_name(item.name);
+    target->set_argument(item.argument);
+  }
+  out->set_config(session.simulator().config_json());
+  out->set_experiment_id(session.experiment_id());
+}
+
+Status VersionMismatch(uint32_t version) {
+  return Status(StatusCode::kVersionMismatch,
+                fmt::format("protocol version {} was sent, this server ({}) speaks {}", version,
+                            ServerVersion(), limits::kProtocolVersion));
+}
+
+std::string_view ServerVersion() { return "0.1.0"; }
+
+}  // namespace b4mrl

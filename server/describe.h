@@ -1,0 +1,22 @@
+// The catalogue's entries and the sessions' descriptions as protocol messages.
+#pragma once
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/session.h"
+
+namespace b4mrl {
+
+void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out);
+// All environments and perturbations; an environment that cannot be described is left out.
+void DescribeCatalogue(pb::CatalogueReply* out);
+// Everything in force.
+void DescribeSession(const Session& session, pb::AttachReply* out);
+
+// "protocol version 2, this server speaks 1 (0.1.0)".
+Status VersionMismatch(uint32_t version);
+// Of this project: "0.1.0".
+std::string_view ServerVersion();
+
+}  // namespace b4mrl

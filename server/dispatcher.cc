@@ -1,0 +1,276 @@
+#include "server/dispatcher.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <cstring>
+
+#include "proto/base/limits.h"
+#include "server/describe.h"
+#include "server/handlers.h"
+
+namespace b4mrl {
+namespace {
+
+// A session whose rebuilding ended its worker this often is given up.
+constexpr uint32_t kMaxAdoptionAttempts = 3;
+
+using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
+
+JobFactory FactoryFor(pb::Request::PayloadCase kind) {
+  switch (kind) {
+    case pb::Request::kStep:
+      return NewStepJob;
+    case pb::Request::kReset:
+      return NewResetJob;
+    case pb::Request::kQuery:
+      return NewQueryJob;
+    case pb::Request::kSnapshot:
+      return NewSnapshotJob;
+    case pb::Request::kRestore:
+      return NewRestoreJob;
+    default:
+      return nullptr;
+  }
+}
+
+bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
+
+// At most what one request may carry in flight times a few; keeps a worker's memory bounded
+// whatever its clients pipeline.
+constexpr size_t kMaxQueuedBytes = 16 * limits::kMaxPayloadBytes;
+
+}  // namespace
+
+Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, std::string models_folder,
+                       Executor& executor, SendFunction send)
+    : shared_(shared),
+      worker_(worker),
+      models_folder_(std::move(models_folder)),
+      executor_(executor),
+      send_(std::move(send)),
+      counters_(shared.child(kFirstWorkerChild + worker)) {}
+
+Dispatcher::~Dispatcher() = default;
+
+void Dispatcher::AdoptSessions() {
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    SessionRecord& record = shared_.session(index);
+    if (record.state != SessionState::kLive || record.worker != worker_) continue;
+    Status status(StatusCode::kInternal, "rebuilding it ended the worker again and again");
+    if (record.adoption_attempts.fetch_add(1) < kMaxAdoptionAttempts) {
+      status = Attach(index).status();
+    }
+    if (status.ok()) {
+      record.adoption_attempts.store(0);
+      continue;
+    }
+    spdlog::error("session {} is lost: {}", index, status.ToString());
+    record.state.store(SessionState::kClosed);
+  }
+}
+
+void Dispatcher::Reply(const Envelope& to, const Status& error) {
+  counters_.errors.fetch_add(1, std::memory_order_relaxed);
+  send_(to.sender, ErrorReply(to.request_id, error));
+}
+
+void Dispatcher::Reply(const Envelope& to, const pb::Reply& reply) {
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (!envelope.ok()) return Reply(to, envelope.status());
+  send_(to.sender, Message{std::move(*envelope), Frame()});
+}
+
+void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
+  counters_.requests.fetch_add(1, std::memory_order_relaxed);
+  Envelope from{std::move(incoming.sender), 0};
+  request_.Clear();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
+    return Reply(from, status);
+  }
+  from.request_id = request_.request_id();
+  if (request_.protocol_version() != limits::kProtocolVersion) {
+    return Reply(from, VersionMismatch(request_.protocol_version()));
+  }
+  if (request_.payload_case() == pb::Request::kAttach) {
+    return HandleAttach(from, request_.attach());
+  }
+  if (request_.payload_case() == pb::Request::kClose) {
+    return HandleClose(from, request_.session_token());
+  }
+  HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
+}
+
+void Dispatcher::HandleAttach(const Envelope& from, const pb::AttachRequest& request) {
+  if (!accepting_) return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  if (request.session_index() >= limits::kMaxSessions) {
+    return Reply(from, InvalidNumber("session_index", request.session_index(), "a session"));
+  }
+  const Result<Session*> session = Attach(request.session_index());
+  if (!session.ok()) return Reply(from, session.status());
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(from.request_id);
+  reply.mutable_status();
+  DescribeSession(**session, reply.mutable_attach());
+  Reply(from, reply);
+}
+
+Result<Session*> Dispatcher::Attach(uint32_t index) {
+  const SessionRecord& record = shared_.session(index);
+  const SessionState state = record.state.load(std::memory_order_acquire);
+  if ((state != SessionState::kOpening && state != SessionState::kLive) ||
+      record.worker != worker_) {
+    return Status(StatusCode::kSessionLost, "the session is not this worker's");
+  }
+  const std::string token(SessionToken(record));
+  const auto found = sessions_.find(token);
+  if (found != sessions_.end()) {
+    if (found->second->generation() == record.generation) return found->second.get();
+    return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
+  }
+  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                         Session::Build(shared_, index, models_folder_));
+  return (sessions_[token] = std::move(session)).get();
+}
+
+void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(from.request_id);
+  reply.mutable_status();
+  reply.mutable_close();
+  const auto found = sessions_.find(token);
+  if (found == sessions_.end()) return Reply(from, reply);  // closed already
+  Session* session = found->second.get();
+  session->pending_close = Session::PendingClose{from.sender, from.request_id};
+  if (session->in_flight().empty()) EndSession(session);
+}
+
+void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& request,
+                                      Frame payload, bool more_waiting) {
+  const JobFactory factory = FactoryFor(request.payload_case());
+  if (factory == nullptr) {
+    return Reply(from, Status(StatusCode::kUnsupported,
+                              "an environment worker answers Step, Reset, Query, Snapshot, Restore "
+                              "and Close"));
+  }
+  const auto found = sessions_.find(request.session_token());
+  if (found == sessions_.end() || found->second->pending_close) {
+    return Reply(from, Status(StatusCode::kSessionLost,
+                              "no such session: it was closed, its lease ran out, or it was opened "
+                              "on another worker"));
+  }
+  Session* session = found->second.get();
+  session->record().last_activity_ms.store(MonotonicMs(), std::memory_order_relaxed);
+
+  const auto running = session->in_flight().find(request.request_id());
+  if (running != session->in_flight().end()) {
+    RequestJob* job = running->second;
+    if (job->kind() == request.payload_case() && SameBytes(job->payload(), payload)) {
+      job->sender = from.sender;  // resent after a reconnection: one execution, one reply
+      return;
+    }
+    return Reply(from, InvalidArgument("request_id", std::to_string(request.request_id()),
+                                       "an id that is not under way with other contents"));
+  }
+  if (const Status status = Admit(*session, payload); !status.ok()) return Reply(from, status);
+  Result<std::unique_ptr<RequestJob>> job =
+      factory({session, &request, std::move(payload), executor_.threads()});
+  if (!job.ok()) return Reply(from, job.status());
+  (*job)->sender = from.sender;
+  (*job)->received = Clock::now();
+  const int64_t deadline_ms =
+      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
+  (*job)->deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  Start(std::move(*job), more_waiting);
+}
+
+Status Dispatcher::Admit(const Session& session, const Frame& payload) const {
+  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
+  auto& in_flight = const_cast<Session&>(session).in_flight();
+  if (in_flight.size() >= limits::kMaxRequestsInFlight) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the session has {} requests in flight, at most {}", in_flight.size(),
+                              limits::kMaxRequestsInFlight));
+  }
+  if (jobs_.size() >= limits::kMaxQueuedRequests ||
+      queued_bytes_ + payload.size() > kMaxQueuedBytes) {
+    return Status(
+        StatusCode::kLimitExceeded,
+        fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
+  }
+  return Status();
+}
+
+void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
+  RequestJob* job = owned.get();
+  Session& session = job->owner();
+  jobs_[job] = std::move(owned);
+  queued_bytes_ += job->payload().size();
+  session.in_flight()[job->request_id()] = job;
+  for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
+  const bool short_work = job->items == 0 || (job->items == 1 && job->priority == Priority::kLanes);
+  if (short_work && !more_waiting && executor_.idle()) {
+    executor_.RunHere(job);
+    Finish(job);
+  } else if (job->items == 0) {
+    job->Complete();
+    Finish(job);
+  } else {
+    executor_.Submit(job);
+  }
+}
+
+void Dispatcher::FinishCompleted() {
+  for (RequestJob* job : executor_.TakeCompleted()) Finish(job);
+}
+
+void Dispatcher::Finish(RequestJob* job) {
+  Session& session = job->owner();
+  for (const uint32_t lane : job->busy_lanes()) {
+    session.RefreshLane(lane);
+    session.lane(lane).busy = nullptr;
+  }
+  session.in_flight().erase(job->request_id());
+  session.record().steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
+  counters_.steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
+  counters_.query_rows.fetch_add(job->rows_done(), std::memory_order_relaxed);
+  if (job->failed()) counters_.errors.fetch_add(1, std::memory_order_relaxed);
+  const RoutingId receiver = std::move(job->sender);
+  Result<Message> reply = job->TakeReply();
+  send_(receiver, reply.ok() ? std::move(*reply) : ErrorReply(job->request_id(), reply.status()));
+  queued_bytes_ -= job->payload().size();
+  jobs_.erase(job);
+  if (session.pending_close && session.in_flight().empty()) EndSession(&session);
+}
+
+void Dispatcher::EndSession(Session* session) {
+  const std::optional<Session::PendingClose> close = session->pending_close;
+  session->record().state.store(SessionState::kClosed, std::memory_order_release);
+  const std::string token = session->token();
+  sessions_.erase(token);
+  if (!close) return;
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(close->request_id);
+  reply.mutable_status();
+  reply.mutable_close();
+  Reply({close->sender, close->request_id}, reply);
+}
+
+void Dispatcher::ReapIdleSessions() {
+  const int64_t oldest = MonotonicMs() - shared_.header().lease_ms;
+  std::vector<Session*> expired;
+  for (const auto& [token, session] : sessions_) {
+    const bool idle = session->in_flight().empty() &&
+                      session->record().last_activity_ms.load(std::memory_order_relaxed) < oldest;
+    if (idle) expired.push_back(session.get());
+  }
+  for (Session* session : expired) {
+    spdlog::info("session {} ends: its lease ran out", session->index());
+    EndSession(session);
+  }
+}
+
+}  // namespace b4mrl

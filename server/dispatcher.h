@@ -1,0 +1,77 @@
+// What an environment worker does with each message: finds the session, applies the rules of
+// exactly once and the limits, has the work executed, and answers every request exactly once.
+//
+// Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <unordered_map>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/wire/socket.h"
+#include "server/executor.h"
+#include "server/session.h"
+#include "server/shared_state.h"
+
+namespace b4mrl {
+
+class Dispatcher {
+ public:
+  using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
+
+  // `worker` is this worker's index. Everything passed in outlives the dispatcher.
+  Dispatcher(SharedState& shared, uint32_t worker, std::string models_folder, Executor& executor,
+             SendFunction send);
+  ~Dispatcher();
+
+  // Takes over the live sessions of this worker. Before the first message.
+  void AdoptSessions();
+  // `more_waiting`: other messages are there already, so the work goes to the pool at once.
+  void Handle(IncomingMessage incoming, bool more_waiting);
+  // Answers what the pool has finished.
+  void FinishCompleted();
+  // Ends sessions whose lease has run out.
+  void ReapIdleSessions();
+
+  // From now on new work is answered with kUnavailable.
+  void StopAccepting() { accepting_ = false; }
+  bool idle() const { return jobs_.empty(); }
+  size_t session_count() const { return sessions_.size(); }
+
+ private:
+  struct Envelope {
+    RoutingId sender;
+    uint64_t request_id = 0;
+  };
+  void Reply(const Envelope& to, const Status& error);
+  void Reply(const Envelope& to, const pb::Reply& reply);
+
+  void HandleAttach(const Envelope& from, const pb::AttachRequest& request);
+  // Builds the session of record `index`, or finds it built.
+  Result<Session*> Attach(uint32_t index);
+  void HandleClose(const Envelope& from, const std::string& token);
+  void HandleSessionRequest(const Envelope& from, const pb::Request& request, Frame payload,
+                            bool more_waiting);
+  // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.
+  Status Admit(const Session& session, const Frame& payload) const;
+  void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
+  void Finish(RequestJob* job);
+  void EndSession(Session* session);
+
+  SharedState& shared_;
+  uint32_t worker_;
+  std::string models_folder_;
+  Executor& executor_;
+  SendFunction send_;
+  ChildRecord& counters_;
+  bool accepting_ = true;
+  pb::Request request_;                                                 // reused by every message
+  std::unordered_map<std::string, std::unique_ptr<Session>> sessions_;  // by token
+  std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
+  size_t queued_bytes_ = 0;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,362 @@
+// The gateway: Hello, the catalogue, opening of sessions and the daemon's status. It keeps nothing
+// that it could not read from shared memory again, and no step passes through it.
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/random.h>
+#include <xxhash.h>
+
+#include <memory>
+#include <unordered_map>
+
+#include "proto/base/limits.h"
+#include "server/child.h"
+#include "server/describe.h"
+#include "server/environments/list.h"
+#include "server/session_table.h"
+#include "server/status_report.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kFlushMs = 1'000;
+constexpr int64_t kReapIntervalMs = 1'000;
+// An opening that no client repeats for this long is taken back.
+constexpr int64_t kAbandonedMs = 60'000;
+// An Attach that ends its worker is not sent a third time.
+constexpr uint32_t kMaxAttachAttempts = 2;
+
+// An Open that waits for its worker's acknowledgement.
+struct PendingOpen {
+  RoutingId sender;
+  uint64_t request_id = 0;
+  uint32_t session_index = 0;
+  uint32_t worker = 0;
+  uint32_t attempts = 1;
+  Deadline deadline = Deadline::AfterMs(0);
+};
+
+// The gateway's connection to an environment worker.
+struct WorkerLink {
+  DealerSocket socket;
+  uint32_t connections = 0;
+};
+
+class Gateway {
+ public:
+  Gateway(ChildContext& context, RouterSocket socket, std::vector<WorkerLink> links)
+      : context_(context),
+        socket_(std::move(socket)),
+        links_(std::move(links)),
+        table_(context.shared()),
+        status_(context.shared()) {}
+
+  void Run();
+
+ private:
+  struct Envelope {
+    RoutingId sender;
+    uint64_t request_id = 0;
+  };
+  void Handle(IncomingMessage incoming);
+  void HandleHello(const Envelope& from);
+  void HandleOpen(const Envelope& from, const pb::Request& request);
+  // Checks what needs no simulator and fills in what was left out.
+  Status CompleteOpen(const std::string& token, pb::OpenRequest* open) const;
+  Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open);
+  void SendAttach(uint64_t id, const PendingOpen& open);
+  void ReadWorker(uint32_t worker);
+  void FinishOpen(uint64_t id, const pb::Reply& attach);
+  void RepeatAttaches(uint32_t worker);
+  void DropExpiredOpens();
+  void Wait();
+
+  void Reply(const Envelope& to, const Status& error);
+  void Reply(const Envelope& to, pb::Reply reply);
+
+  ChildContext& context_;
+  RouterSocket socket_;
+  std::vector<WorkerLink> links_;
+  SessionTable table_;
+  StatusReport status_;
+  pb::Request request_;                              // reused
+  std::unordered_map<uint64_t, PendingOpen> opens_;  // by the Attach's request id
+  uint64_t next_attach_id_ = 1;
+};
+
+void Gateway::Reply(const Envelope& to, const Status& error) {
+  context_.record().errors.fetch_add(1, std::memory_order_relaxed);
+  pb::Reply reply;
+  SetStatus(error, reply.mutable_status());
+  Reply(to, std::move(reply));
+}
+
+void Gateway::Reply(const Envelope& to, pb::Reply reply) {
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(to.request_id);
+  reply.mutable_status();
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (!envelope.ok()) return Reply(to, envelope.status());
+  // A client that is gone asks again when it is back.
+  (void)socket_.Send(to.sender, Message{std::move(*envelope), Frame()});
+}
+
+void Gateway::Handle(IncomingMessage incoming) {
+  context_.record().requests.fetch_add(1, std::memory_order_relaxed);
+  Envelope from{std::move(incoming.sender), 0};
+  request_.Clear();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
+    return Reply(from, status);
+  }
+  from.request_id = request_.request_id();
+  if (request_.protocol_version() != limits::kProtocolVersion) {
+    return Reply(from, VersionMismatch(request_.protocol_version()));
+  }
+  pb::Reply reply;
+  switch (request_.payload_case()) {
+    case pb::Request::kHello:
+      return HandleHello(from);
+    case pb::Request::kCatalogue:
+      DescribeCatalogue(reply.mutable_catalogue());
+      return Reply(from, std::move(reply));
+    case pb::Request::kServerStatus:
+      status_.Fill(reply.mutable_server_status());
+      return Reply(from, std::move(reply));
+    case pb::Request::kOpen:
+      return HandleOpen(from, request_);
+    default:
+      return Reply(from, Status(StatusCode::kUnsupported,
+                                "the gateway answers Hello, Catalogue, ServerStatus and Open; what "
+                                "concerns a session goes to its worker's port"));
+  }
+}
+
+void Gateway::HandleHello(const Envelope& from) {
+  pb::Reply reply;
+  pb::HelloReply* hello = reply.mutable_hello();
+  hello->set_protocol_version(limits::kProtocolVersion);
+  hello->set_server_version(std::string(ServerVersion()));
+  hello->set_engine_version(EngineVersion());
+  hello->set_architecture("x86_64");
+  for (const char* capability : {"step", "query", "snapshot", "datasets", "status"}) {
+    hello->add_capabilities(capability);
+  }
+  pb::Limits* out = hello->mutable_limits();
+  out->set_max_envelope_bytes(limits::kMaxEnvelopeBytes);
+  out->set_max_payload_bytes(limits::kMaxPayloadBytes);
+  out->set_max_sessions(limits::kMaxSessions);
+  out->set_max_lanes_per_session(limits::kMaxLanesPerSession);
+  out->set_max_requests_in_flight(limits::kMaxRequestsInFlight);
+  out->set_max_query_rows(limits::kMaxQueryRows);
+  out->set_max_rows_per_batch(limits::kMaxRowsPerBatch);
+  out->set_session_lease_ms(static_cast<uint64_t>(context_.shared().header().lease_ms));
+  hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
+  hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
+  Reply(from, std::move(reply));
+}
+
+Status Gateway::CompleteOpen(const std::string& token, pb::OpenRequest* open) const {
+  if (token.size() != limits::kTokenBytes) {
+    return InvalidNumber("length of session_token", static_cast<double>(token.size()),
+                         std::to_string(limits::kTokenBytes));
+  }
+  if (open->num_envs() > limits::kMaxLanesPerSession) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("num_envs is {}, allowed: 0..{}", open->num_envs(),
+                              limits::kMaxLanesPerSession));
+  }
+  if (!pb::AutoresetMode_IsValid(open->autoreset_mode())) {
+    return InvalidNumber("autoreset_mode", open->autoreset_mode(), "0, 1 or 2");
+  }
+  if (open->observation_dtype() == pb::DTYPE_UNSPECIFIED) open->set_observation_dtype(pb::FLOAT32);
+  if (open->observation_dtype() != pb::FLOAT32 && open->observation_dtype() != pb::FLOAT64) {
+    return InvalidNumber("observation_dtype", open->observation_dtype(), "FLOAT32 or FLOAT64");
+  }
+  if (!open->has_seed()) {
+    uint64_t seed = 0;
+    if (getrandom(&seed, sizeof(seed), 0) != sizeof(seed)) {
+      return Status(StatusCode::kInternal, "the system gives no random numbers");
+    }
+    open->set_seed(seed >> 1);  // fits a signed integer everywhere
+  }
+  if (open->ByteSizeLong() > limits::kMaxOpenRequestBytes) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the Open request has {} bytes, at most {}", open->ByteSizeLong(),
+                              limits::kMaxOpenRequestBytes));
+  }
+  return Status();
+}
+
+Result<uint32_t> Gateway::FindOrAllocate(const std::string& token, const pb::OpenRequest& open) {
+  const std::string as_sent = open.SerializeAsString();
+  const uint64_t hash = XXH3_64bits(as_sent.data(), as_sent.size());
+  if (const std::optional<uint32_t> index = table_.Find(token)) {
+    if (context_.shared().session(*index).request_hash == hash) return *index;
+    return Status(StatusCode::kInvalidArgument,
+                  "session_token belongs to a session with other contents, allowed: a new token");
+  }
+  pb::OpenRequest complete = open;
+  B4MRL_RETURN_IF_ERROR(CompleteOpen(token, &complete));
+  const std::string bytes = complete.SerializeAsString();
+  return table_.Allocate({token, bytes, hash, complete.num_envs()});
+}
+
+void Gateway::HandleOpen(const Envelope& from, const pb::Request& request) {
+  if (context_.draining()) {
+    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  }
+  const Result<uint32_t> index = FindOrAllocate(request.session_token(), request.open());
+  if (!index.ok()) return Reply(from, index.status());
+  SessionRecord& record = context_.shared().session(*index);
+  record.last_activity_ms.store(MonotonicMs());
+  if (record.worker >= links_.size()) {
+    return Reply(from, Status(StatusCode::kSessionLost, "the session's record is damaged"));
+  }
+  const int64_t deadline_ms =
+      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
+  const uint64_t id = next_attach_id_++;
+  PendingOpen& open = opens_[id];
+  open.sender = from.sender;
+  open.request_id = from.request_id;
+  open.session_index = *index;
+  open.worker = record.worker;
+  open.deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  SendAttach(id, open);
+}
+
+void Gateway::SendAttach(uint64_t id, const PendingOpen& open) {
+  pb::Request request;
+  request.set_protocol_version(limits::kProtocolVersion);
+  request.set_request_id(id);
+  request.mutable_attach()->set_session_index(open.session_index);
+  Result<Frame> envelope = SerializeEnvelope(request);
+  // A full queue is a worker that does not read; it is replaced soon, and RepeatAttaches sends
+  // again.
+  if (envelope.ok()) (void)links_[open.worker].socket.Send({std::move(*envelope), Frame()});
+}
+
+void Gateway::ReadWorker(uint32_t worker) {
+  WorkerLink& link = links_[worker];
+  while (std::optional<Message> message = link.socket.TryReceive()) {
+    pb::Reply attach;
+    if (ParseEnvelope(message->envelope, &attach).ok()) FinishOpen(attach.request_id(), attach);
+  }
+  const uint32_t connections = link.socket.connections();
+  if (connections != link.connections) {
+    const bool first = link.connections == 0;
+    link.connections = connections;
+    // What the first connection had to wait for is still queued.
+    if (!first) RepeatAttaches(worker);
+  }
+}
+
+void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
+  const auto found = opens_.find(id);
+  if (found == opens_.end()) return;
+  const PendingOpen open = std::move(found->second);
+  opens_.erase(found);
+  const Envelope to{open.sender, open.request_id};
+  SessionRecord& record = context_.shared().session(open.session_index);
+  if (const Status status = GetStatus(attach.status()); !status.ok()) {
+    // Refused: no worker holds it. A live one (asked for again) keeps its record.
+    if (record.state == SessionState::kOpening) table_.Free(open.session_index);
+    return Reply(to, status);
+  }
+  table_.MakeLive(open.session_index);
+  pb::OpenRequest request;
+  if (!CheckSessionRecord(record).ok() ||
+      !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
+    return Reply(to, Status(StatusCode::kSessionLost, "the session's record is damaged"));
+  }
+  pb::Reply reply;
+  pb::OpenReply* out = reply.mutable_open();
+  out->set_environment(request.environment());
+  *out->mutable_perturbations() = attach.attach().perturbations();
+  out->set_num_envs(request.num_envs());
+  out->set_seed(request.seed());
+  out->set_autoreset_mode(request.autoreset_mode());
+  out->set_observation_dtype(request.observation_dtype());
+  out->set_config(attach.attach().config());
+  *out->mutable_info() = attach.attach().info();
+  const ChildOptions::Port& port = context_.options().worker_ports[open.worker];
+  out->mutable_port()->set_tcp(port.tcp);
+  out->mutable_port()->set_ipc(port.ipc);
+  out->set_experiment_id(attach.attach().experiment_id());
+  Reply(to, std::move(reply));
+}
+
+void Gateway::RepeatAttaches(uint32_t worker) {
+  for (auto it = opens_.begin(); it != opens_.end();) {
+    PendingOpen& open = it->second;
+    if (open.worker != worker) {
+      ++it;
+    } else if (open.attempts++ < kMaxAttachAttempts) {
+      SendAttach(it->first, open);
+      ++it;
+    } else {
+      Reply({open.sender, open.request_id},
+            Status(StatusCode::kInternal, "opening this session ended its worker twice"));
+      it = opens_.erase(it);
+    }
+  }
+}
+
+void Gateway::DropExpiredOpens() {
+  for (auto it = opens_.begin(); it != opens_.end();) {
+    if (!it->second.deadline.expired()) {
+      ++it;
+      continue;
+    }
+    // The record stays: the worker may still acknowledge, and the client may ask again.
+    Reply({it->second.sender, it->second.request_id},
+          Status(StatusCode::kDeadlineExceeded, "the worker did not acknowledge in time"));
+    it = opens_.erase(it);
+  }
+}
+
+void Gateway::Wait() {
+  std::vector<void*> sockets = {socket_.handle()};
+  for (const WorkerLink& link : links_) sockets.push_back(link.socket.handle());
+  // Reconnections of workers show on no socket here, so look for them often while somebody waits.
+  constexpr int64_t kWatchfulMs = 5;
+  WaitAnyReadable(sockets, opens_.empty() ? kBeatIntervalMs : kWatchfulMs);
+}
+
+void Gateway::Run() {
+  constexpr int kReceiveBurst = 64;
+  int64_t next_reap_ms = 0;
+  while (!context_.draining() || !opens_.empty()) {
+    for (int i = 0; i < kReceiveBurst; ++i) {
+      std::optional<IncomingMessage> incoming = socket_.TryReceive();
+      if (!incoming) break;
+      Handle(std::move(*incoming));
+    }
+    for (uint32_t worker = 0; worker < links_.size(); ++worker) ReadWorker(worker);
+    DropExpiredOpens();
+    if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
+      table_.Reap(kAbandonedMs);
+      status_.Sample();
+      next_reap_ms = now + kReapIntervalMs;
+    }
+    context_.Beat();
+    Wait();
+  }
+  socket_.LingerOnClose(kFlushMs);
+}
+
+}  // namespace
+
+Status RunGateway(ChildContext& context) {
+  Context sockets;
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints));
+  std::vector<WorkerLink> links;
+  for (const std::string& address : context.options().worker_addresses) {
+    B4MRL_ASSIGN_OR_RETURN(DealerSocket dealer, DealerSocket::Connect(sockets, address));
+    links.push_back({std::move(dealer)});
+  }
+  Gateway gateway(context, std::move(socket), std::move(links));
+  gateway.Run();
+  return Status();
+}
+
+}  // namespace b4mrl

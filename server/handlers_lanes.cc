@@ -1,0 +1,227 @@
+// Step and Reset: operations that move lanes on by one number.
+#include <fmt/format.h>
+
+#include "proto/base/limits.h"
+#include "server/fault_point.h"
+#include "server/handlers.h"
+#include "server/lane_selection.h"
+
+namespace b4mrl {
+namespace {
+
+class LaneJob : public RequestJob {
+ public:
+  LaneJob(HandlerInput& input, Operation operation)
+      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
+                   std::move(input.payload)),
+        operation_(operation) {
+    priority = Priority::kLanes;
+  }
+
+  // Validates the request and plans the reply.
+  Status Prepare(const pb::Request& request, uint32_t threads);
+
+  uint64_t steps_done() const override {
+    return operation_ == Operation::kStep && !failed() ? selection_.execute.size() : 0;
+  }
+
+ protected:
+  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  void FinishReply() override;
+
+ private:
+  Status ReadInputs();
+  void PlanReply();
+  Status Execute(uint32_t position, Environment& environment, WorkerThread& thread);
+  Status Compute(uint32_t position, Environment& environment, ConstLaneRecord before,
+                 LaneRecord after, WorkerThread& thread);
+  // Copies what is reported about a lane from its committed record to the reply.
+  void WriteOutcome(uint32_t position);
+
+  Operation operation_;
+  std::optional<ArrayReader> arrays_;
+  LaneSelection selection_;
+  TensorView actions_;               // of a step
+  std::span<const uint64_t> seeds_;  // of a reset; empty: none
+  struct {
+    size_t observations, rewards, terminated, truncated, cause, digests;
+  } offsets_{};
+  std::atomic<bool> any_ended_{false};
+};
+
+Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
+  B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
+  B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), operation_));
+  B4MRL_RETURN_IF_ERROR(ReadInputs());
+  PlanReply();
+  items = static_cast<uint32_t>(selection_.execute.size());
+  items_per_piece = owner().step_cost().ItemsPerPiece(items, threads);
+  // Every lane that is named stays untouched until the reply has left, the answered ones as well:
+  // their records are what the reply is made of.
+  busy_lanes_ = selection_.lanes;
+  if (selection_.execute.size() < selection_.lanes.size()) {
+    std::vector<bool> executes(selection_.lanes.size());
+    for (const uint32_t position : selection_.execute) executes[position] = true;
+    for (uint32_t position = 0; position < executes.size(); ++position) {
+      if (!executes[position]) WriteOutcome(position);
+    }
+  }
+  return Status();
+}
+
+Status LaneJob::ReadInputs() {
+  const size_t count = selection_.lanes.size();
+  if (operation_ == Operation::kReset) {
+    if (!arrays_->Has("seeds")) return Status();
+    B4MRL_ASSIGN_OR_RETURN(const TensorView seeds,
+                           arrays_->Require("seeds", {DType::kUint64}, {count}));
+    seeds_ = seeds.As<uint64_t>();
+    return Status();
+  }
+  const size_t action_size = owner().simulator().spec().action.size();
+  B4MRL_ASSIGN_OR_RETURN(actions_, arrays_->Require("actions", {DType::kFloat32, DType::kFloat64},
+                                                    {count, action_size}));
+  if (!AllFinite(actions_)) {
+    return InvalidArgument("actions", "NaN or infinity", "finite numbers");
+  }
+  for (const uint32_t position : selection_.execute) {
+    const uint32_t lane = selection_.lanes[position];
+    if (!owner().lane(lane).fresh) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("lane {} must be reset before it is stepped", lane));
+  }
+  return Status();
+}
+
+void LaneJob::PlanReply() {
+  const size_t count = selection_.lanes.size();
+  const size_t observation_size = owner().layout().observation_size;
+  ArrayLayout layout(reply_.mutable_arrays());
+  offsets_.observations =
+      layout.Add("observations", owner().observation_dtype(), {count, observation_size});
+  if (operation_ == Operation::kReset) {
+    reply_.mutable_reset();
+    offsets_.digests = layout.Add("digests", DType::kUint64, {count});
+  } else {
+    reply_.mutable_step();
+    offsets_.rewards = layout.Add("rewards", DType::kFloat64, {count});
+    offsets_.terminated = layout.Add("terminated", DType::kUint8, {count});
+    offsets_.truncated = layout.Add("truncated", DType::kUint8, {count});
+    offsets_.cause = layout.Add("cause", DType::kUint8, {count});
+    offsets_.digests = layout.Add("digests", DType::kUint64, {count});
+  }
+  reply_payload_ = layout.Allocate();
+}
+
+void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  Result<Simulator::Lease> environment = owner().simulator().Borrow();
+  if (!environment.ok()) return Fail(environment.status());
+  const Clock::time_point start = Clock::now();
+  for (uint32_t item = first; item < first + count; ++item) {
+    const uint32_t position = selection_.execute[item];
+    if (const Status status = Execute(position, **environment, thread); !status.ok()) {
+      Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
+      continue;
+    }
+    WriteOutcome(position);
+  }
+  owner().step_cost().Observe(1e6 * SecondsSince(start) / count);
+}
+
+Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThread& thread) {
+  const uint32_t lane = selection_.lanes[position];
+  const uint32_t global_lane = owner().global_lane(lane);
+  LaneSlot slot = owner().slot(lane);
+  const uint64_t number = slot.committed() + 1;
+  const ConstLaneRecord before = owner().committed_record(lane);
+  const LaneRecord after(owner().layout(), slot.idle_buffer().data());
+  if (slot.condemned()) {
+    B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(environment, before, after));
+  } else {
+    const ScopedMark mark(thread.mark, MarkKind::kLane, global_lane, number);
+    ReachFaultPoint(FaultPoint::kBeforeOperation, global_lane, number);
+    B4MRL_RETURN_IF_ERROR(Compute(position, environment, before, after, thread));
+  }
+  ReachFaultPoint(FaultPoint::kSlotHalfWritten, global_lane, number, after.bytes());
+  slot.Commit(operation_, owner().layout().bytes());
+  ReachFaultPoint(FaultPoint::kAfterCommit, global_lane, number);
+  return Status();
+}
+
+Status LaneJob::Compute(uint32_t position, Environment& environment, ConstLaneRecord before,
+                        LaneRecord after, WorkerThread& thread) {
+  const LaneStepper& stepper = owner().stepper();
+  if (operation_ == Operation::kReset) {
+    std::optional<uint64_t> seed;
+    if (!seeds_.empty()) seed = seeds_[position];
+    return stepper.Reset(environment, before, seed, after);
+  }
+  const size_t action_size = stepper.spec().action.size();
+  thread.action.resize(action_size);
+  CopyToDoubles(actions_, position * action_size, thread.action);
+  return stepper.Step(environment, before, thread.action, after);
+}
+
+void LaneJob::WriteOutcome(uint32_t position) {
+  const ConstLaneRecord record = owner().committed_record(selection_.lanes[position]);
+  const LaneHeader& header = record.header();
+  WriteRow(reply_payload_, offsets_.observations, owner().observation_dtype(), position,
+           record.observation());
+  ArrayAt<uint64_t>(reply_payload_, offsets_.digests, position + 1)[position] = header.digest;
+  if (operation_ == Operation::kReset) return;
+  const auto byte_at = [&](size_t offset) -> uint8_t& {
+    return ArrayAt<uint8_t>(reply_payload_, offset, position + 1)[position];
+  };
+  ArrayAt<double>(reply_payload_, offsets_.rewards, position + 1)[position] = header.reward;
+  byte_at(offsets_.terminated) = header.terminated;
+  byte_at(offsets_.truncated) = header.truncated;
+  byte_at(offsets_.cause) = static_cast<uint8_t>(header.cause);
+  if (header.episode_ended != 0) any_ended_.store(true, std::memory_order_relaxed);
+}
+
+// Episodes end rarely, so what is known of ended ones only joins the payload when there are any:
+// their arrays go behind the others, which keep their places.
+void LaneJob::FinishReply() {
+  if (!any_ended_.load(std::memory_order_relaxed)) return;
+  std::vector<uint32_t> ended;
+  for (uint32_t position = 0; position < selection_.lanes.size(); ++position) {
+    const uint32_t lane = selection_.lanes[position];
+    if (owner().committed_record(lane).header().episode_ended != 0) ended.push_back(position);
+  }
+  const DType dtype = owner().observation_dtype();
+  const Frame planned = std::move(reply_payload_);
+  ArrayLayout layout(reply_.mutable_arrays(), planned.size());
+  const size_t lanes = layout.Add("final_lanes", DType::kUint32, {ended.size()});
+  const size_t observations =
+      layout.Add("final_observations", dtype, {ended.size(), owner().layout().observation_size});
+  const size_t returns = layout.Add("final_returns", DType::kFloat64, {ended.size()});
+  const size_t lengths = layout.Add("final_lengths", DType::kUint32, {ended.size()});
+  reply_payload_ = layout.Allocate();
+  std::memcpy(reply_payload_.data(), planned.data(), planned.size());
+  for (size_t i = 0; i < ended.size(); ++i) {
+    const ConstLaneRecord record = owner().committed_record(selection_.lanes[ended[i]]);
+    ArrayAt<uint32_t>(reply_payload_, lanes, ended.size())[i] = ended[i];
+    ArrayAt<double>(reply_payload_, returns, ended.size())[i] = record.header().final_return;
+    ArrayAt<uint32_t>(reply_payload_, lengths, ended.size())[i] =
+        static_cast<uint32_t>(record.header().final_length);
+    WriteRow(reply_payload_, observations, dtype, i, record.final_observation());
+  }
+}
+
+Result<std::unique_ptr<RequestJob>> NewLaneJob(HandlerInput input, Operation operation) {
+  auto job = std::make_unique<LaneJob>(input, operation);
+  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request, input.threads));
+  return std::unique_ptr<RequestJob>(std::move(job));
+}
+
+}  // namespace
+
+Result<std::unique_ptr<RequestJob>> NewStepJob(HandlerInput input) {
+  return NewLaneJob(std::move(input), Operation::kStep);
+}
+
+Result<std::unique_ptr<RequestJob>> NewResetJob(HandlerInput input) {
+  return NewLaneJob(std::move(input), Operation::kReset);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,78 @@
+#include "server/request_job.h"
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+
+RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id,
+                       Frame frame)
+    : owner_(owner), kind_(kind), request_id_(request_id), payload_(std::move(frame)) {
+  session = owner->index();
+}
+
+bool RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
+  const Clock::time_point start = Clock::now();
+  int64_t unset = -1;
+  started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
+  if (piece.expired) {
+    Fail(Status(StatusCode::kDeadlineExceeded, "the deadline passed before anything was executed"));
+  } else {
+    RunItems(piece.first, piece.count, thread);
+  }
+  return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == items;
+}
+
+void RequestJob::Fail(Status status) {
+  std::lock_guard lock(error_mutex_);
+  if (error_.ok()) error_ = std::move(status);
+  failed_.store(true, std::memory_order_release);
+}
+
+void RequestJob::Complete() {
+  const Clock::time_point simulated = Clock::now();
+  reply_.set_protocol_version(limits::kProtocolVersion);
+  reply_.set_request_id(request_id_);
+  if (!failed()) FinishReply();
+  if (failed()) {
+    reply_.clear_arrays();
+    reply_.clear_payload();
+    reply_payload_ = Frame();
+    std::lock_guard lock(error_mutex_);
+    SetStatus(error_, reply_.mutable_status());
+  }
+  const int64_t queued_us = std::max<int64_t>(0, started_us_.load(std::memory_order_relaxed));
+  pb::Timing* timing = reply_.mutable_timing();
+  timing->set_queued_us(static_cast<uint32_t>(queued_us));
+  timing->set_simulating_us(
+      static_cast<uint32_t>(MicrosecondsBetween(received, simulated) - queued_us));
+  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(simulated, Clock::now())));
+}
+
+Result<Message> RequestJob::TakeReply() {
+  B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(reply_));
+  return Message{std::move(envelope), std::move(reply_payload_)};
+}
+
+ScopedMark::ScopedMark(ThreadMark* mark, MarkKind kind, uint32_t index, uint64_t number)
+    : mark_(mark) {
+  mark->lane.store(index, std::memory_order_relaxed);
+  mark->session.store(index, std::memory_order_relaxed);
+  mark->number.store(number, std::memory_order_relaxed);
+  mark->since_ms.store(MonotonicMs(), std::memory_order_relaxed);
+  mark->kind.store(kind, std::memory_order_release);
+}
+
+Message ErrorReply(uint64_t request_id, const Status& status) {
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(request_id);
+  SetStatus(status, reply.mutable_status());
+  // An error text quotes at most a few names of the request, which itself fits an envelope.
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (envelope.ok()) return {std::move(*envelope), Frame()};
+  reply.mutable_status()->set_message("the error message is too long for an envelope");
+  envelope = SerializeEnvelope(reply);
+  return {envelope.ok() ? std::move(*envelope) : Frame(), Frame()};
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,72 @@
+#include "server/serve_main.h"
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include "server/child.h"
+#include "server/dataset_worker.h"
+#include "server/importer.h"
+#include "server/options.h"
+#include "server/supervisor.h"
+
+namespace b4mrl {
+#ifdef B4MRL_WITHOUT_DATASETS
+int RunDatasetWorker(const DatasetWorkerOptions& options) {
+  while (!options.drain->load()) {
+    ++*options.heartbeat;
+    usleep(100'000);
+  }
+  return 0;
+}
+int RunImporter(const ImporterOptions&) { return 1; }
+#endif
+namespace {
+
+int ServeDatasets(ChildContext& context) {
+  DatasetWorkerOptions options;
+  options.endpoints = context.options().endpoints;
+  options.data_folder = context.options().data_folder;
+  options.heartbeat = &context.record().heartbeat;
+  options.requests = &context.record().requests;
+  options.errors = &context.record().errors;
+  options.drain = &context.shared().header().draining;
+  return RunDatasetWorker(options);
+}
+
+int RunChild(CommandLine line) {
+  const std::string name = line.child.role == "worker"
+                               ? ChildName(kFirstWorkerChild + line.child.index)
+                               : line.child.role;
+  spdlog::default_logger()->set_pattern("b4mrl " + name + ": %v");
+  Result<SharedState> shared = SharedState::Map(line.shared_memory_fd);
+  if (!shared.ok()) {
+    spdlog::error(shared.status().ToString());
+    return kExitBadInput;
+  }
+  ChildContext context(std::move(line.child), std::move(*shared));
+  const std::string& role = context.options().role;
+  if (role == "dataset-worker") return ServeDatasets(context);
+  const Status status = role == "gateway"  ? RunGateway(context)
+                        : role == "worker" ? RunWorker(context)
+                                           : InvalidArgument("--role", role, "a known role");
+  if (status.ok()) return kExitDone;
+  spdlog::error(status.ToString());
+  return kExitBadInput;
+}
+
+}  // namespace
+
+int ServeMain(int argc, char** argv) {
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
+  spdlog::default_logger()->set_pattern("b4mrl serve: %v");
+  int exit_code = kExitDone;
+  std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);
+  if (!line) return exit_code;
+  if (line->child.role == "importer") {
+    return RunImporter({line->importer_file, line->importer_cache});
+  }
+  return line->is_child ? RunChild(std::move(*line)) : RunSupervisor(line->serve);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,135 @@
+#include "server/session.h"
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include <algorithm>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr double kPieceUs = 500;
+constexpr double kShortestPieceUs = 60;  // below this, sharing out costs more than it gains
+
+Result<LaneStepper> OpenStepper(const pb::OpenRequest& request, const std::string& models_folder) {
+  SimulatorRequest simulator_request;
+  simulator_request.environment = request.environment();
+  for (const pb::NamedArgument& item : request.perturbations()) {
+    simulator_request.perturbations.push_back({item.name(), item.argument()});
+  }
+  simulator_request.config = request.config();
+  simulator_request.models_folder = models_folder;
+  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator,
+                         Simulator::Open(simulator_request));
+  return LaneStepper::Create(std::move(simulator),
+                             static_cast<AutoresetMode>(request.autoreset_mode()));
+}
+
+}  // namespace
+
+Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t number,
+                              Operation operation) {
+  if (status.busy != nullptr) {
+    return Status(StatusCode::kBusy,
+                  fmt::format("lane {} executes another request; one at a time", lane));
+  }
+  if (number == status.committed + 1) return LaneVerdict::kExecute;
+  if (number > status.committed) {
+    return Status(StatusCode::kGap,
+                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
+                              number, status.committed + 1, status.committed));
+  }
+  if (number < status.committed || number == 0) {
+    return Status(StatusCode::kStale,
+                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
+                              number, status.committed + 1, status.committed));
+  }
+  if (status.operation != operation) {
+    return Status(StatusCode::kStale,
+                  fmt::format("number {} of lane {} was {}, not {}", number, lane,
+                              OperationName(status.operation), OperationName(operation)));
+  }
+  return LaneVerdict::kAnswerFromSlot;
+}
+
+void ItemCost::Observe(double us_per_item) {
+  constexpr float kWeight = 0.1f;
+  // Threads may overwrite each other's update; any of them is as good.
+  const float before = us_.load(std::memory_order_relaxed);
+  us_.store(before + kWeight * (static_cast<float>(us_per_item) - before),
+            std::memory_order_relaxed);
+}
+
+uint32_t ItemCost::ItemsPerPiece(uint32_t items, uint32_t threads) const {
+  const double item_us = std::max(0.1, static_cast<double>(us_.load(std::memory_order_relaxed)));
+  const double fair_us = items * item_us / std::max(threads, 1u);
+  const double piece_us = std::clamp(fair_us, kShortestPieceUs, kPieceUs);
+  return std::clamp(static_cast<uint32_t>(piece_us / item_us + 0.5), 1u, std::max(items, 1u));
+}
+
+Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,
+                                                const std::string& models_folder) {
+  const SessionRecord& record = shared.session(index);
+  B4MRL_RETURN_IF_ERROR(CheckSessionRecord(record));
+  pb::OpenRequest request;
+  if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
+    return Status(StatusCode::kDataLoss, "the session's request is damaged");
+  }
+  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(request, models_folder));
+  std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
+  session->token_ = std::string(SessionToken(record));
+  session->generation_ = record.generation.load();
+  session->first_lane_ = record.first_lane.load();
+  session->lanes_.resize(record.lane_count.load());
+  session->observation_dtype_ =
+      request.observation_dtype() == pb::FLOAT64 ? DType::kFloat64 : DType::kFloat32;
+  session->request_ = std::move(request);
+  session->NameExperiment();
+  if (record.state.load() == SessionState::kOpening) {
+    session->InitializeLanes();
+  } else {
+    B4MRL_RETURN_IF_ERROR(session->AdoptLanes());
+  }
+  return session;
+}
+
+void Session::InitializeLanes() {
+  for (uint32_t lane = 0; lane < lane_count(); ++lane) {
+    LaneSlot memory = slot(lane);
+    stepper_.Initialize(request_.seed() + lane,
+                        LaneRecord(layout(), memory.initial_buffer().data()));
+    memory.Initialize(generation_, layout().bytes());
+  }
+}
+
+Status Session::AdoptLanes() {
+  for (uint32_t lane = 0; lane < lane_count(); ++lane) {
+    const LaneSlot memory = slot(lane);
+    const std::string context = fmt::format("lane {}", lane);
+    Status status = memory.Verify(generation_, layout().bytes());
+    if (status.ok()) status = CheckLaneRecord(layout(), memory.committed_record());
+    if (!status.ok()) return status.WithContext(context);
+    RefreshLane(lane);
+  }
+  return Status();
+}
+
+void Session::RefreshLane(uint32_t lane) {
+  const LaneSlot memory = slot(lane);
+  LaneStatus& status = lanes_[lane];
+  status.committed = memory.committed();
+  status.operation = memory.committed_operation();
+  status.fresh = committed_record(lane).header().phase == LanePhase::kFresh;
+}
+
+void Session::NameExperiment() {
+  const std::string text = fmt::format(
+      "{}\nseed {} lanes {} mode {} dtype {}", simulator().identity(), request_.seed(),
+      lane_count(), static_cast<int>(request_.autoreset_mode()), DTypeName(observation_dtype_));
+  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
+  experiment_id_ = fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,92 @@
+// An environment worker's main loop: one thread that owns the socket, and a pool that simulates.
+#include <spdlog/spdlog.h>
+
+#include "proto/base/limits.h"
+#include "server/child.h"
+#include "server/dispatcher.h"
+#include "server/executor.h"
+
+namespace b4mrl {
+namespace {
+
+// Messages taken from the socket before completed work is answered.
+constexpr int kReceiveBurst = 64;
+constexpr int64_t kFlushMs = 1'000;
+constexpr int64_t kReapIntervalMs = 1'000;
+
+class Worker {
+ public:
+  Worker(ChildContext& context, RouterSocket socket)
+      : context_(context),
+        socket_(std::move(socket)),
+        executor_(context.options().threads, context.shared().marks(context.options().index)),
+        dispatcher_(context.shared(), context.options().index, context.options().models_folder,
+                    executor_, [this](const RoutingId& receiver, Message reply) {
+                      Send(receiver, std::move(reply));
+                    }) {}
+
+  Status Run();
+
+ private:
+  void Send(const RoutingId& receiver, Message reply);
+  void ReceiveBurst();
+
+  ChildContext& context_;
+  RouterSocket socket_;
+  Executor executor_;
+  Dispatcher dispatcher_;
+};
+
+void Worker::Send(const RoutingId& receiver, Message reply) {
+  const Status status = socket_.Send(receiver, std::move(reply));
+  // A client that is gone asks again when it is back; the slots have its answer.
+  if (status.ok() || status.code() == StatusCode::kUnavailable) return;
+  context_.record().errors.fetch_add(1, std::memory_order_relaxed);
+}
+
+void Worker::ReceiveBurst() {
+  std::optional<IncomingMessage> next = socket_.TryReceive();
+  for (int i = 0; i < kReceiveBurst && next; ++i) {
+    IncomingMessage current = std::move(*next);
+    next = i + 1 < kReceiveBurst ? socket_.TryReceive() : std::nullopt;
+    dispatcher_.Handle(std::move(current), next.has_value());
+  }
+}
+
+Status Worker::Run() {
+  dispatcher_.AdoptSessions();
+  const int completion_fd = executor_.completion_fd();
+  int64_t next_reap_ms = 0;
+  while (true) {
+    ReceiveBurst();
+    dispatcher_.FinishCompleted();
+    if (executor_.healthy()) context_.Beat();
+    if (context_.draining()) {
+      dispatcher_.StopAccepting();
+      if (dispatcher_.idle()) break;
+    }
+    if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
+      dispatcher_.ReapIdleSessions();
+      next_reap_ms = now + kReapIntervalMs;
+    }
+    WaitReadable(socket_.handle(), {&completion_fd, 1}, kBeatIntervalMs);
+  }
+  socket_.LingerOnClose(kFlushMs);
+  return Status();
+}
+
+}  // namespace
+
+Status RunWorker(ChildContext& context) {
+  InstallCrashRecorder();
+  if (context.options().index >= context.shared().worker_count()) {
+    return InvalidNumber("--index", context.options().index, "below the number of workers");
+  }
+  Context sockets;
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints));
+  Worker worker(context, std::move(socket));
+  return worker.Run();
+}
+
+}  // namespace b4mrl
