@@ -125,7 +125,10 @@ Result<ArrayReader> ArrayReader::Parse(const google::protobuf::RepeatedPtrField<
   }
   ArrayReader reader;
   const std::byte* base = payload.data();
-  if (table.size() > 0 && reinterpret_cast<uintptr_t>(base) % sizeof(uint64_t) != 0) {
+  // Small messages lie inside the frame object itself, which may move while its views live on.
+  const bool may_move = payload.size() <= sizeof(zmq_msg_t);
+  const bool unaligned = reinterpret_cast<uintptr_t>(base) % sizeof(uint64_t) != 0;
+  if (table.size() > 0 && (may_move || unaligned)) {
     reader.aligned_copy_.resize((payload.size() + 7) / 8);
     std::memcpy(reader.aligned_copy_.data(), base, payload.size());
     base = reinterpret_cast<const std::byte*>(reader.aligned_copy_.data());

@@ -80,7 +80,7 @@ std::span<T> ArrayAt(Frame& payload, size_t offset, size_t count) {
 }
 
 // Validated access to the arrays of a received message. Holds views into `payload`, which must
-// outlive it, except where the bytes had to be copied to be aligned.
+// outlive it (and may be moved), except where the bytes had to be copied to be aligned.
 class ArrayReader {
  public:
   // Refuses tables with too many arrays or dimensions, duplicate names, unknown types, misaligned

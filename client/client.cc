@@ -1,0 +1,161 @@
+#include "client/client.h"
+
+#include <fmt/format.h>
+#include <sys/random.h>
+
+#include <utility>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr char kClientName[] = "b4mrl-cpp";
+
+std::string DrawToken() {
+  std::string token(limits::kTokenBytes, '\0');
+  // At most 256 bytes are never interrupted nor cut short (getrandom(2)).
+  (void)!getrandom(token.data(), token.size(), 0);
+  return token;
+}
+
+void AddNamedArguments(const std::vector<NamedArgument>& items,
+                       google::protobuf::RepeatedPtrField<pb::NamedArgument>* out) {
+  for (const NamedArgument& item : items) {
+    pb::NamedArgument* entry = out->Add();
+    entry->set_name(item.name);
+    entry->set_argument(item.argument);
+  }
+}
+
+SpaceSpec SpaceOf(const pb::Space& space) {
+  SpaceSpec spec;
+  spec.shape.assign(space.shape().begin(), space.shape().end());
+  for (const pb::Dimension& dimension : space.dimensions()) {
+    spec.dimensions.push_back(
+        {dimension.name(), dimension.unit(), dimension.low(), dimension.high()});
+  }
+  return spec;
+}
+
+}  // namespace
+
+EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
+  EnvironmentSpec spec;
+  spec.name = info.name();
+  spec.observation = SpaceOf(info.observation());
+  spec.action = SpaceOf(info.action());
+  spec.reward = info.reward();
+  spec.max_episode_steps = info.max_episode_steps();
+  spec.step_seconds = info.step_seconds();
+  if (info.has_reference_min()) spec.reference_min = info.reference_min();
+  if (info.has_reference_max()) spec.reference_max = info.reference_max();
+  return spec;
+}
+
+Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms) {
+  auto context = std::make_unique<Context>();
+  B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, ""));
+  Client client(std::move(context), endpoint, std::move(gateway));
+  pb::Request request;
+  request.mutable_hello()->set_client(kClientName);
+  Result<ReceivedReply> reply =
+      client.gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(deadline_ms));
+  if (!reply.ok()) return reply.status().WithContext(endpoint);
+  client.hello_ = reply->envelope.hello();
+  if (client.hello_.protocol_version() != limits::kProtocolVersion) {
+    return Status(StatusCode::kVersionMismatch,
+                  fmt::format("the server speaks protocol {}, this client {}",
+                              client.hello_.protocol_version(), limits::kProtocolVersion));
+  }
+  return client;
+}
+
+Result<pb::CatalogueReply> Client::Catalogue() {
+  pb::Request request;
+  request.mutable_catalogue();
+  B4MRL_ASSIGN_OR_RETURN(
+      ReceivedReply reply,
+      gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+  return std::move(*reply.envelope.mutable_catalogue());
+}
+
+Result<pb::ServerStatusReply> Client::ServerStatus() {
+  pb::Request request;
+  request.mutable_server_status();
+  B4MRL_ASSIGN_OR_RETURN(
+      ReceivedReply reply,
+      gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+  return std::move(*reply.envelope.mutable_server_status());
+}
+
+Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, Catalogue());
+  std::vector<std::string> names;
+  for (const pb::EnvironmentInfo& info : catalogue.environments()) {
+    if (info.name() == name) return SpecOf(info);
+    names.push_back(info.name());
+  }
+  return UnknownName("environment", name, names);
+}
+
+Result<std::string> Client::AddressOf(const pb::Port& port) const {
+  if (!port.ipc().empty() && endpoint_.starts_with("ipc://")) return "ipc://" + port.ipc();
+  B4MRL_ASSIGN_OR_RETURN(const TcpAddress gateway, ParseTcpAddress(endpoint_));
+  return fmt::format("tcp://{}:{}", gateway.host, port.tcp());
+}
+
+Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {
+  pb::Request request;
+  pb::OpenRequest* open = request.mutable_open();
+  open->set_environment(environment);
+  AddNamedArguments(options.simulator, open->mutable_perturbations());
+  open->set_num_envs(options.num_envs);
+  if (options.seed) open->set_seed(*options.seed);
+  open->set_autoreset_mode(static_cast<pb::AutoresetMode>(options.autoreset_mode));
+  open->set_observation_dtype(static_cast<pb::DType>(options.observation_dtype));
+  open->set_config(options.config);
+
+  // The session's token goes with Open, which the gateway answers, and with all that the worker
+  // answers.
+  const std::string token = DrawToken();
+  B4MRL_ASSIGN_OR_RETURN(Connection opener, Connection::Open(*context_, endpoint_, token));
+  B4MRL_ASSIGN_OR_RETURN(ReceivedReply reply, opener.Call(std::move(request), Frame(),
+                                                          Deadline::AfterMs(options.deadline_ms)));
+  pb::OpenReply& in_force = *reply.envelope.mutable_open();
+  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(in_force.port()));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, token));
+  EnvironmentSpec spec = SpecOf(in_force.info());
+  return RemoteEnvironment(std::move(worker), std::move(in_force), std::move(spec),
+                           options.deadline_ms);
+}
+
+Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
+  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(hello_.dataset_port()));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, ""));
+  pb::Request request;
+  request.mutable_list_datasets();
+  B4MRL_ASSIGN_OR_RETURN(
+      const ReceivedReply reply,
+      worker.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+  const auto& datasets = reply.envelope.list_datasets().datasets();
+  return std::vector<pb::DatasetInfo>(datasets.begin(), datasets.end());
+}
+
+Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOptions options) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(hello_.dataset_port()));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, ""));
+  pb::Request request;
+  pb::OpenDatasetRequest* open = request.mutable_open_dataset();
+  open->set_dataset(dataset);
+  AddNamedArguments(options.corruption, open->mutable_corruptions());
+  open->set_seed(options.seed);
+  open->set_transition_rule(options.transition_rule);
+  B4MRL_ASSIGN_OR_RETURN(
+      ReceivedReply reply,
+      worker.Call(std::move(request), Frame(), Deadline::AfterMs(options.open_deadline_ms)));
+  return RemoteDataset(std::move(worker), std::move(*reply.envelope.mutable_open_dataset()),
+                       options.deadline_ms);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,61 @@
+// The entrance to a daemon: says Hello, lists what there is, opens sessions and datasets.
+//
+//   auto client = b4mrl::Client::Connect("tcp://127.0.0.1:7700");
+//   auto env = client->Make("HalfCheetah", {.simulator = {{"gravity", ""}}, .num_envs = 64});
+//
+// Errors are Status values with the server's own words: kUnavailable (cannot be reached),
+// kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. Thread rule:
+// one thread at a time. Sessions and datasets that it made are independent of it and of each other,
+// each for one thread; the Client must outlive them.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "client/connection.h"
+#include "client/remote_dataset.h"
+#include "client/remote_environment.h"
+#include "proto/b4mrl.pb.h"
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class Client {
+ public:
+  // Waits for the server's Hello, at most `deadline_ms`.
+  static Result<Client> Connect(const std::string& endpoint,
+                                int64_t deadline_ms = limits::kDefaultDeadlineMs);
+
+  const pb::HelloReply& hello() const { return hello_; }
+  Result<pb::CatalogueReply> Catalogue();
+  Result<pb::ServerStatusReply> ServerStatus();
+  // The specification of one environment, without opening it.
+  Result<EnvironmentSpec> FindEnvironment(std::string_view name);
+
+  Result<RemoteEnvironment> Make(const std::string& environment, EnvironmentOptions options = {});
+
+  Result<std::vector<pb::DatasetInfo>> ListDatasets();
+  Result<RemoteDataset> OpenDataset(const std::string& dataset, DatasetOptions options = {});
+
+ private:
+  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway)
+      : context_(std::move(context)),
+        endpoint_(std::move(endpoint)),
+        gateway_(std::move(gateway)) {}
+  Result<std::string> AddressOf(const pb::Port& port) const;
+
+  std::unique_ptr<Context> context_;
+  std::string endpoint_;
+  Connection gateway_;
+  pb::HelloReply hello_;
+};
+
+// The wire's description of an environment as the type that both sides use.
+EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info);
+
+}  // namespace b4mrl

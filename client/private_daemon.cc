@@ -1,0 +1,168 @@
+#include "client/private_daemon.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <utility>
+
+#include "proto/base/clock.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string FindBinary(const PrivateDaemonOptions& options) {
+  if (!options.binary.empty()) return options.binary;
+  if (const char* path = std::getenv("B4MRL_SERVER"); path != nullptr && *path != '\0') return path;
+  std::error_code error;
+  const fs::path self = fs::read_symlink("/proc/self/exe", error);
+  return error ? "b4mrl-serve" : (self.parent_path() / "b4mrl-serve").string();
+}
+
+Result<std::string> MakeFolder() {
+  const char* base = std::getenv("TMPDIR");
+  std::string path =
+      fmt::format("{}/b4mrl-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp");
+  if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
+  return path;
+}
+
+std::vector<std::string> CommandLine(const PrivateDaemonOptions& options, const std::string& binary,
+                                     const std::string& folder) {
+  std::vector<std::string> words = {
+      binary, "--bind", options.tcp ? "tcp://127.0.0.1:0" : "ipc://" + folder + "/serve"};
+  if (!options.data_folder.empty()) {
+    words.insert(words.end(), {"--data", options.data_folder});
+  }
+  words.insert(words.end(), options.arguments.begin(), options.arguments.end());
+  return words;
+}
+
+std::vector<char*> Pointers(std::vector<std::string>& words) {
+  std::vector<char*> pointers;
+  for (std::string& word : words) pointers.push_back(word.data());
+  pointers.push_back(nullptr);
+  return pointers;
+}
+
+std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
+  // getenv finds the first of a name, so the added ones go in front.
+  std::vector<std::string> variables = options.environment;
+  for (char** entry = environ; *entry != nullptr; ++entry) variables.emplace_back(*entry);
+  return variables;
+}
+
+// Between fork and exec: only async-signal-safe calls.
+[[noreturn]] void RunChild(int output, pid_t parent, const char* binary, char* const* arguments,
+                           char* const* variables) {
+  prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (getppid() != parent) _exit(127);  // the parent died before the line above
+  // A terminal's Ctrl-C is for the command; it ends its daemon in order.
+  setpgid(0, 0);
+  dup2(output, STDOUT_FILENO);
+  execve(binary, arguments, variables);
+  _exit(127);
+}
+
+// Reads the child's stdout up to "ready ENDPOINT\n"; "" when it ended or the deadline passed.
+std::string AwaitReady(int output, const Deadline& deadline) {
+  std::string text;
+  while (!deadline.expired() && text.size() < 4096) {
+    pollfd item = {output, POLLIN, 0};
+    if (poll(&item, 1, static_cast<int>(deadline.remaining_ms())) <= 0) continue;
+    char buffer[256];
+    const ssize_t count = read(output, buffer, sizeof(buffer));
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) return "";
+    text.append(buffer, static_cast<size_t>(count));
+    const size_t start = text.find("ready ");
+    const size_t end = start == std::string::npos ? start : text.find('\n', start);
+    if (end != std::string::npos) return text.substr(start + 6, end - start - 6);
+  }
+  return "";
+}
+
+}  // namespace
+
+Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) {
+  const std::string binary = FindBinary(options);
+  if (access(binary.c_str(), X_OK) != 0) {
+    return Status(StatusCode::kUnavailable,
+                  fmt::format("cannot run the server '{}': {}", binary, std::strerror(errno)));
+  }
+  PrivateDaemon daemon;
+  if (!options.tcp) {
+    B4MRL_ASSIGN_OR_RETURN(daemon.folder_, MakeFolder());
+  }
+  std::vector<std::string> words = CommandLine(options, binary, daemon.folder_);
+  std::vector<std::string> variables = Environment(options);
+  const std::vector<char*> arguments = Pointers(words);
+  const std::vector<char*> environment = Pointers(variables);
+  int output[2];
+  if (pipe2(output, O_CLOEXEC) != 0) return IoError("make", "a pipe", errno);
+  const pid_t parent = getpid();
+  daemon.process_id_ = fork();
+  if (daemon.process_id_ == 0) {
+    RunChild(output[1], parent, binary.c_str(), arguments.data(), environment.data());
+  }
+  const int fork_error = errno;
+  close(output[1]);
+  if (daemon.process_id_ < 0) {
+    close(output[0]);
+    return IoError("start", binary, fork_error);
+  }
+  daemon.endpoint_ = AwaitReady(output[0], Deadline::AfterMs(options.ready_deadline_ms));
+  close(output[0]);
+  if (daemon.endpoint_.empty()) {
+    return Status(
+        StatusCode::kUnavailable,
+        fmt::format("the server '{}' did not get ready; its messages are on stderr", binary));
+  }
+  return daemon;
+}
+
+PrivateDaemon::PrivateDaemon(PrivateDaemon&& other) noexcept { *this = std::move(other); }
+
+PrivateDaemon& PrivateDaemon::operator=(PrivateDaemon&& other) noexcept {
+  std::swap(process_id_, other.process_id_);
+  std::swap(endpoint_, other.endpoint_);
+  std::swap(folder_, other.folder_);
+  return *this;
+}
+
+PrivateDaemon::~PrivateDaemon() {
+  Stop();
+  std::error_code error;
+  if (!folder_.empty()) fs::remove_all(folder_, error);
+}
+
+int PrivateDaemon::Stop(int64_t deadline_ms) {
+  if (process_id_ <= 0) return 0;
+  kill(process_id_, SIGTERM);
+  const Deadline deadline = Deadline::AfterMs(deadline_ms);
+  int exit_status = 0;
+  bool killed = false;
+  while (true) {
+    const pid_t ended = waitpid(process_id_, &exit_status, WNOHANG);
+    if (ended == process_id_ || (ended < 0 && errno != EINTR)) break;
+    if (deadline.expired() && !killed) {
+      kill(process_id_, SIGKILL);
+      killed = true;
+    }
+    poll(nullptr, 0, 5);  // waitpid has no deadline of its own
+  }
+  process_id_ = -1;
+  return exit_status;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,113 @@
+#include "client/remote_dataset.h"
+
+#include <utility>
+
+namespace b4mrl {
+
+Status BatchStream::TopUp() {
+  while (requests_.size() < credits_) {
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
+                           dataset_->SendSample(rows_, seed_, next_request_, 1, false));
+    requests_.push_back(id);
+    ++next_request_;
+  }
+  return Status();
+}
+
+Result<TransitionRows> BatchStream::Next() {
+  if (requests_.empty()) B4MRL_RETURN_IF_ERROR(TopUp());
+  const uint64_t id = requests_.front();
+  requests_.pop_front();
+  Result<TransitionRows> rows = dataset_->ReadRows(dataset_->connection_.Receive(id), next_batch_);
+  if (!rows.ok()) {
+    // The stream continues with the batch that failed: forget what was asked for after it.
+    next_request_ = next_batch_;
+    requests_.clear();
+    return rows;
+  }
+  ++next_batch_;
+  B4MRL_RETURN_IF_ERROR(TopUp());
+  return rows;
+}
+
+Result<DatasetStats> RemoteDataset::Stats() {
+  pb::Request request;
+  request.mutable_dataset_stats()->set_fingerprint(fingerprint());
+  B4MRL_ASSIGN_OR_RETURN(ReceivedReply reply,
+                         connection_.Call(std::move(request), Frame(), NewDeadline()));
+  DatasetStats stats;
+  for (const auto& [name, out] : {std::pair{"observation_mean", &stats.observation_mean},
+                                  std::pair{"observation_std", &stats.observation_std}}) {
+    B4MRL_ASSIGN_OR_RETURN(const TensorView view,
+                           reply.arrays.Require(name, {DType::kFloat64}, {observation_size()}));
+    const auto values = view.As<double>();
+    out->assign(values.begin(), values.end());
+  }
+  stats.scores = std::move(*reply.envelope.mutable_dataset_stats());
+  return stats;
+}
+
+Result<uint64_t> RemoteDataset::SendSample(uint32_t rows, uint64_t seed, uint64_t first_batch,
+                                           uint32_t batches, bool with_indices) {
+  pb::Request request;
+  pb::SampleRequest* sample = request.mutable_sample();
+  sample->set_fingerprint(fingerprint());
+  sample->set_seed(seed);
+  sample->set_first_batch(first_batch);
+  sample->set_batches(batches);
+  sample->set_rows(rows);
+  sample->set_with_indices(with_indices);
+  return connection_.Send(std::move(request), Frame(), NewDeadline());
+}
+
+Result<TransitionRows> RemoteDataset::Sample(uint32_t rows, uint64_t seed, uint64_t first_batch,
+                                             uint32_t batches, bool with_indices) {
+  B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
+                         SendSample(rows, seed, first_batch, batches, with_indices));
+  return ReadRows(connection_.Receive(id), first_batch);
+}
+
+Result<TransitionRows> RemoteDataset::Read(uint64_t first_row, uint32_t rows) {
+  pb::Request request;
+  pb::ReadRequest* read = request.mutable_read();
+  read->set_fingerprint(fingerprint());
+  read->set_first_row(first_row);
+  read->set_rows(rows);
+  return ReadRows(connection_.Call(std::move(request), Frame(), NewDeadline()), 0);
+}
+
+Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply,
+                                               uint64_t first_batch) const {
+  if (!reply.ok()) return reply.status();
+  TransitionRows out;
+  out.reply = std::move(*reply);
+  out.first_batch = first_batch;
+  const ArrayReader& arrays = out.reply.arrays;
+  B4MRL_ASSIGN_OR_RETURN(
+      const TensorView observations,
+      arrays.Require("observations", {DType::kFloat32}, {ArrayReader::kAny, observation_size()}));
+  const uint64_t rows = observations.rows();
+  out.rows = rows;
+  out.observations = observations.As<float>();
+  B4MRL_ASSIGN_OR_RETURN(const TensorView actions,
+                         arrays.Require("actions", {DType::kFloat32}, {rows, action_size()}));
+  out.actions = actions.As<float>();
+  B4MRL_ASSIGN_OR_RETURN(const TensorView rewards,
+                         arrays.Require("rewards", {DType::kFloat32}, {rows}));
+  out.rewards = rewards.As<float>();
+  B4MRL_ASSIGN_OR_RETURN(
+      const TensorView next,
+      arrays.Require("next_observations", {DType::kFloat32}, {rows, observation_size()}));
+  out.next_observations = next.As<float>();
+  B4MRL_ASSIGN_OR_RETURN(const TensorView terminals,
+                         arrays.Require("terminals", {DType::kUint8}, {rows}));
+  out.terminals = terminals.As<uint8_t>();
+  if (arrays.Has("indices")) {
+    B4MRL_ASSIGN_OR_RETURN(const TensorView indices,
+                           arrays.Require("indices", {DType::kUint64}, {rows}));
+    out.indices = indices.As<uint64_t>();
+  }
+  return out;
+}
+
+}  // namespace b4mrl

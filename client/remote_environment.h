@@ -1,0 +1,143 @@
+// A session: a batch of environments ("lanes") in a worker of the daemon, stepped as Gymnasium's
+// are.
+//
+// Shapes: n lanes, observations (n, observation size), actions (n, action size), row-major.
+// Observations come in the session's dtype; actions may be float or double, whatever the dtype.
+// Calls take all lanes, in order, or a list of them. Send and Receive keep several requests for
+// different lanes in flight; a lane has at most one. Every step is executed exactly once, even if
+// the worker dies in between: each lane counts its steps here and in the daemon
+// (proto/PROTOCOL.md). After kStale, kGap or kSessionLost the session is of no more use. Thread
+// rule: one thread. The Client that made it outlives it. Its end closes the session.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "client/connection.h"
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "proto/wire/tensor.h"
+
+namespace b4mrl {
+
+struct EnvironmentOptions {
+  std::vector<NamedArgument>
+      simulator;                 // perturbations, applied in order; none: the true environment
+  uint32_t num_envs = 1;         // 0: for queries alone
+  std::optional<uint64_t> seed;  // lane i gets seed + i; none: the daemon draws one
+  AutoresetMode autoreset_mode = AutoresetMode::kNextStep;
+  DType observation_dtype = DType::kFloat32;
+  std::string config;                                // JSON object of the environment's settings
+  int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each request
+};
+
+// The outcome of a step or reset; views into `reply`, which it owns. First axes are the request's
+// lanes.
+struct StepOutcome {
+  uint64_t request_id = 0;
+  TensorView observations;          // the session's dtype
+  std::span<const double> rewards;  // empty after a reset, like all up to `digests`
+  std::span<const uint8_t> terminated;
+  std::span<const uint8_t> truncated;
+  std::span<const uint8_t> causes;    // Cause
+  std::span<const uint64_t> digests;  // rolling hash of each lane's trajectory
+  // Lanes whose episode ended, as positions in the request, with what they ended in; empty if none
+  // did.
+  std::span<const uint32_t> final_lanes;
+  TensorView final_observations;
+  std::span<const double> final_returns;
+  std::span<const uint32_t> final_lengths;
+  pb::Timing timing;
+  ReceivedReply reply;
+};
+
+// States to read and to write, first axis the lanes. `snapshot` continues exactly, random streams
+// included; `parts` (time, qpos, qvel, qacc_warmstart) are for users.
+struct LaneStates {
+  size_t lanes = 0;
+  std::vector<uint8_t> snapshot;                     // lanes x bytes
+  std::map<std::string, std::vector<double>> parts;  // name -> lanes x size
+};
+
+// Results of Query, row-major; float32 or float64 as the session's dtype.
+struct QueryOutput {
+  std::span<float> next_observations;  // rows x observation size
+  std::span<double> rewards;           // rows
+  std::span<uint8_t> terminated;       // rows
+  std::span<uint8_t> valid;            // rows; 0: outputs are zeros and the row is of no use
+};
+
+class RemoteEnvironment {
+ public:
+  RemoteEnvironment(RemoteEnvironment&&) = default;
+  RemoteEnvironment& operator=(RemoteEnvironment&&) = default;
+  ~RemoteEnvironment();
+
+  const EnvironmentSpec& spec() const { return spec_; }
+  const pb::OpenReply& in_force() const { return in_force_; }  // everything, seed included
+  const std::string& experiment_id() const { return in_force_.experiment_id(); }
+  uint32_t num_envs() const { return in_force_.num_envs(); }
+
+  // `seeds` (as many as lanes) restart those lanes' random streams; none: the next episode.
+  Result<StepOutcome> Reset(std::span<const uint32_t> lanes = {},
+                            std::span<const uint64_t> seeds = {});
+  Result<StepOutcome> Step(std::span<const float> actions, std::span<const uint32_t> lanes = {});
+  Result<StepOutcome> Step(std::span<const double> actions, std::span<const uint32_t> lanes = {});
+
+  // The two halves of Step. Receive returns whichever request is answered first; an error names its
+  // request in *failed_id.
+  Result<uint64_t> Send(std::span<const float> actions, std::span<const uint32_t> lanes = {});
+  Result<uint64_t> Send(std::span<const double> actions, std::span<const uint32_t> lanes = {});
+  Result<StepOutcome> Receive(uint64_t* failed_id = nullptr);
+  size_t in_flight() const { return connection_.in_flight(); }
+
+  // T_sim for `rows` arbitrary (observation, action) pairs, split into requests that are in flight
+  // together. Noise of row i is that of (seed, draw, first_row + i). kUnsupported with
+  // action-delay.
+  Status Query(std::span<const float> observations, std::span<const float> actions,
+               const QueryOutput& output, uint64_t seed = 0, uint64_t draw = 0,
+               uint64_t first_row = 0);
+  // The same in two halves, so that the caller can work meanwhile: at most
+  // limits::kMaxQueryRows rows a request, several requests in flight, answers in any order.
+  Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
+                             uint64_t seed, uint64_t draw, uint64_t first_row);
+  Status ReceiveQuery(uint64_t id, const QueryOutput& output);
+
+  Result<LaneStates> Snapshot(std::span<const uint32_t> lanes = {});
+  // From `states.snapshot` if it has one, otherwise from its parts. Counts as a step of those
+  // lanes.
+  Result<StepOutcome> Restore(const LaneStates& states, std::span<const uint32_t> lanes = {});
+
+  // Ends the session in the daemon; also done, without waiting for the answer, by the destructor.
+  Status Close();
+
+ private:
+  friend class Client;
+  RemoteEnvironment(Connection connection, pb::OpenReply in_force, EnvironmentSpec spec,
+                    int64_t deadline_ms);
+
+  template <typename Scalar>
+  Result<uint64_t> SendActions(std::span<const Scalar> actions, std::span<const uint32_t> lanes);
+  size_t CountOf(std::span<const uint32_t> lanes) const {
+    return lanes.empty() ? numbers_.size() : lanes.size();
+  }
+  Status CheckLanes(std::span<const uint32_t> lanes) const;
+  // Adds `lanes` (if any) and the next step numbers to a request under construction.
+  class NumberedRequest;
+  Result<StepOutcome> ReadOutcome(Result<ReceivedReply> reply, bool is_step) const;
+  Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
+
+  Connection connection_;
+  pb::OpenReply in_force_;
+  EnvironmentSpec spec_;
+  int64_t deadline_ms_;
+  std::vector<uint64_t> numbers_;  // of each lane's last request
+  bool open_ = true;
+};
+
+}  // namespace b4mrl
