@@ -61,7 +61,8 @@ uint64_t ConfigReader::Integer(const std::string& key, uint64_t fallback, uint64
                                uint64_t high) {
   uint64_t value = fallback;
   if (const Config* found = Find(key)) {
-    const bool fits = found->is_number_unsigned();
+    const bool fits =
+        found->is_number_unsigned() || (found->is_number_integer() && found->get<int64_t>() >= 0);
     const uint64_t given = fits ? found->get<uint64_t>() : 0;
     if (fits && given >= low && given <= high) {
       value = given;

@@ -97,14 +97,11 @@ void Simulator::Return(std::unique_ptr<Environment> environment) const {
 }
 
 Status Simulator::CheckQueryable() const {
-  for (const NamedArgument& item : perturbations_.items()) {
-    for (const PerturbationEntry& entry : PerturbationList()) {
-      if (entry.name == item.name && !entry.queryable) {
-        return Status(
-            StatusCode::kUnsupported,
-            fmt::format("{} cannot be queried: it depends on earlier steps", item.ToString()));
-      }
-    }
+  for (const Perturbation* perturbation : perturbations_.members()) {
+    if (perturbation->state_size(spec()) == 0) continue;
+    return Status(StatusCode::kUnsupported,
+                  fmt::format("'{}' cannot be queried: it depends on the steps before",
+                              perturbation->ToNamedArgument().ToString()));
   }
   return Status();
 }

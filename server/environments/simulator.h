@@ -78,7 +78,8 @@ class Simulator {
 
   // OK when every perturbation can be applied to single transitions; else the reason.
   Status CheckQueryable() const;
-  // One row of T_sim with the perturbations applied. Sizes as in spec(); inputs may hold anything.
+  // One row of T_sim with the perturbations applied, which must be queryable. Sizes as in spec();
+  // inputs may hold anything.
   QueryResult Query(Environment& environment, const QueryRow& row,
                     std::span<const double> observation, std::span<const double> action,
                     std::span<double> next_observation) const;

@@ -43,7 +43,6 @@ constinit const PerturbationEntry kFriction = {
     .high = kHigh,
     .description = "multiplies the friction of every geom of the simulator, the floor included",
     .corrupts_datasets = false,
-    .queryable = true,
     .make = Make};
 
 }  // namespace b4mrl

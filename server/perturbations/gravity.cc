@@ -40,7 +40,6 @@ constinit const PerturbationEntry kGravity = {
     .high = kHigh,
     .description = "multiplies the gravity of the simulator",
     .corrupts_datasets = false,
-    .queryable = true,
     .make = Make};
 
 }  // namespace b4mrl

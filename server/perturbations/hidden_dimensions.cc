@@ -59,7 +59,6 @@ constinit const PerturbationEntry kHiddenDimensions = {
     .type = "dimensions",
     .description = "sets dimensions of observations to 0; indices or names joined by +",
     .corrupts_datasets = true,
-    .queryable = true,
     .make = Make};
 
 }  // namespace b4mrl

@@ -32,7 +32,6 @@ struct PerturbationEntry {
   double high = 0;
   std::string_view description;  // one line
   bool corrupts_datasets = false;
-  bool queryable = true;  // can be applied to a single transition
   Result<std::unique_ptr<Perturbation>> (*make)(const PerturbationInput& input);
 };
 

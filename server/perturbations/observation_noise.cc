@@ -44,7 +44,6 @@ constinit const PerturbationEntry kObservationNoise = {
     .high = kHigh,
     .description = "adds independent normal noise to every dimension of observations",
     .corrupts_datasets = true,
-    .queryable = true,
     .make = Make};
 
 }  // namespace b4mrl

@@ -51,7 +51,8 @@ class Perturbation {
   virtual void OnOptions(Config& /*config*/) const {}
   // Changes the compiled model, once per simulator.
   virtual void OnModel(mjModel_* /*model*/) const {}
-  // Doubles of state per lane; all 0 when an episode starts.
+  // Doubles of state per lane; all 0 when an episode starts. What has state cannot be queried,
+  // because a query's row has no steps before it.
   virtual size_t state_size(const EnvironmentSpec& /*spec*/) const { return 0; }
   // Changes what reaches the simulator; `state` has state_size() doubles.
   virtual void OnAction(const DrawContext& /*context*/, std::span<double> /*state*/,

@@ -1,0 +1,124 @@
+#include "server/perturbations/list.h"
+
+#include <set>
+
+#include "server/environments/list.h"
+#include "tests/server/environments/simulation.h"
+
+namespace b4mrl {
+namespace {
+
+EnvironmentSpec Spec() { return Take(DescribeEnvironment("HalfCheetah")); }
+
+Result<PerturbationSet> TryMake(const std::string& text,
+                                PerturbationUse use = PerturbationUse::kSimulator) {
+  return MakePerturbations(Take(ParseNamedArguments(text)), Spec(), use);
+}
+
+Status Refusal(const std::string& text, PerturbationUse use = PerturbationUse::kSimulator) {
+  const auto result = TryMake(text, use);
+  REQUIRE_FALSE(result.ok());
+  return result.status();
+}
+
+bool Contains(const Status& status, const std::string& part) {
+  INFO(status.message());
+  return status.message().find(part) != std::string::npos;
+}
+
+TEST_CASE("HalfCheetah's presets have the paper's values") {
+  const PerturbationSet set =
+      Take(TryMake("gravity,friction,obs-noise-low,obs-noise-high,hidden-low,hidden-high"));
+  REQUIRE(FormatNamedArguments(set.items()) ==
+          "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.05,hidden=16,hidden=9");
+}
+
+TEST_CASE("Every preset of the table builds in its environment") {
+  for (const PerturbationPreset& preset : PresetList()) {
+    const EnvironmentSpec spec = Take(DescribeEnvironment(preset.environment));
+    const NamedArgument item = {std::string(preset.name), ""};
+    const PerturbationSet set =
+        Take(MakePerturbations({&item, 1}, spec, PerturbationUse::kSimulator));
+    REQUIRE(set.items() == std::vector{NamedArgument{std::string(preset.parametric),
+                                                     std::string(preset.argument)}});
+  }
+}
+
+TEST_CASE("Parametric forms take any value within their bounds") {
+  CHECK(TryMake("gravity=-10").ok());
+  CHECK(TryMake("gravity=0").ok());
+  CHECK(TryMake("friction=0").ok());
+  CHECK(TryMake("obs-noise=0").ok());
+  CHECK(TryMake("hidden=0+1+2+3+4+5+6+7+8+9+10+11+12+13+14+15+16").ok());
+  CHECK(TryMake("hidden=rootz+v-root-z").ok());
+  for (const char* refused : {"gravity=10.1", "gravity=nan", "gravity=inf", "gravity=1x",
+                              "friction=-0.1", "friction=101", "obs-noise=-1", "obs-noise=1e7"}) {
+    INFO(refused);
+    CHECK(Refusal(refused).code() == StatusCode::kInvalidArgument);
+  }
+  CHECK(Contains(Refusal("gravity=11"), "-10"));
+}
+
+TEST_CASE("Dimensions that do not exist are refused") {
+  CHECK_FALSE(TryMake("hidden=17").ok());
+  CHECK_FALSE(TryMake("hidden=-1").ok());
+  CHECK_FALSE(TryMake("hidden=9+").ok());
+  CHECK(Contains(Refusal("hidden=v-root-y"), "v-root-"));
+}
+
+TEST_CASE("Unknown names are answered with the nearest known one") {
+  const Status status = Refusal("gravty");
+  REQUIRE(status.code() == StatusCode::kUnknownName);
+  REQUIRE(Contains(status, "'gravity'"));
+  REQUIRE(Contains(Refusal("obs-noise-hihg"), "'obs-noise-high'"));
+  REQUIRE(Contains(Refusal("frictoin=2"), "'friction'"));
+}
+
+TEST_CASE(
+    "A preset that an environment lacks is refused with its reason and the parametric forms") {
+  const Status leg = Refusal("leg");
+  REQUIRE(leg.code() == StatusCode::kUnsupported);
+  REQUIRE(Contains(leg, "Hopper"));
+  REQUIRE(Contains(leg, "gravity=<factor>"));
+  REQUIRE(Contains(Refusal("obs-noise"), "obs-noise=<std>"));
+  REQUIRE(Contains(Refusal("obs-noise-low=0.3"), "obs-noise=0.3"));
+  EnvironmentSpec other = Spec();
+  other.name = "Another";
+  const NamedArgument gravity = {"gravity", ""};
+  const auto result = MakePerturbations({&gravity, 1}, other, PerturbationUse::kSimulator);
+  REQUIRE(result.status().code() == StatusCode::kUnsupported);
+  REQUIRE(Contains(result.status(), "gravity=<factor>"));
+}
+
+TEST_CASE("A dataset takes what corrupts observations and nothing else") {
+  CHECK(TryMake("obs-noise-low,hidden=9", PerturbationUse::kDataset).ok());
+  CHECK(Refusal("gravity", PerturbationUse::kDataset).code() == StatusCode::kUnsupported);
+  CHECK(Refusal("friction=0.5", PerturbationUse::kDataset).code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("There is a limit to how many perturbations apply") {
+  std::string text = "gravity=1";
+  for (int i = 1; i < 16; ++i) text += ",gravity=1";
+  CHECK(TryMake(text).ok());
+  CHECK(Refusal(text + ",gravity=1").code() == StatusCode::kLimitExceeded);
+}
+
+TEST_CASE("The hidden dimensions of a list are known without building it") {
+  const auto hidden = [](const std::string& text) {
+    return Take(HiddenDimensions(Take(ParseNamedArguments(text)), Spec()));
+  };
+  CHECK(hidden("gravity,hidden-low,hidden=v-root-z+3+3") == std::vector<uint32_t>{3, 9, 16});
+  CHECK(hidden("obs-noise-low").empty());
+}
+
+TEST_CASE("Names in the table are unique and every number's bounds are ordered") {
+  std::set<std::string_view> names;
+  for (const PerturbationEntry& entry : PerturbationList()) {
+    CHECK(names.insert(entry.name).second);
+    if (entry.type == "number") CHECK(entry.low < entry.high);
+    CHECK_FALSE(entry.description.empty());
+  }
+}
+
+}  // namespace
+}  // namespace b4mrl
