@@ -22,28 +22,44 @@ StepConstants<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
 
 // The new parameter; updates both moments.
 template <typename Scalar>
-Scalar StepOne(const StepConstants<Scalar>& c, Scalar parameter, Scalar gradient, Scalar& first,
-               Scalar& second) {
+inline Scalar StepOne(const StepConstants<Scalar>& c, Scalar parameter, Scalar gradient,
+                      Scalar& first, Scalar& second) {
   first = c.beta1 * first + (1 - c.beta1) * gradient;
   second = c.beta2 * second + (1 - c.beta2) * (gradient * gradient);
   return parameter - c.step_size * first / (std::sqrt(second) * c.root_scale + c.epsilon);
 }
 
+template <typename Scalar>
+void StepRange(const StepConstants<Scalar>& constants, Scalar decay, int64_t size,
+               Scalar* __restrict p, const Scalar* __restrict g, Scalar* __restrict m,
+               Scalar* __restrict v) {
+  for (int64_t i = 0; i < size; ++i) {
+    p[i] = StepOne(constants, p[i], g[i] + decay * p[i], m[i], v[i]);
+  }
+}
+
 }  // namespace
 
 template <typename Scalar>
-Adam<Scalar>::Adam(const AdamOptions& options, int64_t size)
-    : options_(options), first_moment_(size), second_moment_(size) {}
+Adam<Scalar>::Adam(const AdamOptions& options, int64_t size, const std::vector<DecayRange>& decay)
+    : options_(options), first_moment_(size), second_moment_(size) {
+  int64_t end = 0;
+  for (const DecayRange& range : decay) {
+    if (range.first > end) ranges_.push_back({end, range.first - end, 0});
+    ranges_.push_back(range);
+    end = range.first + range.size;
+  }
+  if (end < size) ranges_.push_back({end, size - end, 0});
+}
 
 template <typename Scalar>
 void Adam<Scalar>::Step(std::span<Scalar> parameters, std::span<const Scalar> gradient) {
   const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
-  Scalar* __restrict p = parameters.data();
-  const Scalar* __restrict g = gradient.data();
-  Scalar* __restrict m = first_moment_.data();
-  Scalar* __restrict v = second_moment_.data();
-  const size_t size = parameters.size();
-  for (size_t i = 0; i < size; ++i) p[i] = StepOne(constants, p[i], g[i], m[i], v[i]);
+  for (const DecayRange& range : ranges_) {
+    StepRange(constants, static_cast<Scalar>(range.coefficient), range.size,
+              parameters.data() + range.first, gradient.data() + range.first,
+              first_moment_.data() + range.first, second_moment_.data() + range.first);
+  }
 }
 
 template <typename Scalar>
@@ -51,15 +67,17 @@ void Adam<Scalar>::StepWithPolyak(std::span<Scalar> parameters, std::span<const 
                                   double tau, std::span<Scalar> target) {
   const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
   const Scalar rate = static_cast<Scalar>(tau);
-  Scalar* __restrict p = parameters.data();
-  const Scalar* __restrict g = gradient.data();
-  Scalar* __restrict m = first_moment_.data();
-  Scalar* __restrict v = second_moment_.data();
-  Scalar* __restrict t = target.data();
-  const size_t size = parameters.size();
-  for (size_t i = 0; i < size; ++i) {
-    p[i] = StepOne(constants, p[i], g[i], m[i], v[i]);
-    t[i] = (1 - rate) * t[i] + rate * p[i];
+  for (const DecayRange& range : ranges_) {
+    const Scalar decay = static_cast<Scalar>(range.coefficient);
+    Scalar* __restrict p = parameters.data() + range.first;
+    const Scalar* __restrict g = gradient.data() + range.first;
+    Scalar* __restrict m = first_moment_.data() + range.first;
+    Scalar* __restrict v = second_moment_.data() + range.first;
+    Scalar* __restrict t = target.data() + range.first;
+    for (int64_t i = 0; i < range.size; ++i) {
+      p[i] = StepOne(constants, p[i], g[i] + decay * p[i], m[i], v[i]);
+      t[i] = (1 - rate) * t[i] + rate * p[i];
+    }
   }
 }
 

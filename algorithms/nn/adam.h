@@ -5,12 +5,14 @@
 //   p -= lr / (1 - b1^t) * m / (sqrt(v) / sqrt(1 - b2^t) + eps)
 //   target = (1 - tau) target + tau p
 //
-// No weight decay. Thread rule: one thread.
+// Ranges of the buffer may carry an L2 term: g there is the gradient plus coefficient * p, added in
+// the same pass (the L2 penalty of a loss, not decoupled decay). Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "algorithms/nn/parameters.h"
 #include "algorithms/nn/view.h"
@@ -24,13 +26,21 @@ struct AdamOptions {
   double epsilon = 1e-8;
 };
 
+// g += coefficient * p for p in [first, first + size): the gradient of coefficient / 2 * sum p^2.
+struct DecayRange {
+  int64_t first;
+  int64_t size;
+  double coefficient;
+};
+
 template <typename Scalar>
 class Adam {
  public:
   Adam() = default;
-  Adam(const AdamOptions& options, int64_t size);
+  // `decay`: ascending ranges that do not overlap.
+  Adam(const AdamOptions& options, int64_t size, const std::vector<DecayRange>& decay = {});
 
-  // One step; the three spans have the size given at construction.
+  // One step; the spans have the size given at construction.
   void Step(std::span<Scalar> parameters, std::span<const Scalar> gradient);
   // The same, followed by target <- tau * parameters + (1 - tau) * target in the same pass.
   void StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient, double tau,
@@ -45,6 +55,7 @@ class Adam {
 
  private:
   AdamOptions options_;
+  std::vector<DecayRange> ranges_;  // cover the whole buffer, with coefficient 0 in the gaps
   int64_t steps_ = 0;
   AlignedVector<Scalar> first_moment_;
   AlignedVector<Scalar> second_moment_;

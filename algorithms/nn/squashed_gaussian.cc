@@ -5,25 +5,13 @@
 #include <numbers>
 
 #include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/strip.h"
 
 namespace b4mrl {
 namespace {
 
-// Action dimensions are few, so a column alone would hardly fill a SIMD register: columns are
-// worked on in strips of up to this many numbers, packed side by side.
-constexpr int kStrip = 1024;
-
-template <typename Scalar>
-using Strip = Eigen::Array<Scalar, Eigen::Dynamic, 1, 0, kStrip, 1>;
-
 template <typename Scalar>
 constexpr Scalar kHalfLogTwoPi = static_cast<Scalar>(0.91893853320467274178);
-
-template <typename Scalar>
-void Pack(MatrixView<const Scalar> block, Strip<Scalar>& strip) {
-  strip.resize(block.rows * block.columns);
-  CopyMatrix<Scalar>(block, {strip.data(), block.rows, block.columns});
-}
 
 template <typename Scalar>
 void SampleStrip(const SquashedGaussianOptions& options, MatrixView<const Scalar> head,
@@ -45,7 +33,7 @@ void SampleStrip(const SquashedGaussianOptions& options, MatrixView<const Scalar
         Scalar(2) * (std::numbers::ln2_v<Scalar> - u.abs() - (Scalar(-2) * u.abs()).exp().log1p());
   }
   log_slope = Scalar(-0.5) * e * e - log_std - log_slope - kHalfLogTwoPi<Scalar>;
-  CopyMatrix<Scalar>({a.data(), size, noise.columns}, actions);
+  Unpack<Scalar>(a, actions);
   for (int i = 0; i < noise.columns; ++i) {
     Scalar sum = 0;
     for (int k = 0; k < size; ++k) sum += log_slope[i * size + k];
@@ -59,7 +47,7 @@ template <typename Scalar>
 void SampleSquashedGaussian(const SquashedGaussianOptions& options, MatrixView<const Scalar> head,
                             MatrixView<const Scalar> noise, MatrixView<Scalar> actions,
                             std::span<Scalar> log_probs) {
-  const int columns_per_strip = kStrip / noise.rows;
+  const int columns_per_strip = ColumnsPerStrip(noise.rows);
   for (int first = 0; first < noise.columns; first += columns_per_strip) {
     const int count = std::min(columns_per_strip, noise.columns - first);
     SampleStrip<Scalar>(options, head.ColumnBlock(first, count), noise.ColumnBlock(first, count),
@@ -96,12 +84,12 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
 template <typename Scalar>
 void TanhForward(MatrixView<const Scalar> head, MatrixView<Scalar> actions) {
   Strip<Scalar> strip;
-  const int columns_per_strip = kStrip / head.rows;
+  const int columns_per_strip = ColumnsPerStrip(head.rows);
   for (int first = 0; first < head.columns; first += columns_per_strip) {
     const int count = std::min(columns_per_strip, head.columns - first);
     Pack<Scalar>(head.ColumnBlock(first, count), strip);
     strip = strip.tanh();
-    CopyMatrix<Scalar>({strip.data(), head.rows, count}, actions.ColumnBlock(first, count));
+    Unpack<Scalar>(strip, actions.ColumnBlock(first, count));
   }
 }
 

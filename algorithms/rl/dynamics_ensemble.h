@@ -13,6 +13,8 @@
 // training ends after patience_epochs epochs in a row without such a member, or max_updates. The
 // kept weights are then restored; elites are the members of smallest hold-out error.
 //
+// The decay term's gradient is added by the optimiser, not part of VisitGradients.
+//
 // Training: StartTraining, Train until progress.finished (or FinishTraining at any time). Its state
 // between two calls of Train is complete in Visit*, so a run may be resumed there; the data given
 // must be the same each time. Thread rule: one thread.
@@ -92,9 +94,13 @@ class DynamicsEnsemble {
   DynamicsProgress Train(const DynamicsData<Scalar>& data, int64_t max_updates);
   // Restores each member's best weights. Train does it itself when it finishes.
   void FinishTraining();
-  // One gradient step on given columns (observations | actions stacked, shared by the members).
-  // Returns the loss. For tests and benchmarks.
+  // One gradient step on given columns (observations | actions, already scaled): shared by the
+  // members, or one block of rows for each; at most batch_size of them. Returns the loss without
+  // DecayLoss(). For tests and benchmarks.
   double UpdateOnBatch(MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets);
+
+  // The decay term of the loss at the present weights.
+  double DecayLoss() const;
 
   const DynamicsEnsembleOptions& options() const { return options_; }
   int output_size() const { return options_.observation_size + 1; }
@@ -120,14 +126,22 @@ class DynamicsEnsemble {
  private:
   explicit DynamicsEnsemble(const DynamicsEnsembleOptions& options);
 
-  void ScaleInputs(MatrixView<Scalar> inputs) const;
-  void PrepareEpoch();
-  int64_t TrainingRow(int64_t position, int member) const;
+  // Training (dynamics_training.cc).
+  Status ValidateData(const DynamicsData<Scalar>& data) const;
+  void SplitRows(int rows);
+  void FitScaler(const DynamicsData<Scalar>& data);
+  void ShuffleEpoch();
+  void GatherRow(const DynamicsData<Scalar>& data, int row, int block, int column);
   void GatherBatch(const DynamicsData<Scalar>& data, int64_t first, int count);
-  double UpdateOnGathered(int count);
+  void EndEpoch(const DynamicsData<Scalar>& data);
   void EvaluateHoldout(const DynamicsData<Scalar>& data);
   bool KeepImproved();
-  void CopyMember(int member, std::span<const Scalar> from, std::span<Scalar> to) const;
+  // Prediction (dynamics_ensemble.cc).
+  void Scale(MatrixView<Scalar> inputs) const;
+  MatrixView<Scalar> ScaledCopy(MatrixView<const Scalar> inputs);
+  void SampleGroup(int member, MatrixView<const Scalar> inputs, std::span<const int> columns,
+                   MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
+  void AddPenalty(int member, MatrixView<const Scalar> inputs, std::span<Scalar> penalty);
 
   DynamicsEnsembleOptions options_;
   MlpLayout layout_;
@@ -144,19 +158,18 @@ class DynamicsEnsemble {
 
   // Derived from the data and the epoch; never saved.
   std::vector<int32_t> train_rows_, holdout_rows_;
-  std::vector<int32_t> order_;  // permutation of train_rows_ of the present epoch
+  std::vector<int32_t> order_;  // positions in train_rows_, in the order of order_epoch_
   int64_t order_epoch_ = -1;
   std::vector<double> holdout_mse_;
+  double train_loss_ = 0;
 
   MlpWorkspace<Scalar> workspace_;         // all members, batch_size columns
   MlpWorkspace<Scalar> member_workspace_;  // one member, for prediction
   MatrixBuffer<Scalar> inputs_;            // (members or 1) * inputs x batch
   MatrixBuffer<Scalar> targets_;           // (members or 1) * outputs x batch
-  MatrixBuffer<Scalar> grouped_inputs_;    // prediction: rows of one member side by side
-  std::vector<int> group_columns_;
+  // Prediction: one block of columns, gathered.
+  MatrixBuffer<Scalar> block_inputs_, block_noise_;
+  std::vector<int> group_columns_;  // the columns that drew one member
 };
-
-extern template class DynamicsEnsemble<float>;
-extern template class DynamicsEnsemble<double>;
 
 }  // namespace b4mrl
