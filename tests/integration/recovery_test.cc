@@ -1,0 +1,270 @@
+// What clients notice when the daemon's processes die, freeze or crash: nothing but a pause.
+#include <signal.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <thread>
+
+#include "client/client.h"
+#include "client/private_daemon.h"
+#include "tests/integration/lane_walk.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kGroups = 4;
+constexpr uint32_t kLanesPerGroup = 3;
+constexpr uint32_t kLanes = kGroups * kLanesPerGroup;
+constexpr uint64_t kSeed = 11;
+constexpr uint8_t kLimit = 2;
+constexpr uint8_t kCrash = 3;
+constexpr int64_t kPatienceMs = 60'000;
+
+PrivateDaemon StartDaemon(const std::string& fault = "", uint32_t workers = 1) {
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve-faulty";
+  options.tcp = true;
+  options.data_folder = std::filesystem::temp_directory_path();
+  options.arguments = {"--workers", std::to_string(workers), "--threads", "2"};
+  if (!fault.empty()) options.environment = {"B4MRL_FAULT=" + fault};
+  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
+  INFO(daemon.status().ToString());
+  REQUIRE(daemon.ok());
+  return std::move(*daemon);
+}
+
+// A file name that nothing has yet, for faults that are to happen once.
+std::string FreshFile() {
+  static int number = 0;
+  const std::string path =
+      (std::filesystem::temp_directory_path() /
+       ("b4mrl-fault-" + std::to_string(getpid()) + "-" + std::to_string(number++)))
+          .string();
+  std::filesystem::remove(path);
+  return path;
+}
+
+void RequireOk(const Status& status) {
+  INFO(status.ToString());
+  REQUIRE(status.ok());
+}
+
+LaneWalk OpenWalk(Client& client, uint64_t seed = kSeed) {
+  Result<LaneWalk> walk = LaneWalk::Open(client, kGroups, kLanesPerGroup, seed);
+  INFO(walk.status().ToString());
+  REQUIRE(walk.ok());
+  RequireOk(walk->Reset());
+  return std::move(*walk);
+}
+
+// The undisturbed walk, to compare with.
+LaneWalk ReferenceWalk(uint64_t steps, uint64_t seed = kSeed) {
+  static PrivateDaemon daemon = StartDaemon();
+  static Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client, seed);
+  RequireOk(walk.RunTo(steps));
+  return walk;
+}
+
+void RequireSameBytes(const LaneWalk& walk, const LaneWalk& reference, uint64_t steps,
+                      int64_t except_lane = -1) {
+  for (uint32_t lane = 0; lane < kLanes; ++lane) {
+    if (lane == except_lane) continue;
+    INFO("lane " << lane << " of " << steps << " steps");
+    REQUIRE(walk.Bytes(lane, steps) == reference.Bytes(lane, steps));
+  }
+}
+
+struct WorkerView {
+  pid_t process_id = 0;
+  uint64_t steps = 0;
+  uint32_t restarts = 0;
+};
+WorkerView LookAtWorker(Client& client, const std::string& role) {
+  const Result<pb::ServerStatusReply> status = client.ServerStatus();
+  if (!status.ok()) return {};
+  for (const pb::WorkerStatus& worker : status->workers()) {
+    if (worker.role() != role) continue;
+    return {static_cast<pid_t>(worker.process_id()), worker.steps(), worker.restarts()};
+  }
+  return {};
+}
+
+// Signals `role` `times` times, each time after its successor has run and stepped. False if that
+// takes too long.
+bool Harass(const std::string& endpoint, const std::string& role, int signal, int times,
+            uint64_t steps_between) {
+  Result<Client> client = Client::Connect(endpoint);
+  if (!client.ok()) return false;
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  pid_t last = 0;
+  uint64_t last_steps = 0;
+  for (int i = 0; i < times;) {
+    if (deadline.expired()) return false;
+    const WorkerView view = LookAtWorker(*client, role);
+    if (view.process_id == 0 || view.process_id == last ||
+        view.steps < last_steps + steps_between) {
+      continue;
+    }
+    if (kill(view.process_id, signal) != 0) continue;
+    last = view.process_id;
+    last_steps = view.steps;
+    ++i;
+  }
+  return true;
+}
+
+// Steps `walk` while another thread signals `role`.
+void WalkUnderFire(LaneWalk& walk, const std::string& endpoint, const std::string& role, int signal,
+                   int times, uint64_t steps_between) {
+  std::atomic<bool> done{false};
+  bool all_sent = false;
+  std::thread gun([&] {
+    all_sent = Harass(endpoint, role, signal, times, steps_between);
+    done = true;
+  });
+  Status status;
+  while (!done && status.ok()) status = walk.Advance();
+  gun.join();
+  RequireOk(status);
+  REQUIRE(all_sent);
+  RequireOk(walk.Drain());
+}
+
+TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
+  PrivateDaemon daemon = StartDaemon();
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGKILL, 100, 20);
+  const uint64_t steps = walk.FinishedSteps();
+  CAPTURE(steps);
+  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 100);
+  RequireSameBytes(walk, ReferenceWalk(steps), steps);
+}
+
+TEST_CASE("Kills of the gateway do not touch a stepping client") {
+  PrivateDaemon daemon = StartDaemon();
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  WalkUnderFire(walk, daemon.endpoint(), "gateway", SIGKILL, 5, 0);
+  const uint64_t steps = walk.FinishedSteps();
+  RequireSameBytes(walk, ReferenceWalk(steps), steps);
+  // The replacement knows the old sessions and opens new ones on other lanes.
+  LaneWalk second = OpenWalk(*client, kSeed + 100);
+  RequireOk(second.RunTo(5));
+  RequireOk(walk.RunTo(steps + 45));
+  RequireSameBytes(walk, ReferenceWalk(steps + 45), steps + 45);
+}
+
+TEST_CASE("A frozen worker is replaced and changes no byte") {
+  PrivateDaemon daemon = StartDaemon();
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGSTOP, 2, 20);
+  const uint64_t before = walk.FinishedSteps();
+  RequireOk(walk.RunTo(before + 45));
+  RequireSameBytes(walk, ReferenceWalk(before + 45), before + 45);
+}
+
+TEST_CASE("A worker killed at a chosen point of one operation repeats it exactly once") {
+  const std::string kind = GENERATE("tear-once", "kill-after-once", "hang-once");
+  // Lane 4, operation 30; the session's lanes are the daemon's first.
+  const std::string file = FreshFile();
+  PrivateDaemon daemon = StartDaemon(kind + ":4:30:" + file);
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  RequireOk(walk.RunTo(60));
+  CAPTURE(kind);
+  REQUIRE(std::filesystem::remove(file));  // it did happen
+  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 1);
+  RequireSameBytes(walk, ReferenceWalk(60), 60);
+}
+
+TEST_CASE("A step that always ends its process ends only its own lane's episode") {
+  const std::string kind = GENERATE("crash", "exit", "hang");
+  PrivateDaemon daemon = StartDaemon(kind + ":4:30");
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  RequireOk(walk.RunTo(90));
+  CAPTURE(kind);
+  const LaneWalk reference = ReferenceWalk(90);
+  RequireSameBytes(walk, reference, 90, 4);
+  // Operation 30 is step 29 (the reset was the first), at index 28.
+  REQUIRE(walk.causes(4)[28] == kCrash);
+  REQUIRE(walk.Bytes(4, 28) == reference.Bytes(4, 28));
+  // Index 29 is the reset of mode next_step; from there the next episode runs to its limit of 40
+  // steps.
+  REQUIRE(walk.causes(4)[29] == 0);
+  REQUIRE(walk.causes(4)[29 + 40] == kLimit);
+  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 2);
+}
+
+TEST_CASE("A query that always ends its process is refused, and the session's steps go on") {
+  PrivateDaemon daemon = StartDaemon("crash-query:7");
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  RequireOk(walk.RunTo(10));
+  std::vector<float> observations(10 * 17), actions(10 * 6), next(10 * 17);
+  std::vector<double> rewards(10);
+  std::vector<uint8_t> terminated(10), valid(10);
+  const Status status =
+      walk.environment().Query(observations, actions, {next, rewards, terminated, valid});
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kInternal);
+  RequireOk(walk.RunTo(50));
+  RequireSameBytes(walk, ReferenceWalk(50), 50);
+}
+
+TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobody left") {
+  PrivateDaemon daemon = StartDaemon("", 2);
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  LaneWalk walk = OpenWalk(*client);
+  RequireOk(walk.RunTo(5));
+  const pid_t worker = LookAtWorker(*client, "worker-0").process_id;
+  REQUIRE(worker > 0);
+  REQUIRE(walk.Advance().ok());
+  const Clock::time_point start = Clock::now();
+  const int wait_status = daemon.Stop();
+  REQUIRE(WIFEXITED(wait_status));
+  REQUIRE(WEXITSTATUS(wait_status) == 0);
+  REQUIRE(SecondsSince(start) < 5);  // limits::kDrainMs; it takes about 0.1 s
+  REQUIRE(kill(worker, 0) != 0);
+}
+
+TEST_CASE("No process survives a supervisor that is killed") {
+  PrivateDaemon daemon = StartDaemon("", 2);
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  std::vector<pid_t> children;
+  const Result<pb::ServerStatusReply> status = client->ServerStatus();
+  REQUIRE(status.ok());
+  for (const pb::WorkerStatus& worker : status->workers()) {
+    children.push_back(static_cast<pid_t>(worker.process_id()));
+  }
+  REQUIRE(children.size() == 4);
+  REQUIRE(kill(daemon.process_id(), SIGKILL) == 0);
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  for (const pid_t child : children) {
+    // A zombie that nobody has reaped yet counts as gone; its command line is empty.
+    const auto gone = [child] {
+      if (kill(child, 0) != 0) return true;
+      std::error_code error;
+      return !std::filesystem::exists("/proc/" + std::to_string(child) + "/exe", error);
+    };
+    while (!gone() && !deadline.expired()) std::this_thread::yield();
+    REQUIRE(gone());
+  }
+}
+
+}  // namespace
+}  // namespace b4mrl
