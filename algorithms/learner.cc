@@ -30,4 +30,12 @@ double Hyperparameters::Number(std::string_view name) const {
   return entry == entries_.end() ? std::nan("") : entry->value;
 }
 
+std::vector<float> LearnerContext::ActionScale() const {
+  std::vector<float> scale;
+  for (const DimensionSpec& dimension : environment.action.dimensions) {
+    scale.push_back(static_cast<float>(dimension.high));
+  }
+  return scale;
+}
+
 }  // namespace b4mrl

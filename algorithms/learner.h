@@ -57,6 +57,7 @@ class Hyperparameters {
   // `name` must stand in the table.
   double Number(std::string_view name) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
+  uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }
   const std::vector<Hyperparameter>& entries() const { return entries_; }
 
  private:
@@ -77,6 +78,8 @@ struct LearnerContext {
 
   int observation_size() const { return static_cast<int>(environment.observation.size()); }
   int action_size() const { return static_cast<int>(environment.action.size()); }
+  // The environment's unit of each action dimension; learners work in [-1, 1].
+  std::vector<float> ActionScale() const;
 };
 
 class Learner {
@@ -88,8 +91,8 @@ class Learner {
   // Its input is `history_length` observations, oldest first; mean, std and mask included.
   virtual PolicyWeights Policy() const = 0;
 
-  // Instead of Prepare when a run is resumed.
-  virtual void Save(CheckpointWriter& writer) = 0;
+  // Load takes the place of Prepare when a run is resumed.
+  virtual Status Save(CheckpointWriter& writer) = 0;
   virtual Status Load(CheckpointReader& reader) = 0;
 
   // Steps taken in the simulator so far, warm-up included and queries not.

@@ -117,18 +117,20 @@ std::vector<uint8_t> CheckpointReader::Bytes(std::string_view name) {
   return {values.begin(), values.end()};
 }
 
+void CheckpointReader::FloatsInto(std::string_view name, std::span<float> out) {
+  const std::vector<float> values = Floats(name);
+  if (!status_.ok()) return;
+  if (values.size() != out.size()) {
+    status_ = Status(StatusCode::kDataLoss, fmt::format("{} has {} values, the learner's has {}",
+                                                        name, values.size(), out.size()));
+    return;
+  }
+  std::copy(values.begin(), values.end(), out.begin());
+}
+
 ArrayVisitor<float> CheckpointReader::Arrays(std::string prefix) {
   return [this, prefix = std::move(prefix)](const NamedArray<float>& array) {
-    const std::string name = Join(prefix, array.name);
-    const std::vector<float> values = Floats(name);
-    if (!status_.ok()) return;
-    if (values.size() != array.values.size()) {
-      status_ =
-          Status(StatusCode::kDataLoss, fmt::format("{} has {} values, the learner's has {}", name,
-                                                    values.size(), array.values.size()));
-      return;
-    }
-    std::copy(values.begin(), values.end(), array.values.begin());
+    FloatsInto(Join(prefix, array.name), array.values);
   };
 }
 

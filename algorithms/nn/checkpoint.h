@@ -56,6 +56,8 @@ class CheckpointReader {
   double Number(std::string_view name);
   std::string Text(std::string_view name);
   std::vector<float> Floats(std::string_view name);
+  // The same into place, which must have the stored length.
+  void FloatsInto(std::string_view name, std::span<float> out);
   std::vector<uint8_t> Bytes(std::string_view name);
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);

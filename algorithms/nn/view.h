@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <new>
+#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -68,6 +69,9 @@ class MatrixBuffer {
   int columns() const { return columns_; }
   MatrixView<Scalar> view() { return {values_.data(), rows_, columns_}; }
   MatrixView<const Scalar> view() const { return {values_.data(), rows_, columns_}; }
+  // All numbers, column by column.
+  std::span<Scalar> values() { return values_; }
+  std::span<const Scalar> values() const { return values_; }
   // The first `columns` columns.
   MatrixView<Scalar> view(int columns) { return view().ColumnBlock(0, columns); }
   MatrixView<const Scalar> view(int columns) const { return view().ColumnBlock(0, columns); }

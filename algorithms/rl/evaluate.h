@@ -1,9 +1,11 @@
-// Scores: deterministic episodes of a policy on one environment, all at once as lanes of one session.
+// Scores: deterministic episodes of a policy on one environment, all at once as lanes of one
+// session.
 //
-// Episode i of every evaluation starts from the seed RoleSeed(seed, "evaluation", i): the same for all
-// runs and agents, and apart from every training seed. Actions come from the fixed-order inference, so
-// returns have equal bits for any number of workers and threads and on any x86-64 processor with AVX2
-// and FMA. A policy that needs a history gets it stacked here. Thread rule: one thread.
+// Episode i of every evaluation starts from the seed RoleSeed(seed, "evaluation", i): the same for
+// all runs and agents, and apart from every training seed. Actions come from the fixed-order
+// inference, so returns have equal bits for any number of workers and threads and on any x86-64
+// processor with AVX2 and FMA. A policy that needs a history gets it stacked here. Thread rule: one
+// thread.
 #pragma once
 
 #include <cstdint>

@@ -32,9 +32,7 @@ class ObservationHistory {
     return {stacked_.view().column(index), static_cast<size_t>(length_) * size_};
   }
   // For checkpoints.
-  std::span<float> values() {
-    return {stacked_.view().data, static_cast<size_t>(length_) * size_ * stacked_.columns()};
-  }
+  std::span<float> values() { return stacked_.values(); }
 
  private:
   int length_;

@@ -7,11 +7,10 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <memory>
-#include <numeric>
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -40,14 +39,6 @@ Result<UniqueFd> LockFolder(const std::string& folder) {
     return Status(StatusCode::kBusy, fmt::format("another process trains in {}", folder));
   }
   return fd;
-}
-
-std::vector<float> ActionScale(const EnvironmentSpec& environment) {
-  std::vector<float> scale;
-  for (const DimensionSpec& dimension : environment.action.dimensions) {
-    scale.push_back(static_cast<float>(dimension.high));
-  }
-  return scale;
 }
 
 class TrainRun {
@@ -95,9 +86,8 @@ Status TrainRun::Open() {
   UseOneBlasThread();
   B4MRL_RETURN_IF_ERROR(OpenFolder());
   B4MRL_RETURN_IF_ERROR(CreateLearner());
-  B4MRL_ASSIGN_OR_RETURN(
-      Evaluator evaluator,
-      Evaluator::Open(client_, options_.environment, {}, options_.eval_episodes));
+  B4MRL_ASSIGN_OR_RETURN(Evaluator evaluator, Evaluator::Open(client_, options_.environment, {},
+                                                              options_.eval_episodes));
   evaluator_.emplace(std::move(evaluator));
 
   const bool resumes = options_.resume && !ListCheckpoints(options_.folder).empty();
@@ -114,10 +104,11 @@ Status TrainRun::OpenFolder() {
   if (error) return IoError("create", options_.folder, error.value());
   B4MRL_ASSIGN_OR_RETURN(lock_, LockFolder(options_.folder));
   if (!options_.resume && !ListCheckpoints(options_.folder).empty()) {
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
-                              "--out",
-                              options_.folder));
+    return Status(
+        StatusCode::kFailedPrecondition,
+        fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
+                    "--out",
+                    options_.folder));
   }
   return Status();
 }
@@ -199,10 +190,10 @@ Status TrainRun::Run(const std::atomic<bool>& stop) {
 Status TrainRun::CheckFinite() const {
   const auto& metric = means_.first_nonfinite();
   if (!metric) return Status();
-  return Status(StatusCode::kFailedPrecondition,
-                fmt::format("{} became {} at update {}; the last good state is {}", metric->name,
-                            metric->value, update_ + 1,
-                            CheckpointPath(options_.folder, checkpoint_update_)));
+  return Status(
+      StatusCode::kFailedPrecondition,
+      fmt::format("{} became {} at update {}; the last good state is {}", metric->name,
+                  metric->value, update_ + 1, CheckpointPath(options_.folder, checkpoint_update_)));
 }
 
 Status TrainRun::AfterUpdate(bool last) {
@@ -221,9 +212,8 @@ Status TrainRun::Evaluate() {
   B4MRL_RETURN_IF_ERROR(WriteAgent(AgentPath(), agent));
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
   B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, evaluator_->Run(policy));
-  const std::string score =
-      result.score ? fmt::format("score {:.1f}", *result.score)
-                   : fmt::format("return {:.1f}", result.mean_return);
+  const std::string score = result.score ? fmt::format("score {:.1f}", *result.score)
+                                         : fmt::format("return {:.1f}", result.mean_return);
   progress_.Message(fmt::format("update {}: return {:.1f} +- {:.1f}, {}", update_,
                                 result.mean_return, result.std_return, score));
   progress_.Update(update_, score);
@@ -264,7 +254,7 @@ Status TrainRun::Checkpoint() {
     SaveEvaluation(writer, fmt::format("run/evaluation{}", i), evaluations_[i]);
   }
   means_.Save(writer);
-  learner_->Save(writer);
+  B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
   B4MRL_RETURN_IF_ERROR(writer.Commit());
   checkpoint_update_ = update_;
   RemoveOldCheckpoints(options_.folder);
@@ -278,8 +268,8 @@ bool TrainRun::ReachedScore() const {
 }
 
 Agent TrainRun::PresentAgent() const {
-  Agent agent = MakeAgent(learner_->Policy(), options_.history_length,
-                          ActionScale(context_.environment));
+  Agent agent =
+      MakeAgent(learner_->Policy(), options_.history_length, context_.ActionScale());
   agent.provenance.environment = context_.environment.name;
   agent.provenance.algorithm = options_.algorithm;
   agent.provenance.seed = options_.seed;
@@ -310,12 +300,41 @@ TrainSummary TrainRun::Summary() const {
 
 }  // namespace
 
+std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary) {
+  nlohmann::ordered_json json;
+  json["algorithm"] = options.algorithm;
+  json["environment"] = options.environment;
+  json["simulator"] = options.simulator;
+  json["dataset"] = options.dataset;
+  json["corruption"] = options.corruption;
+  json["seed"] = options.seed;
+  json["updates"] = summary.updates;
+  json["environment_steps"] = summary.environment_steps;
+  json["interrupted"] = summary.interrupted;
+  json["agent"] = summary.agent_path;
+  if (summary.last) {
+    json["returns"] = summary.last->returns;
+    json["mean_return"] = summary.last->mean_return;
+    json["std_return"] = summary.last->std_return;
+    if (summary.last->score) json["score"] = *summary.last->score;
+    json["mean_return_of_last_ten"] = summary.mean_return_of_last_ten;
+    if (summary.mean_score_of_last_ten) {
+      json["mean_score_of_last_ten"] = *summary.mean_score_of_last_ten;
+    }
+  }
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {
   TrainRun run(options, client, progress);
   B4MRL_RETURN_IF_ERROR(run.Open());
   B4MRL_RETURN_IF_ERROR(run.Run(stop));
-  return run.Summary();
+  const TrainSummary summary = run.Summary();
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(options.folder + "/result.json"));
+  B4MRL_RETURN_IF_ERROR(file.Write(SummaryJson(options, summary) + "\n"));
+  B4MRL_RETURN_IF_ERROR(file.Commit());
+  return summary;
 }
 
 }  // namespace b4mrl

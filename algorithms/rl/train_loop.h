@@ -34,6 +34,9 @@ struct TrainSummary {
   std::string agent_path;
 };
 
+// The summary as one JSON object: what result.json holds.
+std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary);
+
 // `stop`, set by a signal handler, ends the run after the present update with a checkpoint.
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop);

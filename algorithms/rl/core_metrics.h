@@ -1,0 +1,27 @@
+// The cores' numbers as named metrics, so that equal things have equal names in every log.
+#pragma once
+
+#include "algorithms/rl/metrics.h"
+#include "algorithms/rl/sac_core.h"
+#include "algorithms/rl/td3_core.h"
+
+namespace b4mrl {
+
+inline void AddMetrics(const SacMetrics& values, MetricMeans& metrics) {
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("actor_loss", values.actor_loss);
+  metrics.Add("alpha_loss", values.alpha_loss);
+  metrics.Add("alpha", values.alpha);
+  metrics.Add("mean_q", values.mean_q);
+  metrics.Add("entropy", values.entropy);
+}
+
+inline void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("actor_loss", values.actor_loss);
+  metrics.Add("bc_loss", values.bc_loss);
+  metrics.Add("lambda", values.lambda);
+  metrics.Add("mean_q", values.mean_q);
+}
+
+}  // namespace b4mrl

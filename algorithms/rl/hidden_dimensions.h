@@ -1,0 +1,46 @@
+// The mask of an agent: which dimensions its training never showed. 1 seen, 0 hidden; empty when all
+// are seen.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// From a session's perturbations in their parametric form ("hidden" with "9+10" or dimension names).
+template <typename NamedArguments>
+Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
+                                               const NamedArguments& perturbations) {
+  std::vector<float> mask;
+  for (const auto& perturbation : perturbations) {
+    if (perturbation.name() != "hidden") continue;
+    mask.resize(observation.size(), 1.0f);
+    std::string_view rest = perturbation.argument();
+    while (!rest.empty()) {
+      const size_t plus = rest.find('+');
+      B4MRL_ASSIGN_OR_RETURN(const uint32_t dimension,
+                             observation.FindDimension(rest.substr(0, plus)));
+      mask[dimension] = 0;
+      rest.remove_prefix(plus == std::string_view::npos ? rest.size() : plus + 1);
+    }
+  }
+  return mask;
+}
+
+// From the list that an opened dataset reports.
+template <typename Dimensions>
+std::vector<float> MaskOfDimensions(size_t observation_size, const Dimensions& hidden) {
+  std::vector<float> mask;
+  for (const uint32_t dimension : hidden) {
+    mask.resize(observation_size, 1.0f);
+    if (dimension < observation_size) mask[dimension] = 0;
+  }
+  return mask;
+}
+
+}  // namespace b4mrl

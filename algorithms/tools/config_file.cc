@@ -1,0 +1,67 @@
+#include "algorithms/tools/config_file.h"
+
+#include <fmt/format.h>
+#define TOML_EXCEPTIONS 0
+#include <toml++/toml.h>
+
+#include <algorithm>
+
+#include "data/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kMaxConfigBytes = 1 << 20;
+
+Result<std::vector<std::string>> ReadOptions(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxConfigBytes));
+  const toml::parse_result parsed = toml::parse(text);
+  if (!parsed) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{} line {}: {}", path, parsed.error().source().begin.line,
+                              parsed.error().description()));
+  }
+  std::vector<std::string> options;
+  for (const auto& [key, value] : parsed.table()) {
+    const std::string name = fmt::format("--{}", key.str());
+    if (const auto* flag = value.as_boolean()) {
+      if (flag->get()) options.push_back(name);
+    } else if (const auto* string = value.as_string()) {
+      options.push_back(fmt::format("{}={}", name, string->get()));
+    } else if (const auto* integer = value.as_integer()) {
+      options.push_back(fmt::format("{}={}", name, integer->get()));
+    } else if (const auto* number = value.as_floating_point()) {
+      options.push_back(fmt::format("{}={}", name, number->get()));
+    } else {
+      return InvalidArgument(fmt::format("{} in {}", key.str(), path), "a table, array or date",
+                             "a string, number or boolean");
+    }
+  }
+  return options;
+}
+
+}  // namespace
+
+Result<std::vector<std::string>> ExpandConfigFile(std::vector<std::string> arguments) {
+  constexpr std::string_view kOption = "--config";
+  const auto found = std::find_if(arguments.begin(), arguments.end(), [&](const std::string& word) {
+    return word == kOption || word.starts_with(std::string(kOption) + "=");
+  });
+  if (found == arguments.end()) return arguments;
+  std::string path;
+  if (*found == kOption) {
+    if (found + 1 == arguments.end()) return InvalidArgument(kOption, "", "a file");
+    path = *(found + 1);
+    arguments.erase(found, found + 2);
+  } else {
+    path = found->substr(kOption.size() + 1);
+    arguments.erase(found);
+  }
+  B4MRL_ASSIGN_OR_RETURN(const std::vector<std::string> options, ReadOptions(path));
+  // Behind the command's own word, in front of everything else.
+  const auto place = arguments.begin() + (arguments.empty() ? 0 : 1);
+  arguments.insert(place, options.begin(), options.end());
+  return arguments;
+}
+
+}  // namespace b4mrl

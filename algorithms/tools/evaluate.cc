@@ -1,0 +1,97 @@
+// b4mrl evaluate: the score of an agent file.
+#include <fmt/format.h>
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/rl/agent_policy.h"
+#include "algorithms/rl/evaluate.h"
+#include "algorithms/tools/command.h"
+#include "data/agent_file.h"
+
+namespace b4mrl {
+namespace {
+
+struct EvaluateCommand {
+  CLI::App* app;
+  DaemonOptions daemon;
+  std::string agent_path, environment, simulator, observe = "trained";
+  uint32_t episodes = 10;
+  uint64_t seed = 0;
+  bool json = false;
+
+  void AddOptions();
+  std::optional<Failure> Run();
+  void Print(const EvaluationResult& result) const;
+};
+
+void EvaluateCommand::AddOptions() {
+  app->add_option("--agent", agent_path, "agent file")->required();
+  app->add_option("--environment", environment, "where it acts: \"HalfCheetah\"")->required();
+  app->add_option("--simulator", simulator, "perturbations; none: the true environment");
+  app->add_option("--episodes", episodes, "deterministic episodes [10]")
+      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
+  app->add_option("--seed", seed, "of the episodes' starts; 0 is the training evaluations' [0]");
+  app->add_option("--observe", observe, "trained: dimensions hidden in training are zeroed; full: "
+                                        "none is [trained]")
+      ->check(CLI::IsMember({"trained", "full"}));
+  app->add_flag("--json", json, "print JSON");
+  app->add_option("--config", "TOML file of options; the command line overrides it");
+  daemon.AddTo(*app);
+}
+
+std::optional<Failure> EvaluateCommand::Run() {
+  auto agent = ReadAgent(agent_path);
+  if (!agent.ok()) return BadInput(agent.status());
+  auto policy =
+      AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
+  if (!policy.ok()) return BadInput(policy.status());
+  auto perturbations = ParseNamedArguments(simulator);
+  if (!perturbations.ok()) return BadUsage(perturbations.status());
+
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  auto evaluator =
+      Evaluator::Open(connection->client(), environment, *perturbations, episodes, seed);
+  if (!evaluator.ok()) return FromDaemon(evaluator.status());
+  const auto result = evaluator->Run(*policy);
+  if (!result.ok()) return FromDaemon(result.status());
+  Print(*result);
+  return std::nullopt;
+}
+
+void EvaluateCommand::Print(const EvaluationResult& result) const {
+  if (json) {
+    nlohmann::ordered_json out;
+    out["agent"] = agent_path;
+    out["environment"] = environment;
+    out["simulator"] = simulator;
+    out["observe"] = observe;
+    out["episodes"] = result.returns.size();
+    out["seed"] = seed;
+    out["returns"] = result.returns;
+    out["lengths"] = result.lengths;
+    out["mean_return"] = result.mean_return;
+    out["std_return"] = result.std_return;
+    if (result.score) out["score"] = *result.score;
+    fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    return;
+  }
+  for (size_t i = 0; i < result.returns.size(); ++i) {
+    fmt::print("episode {:>3}  return {:>10.2f}  length {}\n", i, result.returns[i],
+               result.lengths[i]);
+  }
+  fmt::print("mean return {:.2f} +- {:.2f}\n", result.mean_return, result.std_return);
+  if (result.score) fmt::print("normalised score {:.2f}\n", *result.score);
+}
+
+}  // namespace
+
+std::vector<Command> AddEvaluateCommand(CLI::App& app) {
+  auto command = std::make_shared<EvaluateCommand>();
+  command->app = app.add_subcommand("evaluate", "returns and normalised score of an agent");
+  command->AddOptions();
+  return {{command->app, [command] { return command->Run(); }}};
+}
+
+}  // namespace b4mrl

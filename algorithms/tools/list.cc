@@ -1,0 +1,181 @@
+// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's; algorithms and
+// benchmarks are this program's.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/list.h"
+#include "algorithms/tools/command.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// One object a line of the listing; "name" and "description" are printed as text.
+Json EnvironmentItem(const pb::EnvironmentInfo& info) {
+  Json item = {{"name", info.name()},
+               {"description", info.reward()},
+               {"observation_size", info.observation().dimensions_size()},
+               {"action_size", info.action().dimensions_size()},
+               {"max_episode_steps", info.max_episode_steps()},
+               {"step_seconds", info.step_seconds()}};
+  if (info.has_reference_min()) item["reference_min"] = info.reference_min();
+  if (info.has_reference_max()) item["reference_max"] = info.reference_max();
+  return item;
+}
+
+Json DimensionItems(const pb::Space& space, const char* kind) {
+  Json items = Json::array();
+  for (int i = 0; i < space.dimensions_size(); ++i) {
+    const pb::Dimension& dimension = space.dimensions(i);
+    items.push_back({{"name", dimension.name()},
+                     {"description", fmt::format("{} {}, in {}", kind, i,
+                                                 dimension.unit().empty() ? "no unit"
+                                                                          : dimension.unit())},
+                     {"space", kind},
+                     {"index", i},
+                     {"unit", dimension.unit()}});
+  }
+  return items;
+}
+
+Json PerturbationItem(const pb::PerturbationInfo& info) {
+  Json item = {{"name", info.name()},
+               {"description", info.description()},
+               {"parameter", info.parameter()},
+               {"type", info.type()},
+               {"low", info.low()},
+               {"high", info.high()},
+               {"corrupts_datasets", info.corrupts_datasets()},
+               {"presets", Json::array()}};
+  for (const pb::PresetInfo& preset : info.presets()) {
+    item["presets"].push_back({{"name", preset.name()},
+                               {"environment", preset.environment()},
+                               {"argument", preset.argument()}});
+  }
+  return item;
+}
+
+Json DatasetItem(const pb::DatasetInfo& info) {
+  const std::string rows = info.rows() > 0 ? fmt::format("{} rows", info.rows())
+                                           : std::string("not imported yet");
+  return {{"name", info.name()},
+          {"description", fmt::format("{}, {:.1f} MB", rows,
+                                      static_cast<double>(info.file_bytes()) / 1e6)},
+          {"rows", info.rows()},
+          {"file_bytes", info.file_bytes()},
+          {"sha256", info.sha256()},
+          {"behaviour_policy", info.behaviour_policy()}};
+}
+
+Json AlgorithmItem(const Algorithm& algorithm) {
+  Json item = {{"name", algorithm.name},
+               {"description", algorithm.description},
+               {"simulator", algorithm.needs.simulator},
+               {"dataset", algorithm.needs.dataset},
+               {"hyperparameters", Json::array()}};
+  for (const Hyperparameter& entry : algorithm.hyperparameters) {
+    item["hyperparameters"].push_back({{"name", entry.name},
+                                       {"default", entry.value},
+                                       {"low", entry.low},
+                                       {"high", entry.high},
+                                       {"meaning", entry.meaning}});
+  }
+  return item;
+}
+
+struct ListCommand {
+  CLI::App* app;
+  DaemonOptions daemon;
+  std::string kind, environment;
+  bool json = false;
+
+  std::optional<Failure> Run();
+  Result<Json> Items(Client& client) const;
+  void Print(const Json& items) const;
+};
+
+const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations",
+                                         "datasets",     "algorithms", "benchmarks"};
+
+std::optional<Failure> ListCommand::Run() {
+  if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) {
+    return BadUsage(UnknownName("list", kind, kKinds));
+  }
+  if (kind == "dimensions" && environment.empty()) {
+    return BadUsage(InvalidArgument("environment", "", "b4mrl list dimensions ENVIRONMENT"));
+  }
+  Json items = Json::array();
+  if (kind == "algorithms") {
+    for (const Algorithm& algorithm : Algorithms()) items.push_back(AlgorithmItem(algorithm));
+  } else if (kind != "benchmarks") {
+    auto connection = DaemonConnection::Open(daemon);
+    if (!connection.ok()) return FromDaemon(connection.status());
+    auto listed = Items(connection->client());
+    if (!listed.ok()) return FromDaemon(listed.status());
+    items = *std::move(listed);
+  }
+  Print(items);
+  return std::nullopt;
+}
+
+Result<Json> ListCommand::Items(Client& client) const {
+  Json items = Json::array();
+  if (kind == "datasets") {
+    B4MRL_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets());
+    for (const pb::DatasetInfo& info : datasets) items.push_back(DatasetItem(info));
+    return items;
+  }
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
+  if (kind == "perturbations") {
+    for (const auto& info : catalogue.perturbations()) items.push_back(PerturbationItem(info));
+    return items;
+  }
+  std::vector<std::string> names;
+  for (const pb::EnvironmentInfo& info : catalogue.environments()) {
+    names.push_back(info.name());
+    if (kind == "environments") items.push_back(EnvironmentItem(info));
+    if (kind != "dimensions" || info.name() != environment) continue;
+    items = DimensionItems(info.observation(), "observation");
+    for (const Json& item : DimensionItems(info.action(), "action")) items.push_back(item);
+    return items;
+  }
+  if (kind == "dimensions") return UnknownName("environment", environment, names);
+  return items;
+}
+
+void ListCommand::Print(const Json& items) const {
+  if (json) {
+    fmt::print("{}\n", items.dump(2, ' ', false, Json::error_handler_t::replace));
+    return;
+  }
+  size_t width = 0;
+  for (const Json& item : items) width = std::max(width, item["name"].get<std::string>().size());
+  for (const Json& item : items) {
+    fmt::print("{:<{}}  {}\n", item["name"].get<std::string>(), width,
+               item["description"].get<std::string>());
+    for (const Json& preset : item.value("presets", Json::array())) {
+      fmt::print("{:<{}}    {} = {}={} on {}\n", "", width, preset["name"].get<std::string>(),
+                 item["name"].get<std::string>(), preset["argument"].get<std::string>(),
+                 preset["environment"].get<std::string>());
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<Command> AddListCommand(CLI::App& app) {
+  auto command = std::make_shared<ListCommand>();
+  command->app = app.add_subcommand(
+      "list", "environments, dimensions E, perturbations, datasets, algorithms or benchmarks");
+  command->app->add_option("kind", command->kind, "what to list")->required();
+  command->app->add_option("environment", command->environment, "of `list dimensions`");
+  command->app->add_flag("--json", command->json, "print one JSON array");
+  command->daemon.AddTo(*command->app);
+  return {{command->app, [command] { return command->Run(); }}};
+}
+
+}  // namespace b4mrl

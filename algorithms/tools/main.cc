@@ -1,0 +1,73 @@
+// b4mrl-tools: the client side of the command line. `b4mrl` (launcher.cc) is how users call it.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "algorithms/tools/command.h"
+#include "algorithms/tools/config_file.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr const char* kDescription =
+    "B4MRL: simulators, datasets and learners for hybrid reinforcement learning\n\n"
+    "  b4mrl serve ...   runs the daemon (b4mrl serve --help)\n"
+    "  b4mrl perf ...    measures it against the machine's limits (b4mrl perf --help)\n";
+
+std::string CommandLine(int argc, char** argv) {
+  std::string line = "b4mrl";
+  for (int i = 1; i < argc; ++i) line += fmt::format(" {}", argv[i]);
+  return line;
+}
+
+// CLI11 would say only that an argument was not expected.
+std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std::string>& words) {
+  if (words.empty() || words[0].starts_with("-")) return std::nullopt;
+  std::vector<std::string> names = {"serve", "perf"};
+  for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
+  if (std::find(names.begin(), names.end(), words[0]) != names.end()) return std::nullopt;
+  return UnknownName("command", words[0], names);
+}
+
+int Report(const Failure& failure) {
+  fmt::print(stderr, "b4mrl: {}\n", failure.status.ToString());
+  return failure.exit_code;
+}
+
+int Run(int argc, char** argv) {
+  CLI::App app(kDescription, "b4mrl");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "b4mrl " B4MRL_VERSION);
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
+  std::vector<Command> commands;
+  for (auto& added : {AddTrainCommand(app, CommandLine(argc, argv)), AddEvaluateCommand(app),
+                      AddListCommand(app), AddStatusCommand(app)}) {
+    commands.insert(commands.end(), added.begin(), added.end());
+  }
+
+  auto arguments = ExpandConfigFile({argv + 1, argv + argc});
+  if (!arguments.ok()) return Report(BadInput(arguments.status()));
+  if (const auto unknown = UnknownCommand(app, *arguments)) return Report(BadUsage(*unknown));
+  std::reverse(arguments->begin(), arguments->end());  // as CLI11 takes them
+  try {
+    app.parse(*std::move(arguments));
+  } catch (const CLI::ParseError& error) {
+    const int code = app.exit(error);  // prints help to stdout, errors to stderr
+    return code == 0 ? kExitDone : kExitBadUsage;
+  }
+  for (const Command& command : commands) {
+    if (!command.app->parsed()) continue;
+    const std::optional<Failure> failure = command.body();
+    return failure ? Report(*failure) : kExitDone;
+  }
+  return kExitBadUsage;
+}
+
+}  // namespace
+}  // namespace b4mrl
+
+int main(int argc, char** argv) { return b4mrl::Run(argc, argv); }

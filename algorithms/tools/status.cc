@@ -1,0 +1,84 @@
+// b4mrl status: what a running daemon is doing.
+#include <fmt/format.h>
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/rl/progress.h"
+#include "algorithms/tools/command.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+void PrintJson(const pb::ServerStatusReply& status) {
+  Json out = {{"uptime_ms", status.uptime_ms()},
+              {"session_count", status.session_count()},
+              {"workers", Json::array()},
+              {"sessions", Json::array()}};
+  for (const pb::WorkerStatus& worker : status.workers()) {
+    out["workers"].push_back({{"role", worker.role()},
+                              {"process_id", worker.process_id()},
+                              {"restarts", worker.restarts()},
+                              {"sessions", worker.sessions()},
+                              {"steps", worker.steps()},
+                              {"query_rows", worker.query_rows()},
+                              {"requests", worker.requests()},
+                              {"errors", worker.errors()},
+                              {"steps_per_second", worker.steps_per_second()}});
+  }
+  for (const pb::SessionStatus& session : status.sessions()) {
+    out["sessions"].push_back({{"environment", session.environment()},
+                               {"perturbations", session.perturbations()},
+                               {"num_envs", session.num_envs()},
+                               {"worker", session.worker()},
+                               {"steps", session.steps()},
+                               {"idle_ms", session.idle_ms()}});
+  }
+  fmt::print("{}\n", out.dump(2, ' ', false, Json::error_handler_t::replace));
+}
+
+void PrintText(const pb::ServerStatusReply& status) {
+  fmt::print("up {}, {} sessions\n",
+             FormatDuration(static_cast<double>(status.uptime_ms()) / 1000), status.session_count());
+  fmt::print("{:<16} {:>8} {:>8} {:>8} {:>12} {:>10} {:>12} {:>8}\n", "process", "pid", "restarts",
+             "sessions", "steps", "steps/s", "query rows", "errors");
+  for (const pb::WorkerStatus& worker : status.workers()) {
+    fmt::print("{:<16} {:>8} {:>8} {:>8} {:>12} {:>10.0f} {:>12} {:>8}\n", worker.role(),
+               worker.process_id(), worker.restarts(), worker.sessions(), worker.steps(),
+               worker.steps_per_second(), worker.query_rows(), worker.errors());
+  }
+  for (const pb::SessionStatus& session : status.sessions()) {
+    fmt::print("session {}[{}] x{} on worker {}: {} steps, idle {}\n", session.environment(),
+               session.perturbations(), session.num_envs(), session.worker(), session.steps(),
+               FormatDuration(static_cast<double>(session.idle_ms()) / 1000));
+  }
+}
+
+struct StatusCommand {
+  std::string endpoint = "tcp://127.0.0.1:7700";
+  bool json = false;
+
+  std::optional<Failure> Run() {
+    auto client = Client::Connect(endpoint);
+    if (!client.ok()) return Failure{kExitNoDaemon, client.status()};
+    const auto status = client->ServerStatus();
+    if (!status.ok()) return FromDaemon(status.status());
+    json ? PrintJson(*status) : PrintText(*status);
+    return std::nullopt;
+  }
+};
+
+}  // namespace
+
+std::vector<Command> AddStatusCommand(CLI::App& app) {
+  auto command = std::make_shared<StatusCommand>();
+  CLI::App* sub = app.add_subcommand("status", "a running daemon's sessions, workers and rates");
+  sub->add_option("--endpoint", command->endpoint, "the daemon [tcp://127.0.0.1:7700]")
+      ->envname("B4MRL_ENDPOINT");
+  sub->add_flag("--json", command->json, "print JSON");
+  return {{sub, [command] { return command->Run(); }}};
+}
+
+}  // namespace b4mrl

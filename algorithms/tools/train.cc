@@ -1,0 +1,243 @@
+// b4mrl train: one learner, one run.
+#include <fmt/format.h>
+
+#include <atomic>
+#include <charconv>
+#include <cmath>
+#include <csignal>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "algorithms/list.h"
+#include "algorithms/rl/train_loop.h"
+#include "algorithms/tools/command.h"
+#include "data/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+std::atomic<bool> g_stop = false;
+
+// The first signal ends the run with a checkpoint; the second ends the process.
+void RequestStop(int signal_number) {
+  g_stop = true;
+  std::signal(signal_number, SIG_DFL);
+}
+
+struct TrainCommand {
+  CLI::App* app;
+  TrainOptions options;
+  DaemonOptions daemon;
+  double stop_at_score = 0;
+  bool quiet = false;
+  bool json = false;
+
+  void AddOptions();
+  std::optional<Failure> Run();
+  Status MergeRecord(std::vector<std::pair<std::string, double>>& hyperparameters);
+  Status SetHyperparameters(const Algorithm& algorithm,
+                            const std::vector<std::pair<std::string, double>>& recorded);
+  Status CheckNeeds(const Algorithm& algorithm) const;
+  bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
+  template <typename T>
+  Status Merge(const std::string& name, T& given, const T& recorded);
+  void PrintSummary(const TrainSummary& summary) const;
+};
+
+std::string HyperparameterHelp() {
+  std::string text;
+  for (const Algorithm& algorithm : Algorithms()) {
+    text += fmt::format("\nOptions of {} ({}):\n", algorithm.name, algorithm.description);
+    for (const Hyperparameter& entry : algorithm.hyperparameters) {
+      text += fmt::format("  {:<27} {} [{}]\n", fmt::format("--{} NUMBER", entry.name),
+                          entry.meaning, entry.value);
+    }
+  }
+  return text;
+}
+
+void TrainCommand::AddOptions() {
+  app->add_option("--algorithm", options.algorithm, "see `b4mrl list algorithms`");
+  app->add_option("--environment", options.environment, "the true environment: \"HalfCheetah\"");
+  app->add_option("--simulator", options.simulator,
+                  "perturbations of the simulator to learn in: \"gravity,obs-noise-low\"");
+  app->add_option("--dataset", options.dataset, "\"HalfCheetah/medium\"");
+  app->add_option("--corruption", options.corruption, "corruptions of the dataset: \"hidden-high\"");
+  app->add_option("--history", options.history_length, "observations that the policy sees [1]")
+      ->check(CLI::Range(1u, 64u));
+  app->add_option("--seed", options.seed, "of everything random in the run [0]");
+  app->add_option("--updates", options.updates, "gradient steps [1000000]");
+  app->add_option("--eval-every", options.eval_every, "updates between evaluations [10000]")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--eval-episodes", options.eval_episodes, "episodes of an evaluation [10]")
+      ->check(CLI::Range(1u, 1024u));
+  app->add_option("--log-every", options.log_every, "updates between log lines [1000]")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--checkpoint-every", options.checkpoint_every,
+                  "updates between checkpoints [10000]")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--stop-at-score", stop_at_score,
+                  "end at the first evaluation whose normalised score is at least this");
+  app->add_option("--out", options.folder, "folder of the run [runs/ENVIRONMENT-ALGORITHM-sSEED]");
+  app->add_flag("--resume", options.resume,
+                "continue the run in --out from its last checkpoint, if it has one");
+  app->add_flag("--quiet", quiet, "no progress on stderr");
+  app->add_flag("--json", json, "print the result as JSON");
+  app->add_option("--config", "TOML file of options; the command line overrides it");
+  daemon.AddTo(*app);
+  app->allow_extras();  // hyperparameters, whose names depend on the algorithm
+  app->footer(HyperparameterHelp());
+}
+
+// An identity option: as recorded when not given, refused when it differs.
+template <typename T>
+Status TrainCommand::Merge(const std::string& name, T& given, const T& recorded) {
+  if (Given(name) && given != recorded) {
+    return InvalidArgument(fmt::format("--{}", name), fmt::format("{}", given),
+                           fmt::format("{}, as in the run to be resumed", recorded));
+  }
+  given = recorded;
+  return Status();
+}
+
+Status TrainCommand::MergeRecord(std::vector<std::pair<std::string, double>>& hyperparameters) {
+  B4MRL_ASSIGN_OR_RETURN(RunRecord record, ReadRunRecord(options.folder));
+  const TrainOptions& old = record.options;
+  B4MRL_RETURN_IF_ERROR(Merge("algorithm", options.algorithm, old.algorithm));
+  B4MRL_RETURN_IF_ERROR(Merge("environment", options.environment, old.environment));
+  B4MRL_RETURN_IF_ERROR(Merge("simulator", options.simulator, old.simulator));
+  B4MRL_RETURN_IF_ERROR(Merge("dataset", options.dataset, old.dataset));
+  B4MRL_RETURN_IF_ERROR(Merge("corruption", options.corruption, old.corruption));
+  B4MRL_RETURN_IF_ERROR(Merge("history", options.history_length, old.history_length));
+  B4MRL_RETURN_IF_ERROR(Merge("seed", options.seed, old.seed));
+  if (!Given("updates")) options.updates = old.updates;
+  if (!Given("eval-every")) options.eval_every = old.eval_every;
+  if (!Given("eval-episodes")) options.eval_episodes = old.eval_episodes;
+  if (!Given("log-every")) options.log_every = old.log_every;
+  if (!Given("checkpoint-every")) options.checkpoint_every = old.checkpoint_every;
+  if (!Given("stop-at-score")) options.stop_at_score = old.stop_at_score;
+  hyperparameters = std::move(record.hyperparameters);
+  return Status();
+}
+
+// "--gamma 0.98" and "--gamma=0.98", which CLI11 hands back because it does not know them.
+Result<std::vector<std::pair<std::string, double>>> ParseExtras(std::vector<std::string> words) {
+  std::vector<std::pair<std::string, double>> values;
+  for (size_t i = 0; i < words.size(); ++i) {
+    if (!words[i].starts_with("--")) {
+      return InvalidArgument("argument", words[i], "options, as --name value");
+    }
+    std::string name = words[i].substr(2), text;
+    if (const size_t equals = name.find('='); equals != std::string::npos) {
+      text = name.substr(equals + 1);
+      name.resize(equals);
+    } else if (i + 1 < words.size()) {
+      text = words[++i];
+    }
+    B4MRL_ASSIGN_OR_RETURN(const double value, ParseFinite("--" + name, text, -HUGE_VAL, HUGE_VAL));
+    values.emplace_back(name, value);
+  }
+  return values;
+}
+
+Status TrainCommand::SetHyperparameters(
+    const Algorithm& algorithm, const std::vector<std::pair<std::string, double>>& recorded) {
+  options.hyperparameters = Hyperparameters(algorithm.hyperparameters);
+  for (const auto& [name, value] : recorded) {
+    B4MRL_RETURN_IF_ERROR(options.hyperparameters.Set(name, value));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const auto given, ParseExtras(app->remaining()));
+  for (const auto& [name, value] : given) {
+    const double before = options.hyperparameters.Number(name);
+    B4MRL_RETURN_IF_ERROR(options.hyperparameters.Set(name, value));
+    if (!recorded.empty() && before != value) {
+      return InvalidNumber("--" + name, value,
+                           fmt::format("{}, as in the run to be resumed", before));
+    }
+  }
+  return Status();
+}
+
+Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
+  const auto refuse = [&](std::string_view option, std::string_view value, std::string_view rule) {
+    return InvalidArgument(option, value, fmt::format("{} with {}", rule, algorithm.name));
+  };
+  if (options.environment.empty()) return InvalidArgument("--environment", "", "a name");
+  if (algorithm.needs.dataset && options.dataset.empty()) {
+    return refuse("--dataset", "", "a dataset is needed");
+  }
+  if (!algorithm.needs.dataset && !options.dataset.empty()) {
+    return refuse("--dataset", options.dataset, "nothing");
+  }
+  if (!algorithm.needs.dataset && !options.corruption.empty()) {
+    return refuse("--corruption", options.corruption, "nothing");
+  }
+  if (!algorithm.needs.simulator && !options.simulator.empty()) {
+    return refuse("--simulator", options.simulator, "nothing");
+  }
+  if (!algorithm.needs.history && options.history_length != 1) {
+    return refuse("--history", fmt::format("{}", options.history_length), "1");
+  }
+  return Status();
+}
+
+std::optional<Failure> TrainCommand::Run() {
+  if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
+  if (options.folder.empty()) {
+    options.folder = fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm,
+                                 options.seed);
+  }
+  std::vector<std::pair<std::string, double>> recorded;
+  if (options.resume && !ListCheckpoints(options.folder).empty()) {
+    if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
+  }
+  auto algorithm = FindAlgorithm(options.algorithm);
+  if (!algorithm.ok()) return BadUsage(algorithm.status());
+  if (Status status = SetHyperparameters(**algorithm, recorded); !status.ok()) {
+    return BadUsage(std::move(status));
+  }
+  if (Status status = CheckNeeds(**algorithm); !status.ok()) return BadUsage(std::move(status));
+
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  std::signal(SIGINT, RequestStop);
+  std::signal(SIGTERM, RequestStop);
+  Progress progress(quiet);
+  const auto summary = Train(options, connection->client(), progress, g_stop);
+  progress.Finish();
+  if (!summary.ok()) return FromDaemon(summary.status());
+  PrintSummary(*summary);
+  if (summary->interrupted) {
+    return Failure{kExitInterrupted,
+                   Status(StatusCode::kUnavailable,
+                          fmt::format("interrupted at update {}; continue with --resume --out {}",
+                                      summary->updates, options.folder))};
+  }
+  return std::nullopt;
+}
+
+void TrainCommand::PrintSummary(const TrainSummary& summary) const {
+  const std::string text = SummaryJson(options, summary);
+  if (json) {
+    fmt::print("{}\n", text);
+    return;
+  }
+  if (!summary.last) return;
+  fmt::print("return {:.1f} +- {:.1f} over {} episodes after {} updates", summary.last->mean_return,
+             summary.last->std_return, summary.last->returns.size(), summary.updates);
+  if (summary.last->score) fmt::print(", normalised score {:.2f}", *summary.last->score);
+  fmt::print("\nagent {}\n", summary.agent_path);
+}
+
+}  // namespace
+
+std::vector<Command> AddTrainCommand(CLI::App& app, const std::string& command_line) {
+  auto command = std::make_shared<TrainCommand>();
+  command->app = app.add_subcommand("train", "train one learner");
+  command->options.command = command_line;
+  command->AddOptions();
+  return {{command->app, [command] { return command->Run(); }}};
+}
+
+}  // namespace b4mrl
