@@ -48,7 +48,8 @@ class Connection {
   // Send and Receive in one.
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
 
-  size_t in_flight() const { return pending_.size(); }
+  // Requests whose outcome the caller has not received yet, answered or not.
+  size_t in_flight() const { return pending_.size() + arrived_.size(); }
   // How often the connection was made; above 1 after the server was replaced.
   uint32_t connections() { return socket_.connections(); }
 
