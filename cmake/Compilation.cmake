@@ -24,6 +24,8 @@ if(B4MRL_WERROR)
   add_compile_options(-Werror)
 endif()
 if(B4MRL_SANITIZE)
+  # GCC 12 warns falsely inside libstdc++'s regex when it instruments it.
+  add_compile_options(-Wno-maybe-uninitialized)
   add_compile_options(-fsanitize=${B4MRL_SANITIZE} -fno-omit-frame-pointer
                       -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${B4MRL_SANITIZE})
