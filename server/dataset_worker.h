@@ -29,8 +29,8 @@ struct DatasetWorkerOptions {
   std::string data_folder;
   // The program that knows `--role importer`, started once per new file.
   std::string importer_program = "/proc/self/exe";
-  // Disk that derived caches (corrupted datasets) may take together; the least recently used go.
-  uint64_t max_derived_bytes = 8ull << 30;
+  // Disk that all caches may take together; those that were opened longest ago go.
+  uint64_t max_cache_bytes = 64ull << 30;
 
   // Owned by the caller; each may be null. `heartbeat` grows at least every 200 ms while the
   // process is well. `drain` is set by SIGTERM: requests that wait are answered kUnavailable, then

@@ -1,0 +1,46 @@
+// Corrupted datasets: the perturbations of observations, applied to recorded data.
+//
+// Row i of the result is a pure function of (file hash, corruptions, seed): observation i is
+// perturbed as row i of the dataset's one noise matrix, and so is the next observation of row i - 1
+// where both belong to one episode, so that a state looks the same from both sides. The next
+// observation of an episode's last row has no such partner and is perturbed as row i of a second
+// matrix. Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns. The
+// matrix is the file's own: its hash names the stream. Rewards, actions and flags stay; infos are
+// never served with a corruption. Numbers that are not finite pass. Any thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "data/dataset.h"
+#include "data/dataset_builder.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/perturbations/list.h"
+
+namespace b4mrl {
+
+// The environment that a dataset's name belongs to: "HalfCheetah/medium",
+// "d4rl/halfcheetah-medium-v2". For any other name, a specification with unnamed dimensions.
+// kFailedPrecondition when the sizes differ.
+Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
+                                      uint32_t action_size);
+
+struct Corruption {
+  std::vector<NamedArgument> items;         // parametric forms, in order
+  std::vector<uint32_t> hidden_dimensions;  // sorted
+  PerturbationSet set;
+
+  bool empty() const { return items.empty(); }
+};
+// Resolves presets and builds the set; refuses what is unknown or cannot corrupt data.
+Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
+                                  const EnvironmentSpec& spec);
+
+// Appends every row of `source`, corrupted. `matrix` names the noise matrix (MatrixOfFile).
+Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
+                       uint64_t matrix, DatasetBuilder* builder);
+// The first 64 bits of a SHA-256 in hexadecimal; 0 for anything else.
+uint64_t MatrixOfFile(const std::string& sha256);
+
+}  // namespace b4mrl

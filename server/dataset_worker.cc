@@ -1,0 +1,352 @@
+#include "server/dataset_worker.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
+#include "server/background_thread.h"
+#include "server/dataset_batches.h"
+#include "server/dataset_store.h"
+#include "server/describe.h"
+#include "server/request_job.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kBeatMs = 100;
+// Replies that were sent before a drain may take so long to leave.
+constexpr int64_t kLingerMs = 1000;
+constexpr int kMessagesPerBeat = 256;
+
+using DatasetPointer = std::shared_ptr<const Dataset>;
+
+// A request, from its arrival to its reply.
+struct PendingRequest {
+  RoutingId sender;
+  pb::Request request;
+  Clock::time_point received;
+  Deadline deadline = Deadline::AfterMs(0);
+};
+
+// The fingerprint that a request for rows or statistics names; null for other requests.
+const std::string* FingerprintOf(const pb::Request& request) {
+  switch (request.payload_case()) {
+    case pb::Request::kSample:
+      return &request.sample().fingerprint();
+    case pb::Request::kRead:
+      return &request.read().fingerprint();
+    case pb::Request::kDatasetStats:
+      return &request.dataset_stats().fingerprint();
+    default:
+      return nullptr;
+  }
+}
+
+void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
+  out->set_name(info.name);
+  out->set_rows(info.rows);
+  out->set_file_bytes(info.file_bytes);
+  out->set_sha256(info.sha256);
+  out->set_behaviour_policy(info.behaviour_policy);
+}
+
+class DatasetWorker {
+ public:
+  DatasetWorker(const DatasetWorkerOptions& options, RouterSocket* socket)
+      : options_(options),
+        socket_(socket),
+        store_({options.data_folder, options.importer_program, options.max_cache_bytes}) {}
+
+  void Run();
+
+ private:
+  using Waiting = std::list<PendingRequest>;
+
+  bool draining() const {
+    return options_.drain != nullptr && options_.drain->load(std::memory_order_relaxed);
+  }
+  void Handle(IncomingMessage incoming);
+  void Dispatch(PendingRequest pending);
+  void SubmitOpen(PendingRequest pending);
+  void SubmitList(PendingRequest pending);
+  void SubmitLoad(PendingRequest pending);
+  // Keeps a request until its completion or its deadline; null when too many wait already.
+  uint64_t Park(PendingRequest pending);
+  // The parked request `id`, unless its deadline has answered it.
+  std::optional<PendingRequest> Unpark(uint64_t id);
+  void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
+  void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
+  void FinishLoad(const std::string& fingerprint, const Result<DatasetPointer>& dataset);
+  void ServeRows(const PendingRequest& pending, const Dataset& dataset);
+  void ExpireParked();
+  void AnswerAllParked(const Status& status);
+
+  DatasetPointer FindServed(const std::string& fingerprint);
+  void Serve(const std::string& fingerprint, DatasetPointer dataset);
+  void Reply(const PendingRequest& to, pb::Reply* reply, Frame payload);
+  void ReplyError(const PendingRequest& to, const Status& status);
+
+  struct Served {
+    DatasetPointer dataset;
+    uint64_t last_use = 0;
+  };
+
+  const DatasetWorkerOptions& options_;
+  RouterSocket* socket_;
+  DatasetStore store_;  // background thread only
+  std::map<std::string, Served> served_;
+  uint64_t uses_ = 0;
+  std::map<uint64_t, PendingRequest> parked_;
+  uint64_t next_id_ = 1;
+  // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
+  std::map<std::string, std::vector<uint64_t>> loading_;
+  BackgroundThread background_;  // last: its tasks use the members above
+};
+
+void DatasetWorker::Run() {
+  background_.Submit([this] {
+    store_.RemoveUnfinished();
+    return [] {};
+  });
+  const int wake = background_.fd();
+  while (!draining()) {
+    if (options_.heartbeat != nullptr) options_.heartbeat->fetch_add(1);
+    WaitReadable(socket_->handle(), std::span(&wake, 1), kBeatMs);
+    for (int i = 0; i < kMessagesPerBeat; ++i) {
+      std::optional<IncomingMessage> incoming = socket_->TryReceive();
+      if (!incoming) break;
+      Handle(std::move(*incoming));
+    }
+    background_.RunCompletions();
+    ExpireParked();
+  }
+  AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  socket_->LingerOnClose(kLingerMs);
+}
+
+void DatasetWorker::Handle(IncomingMessage incoming) {
+  if (options_.requests != nullptr) options_.requests->fetch_add(1, std::memory_order_relaxed);
+  PendingRequest pending;
+  pending.sender = std::move(incoming.sender);
+  pending.received = Clock::now();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &pending.request);
+      !status.ok()) {
+    pending.request.Clear();
+    return ReplyError(pending, status);
+  }
+  const int64_t deadline_ms = pending.request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs
+                                                                 : pending.request.deadline_ms();
+  pending.deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  if (pending.request.protocol_version() != limits::kProtocolVersion) {
+    return ReplyError(pending, VersionMismatch(pending.request.protocol_version()));
+  }
+  Dispatch(std::move(pending));
+}
+
+void DatasetWorker::Dispatch(PendingRequest pending) {
+  if (const std::string* fingerprint = FingerprintOf(pending.request)) {
+    const DatasetPointer dataset = FindServed(*fingerprint);
+    return dataset != nullptr ? ServeRows(pending, *dataset) : SubmitLoad(std::move(pending));
+  }
+  switch (pending.request.payload_case()) {
+    case pb::Request::kListDatasets:
+      return SubmitList(std::move(pending));
+    case pb::Request::kOpenDataset:
+      return SubmitOpen(std::move(pending));
+    default:
+      return ReplyError(pending, Status(StatusCode::kUnsupported,
+                                        "the dataset worker answers ListDatasets, OpenDataset, "
+                                        "DatasetStats, Sample and Read"));
+  }
+}
+
+uint64_t DatasetWorker::Park(PendingRequest pending) {
+  if (parked_.size() >= limits::kMaxPendingDatasetRequests) {
+    ReplyError(pending, Status(StatusCode::kLimitExceeded,
+                               fmt::format("{} requests already wait for datasets",
+                                           limits::kMaxPendingDatasetRequests)));
+    return 0;
+  }
+  parked_.emplace(next_id_, std::move(pending));
+  return next_id_++;
+}
+
+std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
+  auto node = parked_.extract(id);
+  if (node.empty()) return std::nullopt;
+  return std::move(node.mapped());
+}
+
+void DatasetWorker::SubmitOpen(PendingRequest pending) {
+  const pb::OpenDatasetRequest& request = pending.request.open_dataset();
+  const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
+  if (!rule.ok()) return ReplyError(pending, rule.status());
+  DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule};
+  if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
+    return ReplyError(pending, InvalidNumber("number of corruptions", request.corruptions_size(),
+                                             fmt::format("0..{}", limits::kMaxPerturbations)));
+  }
+  for (const pb::NamedArgument& item : request.corruptions()) {
+    wanted.corruptions.push_back({item.name(), item.argument()});
+  }
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  background_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
+    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
+    return [this, id, opened] { FinishOpen(id, *opened); };
+  });
+}
+
+void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
+  if (opened.ok()) Serve(opened->fingerprint, opened->dataset);
+  const std::optional<PendingRequest> pending = Unpark(id);
+  if (!pending) return;
+  if (!opened.ok()) return ReplyError(*pending, opened.status());
+  pb::Reply reply;
+  pb::OpenDatasetReply* out = reply.mutable_open_dataset();
+  out->set_fingerprint(opened->fingerprint);
+  FillInfo(opened->info, out->mutable_info());
+  out->set_rows(opened->dataset->rows());
+  out->set_observation_size(opened->dataset->columns().observation_size);
+  out->set_action_size(opened->dataset->columns().action_size);
+  for (const NamedArgument& item : opened->corruptions) {
+    pb::NamedArgument* named = out->add_corruptions();
+    named->set_name(item.name);
+    named->set_argument(item.argument);
+  }
+  for (const uint32_t dimension : opened->hidden_dimensions) {
+    out->add_hidden_dimensions(dimension);
+  }
+  Reply(*pending, &reply, Frame());
+}
+
+void DatasetWorker::SubmitList(PendingRequest pending) {
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  background_.Submit([this, id]() -> BackgroundThread::Completion {
+    auto list = std::make_shared<Result<std::vector<DatasetFileInfo>>>(store_.List());
+    return [this, id, list] { FinishList(id, *list); };
+  });
+}
+
+void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
+  const std::optional<PendingRequest> pending = Unpark(id);
+  if (!pending) return;
+  if (!list.ok()) return ReplyError(*pending, list.status());
+  pb::Reply reply;
+  pb::ListDatasetsReply* out = reply.mutable_list_datasets();
+  for (const DatasetFileInfo& info : *list) FillInfo(info, out->add_datasets());
+  Reply(*pending, &reply, Frame());
+}
+
+void DatasetWorker::SubmitLoad(PendingRequest pending) {
+  const std::string fingerprint = *FingerprintOf(pending.request);
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  std::vector<uint64_t>& waiting = loading_[fingerprint];
+  waiting.push_back(id);
+  if (waiting.size() > 1) return;  // on its way already
+  background_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
+    auto dataset = std::make_shared<Result<DatasetPointer>>(store_.Load(fingerprint));
+    return [this, fingerprint, dataset] { FinishLoad(fingerprint, *dataset); };
+  });
+}
+
+void DatasetWorker::FinishLoad(const std::string& fingerprint,
+                               const Result<DatasetPointer>& dataset) {
+  if (dataset.ok()) Serve(fingerprint, *dataset);
+  for (const uint64_t id : loading_.extract(fingerprint).mapped()) {
+    const std::optional<PendingRequest> pending = Unpark(id);
+    if (!pending) continue;
+    if (dataset.ok()) {
+      ServeRows(*pending, **dataset);
+    } else {
+      ReplyError(*pending, dataset.status());
+    }
+  }
+}
+
+void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& dataset) {
+  const Clock::time_point start = Clock::now();
+  pb::Reply reply;
+  const pb::Request& request = pending.request;
+  Result<Frame> payload = request.has_sample() ? SampleBatches(dataset, request.sample(), &reply)
+                          : request.has_read() ? ReadRows(dataset, request.read(), &reply)
+                                               : DescribeStatistics(dataset, &reply);
+  if (!payload.ok()) return ReplyError(pending, payload.status());
+  pb::Timing* timing = reply.mutable_timing();
+  timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));
+  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(start, Clock::now())));
+  Reply(pending, &reply, std::move(*payload));
+}
+
+void DatasetWorker::ExpireParked() {
+  for (auto it = parked_.begin(); it != parked_.end();) {
+    if (!it->second.deadline.expired()) {
+      ++it;
+      continue;
+    }
+    ReplyError(it->second, Status(StatusCode::kDeadlineExceeded,
+                                  "the dataset is still being prepared; ask again"));
+    it = parked_.erase(it);
+  }
+}
+
+void DatasetWorker::AnswerAllParked(const Status& status) {
+  for (const auto& [id, pending] : parked_) ReplyError(pending, status);
+  parked_.clear();
+}
+
+DatasetPointer DatasetWorker::FindServed(const std::string& fingerprint) {
+  const auto found = served_.find(fingerprint);
+  if (found == served_.end()) return nullptr;
+  found->second.last_use = ++uses_;
+  return found->second.dataset;
+}
+
+void DatasetWorker::Serve(const std::string& fingerprint, DatasetPointer dataset) {
+  served_[fingerprint] = {std::move(dataset), ++uses_};
+  if (served_.size() <= limits::kMaxMappedDatasets) return;
+  served_.erase(std::ranges::min_element(served_, {},
+                                         [](const auto& entry) { return entry.second.last_use; }));
+}
+
+void DatasetWorker::Reply(const PendingRequest& to, pb::Reply* reply, Frame payload) {
+  reply->set_protocol_version(limits::kProtocolVersion);
+  reply->set_request_id(to.request.request_id());
+  reply->mutable_status();
+  Result<Frame> envelope = SerializeEnvelope(*reply);
+  if (!envelope.ok()) return ReplyError(to, envelope.status());
+  const Status sent = socket_->Send(to.sender, {std::move(*envelope), std::move(payload)});
+  if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
+}
+
+void DatasetWorker::ReplyError(const PendingRequest& to, const Status& status) {
+  if (options_.errors != nullptr) options_.errors->fetch_add(1, std::memory_order_relaxed);
+  const Status sent = socket_->Send(to.sender, ErrorReply(to.request.request_id(), status));
+  if (!sent.ok()) spdlog::debug("an error reply was dropped: {}", sent.ToString());
+}
+
+}  // namespace
+
+int RunDatasetWorker(const DatasetWorkerOptions& options) {
+  Context context;
+  Result<RouterSocket> socket = RouterSocket::Bind(context, options.endpoints);
+  if (!socket.ok()) {
+    spdlog::error("the dataset worker cannot listen: {}", socket.status().ToString());
+    return 1;
+  }
+  DatasetWorker(options, &*socket).Run();
+  return 0;
+}
+
+}  // namespace b4mrl
