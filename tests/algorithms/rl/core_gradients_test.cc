@@ -1,0 +1,136 @@
+// Finite differences through whole updates. With all learning rates zero an update changes no
+// parameter, so its losses are functions of the parameters, and its gradients can be checked
+// against them. Every noise is held fixed.
+#include <catch2/catch.hpp>
+#include <string>
+
+#include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/sac_core.h"
+#include "algorithms/rl/td3_core.h"
+#include "tests/algorithms/core_state.h"
+#include "tests/algorithms/finite_differences.h"
+#include "tests/algorithms/random_batch.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kObservations = 5;
+constexpr int kActions = 2;
+constexpr int kBatch = 7;
+
+MatrixBuffer<double> Normals(int rows, uint64_t stream) {
+  MatrixBuffer<double> matrix(rows, kBatch);
+  Rng rng(11, "core-gradients-test", stream);
+  rng.FillNormal(matrix.values());
+  return matrix;
+}
+
+// Checks every gradient of `core` whose name starts with `prefix` against `loss`.
+template <typename Core>
+void CheckGradientsOf(const std::string& prefix, Core& core, const std::function<double()>& loss) {
+  loss();
+  std::map<std::string, std::vector<double>> gradients;
+  core.VisitGradients([&](const NamedArray<double>& array) {
+    gradients[array.name].assign(array.values.begin(), array.values.end());
+  });
+  int checked = 0;
+  core.VisitArrays([&](const NamedArray<double>& array) {
+    if (!array.name.starts_with(prefix) || !gradients.contains(array.name)) return;
+    INFO(array.name);
+    CheckGradient(array.values, gradients.at(array.name), loss, 15);
+    ++checked;
+  });
+  CHECK(checked > 0);
+}
+
+TEST_CASE("SAC's losses have the gradients of their finite differences") {
+  SacOptions options;
+  options.observation_size = kObservations;
+  options.action_size = kActions;
+  options.hidden = {9, 8};
+  options.batch_max = kBatch;
+  options.actor_learning_rate = options.critic_learning_rate = options.alpha_learning_rate = 0;
+  options.tau = 0;
+  options.initial_alpha = 0.4;
+  options.policy.form = GENERATE(LogProbForm::kEpsilon, LogProbForm::kExact);
+  Result<SacCore<double>> core = SacCore<double>::Create(options);
+  REQUIRE(core.ok());
+  const RandomBatch<double> batch(kObservations, kActions, kBatch, 1);
+  const MatrixBuffer<double> noise = Normals(kActions, 0), next_noise = Normals(kActions, 1);
+  const auto update = [&] {
+    return core->UpdateWithNoise(batch.Views(), noise.view(), next_noise.view());
+  };
+  CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
+  CheckGradientsOf("actor/", *core, [&] { return update().actor_loss; });
+  CheckGradientsOf("log_alpha", *core, [&] { return update().alpha_loss; });
+}
+
+TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differences") {
+  Td3Options options;
+  options.observation_size = kObservations;
+  options.action_size = kActions;
+  options.hidden = {9, 8};
+  options.batch_max = kBatch;
+  options.actor_learning_rate = options.critic_learning_rate = 0;
+  options.tau = 0;
+  options.policy_frequency = 1;
+  if (GENERATE(false, true)) options.bc_alpha = 2.5;
+  Result<Td3Core<double>> core = Td3Core<double>::Create(options);
+  REQUIRE(core.ok());
+  const RandomBatch<double> batch(kObservations, kActions, kBatch, 2);
+  const MatrixBuffer<double> noise = Normals(kActions, 2);
+  const auto update = [&] { return core->UpdateWithNoise(batch.Views(), noise.view()); };
+  CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
+  const double lambda = update().lambda;
+  CheckGradientsOf("actor/", *core, [&] {
+    // Lambda is a constant of the loss: replace the perturbed one by the unperturbed.
+    const Td3Metrics metrics = update();
+    const double mean_q = (metrics.bc_loss - metrics.actor_loss) / metrics.lambda;
+    return -lambda * mean_q + metrics.bc_loss;
+  });
+}
+
+TEST_CASE("the ensemble's loss has the gradients of its finite differences") {
+  DynamicsEnsembleOptions options;
+  options.observation_size = kObservations;
+  options.action_size = kActions;
+  options.members = 2;
+  options.elites = 1;
+  options.hidden = {6, 7};
+  options.decay = {0.1, 0.2, 0.3};
+  options.batch_size = kBatch;
+  options.learning_rate = 0;
+  options.initialization =
+      GENERATE(Initialization::kTorchUniform, Initialization::kTruncatedNormal);
+  Result<DynamicsEnsemble<double>> ensemble = DynamicsEnsemble<double>::Create(options);
+  REQUIRE(ensemble.ok());
+  const MatrixBuffer<double> inputs = Normals(kObservations + kActions, 3);
+  const MatrixBuffer<double> targets = Normals(kObservations + 1, 4);
+  const auto loss = [&] { return ensemble->UpdateOnBatch(inputs.view(), targets.view()); };
+  CheckGradientsOf("ensemble/", *ensemble, loss);
+  CheckGradientsOf("max_log_var", *ensemble, loss);
+  CheckGradientsOf("min_log_var", *ensemble, loss);
+}
+
+TEST_CASE("the ensemble's decay term is what the optimiser adds") {
+  DynamicsEnsembleOptions options;
+  options.observation_size = kObservations;
+  options.action_size = kActions;
+  options.members = 1;
+  options.elites = 1;
+  options.hidden = {4};
+  options.decay = {0.5, 0.25};
+  options.decay_scale = 0.5;
+  Result<DynamicsEnsemble<double>> ensemble = DynamicsEnsemble<double>::Create(options);
+  REQUIRE(ensemble.ok());
+  double expected = 0;
+  ensemble->VisitArrays([&](const NamedArray<double>& array) {
+    const bool first = array.name == "ensemble/layer0/weight";
+    if (!first && array.name != "ensemble/layer1/weight") return;
+    for (const double w : array.values) expected += 0.5 * (first ? 0.5 : 0.25) * w * w;
+  });
+  CHECK(ensemble->DecayLoss() == Approx(expected).epsilon(1e-12));
+}
+
+}  // namespace
+}  // namespace b4mrl
