@@ -1,0 +1,57 @@
+// The limit for everything that simulates: MuJoCo's own mj_step and nothing else around it, on one
+// pinned thread a core, each with its own mjData of the model file's small buffers.
+//
+// Control, episode length and reset noise are those of the environment; reward and observation are
+// not computed. One thread calls; the class starts its own.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "proto/base/status.h"
+
+struct mjModel_;
+
+namespace b4mrl::perf {
+
+// What the loop needs to know about a task.
+struct PhysicsTask {
+  std::string environment;  // "HalfCheetah"
+  std::string model_file;   // within the models folder
+  int frame_skip;
+  int episode_steps;
+  double reset_position_noise;  // uniform in +-
+  double reset_velocity_noise;  // standard deviation
+};
+const PhysicsTask& HalfCheetahTask();
+
+// A state and what is done in it: one row of a query.
+struct PhysicsRow {
+  std::vector<double> position;  // nq
+  std::vector<double> velocity;  // nv
+  std::vector<double> control;   // nu
+};
+
+class BarePhysics {
+ public:
+  static Result<std::unique_ptr<BarePhysics>> Load(const PhysicsTask& task);
+  ~BarePhysics();
+
+  // Environment steps a second, all cores together, under `actions` (rows of nu) used in turn.
+  double StepRate(std::span<const double> actions, double seconds) const;
+  // Rows a second, all cores together: state set, warm start zeroed, one environment step.
+  double QueryRate(std::span<const PhysicsRow> rows, double seconds) const;
+  // Median microseconds of one environment step on the calling thread.
+  double StepMicroseconds(std::span<const double> actions, int steps) const;
+
+ private:
+  BarePhysics(const PhysicsTask& task, mjModel_* model) : task_(task), model_(model) {}
+
+  PhysicsTask task_;
+  mjModel_* model_;
+};
+
+}  // namespace b4mrl::perf

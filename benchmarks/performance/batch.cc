@@ -1,0 +1,225 @@
+// Microseconds until a client has 256 rows of HalfCheetah data (five columns), with and without
+// credit ahead, against a local gather of the same rows.
+//
+// Measured on a synthetic dataset of a million rows, the size of the paper's: content does not
+// matter, the memory that it fills does.
+#include <unistd.h>
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/daemon.h"
+#include "benchmarks/performance/ping_pong.h"
+#include "data/gather.h"
+#include "data/sampler.h"
+#include "data/writer.h"
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl::perf {
+namespace {
+
+constexpr uint32_t kRows = 256;
+constexpr size_t kDatasetRows = 1'000'000;
+constexpr size_t kEpisodeRows = 1000;
+constexpr uint32_t kCredits = 4;
+constexpr int kColdBatchesPerTurn = 500;
+constexpr int kStreamBatchesPerTurn = 100;
+constexpr double kConsumerSeconds = 0.005;
+
+// The dataset's five columns in this process's memory.
+struct LocalColumns {
+  std::vector<float> observations, actions, rewards, next_observations;
+  std::vector<uint8_t> terminals;
+};
+
+LocalColumns MakeColumns() {
+  LocalColumns columns;
+  columns.observations.resize(kDatasetRows * kCheetahObservationSize);
+  columns.actions.resize(kDatasetRows * kCheetahActionSize);
+  columns.rewards.resize(kDatasetRows);
+  columns.terminals.resize(kDatasetRows);
+  Rng rng(0, "perf-dataset");
+  for (auto* column : {&columns.observations, &columns.actions, &columns.rewards}) {
+    for (float& x : *column) x = static_cast<float>(rng.Uniform(-1, 1));
+  }
+  columns.next_observations.assign(columns.observations.begin() + kCheetahObservationSize,
+                                   columns.observations.end());
+  columns.next_observations.resize(columns.observations.size());
+  return columns;
+}
+
+// Writes them as FOLDER/HalfCheetah/perf.h5.
+Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder + "/HalfCheetah", error);
+  if (error) return IoError("make", folder, error.value());
+  std::vector<uint8_t> timeouts(kDatasetRows);
+  for (size_t row = kEpisodeRows - 1; row < kDatasetRows; row += kEpisodeRows) timeouts[row] = 1;
+  DatasetWriterOptions options;
+  options.observation_dimensions = kCheetahObservationSize;
+  options.action_dimensions = kCheetahActionSize;
+  options.compression_level = 0;
+  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer,
+                         DatasetWriter::Create(folder + "/HalfCheetah/perf.h5", options));
+  DatasetRows rows;
+  rows.rows = kDatasetRows;
+  rows.observations = columns.observations;
+  rows.actions = columns.actions;
+  rows.rewards = columns.rewards;
+  rows.next_observations = columns.next_observations;
+  rows.terminals = columns.terminals;
+  rows.timeouts = timeouts;
+  B4MRL_RETURN_IF_ERROR(writer.Append(rows));
+  return writer.Commit();
+}
+
+// A temporary folder that goes with the object.
+class TemporaryFolder {
+ public:
+  TemporaryFolder()
+      : path_(std::filesystem::temp_directory_path() / ("b4mrl-perf-" + std::to_string(getpid()))) {
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  std::string path() const { return path_.string(); }
+
+ private:
+  std::filesystem::path path_;
+};
+
+// Gathers batch after batch into one buffer, as the daemon does into a reply.
+class LocalGather {
+ public:
+  explicit LocalGather(const LocalColumns& columns) : rows_(kRows) {
+    Add(columns.observations.data(), kCheetahObservationSize * sizeof(float));
+    Add(columns.actions.data(), kCheetahActionSize * sizeof(float));
+    Add(columns.rewards.data(), sizeof(float));
+    Add(columns.next_observations.data(), kCheetahObservationSize * sizeof(float));
+    Add(columns.terminals.data(), 1);
+  }
+
+  // Microseconds of one batch; which rows it has is not part of the time.
+  double Batch() {
+    SampleRows(0, next_batch_++, kDatasetRows, rows_);
+    const Clock::time_point start = Clock::now();
+    GatherRows(columns_, rows_);
+    return SecondsSince(start) * 1e6;
+  }
+
+ private:
+  void Add(const void* source, size_t row_bytes) {
+    buffers_.push_back(std::make_unique<std::byte[]>(kRows * row_bytes));
+    columns_.push_back({static_cast<const std::byte*>(source), row_bytes, buffers_.back().get()});
+  }
+
+  std::vector<uint64_t> rows_;
+  uint64_t next_batch_ = 0;
+  std::vector<std::unique_ptr<std::byte[]>> buffers_;
+  std::vector<GatherColumn> columns_;
+};
+
+void WorkFor(double seconds) {
+  const Clock::time_point start = Clock::now();
+  while (SecondsSince(start) < seconds) {
+  }
+}
+
+// Median of `count` calls of a Result<double>() or double().
+template <typename Call>
+Result<double> MedianOf(int count, Call call) {
+  std::vector<double> times;
+  for (int i = 0; i < count; ++i) {
+    B4MRL_ASSIGN_OR_RETURN(const double microseconds, Result<double>(call()));
+    times.push_back(microseconds);
+  }
+  return Median(std::move(times));
+}
+
+Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& gather,
+                   Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRows sample, dataset.Sample(kRows, 0, 0));
+  pb::Request request;
+  request.set_protocol_version(limits::kProtocolVersion);
+  request.set_request_id(sample.reply.request_id);
+  request.set_deadline_ms(limits::kDefaultDeadlineMs);
+  request.mutable_sample()->set_fingerprint(dataset.fingerprint());
+  request.mutable_sample()->set_rows(kRows);
+  request.mutable_sample()->set_batches(1);
+  B4MRL_ASSIGN_OR_RETURN(
+      const auto bare,
+      PingPong::Start("tcp://127.0.0.1:*", {request.ByteSizeLong(), 0},
+                      {sample.reply.envelope.ByteSizeLong(), sample.reply.payload.size()}));
+  uint64_t batch = 0;
+  const auto value = [&]() -> Result<double> {
+    const Clock::time_point start = Clock::now();
+    B4MRL_RETURN_IF_ERROR(dataset.Sample(kRows, 0, batch++).status());
+    return SecondsSince(start) * 1e6;
+  };
+  B4MRL_ASSIGN_OR_RETURN(
+      const Medians medians,
+      MeasureInTurns(
+          2 * options.turns, [&] { return MedianOf(kColdBatchesPerTurn, value); },
+          [&]() -> Result<double> {
+            B4MRL_ASSIGN_OR_RETURN(const double round_trip, MedianOf(kColdBatchesPerTurn, [&] {
+                                     return bare->RoundTrip();
+                                   }));
+            B4MRL_ASSIGN_OR_RETURN(const double local,
+                                   MedianOf(kColdBatchesPerTurn, [&] { return gather.Batch(); }));
+            return round_trip + local;
+          }));
+  reporter.Report({"batch-cold", medians.value, "us", medians.limit,
+                   "bare round trip with that reply + local gather of the same rows, p50", 1.5,
+                   true});
+  return Status();
+}
+
+Status MeasureStream(const Options& options, RemoteDataset& dataset, LocalGather& gather,
+                     Reporter& reporter) {
+  BatchStream stream = dataset.Stream(kRows, 0, 0, kCredits);
+  const auto value = [&]() -> Result<double> {
+    WorkFor(kConsumerSeconds);
+    const Clock::time_point start = Clock::now();
+    B4MRL_RETURN_IF_ERROR(stream.Next().status());
+    return SecondsSince(start) * 1e6;
+  };
+  const auto limit = [&] {
+    WorkFor(kConsumerSeconds);
+    return gather.Batch();
+  };
+  B4MRL_ASSIGN_OR_RETURN(const Medians medians,
+                         MeasureInTurns(
+                             options.turns, [&] { return MedianOf(kStreamBatchesPerTurn, value); },
+                             [&] { return MedianOf(kStreamBatchesPerTurn, limit); }));
+  reporter.Report({"batch-stream", medians.value, "us", medians.limit,
+                   "local gather of the same rows, p50; a consumer of 5 ms, 4 credits", 1.0, true});
+  return Status();
+}
+
+}  // namespace
+
+Status MeasureBatch(const Options& options, Reporter& reporter) {
+  if (!options.endpoint.empty()) {
+    return Status(StatusCode::kUnsupported,
+                  "batches are measured on a dataset that a private daemon serves: leave out "
+                  "--endpoint");
+  }
+  const TemporaryFolder folder;
+  const LocalColumns columns = MakeColumns();
+  B4MRL_RETURN_IF_ERROR(WriteDataset(columns, folder.path()));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, Transport::kTcp, folder.path()));
+  B4MRL_ASSIGN_OR_RETURN(RemoteDataset dataset, daemon.client().OpenDataset("HalfCheetah/perf"));
+  LocalGather gather(columns);
+  B4MRL_RETURN_IF_ERROR(MeasureCold(options, dataset, gather, reporter));
+  return MeasureStream(options, dataset, gather, reporter);
+}
+
+}  // namespace b4mrl::perf

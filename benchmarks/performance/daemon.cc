@@ -1,0 +1,36 @@
+#include "benchmarks/performance/daemon.h"
+
+#include <utility>
+
+#include "proto/base/rng.h"
+
+namespace b4mrl::perf {
+
+Result<Daemon> Daemon::Open(const Options& options, Transport transport,
+                            const std::string& data_folder) {
+  Daemon daemon;
+  std::string endpoint = options.endpoint;
+  if (endpoint.empty()) {
+    PrivateDaemonOptions start;
+    start.tcp = transport == Transport::kTcp;
+    start.data_folder = data_folder;
+    B4MRL_ASSIGN_OR_RETURN(daemon.process_, PrivateDaemon::Start(start));
+    endpoint = daemon.process_->endpoint();
+  }
+  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
+  daemon.client_ = std::make_unique<Client>(std::move(client));
+  return daemon;
+}
+
+std::vector<float> RandomActions(size_t rows) {
+  std::vector<float> actions(rows * kCheetahActionSize);
+  Rng rng(0, "perf-actions");
+  for (float& action : actions) action = static_cast<float>(rng.Uniform(-1, 1));
+  return actions;
+}
+
+std::vector<double> AsDoubles(const std::vector<float>& values) {
+  return {values.begin(), values.end()};
+}
+
+}  // namespace b4mrl::perf

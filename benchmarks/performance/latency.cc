@@ -1,0 +1,107 @@
+// Microseconds of one step of one lane, against a bare round trip of the same size and a bare step.
+#include <unistd.h>
+
+#include <string>
+#include <vector>
+
+#include "benchmarks/performance/bare_physics.h"
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/daemon.h"
+#include "benchmarks/performance/ping_pong.h"
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
+
+namespace b4mrl::perf {
+namespace {
+
+constexpr int kStepsPerTurn = 1000;
+constexpr size_t kActionRows = 4096;
+
+struct ExchangeSizes {
+  FrameSizes request;
+  FrameSizes reply;
+};
+
+// The request as the client sends it, by the protocol; the reply as it came.
+ExchangeSizes SizesOf(const StepOutcome& outcome) {
+  pb::Request request;
+  request.set_protocol_version(limits::kProtocolVersion);
+  request.set_session_token(std::string(limits::kTokenBytes, 't'));
+  request.set_request_id(outcome.request_id);
+  request.set_deadline_ms(limits::kDefaultDeadlineMs);
+  request.mutable_step();
+  ArrayLayout layout(request.mutable_arrays());
+  layout.Add("actions", DType::kFloat32, {1, kCheetahActionSize});
+  layout.Add("numbers", DType::kUint64, {1});
+  return {{request.ByteSizeLong(), layout.payload_bytes()},
+          {outcome.reply.envelope.ByteSizeLong(), outcome.reply.payload.size()}};
+}
+
+std::string BareAddress(Transport transport) {
+  if (transport == Transport::kTcp) return "tcp://127.0.0.1:*";
+  return "ipc:///tmp/b4mrl-perf-" + std::to_string(getpid()) + ".sock";
+}
+
+Result<double> MedianStep(RemoteEnvironment& environment, const std::vector<float>& actions) {
+  std::vector<double> times;
+  for (int i = 0; i < kStepsPerTurn; ++i) {
+    const std::span<const float> action(&actions[i % kActionRows * kCheetahActionSize],
+                                        kCheetahActionSize);
+    const Clock::time_point start = Clock::now();
+    B4MRL_RETURN_IF_ERROR(environment.Step(action).status());
+    times.push_back(SecondsSince(start) * 1e6);
+  }
+  return Median(std::move(times));
+}
+
+Result<double> MedianRoundTrip(PingPong& bare) {
+  std::vector<double> times;
+  for (int i = 0; i < kStepsPerTurn; ++i) {
+    B4MRL_ASSIGN_OR_RETURN(const double microseconds, bare.RoundTrip());
+    times.push_back(microseconds);
+  }
+  return Median(std::move(times));
+}
+
+Status MeasureTransport(const Options& options, Transport transport, Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, transport));
+  EnvironmentOptions one_lane;
+  one_lane.seed = 0;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
+                         daemon.client().Make("HalfCheetah", one_lane));
+  B4MRL_RETURN_IF_ERROR(environment.Reset().status());
+  const std::vector<float> actions = RandomActions(kActionRows);
+  const std::span<const float> first_action(actions.data(), kCheetahActionSize);
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, environment.Step(first_action));
+  const ExchangeSizes sizes = SizesOf(outcome);
+  B4MRL_ASSIGN_OR_RETURN(const auto bare,
+                         PingPong::Start(BareAddress(transport), sizes.request, sizes.reply));
+  B4MRL_ASSIGN_OR_RETURN(const auto physics, BarePhysics::Load(HalfCheetahTask()));
+  const std::vector<double> bare_actions = AsDoubles(actions);
+  B4MRL_ASSIGN_OR_RETURN(
+      const Medians medians,
+      MeasureInTurns(
+          2 * options.turns, [&] { return MedianStep(environment, actions); },
+          [&]() -> Result<double> {
+            B4MRL_ASSIGN_OR_RETURN(const double round_trip, MedianRoundTrip(*bare));
+            return round_trip + physics->StepMicroseconds(bare_actions, kStepsPerTurn);
+          }));
+  const bool tcp = transport == Transport::kTcp;
+  reporter.Report({tcp ? "latency-tcp" : "latency-ipc", medians.value, "us", medians.limit,
+                   "bare DEALER-ROUTER round trip of the same sizes + bare step, p50",
+                   tcp ? 1.35 : 0, true});
+  return Status();
+}
+
+}  // namespace
+
+Status MeasureLatency(const Options& options, Reporter& reporter) {
+  if (!options.endpoint.empty()) {
+    const bool ipc = options.endpoint.starts_with("ipc://");
+    return MeasureTransport(options, ipc ? Transport::kIpc : Transport::kTcp, reporter);
+  }
+  B4MRL_RETURN_IF_ERROR(MeasureTransport(options, Transport::kTcp, reporter));
+  return MeasureTransport(options, Transport::kIpc, reporter);
+}
+
+}  // namespace b4mrl::perf

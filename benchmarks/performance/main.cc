@@ -1,0 +1,101 @@
+// b4mrl-perf: what the daemon and the learners reach, each beside a limit measured in the same run.
+//
+//   b4mrl perf [step|latency|query|batch|update|all] [--json] [--endpoint ADDRESS] [--turns N]
+//
+// Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
+// be reached; 5: it refused.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/ping_pong.h"
+
+namespace b4mrl::perf {
+namespace {
+
+struct Entry {
+  std::string name;
+  Status (*measure)(const Options&, Reporter&);
+};
+
+const std::vector<Entry>& Entries() {
+  static const std::vector<Entry> kEntries = {{"step", MeasureStep},
+                                              {"latency", MeasureLatency},
+                                              {"query", MeasureQuery},
+                                              {"batch", MeasureBatch},
+                                              {"update", MeasureUpdate}};
+  return kEntries;
+}
+
+int ExitCode(const Status& status) {
+  switch (status.code()) {
+    case StatusCode::kUnavailable:
+    case StatusCode::kDeadlineExceeded:
+      return 4;
+    case StatusCode::kIoError:
+    case StatusCode::kDataLoss:
+    case StatusCode::kInternal:
+      return 3;
+    default:
+      return 5;
+  }
+}
+
+int Measure(const std::string& what, const Options& options, bool json) {
+  Reporter reporter(json);
+  bool known = false;
+  for (const Entry& entry : Entries()) {
+    if (what != "all" && what != entry.name) continue;
+    known = true;
+    const Status status = entry.measure(options, reporter);
+    if (!status.ok()) {
+      fmt::print(stderr, "b4mrl perf {}: {}\n", entry.name, status.ToString());
+      return ExitCode(status);
+    }
+  }
+  if (known) return 0;
+  std::vector<std::string> names = {"all"};
+  for (const Entry& entry : Entries()) names.push_back(entry.name);
+  fmt::print(stderr, "b4mrl perf: {}\n", UnknownName("measurement", what, names).message());
+  return 2;
+}
+
+int Main(int argc, char** argv) {
+  // Not for people: the other side of the bare round trip (ping_pong.h).
+  if (argc == 5 && std::string_view(argv[1]) == "pong") {
+    return RunPong(argv[2],
+                   {std::strtoull(argv[3], nullptr, 10), std::strtoull(argv[4], nullptr, 10)});
+  }
+  CLI::App app("Measures the daemon and the learners against the machine's own limits.");
+  std::string what = "all";
+  Options options;
+  bool json = false;
+  app.add_option("what", what, "step, latency, query, batch, update or all")->capture_default_str();
+  app.add_option("--endpoint", options.endpoint, "a running daemon (default: a private one)")
+      ->envname("B4MRL_ENDPOINT");
+  app.add_option("--turns", options.turns, "how often value and limit are measured in turns")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  app.add_option("--seconds", options.seconds, "length of one turn of a rate")
+      ->check(CLI::Range(0.05, 60.0))
+      ->capture_default_str();
+  app.add_option("--agent", options.agent_file,
+                 "whose states queries start from (default: the policy of HalfCheetah/medium)")
+      ->check(CLI::ExistingFile);
+  app.add_flag("--json", json, "one JSON object a line");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  return Measure(what, options, json);
+}
+
+}  // namespace
+}  // namespace b4mrl::perf
+
+int main(int argc, char** argv) { return b4mrl::perf::Main(argc, argv); }

@@ -1,0 +1,51 @@
+// The limit for every request: a bare ZeroMQ DEALER-ROUTER round trip between two processes, with
+// messages of given sizes and nothing done to them.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "proto/base/status.h"
+
+namespace b4mrl::perf {
+
+// Bytes of the two frames of a message; a payload of 0 bytes is not sent.
+struct FrameSizes {
+  size_t envelope = 0;
+  size_t payload = 0;
+};
+
+// One thread.
+class PingPong {
+ public:
+  // Starts a process of this very program that answers on `address` ("tcp://127.0.0.1:*" or
+  // "ipc://PATH"), and connects to it.
+  static Result<std::unique_ptr<PingPong>> Start(const std::string& address, FrameSizes request,
+                                                 FrameSizes reply);
+  ~PingPong();
+
+  // Microseconds of one round trip; kDeadlineExceeded if the process answers nothing for 10 s.
+  Result<double> RoundTrip();
+
+ private:
+  PingPong(FrameSizes request, FrameSizes reply) : request_(request), reply_(reply) {}
+  Status Spawn(const std::string& address);
+  Status Connect(const std::string& address);
+
+  FrameSizes request_;
+  FrameSizes reply_;
+  pid_t process_ = -1;
+  int from_process_ = -1;
+  std::string endpoint_;
+  void* context_ = nullptr;
+  void* socket_ = nullptr;
+};
+
+// The other process: binds, prints the endpoint as one line on stdout, and answers until it is
+// killed or its parent ends. Returns, with an exit code, only when it cannot bind.
+int RunPong(const std::string& address, FrameSizes reply);
+
+}  // namespace b4mrl::perf

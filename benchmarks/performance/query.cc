@@ -1,0 +1,155 @@
+// Rows of Query a second, against bare mj_step from the same states on all cores.
+//
+// The rows are recorded on-policy: the behaviour policy of HalfCheetah/medium, stepped in the true
+// environment, stochastically.
+#include <deque>
+#include <string>
+#include <vector>
+
+#include "algorithms/rl/agent_policy.h"
+#include "benchmarks/performance/bare_physics.h"
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/daemon.h"
+#include "data/agent_file.h"
+#include "proto/base/clock.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl::perf {
+namespace {
+
+constexpr uint32_t kRecordedLanes = 16;
+constexpr int kRecordedSteps = 1000;
+constexpr size_t kRowsPerRequest = 500;
+constexpr size_t kRequestsInFlight = 8;
+constexpr size_t kCheetahJoints = 9;  // coordinates, and velocities
+
+struct RecordedRows {
+  std::vector<float> observations;  // rows x 17
+  std::vector<float> actions;       // rows x 6
+  size_t rows() const { return observations.size() / kCheetahObservationSize; }
+};
+
+Result<RecordedRows> Record(Client& client, const std::string& agent_file) {
+  B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_file));
+  B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
+  EnvironmentOptions options;
+  options.num_envs = kRecordedLanes;
+  options.seed = 0;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", options));
+  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, environment.Reset());
+  MatrixBuffer<float> noise(kCheetahActionSize, kRecordedLanes);
+  MatrixBuffer<float> actions(kCheetahActionSize, kRecordedLanes);
+  std::vector<float> log_probs(kRecordedLanes);
+  Rng rng(0, "perf-policy");
+  RecordedRows recorded;
+  for (int step = 0; step < kRecordedSteps; ++step) {
+    const std::span<const float> observations = outcome.observations.As<float>();
+    rng.FillNormal({noise.view().data, kCheetahActionSize * kRecordedLanes});
+    policy.Sample({observations.data(), int{kCheetahObservationSize}, int{kRecordedLanes}},
+                  noise.view(), actions.view(), log_probs);
+    const std::span<const float> row(actions.view().data, kCheetahActionSize * kRecordedLanes);
+    recorded.observations.insert(recorded.observations.end(), observations.begin(),
+                                 observations.end());
+    recorded.actions.insert(recorded.actions.end(), row.begin(), row.end());
+    B4MRL_ASSIGN_OR_RETURN(outcome, environment.Step(row));
+  }
+  return recorded;
+}
+
+// What an observation says of the state: qpos[1..8] and qvel; qpos[0] is 0.
+std::vector<PhysicsRow> AsPhysicsRows(const RecordedRows& recorded) {
+  std::vector<PhysicsRow> rows(recorded.rows());
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const float* observation = &recorded.observations[i * kCheetahObservationSize];
+    const float* action = &recorded.actions[i * kCheetahActionSize];
+    rows[i].position.assign(1, 0.0);
+    rows[i].position.insert(rows[i].position.end(), observation, observation + kCheetahJoints - 1);
+    rows[i].velocity.assign(observation + kCheetahJoints - 1,
+                            observation + kCheetahObservationSize);
+    rows[i].control.assign(action, action + kCheetahActionSize);
+  }
+  return rows;
+}
+
+class QueryLoop {
+ public:
+  QueryLoop(RemoteEnvironment environment, const RecordedRows& recorded)
+      : environment_(std::move(environment)),
+        recorded_(recorded),
+        next_observations_(kRowsPerRequest * kCheetahObservationSize),
+        rewards_(kRowsPerRequest),
+        terminated_(kRowsPerRequest),
+        valid_(kRowsPerRequest) {}
+
+  // Rows a second over about `seconds`.
+  Result<double> Rate(double seconds) {
+    const Clock::time_point start = Clock::now();
+    for (size_t i = 0; i < kRequestsInFlight; ++i) B4MRL_RETURN_IF_ERROR(Send());
+    uint64_t rows = 0;
+    double elapsed = 0;
+    while (!in_flight_.empty()) {
+      B4MRL_RETURN_IF_ERROR(environment_.ReceiveQuery(
+          in_flight_.front(), {next_observations_, rewards_, terminated_, valid_}));
+      in_flight_.pop_front();
+      for (const uint8_t valid : valid_) {
+        if (valid == 0) return Status(StatusCode::kInternal, "a recorded row came back invalid");
+      }
+      rows += kRowsPerRequest;
+      elapsed = SecondsSince(start);
+      if (elapsed < seconds) B4MRL_RETURN_IF_ERROR(Send());
+    }
+    return static_cast<double>(rows) / elapsed;
+  }
+
+ private:
+  Status Send() {
+    const std::span<const float> observations(
+        &recorded_.observations[next_row_ * kCheetahObservationSize],
+        kRowsPerRequest * kCheetahObservationSize);
+    const std::span<const float> actions(&recorded_.actions[next_row_ * kCheetahActionSize],
+                                         kRowsPerRequest * kCheetahActionSize);
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
+                           environment_.SendQuery(observations, actions, 0, 0, next_row_));
+    in_flight_.push_back(id);
+    next_row_ = (next_row_ + kRowsPerRequest) % recorded_.rows();
+    return Status();
+  }
+
+  RemoteEnvironment environment_;
+  const RecordedRows& recorded_;
+  std::deque<uint64_t> in_flight_;
+  size_t next_row_ = 0;
+  std::vector<float> next_observations_;
+  std::vector<double> rewards_;
+  std::vector<uint8_t> terminated_;
+  std::vector<uint8_t> valid_;
+};
+
+static_assert(kRecordedLanes * kRecordedSteps % kRowsPerRequest == 0, "requests wrap at the end");
+
+}  // namespace
+
+Status MeasureQuery(const Options& options, Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, Transport::kTcp));
+  const std::string agent_file =
+      options.agent_file.empty() ? B4MRL_BEHAVIOUR_AGENT : options.agent_file;
+  B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, Record(daemon.client(), agent_file));
+  EnvironmentOptions queries_alone;
+  queries_alone.num_envs = 0;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
+                         daemon.client().Make("HalfCheetah", queries_alone));
+  QueryLoop loop(std::move(environment), recorded);
+  B4MRL_ASSIGN_OR_RETURN(const auto bare, BarePhysics::Load(HalfCheetahTask()));
+  const std::vector<PhysicsRow> rows = AsPhysicsRows(recorded);
+  B4MRL_ASSIGN_OR_RETURN(
+      const Medians medians,
+      MeasureInTurns(
+          options.turns, [&] { return loop.Rate(options.seconds); },
+          [&]() -> Result<double> { return bare->QueryRate(rows, options.seconds); }));
+  reporter.Report({"query-HalfCheetah", medians.value, "1/s", medians.limit,
+                   "bare mj_step from the same states, warm start 0, one pinned thread a core",
+                   0.85, false});
+  return Status();
+}
+
+}  // namespace b4mrl::perf

@@ -1,0 +1,133 @@
+// Gradient steps a second on one thread, against the rate that one core reaches in sgemm 256^3.
+#include <cblas.h>
+
+#include <functional>
+#include <vector>
+
+#include "algorithms/nn/blas.h"
+#include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/sac_core.h"
+#include "algorithms/rl/td3_core.h"
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/cores.h"
+#include "proto/base/clock.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl::perf {
+namespace {
+
+constexpr int kObservation = 17;  // HalfCheetah
+constexpr int kAction = 6;
+constexpr int kBatch = 256;
+
+// Floating-point operations of the matrix products that one update needs, in 1e9 (batch 256, two
+// hidden layers of 256; ensemble: seven members of four layers of 200).
+constexpr double kSacGflop = 0.58;
+constexpr double kTd3Gflop = 0.415;
+constexpr double kEnsembleGflop = 1.40;
+
+MatrixBuffer<float> RandomMatrix(int rows, int columns, std::string_view purpose) {
+  MatrixBuffer<float> matrix(rows, columns);
+  Rng rng(0, purpose);
+  rng.FillNormal({matrix.view().data, static_cast<size_t>(rows) * columns});
+  return matrix;
+}
+
+// A batch with plausible numbers; its content does not change the work.
+struct RandomBatch {
+  MatrixBuffer<float> observations = RandomMatrix(kObservation, kBatch, "observations");
+  MatrixBuffer<float> actions = RandomMatrix(kAction, kBatch, "actions");
+  MatrixBuffer<float> next_observations = RandomMatrix(kObservation, kBatch, "next");
+  std::vector<float> rewards = std::vector<float>(kBatch, 1.0f);
+  std::vector<float> not_terminated = std::vector<float>(kBatch, 1.0f);
+
+  RandomBatch() {
+    float* action = actions.view().data;
+    for (int i = 0; i < kAction * kBatch; ++i) action[i] = action[i] > 0 ? 0.5f : -0.5f;
+  }
+  TransitionBatch<float> view() const {
+    return {observations.view(), actions.view(), rewards, next_observations.view(), not_terminated};
+  }
+};
+
+// Calls a second over about `seconds`.
+double CallRate(double seconds, const std::function<void()>& call) {
+  const Clock::time_point start = Clock::now();
+  double elapsed = 0;
+  int64_t calls = 0;
+  do {
+    for (int i = 0; i < 16; ++i) call();
+    calls += 16;
+    elapsed = SecondsSince(start);
+  } while (elapsed < seconds);
+  return static_cast<double>(calls) / elapsed;
+}
+
+// 1e9 floating-point operations a second of sgemm 256 x 256 x 256.
+double SgemmGflops(double seconds) {
+  constexpr int kSize = 256;
+  static MatrixBuffer<float> a = RandomMatrix(kSize, kSize, "a");
+  static MatrixBuffer<float> b = RandomMatrix(kSize, kSize, "b");
+  static MatrixBuffer<float> c(kSize, kSize);
+  const double rate = CallRate(seconds, [] {
+    cblas_sgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, kSize, kSize, kSize, 1.0f, a.view().data,
+                kSize, b.view().data, kSize, 0.0f, c.view().data, kSize);
+  });
+  return rate * 2.0 * kSize * kSize * kSize / 1e9;
+}
+
+Status MeasureOne(const Options& options, const std::string& name, double gflop, double target,
+                  const std::function<void()>& update, Reporter& reporter) {
+  const double seconds = options.seconds;
+  B4MRL_ASSIGN_OR_RETURN(
+      const Medians medians,
+      MeasureInTurns(
+          options.turns, [&]() -> Result<double> { return CallRate(seconds, update); },
+          [&]() -> Result<double> { return SgemmGflops(seconds / 2) / gflop; }));
+  reporter.Report({name, medians.value, "1/s", medians.limit,
+                   "sgemm 256^3 over the products' " + std::to_string(gflop).substr(0, 5) +
+                       " GFLOP, one thread",
+                   target, false});
+  return Status();
+}
+
+Status MeasureTd3(const Options& options, const std::string& name, std::optional<double> bc_alpha,
+                  const RandomBatch& batch, Reporter& reporter) {
+  Td3Options td3;
+  td3.observation_size = kObservation;
+  td3.action_size = kAction;
+  td3.bc_alpha = bc_alpha;
+  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(td3));
+  return MeasureOne(
+      options, name, kTd3Gflop, 0, [&] { core.Update(batch.view()); }, reporter);
+}
+
+Status MeasureEnsemble(const Options& options, Reporter& reporter) {
+  DynamicsEnsembleOptions dynamics;
+  dynamics.observation_size = kObservation;
+  dynamics.action_size = kAction;
+  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(dynamics));
+  const MatrixBuffer<float> inputs = RandomMatrix(kObservation + kAction, kBatch, "inputs");
+  const MatrixBuffer<float> targets = RandomMatrix(kObservation + 1, kBatch, "targets");
+  return MeasureOne(
+      options, "update-ensemble", kEnsembleGflop, 0,
+      [&] { ensemble.UpdateOnBatch(inputs.view(), targets.view()); }, reporter);
+}
+
+}  // namespace
+
+Status MeasureUpdate(const Options& options, Reporter& reporter) {
+  UseOneBlasThread();
+  const RandomBatch batch;
+  SacOptions sac;
+  sac.observation_size = kObservation;
+  sac.action_size = kAction;
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(sac));
+  B4MRL_RETURN_IF_ERROR(MeasureOne(
+      options, "update-sac", kSacGflop, 0.70, [&] { core.Update(batch.view()); }, reporter));
+  B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3", std::nullopt, batch, reporter));
+  B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3-bc", 2.5, batch, reporter));
+  return MeasureEnsemble(options, reporter);
+}
+
+}  // namespace b4mrl::perf
