@@ -38,6 +38,30 @@ SpaceSpec SpaceOf(const pb::Space& space) {
   return spec;
 }
 
+// What the client computes sizes from must be sane, whoever sent it.
+Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& options) {
+  const auto in_range = [](int size, uint32_t most) {
+    return size > 0 && static_cast<uint32_t>(size) <= most;
+  };
+  const pb::EnvironmentInfo& info = reply.info();
+  if (reply.num_envs() != options.num_envs ||
+      static_cast<DType>(reply.observation_dtype()) != options.observation_dtype ||
+      !in_range(info.observation().dimensions_size(), limits::kMaxObservationDimensions) ||
+      !in_range(info.action().dimensions_size(), limits::kMaxActionDimensions)) {
+    return Status(StatusCode::kInternal, "the server's reply does not fit what was opened");
+  }
+  return Status();
+}
+
+Status CheckOpenReply(const pb::OpenDatasetReply& reply) {
+  if (reply.fingerprint().empty() || reply.observation_size() == 0 ||
+      reply.observation_size() > limits::kMaxObservationDimensions || reply.action_size() == 0 ||
+      reply.action_size() > limits::kMaxActionDimensions) {
+    return Status(StatusCode::kInternal, "the server's reply does not describe a dataset");
+  }
+  return Status();
+}
+
 }  // namespace
 
 EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
@@ -100,7 +124,13 @@ Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
 }
 
 Result<std::string> Client::AddressOf(const pb::Port& port) const {
-  if (!port.ipc().empty() && endpoint_.starts_with("ipc://")) return "ipc://" + port.ipc();
+  const bool ipc = endpoint_.starts_with("ipc://");
+  if (ipc ? port.ipc().empty() : port.tcp() == 0) {
+    return Status(StatusCode::kUnavailable,
+                  fmt::format("the server offers no {} port for this; is that part of it running?",
+                              ipc ? "ipc" : "tcp"));
+  }
+  if (ipc) return "ipc://" + port.ipc();
   B4MRL_ASSIGN_OR_RETURN(const TcpAddress gateway, ParseTcpAddress(endpoint_));
   return fmt::format("tcp://{}:{}", gateway.host, port.tcp());
 }
@@ -123,6 +153,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   B4MRL_ASSIGN_OR_RETURN(ReceivedReply reply, opener.Call(std::move(request), Frame(),
                                                           Deadline::AfterMs(options.deadline_ms)));
   pb::OpenReply& in_force = *reply.envelope.mutable_open();
+  B4MRL_RETURN_IF_ERROR(CheckOpenReply(in_force, options));
   B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(in_force.port()));
   B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, token));
   EnvironmentSpec spec = SpecOf(in_force.info());
@@ -154,6 +185,7 @@ Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOpt
   B4MRL_ASSIGN_OR_RETURN(
       ReceivedReply reply,
       worker.Call(std::move(request), Frame(), Deadline::AfterMs(options.open_deadline_ms)));
+  B4MRL_RETURN_IF_ERROR(CheckOpenReply(reply.envelope.open_dataset()));
   return RemoteDataset(std::move(worker), std::move(*reply.envelope.mutable_open_dataset()),
                        options.deadline_ms);
 }

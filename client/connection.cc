@@ -3,12 +3,32 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <limits>
 #include <utility>
 
 #include "proto/base/limits.h"
 
 namespace b4mrl {
+namespace {
+
+constexpr int kPatienceFraction = 8;
+
+Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
+  if (Status status = GetStatus(envelope.status()); !status.ok()) {
+    return {id, Delivery::Kind::kRefused, std::move(status)};
+  }
+  ReceivedReply reply;
+  reply.request_id = id;
+  reply.envelope = std::move(envelope);
+  reply.payload = std::move(payload);
+  Result<ArrayReader> arrays = ArrayReader::Parse(reply.envelope.arrays(), reply.payload);
+  if (!arrays.ok()) {
+    return {id, Delivery::Kind::kNoAnswer, arrays.status().WithContext("unreadable reply")};
+  }
+  reply.arrays = std::move(*arrays);
+  return {id, Delivery::Kind::kReply, std::move(reply)};
+}
+
+}  // namespace
 
 Result<Connection> Connection::Open(Context& context, const std::string& address,
                                     std::string token) {
@@ -17,15 +37,17 @@ Result<Connection> Connection::Open(Context& context, const std::string& address
 }
 
 Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline deadline) {
-  if (pending_.size() >= limits::kMaxRequestsInFlight) {
+  if (in_flight() >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("{} requests are in flight, at most {}", pending_.size() + 1,
+                  fmt::format("{} requests in flight, at most {}", in_flight() + 1,
                               limits::kMaxRequestsInFlight));
   }
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_session_token(token_);
   request.set_request_id(next_id_);
-  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline, 0});
+  const Clock::time_point now = Clock::now();
+  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline,
+                      (deadline.at() - now) / kPatienceFraction, 0, now});
   if (Status status = Transmit(pending_.back()); !status.ok()) {
     pending_.pop_back();
     return status;
@@ -39,39 +61,32 @@ Status Connection::Transmit(Pending& pending) {
   pending.request.set_deadline_ms(static_cast<uint32_t>(remaining));
   // Before the first handshake the message waits in the queue of connection 1 and is not lost.
   pending.connection = std::max(socket_.connections(), 1u);
+  pending.sent = Clock::now();
   B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(pending.request));
   return socket_.Send({std::move(envelope), pending.payload.Share()});
 }
 
 Result<ReceivedReply> Connection::Receive(uint64_t id) {
-  while (true) {
-    for (auto it = arrived_.begin(); it != arrived_.end(); ++it) {
-      if (it->id != id) continue;
-      Result<ReceivedReply> reply = std::move(it->reply);
-      arrived_.erase(it);
-      return reply;
-    }
-    const bool waiting = std::any_of(pending_.begin(), pending_.end(),
-                                     [id](const Pending& pending) { return pending.id == id; });
-    if (!waiting) {
-      return Status(StatusCode::kFailedPrecondition,
-                    fmt::format("request {} is not in flight", id));
-    }
-    Pump(NextExpiry());
-  }
+  return std::move(ReceiveAny(std::span(&id, 1)).reply);
 }
 
-Result<ReceivedReply> Connection::ReceiveAny(uint64_t* id) {
-  while (arrived_.empty()) {
-    if (pending_.empty()) {
-      return Status(StatusCode::kFailedPrecondition, "no request is in flight");
+Delivery Connection::ReceiveAny(std::span<const uint64_t> ids) {
+  const auto wanted = [ids](const auto& entry) {
+    return std::find(ids.begin(), ids.end(), entry.id) != ids.end();
+  };
+  while (true) {
+    const auto arrived = std::find_if(arrived_.begin(), arrived_.end(), wanted);
+    if (arrived != arrived_.end()) {
+      Delivery delivery = std::move(*arrived);
+      arrived_.erase(arrived);
+      return delivery;
     }
-    Pump(NextExpiry());
+    if (std::none_of(pending_.begin(), pending_.end(), wanted)) {
+      return {0, Delivery::Kind::kNoAnswer,
+              Status(StatusCode::kFailedPrecondition, "no such request is in flight")};
+    }
+    Pump();
   }
-  *id = arrived_.front().id;
-  Result<ReceivedReply> reply = std::move(arrived_.front().reply);
-  arrived_.pop_front();
-  return reply;
 }
 
 Result<ReceivedReply> Connection::Call(pb::Request request, Frame payload, Deadline deadline) {
@@ -79,18 +94,29 @@ Result<ReceivedReply> Connection::Call(pb::Request request, Frame payload, Deadl
   return Receive(id);
 }
 
-Deadline Connection::NextExpiry() const {
-  const auto first = std::min_element(
-      pending_.begin(), pending_.end(),
-      [](const Pending& a, const Pending& b) { return a.deadline.at() < b.deadline.at(); });
-  return first->deadline;
+void Connection::Abandon(uint64_t id) {
+  const auto is_it = [id](const auto& entry) { return entry.id == id; };
+  std::erase_if(pending_, is_it);
+  std::erase_if(arrived_, is_it);
 }
 
-void Connection::Pump(const Deadline& deadline) {
+Clock::time_point Connection::ResendTime(const Pending& pending) const {
+  return std::max(pending.sent, last_reply_) + pending.patience;
+}
+
+Deadline Connection::NextWake() const {
+  Clock::time_point first = Clock::time_point::max();
+  for (const Pending& pending : pending_) {
+    first = std::min({first, pending.deadline.at(), ResendTime(pending)});
+  }
+  return Deadline::After(std::chrono::ceil<std::chrono::milliseconds>(first - Clock::now()));
+}
+
+void Connection::Pump() {
   std::optional<Message> message = socket_.TryReceive();
   if (!message) {
-    socket_.Wait(deadline);
-    ResendAfterReconnection();
+    socket_.Wait(NextWake());
+    Resend();
     message = socket_.TryReceive();
   }
   for (; message; message = socket_.TryReceive()) Accept(std::move(*message));
@@ -98,34 +124,31 @@ void Connection::Pump(const Deadline& deadline) {
 }
 
 void Connection::Accept(Message message) {
-  ReceivedReply reply;
-  if (!ParseEnvelope(message.envelope, &reply.envelope).ok()) return;
-  reply.request_id = reply.envelope.request_id();
-  const auto pending = std::find_if(pending_.begin(), pending_.end(), [&](const Pending& entry) {
-    return entry.id == reply.request_id;
-  });
+  pb::Reply envelope;
+  if (!ParseEnvelope(message.envelope, &envelope).ok()) return;
+  const uint64_t id = envelope.request_id();
+  const auto pending = std::find_if(pending_.begin(), pending_.end(),
+                                    [id](const Pending& entry) { return entry.id == id; });
   if (pending == pending_.end()) return;  // answered already, or given up
+  Delivery delivery = Read(id, std::move(envelope), std::move(message.payload));
+  // One copy was turned away for now; another one may still be executed.
+  const bool passing = delivery.kind == Delivery::Kind::kRefused &&
+                       delivery.reply.status().recoverable() && pending->resent;
+  if (passing) delivery.kind = Delivery::Kind::kNoAnswer;
   pending_.erase(pending);
-  const uint64_t id = reply.request_id;
-  if (Status status = GetStatus(reply.envelope.status()); !status.ok()) {
-    arrived_.push_back({id, std::move(status)});
-    return;
-  }
-  reply.payload = std::move(message.payload);
-  Result<ArrayReader> arrays = ArrayReader::Parse(reply.envelope.arrays(), reply.payload);
-  if (!arrays.ok()) {
-    arrived_.push_back({id, arrays.status().WithContext("reply")});
-    return;
-  }
-  reply.arrays = std::move(*arrays);
-  arrived_.push_back({id, std::move(reply)});
+  last_reply_ = Clock::now();
+  arrived_.push_back(std::move(delivery));
 }
 
-void Connection::ResendAfterReconnection() {
-  const uint32_t connection = std::max(socket_.connections(), 1u);
+void Connection::Resend() {
+  const uint32_t connection = socket_.connections();
+  if (connection == 0) return;  // all of it is still queued for the first one
+  const Clock::time_point now = Clock::now();
   for (Pending& pending : pending_) {
-    // A full queue is no loss here: the next reconnection or the deadline settles it.
-    if (pending.connection < connection) (void)Transmit(pending);
+    // A full queue is no loss: the next silence, reconnection or the deadline settles it.
+    if (pending.connection >= connection && ResendTime(pending) > now) continue;
+    pending.resent = true;
+    (void)Transmit(pending);
   }
 }
 
@@ -136,9 +159,10 @@ void Connection::ExpirePending() {
       continue;
     }
     const bool connected = socket_.connections() > 0;
-    arrived_.push_back(
-        {it->id, connected ? Status(StatusCode::kDeadlineExceeded, "no answer within the deadline")
-                           : Status(StatusCode::kUnavailable, "the server cannot be reached")});
+    arrived_.push_back({it->id, Delivery::Kind::kNoAnswer,
+                        connected
+                            ? Status(StatusCode::kDeadlineExceeded, "no answer within the deadline")
+                            : Status(StatusCode::kUnavailable, "the server cannot be reached")});
     it = pending_.erase(it);
   }
 }

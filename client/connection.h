@@ -1,14 +1,18 @@
 // One connection to one server process: requests out, replies in, whatever happens to the server.
 //
-// Every request carries an id; its reply is matched by it. Requests stay here until they are
-// answered. When the connection was lost and made again, the process behind it may be a replacement
-// and whatever the old one held is gone, so all unanswered requests are sent again, unchanged but
-// for the deadline. The server executes a numbered step once, however often it arrives; replies
-// that come twice are dropped. Thread rule: one thread. The Context outlives the connection.
+// Every request carries an id; its reply is matched by it. A request stays here, payload included,
+// until it is answered. It is sent again, unchanged but for the deadline,
+//   - after a reconnection: the process behind it may be a replacement, and what the old one held
+//     is gone;
+//   - when an eighth of its deadline has passed without any reply to anything.
+// The server executes a numbered step once, however often it arrives; replies that come twice, or
+// after their request was given up, are dropped. Thread rule: one thread. The Context outlives the
+// connection.
 #pragma once
 
 #include <cstdint>
 #include <deque>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -29,26 +33,40 @@ struct ReceivedReply {
   ArrayReader arrays;
 };
 
+// What became of one request.
+struct Delivery {
+  enum class Kind : uint8_t {
+    kReply,     // done: `reply` has it
+    kRefused,   // the server answered with an error, which `reply` carries
+    kNoAnswer,  // none that settles whether it was executed: `reply` says why
+  };
+  uint64_t id = 0;
+  Kind kind = Kind::kNoAnswer;
+  Result<ReceivedReply> reply;
+};
+
 class Connection {
  public:
   // `token`: the session's, or "". Returns at once; the first request waits for the handshake.
   static Result<Connection> Open(Context& context, const std::string& address, std::string token);
 
   // Queues a request and returns its id. `request` has its payload and array table set; version,
-  // token, id and deadline are filled in here. kLimitExceeded above limits::kMaxRequestsInFlight
-  // unanswered ones.
+  // token, id and deadline are filled in here. kLimitExceeded while limits::kMaxRequestsInFlight
+  // requests are unanswered or answered but not yet received.
   Result<uint64_t> Send(pb::Request request, Frame payload, Deadline deadline);
 
-  // Waits for the reply to `id`. An error of the server comes back as its Status; kDeadlineExceeded
-  // when the request's deadline passed, after which its late reply is dropped.
+  // Waits for the reply to `id`. An error of the server comes back as its Status;
+  // kDeadlineExceeded or kUnavailable when none came; kFailedPrecondition when `id` is not in
+  // flight.
   Result<ReceivedReply> Receive(uint64_t id);
-  // Waits for whichever unanswered request is answered first; its id is in the reply, or in `*id`
-  // when the answer was an error. kFailedPrecondition when nothing is in flight.
-  Result<ReceivedReply> ReceiveAny(uint64_t* id);
+  // Waits for whichever of `ids` is answered first.
+  Delivery ReceiveAny(std::span<const uint64_t> ids);
   // Send and Receive in one.
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
+  // The reply to `id` is not wanted any more. The server may execute the request all the same.
+  void Abandon(uint64_t id);
 
-  // Requests whose outcome the caller has not received yet, answered or not.
+  // Requests that were sent and not received.
   size_t in_flight() const { return pending_.size() + arrived_.size(); }
   // How often the connection was made; above 1 after the server was replaced.
   uint32_t connections() { return socket_.connections(); }
@@ -59,29 +77,30 @@ class Connection {
     pb::Request request;
     Frame payload;
     Deadline deadline;
-    uint32_t connection;  // the connection it was last sent over
-  };
-  // What the socket delivered for a pending request, not yet asked for.
-  struct Arrived {
-    uint64_t id;
-    Result<ReceivedReply> reply;
+    Clock::duration patience;  // silence after which it is sent again
+    uint32_t connection;       // the connection it was last sent over
+    Clock::time_point sent;
+    bool resent = false;
   };
 
   Connection(DealerSocket socket, std::string token)
       : socket_(std::move(socket)), token_(std::move(token)) {}
   Status Transmit(Pending& pending);
-  // Takes messages off the socket until none is left; returns after at most one wait.
-  void Pump(const Deadline& deadline);
+  // Takes messages off the socket until none is left; waits once if there is none.
+  void Pump();
   void Accept(Message message);
-  void ResendAfterReconnection();
+  void Resend();
   void ExpirePending();
-  Deadline NextExpiry() const;
+  Clock::time_point ResendTime(const Pending& pending) const;
+  // When the first pending request is to be sent again or given up.
+  Deadline NextWake() const;
 
   DealerSocket socket_;
   std::string token_;
   uint64_t next_id_ = 1;
+  Clock::time_point last_reply_{};
   std::deque<Pending> pending_;
-  std::deque<Arrived> arrived_;
+  std::deque<Delivery> arrived_;
 };
 
 }  // namespace b4mrl

@@ -1,15 +1,42 @@
 #include "client/remote_dataset.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace b4mrl {
 
+BatchStream::BatchStream(BatchStream&& other) noexcept
+    : dataset_(other.dataset_),
+      rows_(other.rows_),
+      credits_(other.credits_),
+      seed_(other.seed_),
+      next_batch_(other.next_batch_),
+      requests_(std::exchange(other.requests_, {})) {}
+
+BatchStream& BatchStream::operator=(BatchStream&& other) noexcept {
+  if (this == &other) return *this;
+  Abandon();
+  dataset_ = other.dataset_;
+  rows_ = other.rows_;
+  credits_ = other.credits_;
+  seed_ = other.seed_;
+  next_batch_ = other.next_batch_;
+  requests_ = std::exchange(other.requests_, {});
+  return *this;
+}
+
+BatchStream::~BatchStream() { Abandon(); }
+
+void BatchStream::Abandon() {
+  for (const uint64_t id : requests_) dataset_->connection_.Abandon(id);
+  requests_.clear();
+}
+
 Status BatchStream::TopUp() {
   while (requests_.size() < credits_) {
-    B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
-                           dataset_->SendSample(rows_, seed_, next_request_, 1, false));
+    const uint64_t batch = next_batch_ + requests_.size();
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t id, dataset_->SendSample(rows_, seed_, batch, 1, false));
     requests_.push_back(id);
-    ++next_request_;
   }
   return Status();
 }
@@ -20,14 +47,18 @@ Result<TransitionRows> BatchStream::Next() {
   requests_.pop_front();
   Result<TransitionRows> rows = dataset_->ReadRows(dataset_->connection_.Receive(id), next_batch_);
   if (!rows.ok()) {
-    // The stream continues with the batch that failed: forget what was asked for after it.
-    next_request_ = next_batch_;
-    requests_.clear();
+    Abandon();
     return rows;
   }
   ++next_batch_;
-  B4MRL_RETURN_IF_ERROR(TopUp());
+  // What cannot be asked for now is asked for by the next call, which reports why it cannot.
+  (void)TopUp();
   return rows;
+}
+
+BatchStream RemoteDataset::Stream(uint32_t rows, uint64_t seed, uint64_t first_batch,
+                                  uint32_t credits) {
+  return BatchStream(this, rows, std::max(credits, 1u), seed, first_batch);
 }
 
 Result<DatasetStats> RemoteDataset::Stats() {

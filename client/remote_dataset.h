@@ -50,32 +50,33 @@ struct DatasetStats {
 class RemoteDataset;
 
 // Batches first_batch, first_batch + 1, ...: `credits` requests are kept in flight, so that the
-// next batch is usually here before it is asked for. The dataset outlives its streams; one at a
-// time.
+// next batch is usually here before it is asked for. After an error, Next asks for the same batch
+// again. The dataset stays where it is while streams of it live; they share its limit of
+// limits::kMaxRequestsInFlight.
 class BatchStream {
  public:
+  BatchStream(BatchStream&& other) noexcept;
+  BatchStream& operator=(BatchStream&& other) noexcept;
+  ~BatchStream();
+
   Result<TransitionRows> Next();
+  // The batch that Next returns; a stream made with it as first_batch continues this one.
   uint64_t next_batch() const { return next_batch_; }
 
  private:
   friend class RemoteDataset;
   BatchStream(RemoteDataset* dataset, uint32_t rows, uint32_t credits, uint64_t seed,
               uint64_t first_batch)
-      : dataset_(dataset),
-        rows_(rows),
-        credits_(credits),
-        seed_(seed),
-        next_batch_(first_batch),
-        next_request_(first_batch) {}
+      : dataset_(dataset), rows_(rows), credits_(credits), seed_(seed), next_batch_(first_batch) {}
   Status TopUp();
+  void Abandon();
 
   RemoteDataset* dataset_;
   uint32_t rows_;
   uint32_t credits_;
   uint64_t seed_;
-  uint64_t next_batch_;    // the one that Next returns
-  uint64_t next_request_;  // the first one not asked for yet
-  std::deque<uint64_t> requests_;
+  uint64_t next_batch_;
+  std::deque<uint64_t> requests_;  // for next_batch_, next_batch_ + 1, ...
 };
 
 class RemoteDataset {
@@ -92,9 +93,8 @@ class RemoteDataset {
                                 uint32_t batches = 1, bool with_indices = false);
   // Rows [first_row, first_row + rows), fewer at the end.
   Result<TransitionRows> Read(uint64_t first_row, uint32_t rows);
-  BatchStream Stream(uint32_t rows, uint64_t seed, uint64_t first_batch = 0, uint32_t credits = 4) {
-    return BatchStream(this, rows, credits, seed, first_batch);
-  }
+  // `credits` (at least 1) batches are requested ahead.
+  BatchStream Stream(uint32_t rows, uint64_t seed, uint64_t first_batch = 0, uint32_t credits = 4);
 
  private:
   friend class Client;
