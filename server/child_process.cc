@@ -96,20 +96,23 @@ std::optional<Death> ChildProcess::Reap() {
   record.process_id.store(0);
   last_exit_code_ = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
   if (!ready()) ++deaths_before_ready_;
-  ScheduleRestart();
-  if (killed_as_frozen_) return Death::kFrozen;
   const bool killed = WIFSIGNALED(wait_status) && WTERMSIG(wait_status) == SIGKILL;
-  if (shared_->header().draining.load() == false) {
+  const Death death = killed_as_frozen_ ? Death::kFrozen
+                      : killed          ? Death::kKilled
+                                        : Death::kCrashed;
+  ScheduleRestart(death);
+  if (!killed_as_frozen_ && !shared_->header().draining.load()) {
     spdlog::warn("{} ended ({} {})", ChildName(child_),
                  WIFSIGNALED(wait_status) ? "signal" : "exit code",
                  WIFSIGNALED(wait_status) ? WTERMSIG(wait_status) : last_exit_code_);
   }
-  return killed ? Death::kKilled : Death::kCrashed;
+  return death;
 }
 
-void ChildProcess::ScheduleRestart() {
+void ChildProcess::ScheduleRestart(Death death) {
   const int64_t now = MonotonicMs();
-  young_deaths_ = now - started_ms_ < kYoungMs ? young_deaths_ + 1 : 0;
+  const bool own_fault = death != Death::kKilled || !ready();
+  young_deaths_ = own_fault && now - started_ms_ < kYoungMs ? young_deaths_ + 1 : 0;
   int64_t delay = 0;
   if (young_deaths_ > 1) {
     const uint32_t doublings = std::min(young_deaths_ - 2, 16u);

@@ -29,7 +29,8 @@ class ChildProcess {
   // alone.
   Status Start();
   bool running() const { return process_id_ > 0; }
-  // The time of the next Start of a dead child; backs off while it dies young.
+  // The time of the next Start of a dead child: at once, but backing off while it dies young again
+  // and again. A ready process that somebody else kills has not died of youth.
   int64_t restart_at_ms() const { return restart_at_ms_; }
 
   // Reaps the process if it has ended; says how.
@@ -46,7 +47,7 @@ class ChildProcess {
   int last_exit_code() const { return last_exit_code_; }
 
  private:
-  void ScheduleRestart();
+  void ScheduleRestart(Death death);
 
   uint32_t child_;
   ChildOptions options_;

@@ -2,7 +2,6 @@
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include "server/child.h"
 #include "server/dataset_worker.h"
@@ -11,16 +10,6 @@
 #include "server/supervisor.h"
 
 namespace b4mrl {
-#ifdef B4MRL_WITHOUT_DATASETS
-int RunDatasetWorker(const DatasetWorkerOptions& options) {
-  while (!options.drain->load()) {
-    ++*options.heartbeat;
-    usleep(100'000);
-  }
-  return 0;
-}
-int RunImporter(const ImporterOptions&) { return 1; }
-#endif
 namespace {
 
 int ServeDatasets(ChildContext& context) {

@@ -20,7 +20,7 @@ constexpr uint32_t kLanes = kGroups * kLanesPerGroup;
 constexpr uint64_t kSeed = 11;
 constexpr uint8_t kLimit = 2;
 constexpr uint8_t kCrash = 3;
-constexpr int64_t kPatienceMs = 60'000;
+constexpr int64_t kPatienceMs = 240'000;
 
 PrivateDaemon StartDaemon(const std::string& fault = "", uint32_t workers = 1) {
   PrivateDaemonOptions options;
