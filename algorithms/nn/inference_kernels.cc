@@ -3,6 +3,8 @@
 #include <immintrin.h>
 
 #include <cstddef>
+#include <type_traits>
+#include <utility>
 
 namespace b4mrl::inference {
 namespace {
@@ -10,34 +12,44 @@ namespace {
 constexpr int kLanes = 8;
 static_assert(kPanel == 2 * kLanes);
 
+// body(0), ..., body(kCount - 1) with constant arguments: an array indexed by them lives in
+// registers, which GCC does not achieve for one indexed by a loop variable.
+template <int kCount, typename Body>
+inline void Unrolled(Body body) {
+  [&]<int... kIndex>(std::integer_sequence<int, kIndex...>) {
+    (body(std::integral_constant<int, kIndex>()), ...);
+  }
+  (std::make_integer_sequence<int, kCount>());
+}
+
 // One panel of outputs for kRows rows: 2 kRows accumulators stay in registers over all inputs.
 // Rows only share loads; no element's arithmetic depends on kRows.
 template <int kRows>
 inline void DensePanel(const float* weights, const float* bias, int inputs, bool relu,
-                       const float* input, int input_stride, float* output, int output_stride) {
+                       const float* input, std::ptrdiff_t input_stride, float* output,
+                       std::ptrdiff_t output_stride) {
   __m256 low[kRows], high[kRows];
-  for (int row = 0; row < kRows; ++row) {
+  Unrolled<kRows>([&](auto row) {
     low[row] = _mm256_loadu_ps(bias);
     high[row] = _mm256_loadu_ps(bias + kLanes);
-  }
+  });
   for (int k = 0; k < inputs; ++k) {
-    const __m256 weight_low = _mm256_loadu_ps(weights + static_cast<std::ptrdiff_t>(k) * kPanel);
-    const __m256 weight_high =
-        _mm256_loadu_ps(weights + static_cast<std::ptrdiff_t>(k) * kPanel + kLanes);
-    for (int row = 0; row < kRows; ++row) {
-      const __m256 x =
-          _mm256_broadcast_ss(input + static_cast<std::ptrdiff_t>(row) * input_stride + k);
+    const __m256 weight_low = _mm256_loadu_ps(weights);
+    const __m256 weight_high = _mm256_loadu_ps(weights + kLanes);
+    weights += kPanel;
+    Unrolled<kRows>([&](auto row) {
+      const __m256 x = _mm256_broadcast_ss(input + row * input_stride + k);
       low[row] = _mm256_fmadd_ps(weight_low, x, low[row]);
       high[row] = _mm256_fmadd_ps(weight_high, x, high[row]);
-    }
+    });
   }
   const __m256 zero = _mm256_setzero_ps();
-  for (int row = 0; row < kRows; ++row) {
-    float* out = output + static_cast<std::ptrdiff_t>(row) * output_stride;
+  Unrolled<kRows>([&](auto row) {
+    float* out = output + row * output_stride;
     // max(0, NaN) is NaN in this operand order.
     _mm256_storeu_ps(out, relu ? _mm256_max_ps(zero, low[row]) : low[row]);
     _mm256_storeu_ps(out + kLanes, relu ? _mm256_max_ps(zero, high[row]) : high[row]);
-  }
+  });
 }
 
 // exp(x) for x clamped to [-87, 88]: 2^n exp(r), |r| <= log(2)/2, with log 2 split in two so that r
@@ -110,22 +122,22 @@ void Dense(const float* weights, const float* bias, int inputs, int outputs, boo
            const float* input, int input_stride, int rows, float* output, int output_stride) {
   // Six rows by two vectors: 12 accumulators, two weights and a broadcast in 16 registers.
   constexpr int kRows = 6;
+  const std::ptrdiff_t in = input_stride;
+  const std::ptrdiff_t out = output_stride;
   const int panels = Padded(outputs) / kPanel;
   for (int panel = 0; panel < panels; ++panel) {
     const float* w = weights + static_cast<std::ptrdiff_t>(panel) * kPanel * inputs;
     const float* b = bias + panel * kPanel;
+    float* o = output + panel * kPanel;
     int row = 0;
     for (; row + kRows <= rows; row += kRows) {
-      DensePanel<kRows>(w, b, inputs, relu, input + static_cast<std::ptrdiff_t>(row) * input_stride,
-                        input_stride,
-                        output + static_cast<std::ptrdiff_t>(row) * output_stride + panel * kPanel,
-                        output_stride);
+      DensePanel<kRows>(w, b, inputs, relu, input + row * in, in, o + row * out, out);
     }
-    for (; row < rows; ++row) {
-      DensePanel<1>(w, b, inputs, relu, input + static_cast<std::ptrdiff_t>(row) * input_stride,
-                    input_stride,
-                    output + static_cast<std::ptrdiff_t>(row) * output_stride + panel * kPanel,
-                    output_stride);
+    for (; row + 2 <= rows; row += 2) {
+      DensePanel<2>(w, b, inputs, relu, input + row * in, in, o + row * out, out);
+    }
+    if (row < rows) {
+      DensePanel<1>(w, b, inputs, relu, input + row * in, in, o + row * out, out);
     }
   }
 }
