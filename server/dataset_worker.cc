@@ -264,7 +264,9 @@ void DatasetWorker::SubmitLoad(PendingRequest pending) {
 void DatasetWorker::FinishLoad(const std::string& fingerprint,
                                const Result<DatasetPointer>& dataset) {
   if (dataset.ok()) Serve(fingerprint, *dataset);
-  for (const uint64_t id : loading_.extract(fingerprint).mapped()) {
+  const auto waiting = loading_.extract(fingerprint);
+  if (waiting.empty()) return;
+  for (const uint64_t id : waiting.mapped()) {
     const std::optional<PendingRequest> pending = Unpark(id);
     if (!pending) continue;
     if (dataset.ok()) {

@@ -1,0 +1,336 @@
+#include "server/dataset_worker.h"
+
+#include <catch2/catch.hpp>
+#include <cstring>
+#include <filesystem>
+#include <thread>
+
+#include "data/gather.h"
+#include "data/sampler.h"
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+#include "tests/data/example_dataset.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 60'000;
+
+// A worker on a thread of this process, and a client.
+class Daemon {
+ public:
+  explicit Daemon(const std::string& data_folder) {
+    options_.endpoints = {{"ipc://" + folder_.File("socket")}};
+    options_.data_folder = data_folder;
+    options_.importer_program = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve";
+    options_.drain = &drain_;
+    options_.heartbeat = &heartbeat;
+    options_.errors = &errors;
+    Start();
+  }
+  ~Daemon() { Stop(); }
+
+  void Start() {
+    drain_ = false;
+    thread_ = std::thread([this] { exit_code = RunDatasetWorker(options_); });
+  }
+  void Stop() {
+    drain_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+
+  struct Answer {
+    pb::Reply reply;
+    Frame payload;
+    StatusCode code() const { return static_cast<StatusCode>(reply.status().code()); }
+    ArrayReader arrays() const { return ArrayReader::Parse(reply.arrays(), payload).value(); }
+    template <typename T>
+    std::vector<T> Values(const char* name) const {
+      const ArrayReader all = arrays();
+      const TensorView* view = all.Find(name);
+      REQUIRE(view != nullptr);
+      REQUIRE(view->dtype == DTypeOf<T>());
+      const auto span = view->As<T>();
+      return {span.begin(), span.end()};
+    }
+  };
+
+  Answer Receive(DealerSocket& socket) {
+    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+    while (!deadline.expired()) {
+      if (std::optional<Message> message = socket.TryReceive()) {
+        Answer answer;
+        REQUIRE(ParseEnvelope(message->envelope, &answer.reply).ok());
+        answer.payload = std::move(message->payload);
+        return answer;
+      }
+      socket.Wait(deadline);
+    }
+    FAIL("no reply");
+    return {};
+  }
+  DealerSocket Connect() {
+    auto socket = DealerSocket::Connect(context_, options_.endpoints[0].address);
+    REQUIRE(socket.ok());
+    return std::move(*socket);
+  }
+  Answer Ask(pb::Request request) {
+    if (!socket_) socket_.emplace(Connect());
+    if (request.protocol_version() == 0) request.set_protocol_version(limits::kProtocolVersion);
+    request.set_request_id(++last_id_);
+    request.set_deadline_ms(kPatienceMs);
+    REQUIRE(socket_->Send({SerializeEnvelope(request).value(), Frame()}).ok());
+    Answer answer = Receive(*socket_);
+    CHECK(answer.reply.request_id() == last_id_);
+    return answer;
+  }
+  Answer Open(const std::string& name, const std::string& corruptions = "", uint64_t seed = 0,
+              const std::string& rule = "") {
+    pb::Request request;
+    request.mutable_open_dataset()->set_dataset(name);
+    const std::vector<NamedArgument> items = ParseNamedArguments(corruptions).value();
+    for (const NamedArgument& item : items) {
+      pb::NamedArgument* out = request.mutable_open_dataset()->add_corruptions();
+      out->set_name(item.name);
+      out->set_argument(item.argument);
+    }
+    request.mutable_open_dataset()->set_seed(seed);
+    request.mutable_open_dataset()->set_transition_rule(rule);
+    return Ask(request);
+  }
+  Answer Sample(const std::string& fingerprint, uint64_t seed, uint64_t batch, uint32_t rows,
+                uint32_t batches = 1) {
+    pb::Request request;
+    pb::SampleRequest* sample = request.mutable_sample();
+    sample->set_fingerprint(fingerprint);
+    sample->set_seed(seed);
+    sample->set_first_batch(batch);
+    sample->set_batches(batches);
+    sample->set_rows(rows);
+    sample->set_with_indices(true);
+    return Ask(request);
+  }
+  Answer Read(const std::string& fingerprint, uint64_t first, uint32_t rows) {
+    pb::Request request;
+    request.mutable_read()->set_fingerprint(fingerprint);
+    request.mutable_read()->set_first_row(first);
+    request.mutable_read()->set_rows(rows);
+    return Ask(request);
+  }
+
+  std::atomic<uint64_t> heartbeat{0};
+  std::atomic<uint64_t> errors{0};
+  int exit_code = -1;
+
+ private:
+  TemporaryFolder folder_;
+  DatasetWorkerOptions options_;
+  std::atomic<bool> drain_{false};
+  Context context_;
+  std::optional<DealerSocket> socket_;
+  std::thread thread_;
+  uint64_t last_id_ = 0;
+};
+
+struct DataFolder {
+  TemporaryFolder folder;
+  ExampleDataset data = MakeExampleDataset({700, 300, 500}, 17, 6);
+  DataFolder() {
+    std::filesystem::create_directory(folder.File("HalfCheetah"));
+    REQUIRE(WriteExample(folder.File("HalfCheetah/medium.h5"), data).ok());
+  }
+};
+
+TEST_CASE("datasets are listed before and after their import") {
+  DataFolder files;
+  std::filesystem::create_directory(files.folder.File("d4rl"));
+  REQUIRE(WriteExample(files.folder.File("d4rl/halfcheetah-medium-v2.hdf5"), files.data).ok());
+  WriteBytes(files.folder.File("HalfCheetah/notes.txt"), "no dataset");
+  Daemon daemon(files.folder.path());
+  pb::Request list;
+  list.mutable_list_datasets();
+  const auto before = daemon.Ask(list);
+  REQUIRE(before.reply.list_datasets().datasets_size() == 2);
+  CHECK(before.reply.list_datasets().datasets(0).name() == "HalfCheetah/medium");
+  CHECK(before.reply.list_datasets().datasets(0).rows() == 0);
+  CHECK(before.reply.list_datasets().datasets(1).name() == "d4rl/halfcheetah-medium-v2");
+  REQUIRE(daemon.Open("HalfCheetah/medium").code() == StatusCode::kOk);
+  const auto after = daemon.Ask(list);
+  CHECK(after.reply.list_datasets().datasets(0).rows() == 1500);
+  CHECK(after.reply.list_datasets().datasets(0).sha256().size() == 64);
+  CHECK(daemon.heartbeat > 0);
+}
+
+TEST_CASE("sampled rows are those of the file that the sampler names") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const auto opened = daemon.Open("HalfCheetah/medium");
+  REQUIRE(opened.code() == StatusCode::kOk);
+  CHECK(opened.reply.open_dataset().rows() == 1500);
+  CHECK(opened.reply.open_dataset().observation_size() == 17);
+  const std::string fingerprint = opened.reply.open_dataset().fingerprint();
+  const auto batch = daemon.Sample(fingerprint, 11, 4, 256, 3);
+  REQUIRE(batch.code() == StatusCode::kOk);
+  const auto indices = batch.Values<uint64_t>("indices");
+  REQUIRE(indices.size() == 768);
+  for (uint64_t i = 0; i < 3; ++i) {
+    std::vector<uint64_t> wanted(256);
+    SampleRows(11, 4 + i, 1500, wanted);
+    CHECK(std::equal(wanted.begin(), wanted.end(), indices.begin() + i * 256));
+  }
+  const auto observations = batch.Values<float>("observations");
+  const auto next_observations = batch.Values<float>("next_observations");
+  const auto actions = batch.Values<float>("actions");
+  const auto rewards = batch.Values<float>("rewards");
+  const auto terminals = batch.Values<uint8_t>("terminals");
+  bool equal = true;
+  for (size_t i = 0; i < indices.size(); ++i) {
+    const size_t row = indices[i];
+    equal &= std::memcmp(&observations[i * 17], &files.data.observations[row * 17], 68) == 0;
+    equal &=
+        std::memcmp(&next_observations[i * 17], &files.data.next_observations[row * 17], 68) == 0;
+    equal &= std::memcmp(&actions[i * 6], &files.data.actions[row * 6], 24) == 0;
+    equal &= rewards[i] == files.data.rewards[row];
+    equal &= terminals[i] == files.data.terminals[row];
+  }
+  CHECK(equal);
+  CHECK(daemon.Sample(fingerprint, 11, 6, 256).Values<float>("rewards") ==
+        std::vector<float>(rewards.begin() + 512, rewards.end()));
+}
+
+TEST_CASE("reading walks through all rows in order and ends short") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const std::string fingerprint =
+      daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
+  std::vector<float> observations;
+  for (uint64_t first = 0; first < 1500; first += 400) {
+    const auto part = daemon.Read(fingerprint, first, 400).Values<float>("observations");
+    observations.insert(observations.end(), part.begin(), part.end());
+  }
+  CHECK(observations == files.data.observations);
+  CHECK(daemon.Read(fingerprint, 1500, 10).Values<uint8_t>("timeouts").empty());
+  CHECK(daemon.Read(fingerprint, 1501, 10).code() == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("statistics are those of the corrupted data") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const auto opened = daemon.Open("HalfCheetah/medium", "hidden-high");
+  REQUIRE(opened.code() == StatusCode::kOk);
+  CHECK(opened.reply.open_dataset().hidden_dimensions(0) == 9);
+  CHECK(opened.reply.open_dataset().corruptions(0).argument() == "9");
+  pb::Request stats;
+  stats.mutable_dataset_stats()->set_fingerprint(opened.reply.open_dataset().fingerprint());
+  const auto answer = daemon.Ask(stats);
+  CHECK(answer.Values<double>("observation_std")[9] == 0);
+  CHECK(answer.Values<double>("observation_std")[8] > 0.5);
+  CHECK(answer.reply.dataset_stats().rows() == 1500);
+  CHECK(answer.reply.dataset_stats().episodes() == 3);
+}
+
+TEST_CASE("the d4rl rule serves fewer rows under another fingerprint") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const auto stored = daemon.Open("HalfCheetah/medium", "obs-noise=0.1", 5);
+  const auto d4rl = daemon.Open("HalfCheetah/medium", "obs-noise=0.1", 5, "d4rl");
+  CHECK(d4rl.reply.open_dataset().rows() == 1498);  // two time-outs, the second the last row
+  CHECK(d4rl.reply.open_dataset().fingerprint() != stored.reply.open_dataset().fingerprint());
+  const auto all = daemon.Read(stored.reply.open_dataset().fingerprint(), 0, 1500);
+  const auto kept = daemon.Read(d4rl.reply.open_dataset().fingerprint(), 0, 1500);
+  const auto observations = all.Values<float>("observations");
+  const auto next = kept.Values<float>("next_observations");
+  CHECK(std::memcmp(&next[0], &observations[17], 68) == 0);
+  // Row 700 of the file is row 699 of what is kept; it begins the second episode.
+  CHECK(std::memcmp(&kept.Values<float>("observations")[699 * 17], &observations[700 * 17], 68) ==
+        0);
+}
+
+TEST_CASE("a restarted worker serves fingerprints it has never opened") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const std::string fingerprint =
+      daemon.Open("HalfCheetah/medium", "obs-noise-high", 2).reply.open_dataset().fingerprint();
+  const auto before = daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations");
+  daemon.Stop();
+  CHECK(daemon.exit_code == 0);
+  daemon.Start();
+  CHECK(daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations") == before);
+}
+
+TEST_CASE("a damaged cache is refused by fingerprint and made anew by name") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const std::string fingerprint =
+      daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
+  const auto before = daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations");
+  daemon.Stop();
+  const std::string column = files.folder.File(".cache/" + fingerprint + "/observations.raw");
+  std::string bytes = ReadBytes(column);
+  bytes[1000] ^= 1;
+  WriteBytes(column, bytes);
+  daemon.Start();
+  CHECK(daemon.Sample(fingerprint, 1, 2, 64).code() == StatusCode::kDataLoss);
+  REQUIRE(daemon.Open("HalfCheetah/medium").code() == StatusCode::kOk);
+  CHECK(daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations") == before);
+}
+
+TEST_CASE("a changed file gets another fingerprint") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  const auto first = daemon.Open("HalfCheetah/medium");
+  REQUIRE(WriteExample(files.folder.File("HalfCheetah/medium.h5"), MakeExampleDataset({10}, 17, 6))
+              .ok());
+  const auto second = daemon.Open("HalfCheetah/medium");
+  CHECK(second.reply.open_dataset().rows() == 10);
+  CHECK(second.reply.open_dataset().fingerprint() != first.reply.open_dataset().fingerprint());
+  CHECK(second.reply.open_dataset().info().sha256() != first.reply.open_dataset().info().sha256());
+}
+
+TEST_CASE("bad requests are answered with typed errors") {
+  DataFolder files;
+  WriteBytes(files.folder.File("HalfCheetah/broken.h5"), "not HDF5");
+  Daemon daemon(files.folder.path());
+  const auto unknown = daemon.Open("HalfCheetah/medum");
+  CHECK(unknown.code() == StatusCode::kUnknownName);
+  CHECK_THAT(unknown.reply.status().message(), Catch::Contains("HalfCheetah/medium"));
+  CHECK(daemon.Open("../HalfCheetah/medium").code() == StatusCode::kUnknownName);
+  CHECK(daemon.Open("HalfCheetah/broken").code() == StatusCode::kDataLoss);
+  CHECK(daemon.Open("HalfCheetah/medium", "gravity=2").code() == StatusCode::kUnsupported);
+  CHECK(daemon.Open("HalfCheetah/medium", "", 0, "other").code() == StatusCode::kUnknownName);
+  CHECK(daemon.Sample("no fingerprint", 0, 0, 1).code() == StatusCode::kUnknownName);
+  CHECK(daemon.Sample(std::string(32, 'a'), 0, 0, 1).code() == StatusCode::kUnknownName);
+  const std::string fingerprint =
+      daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
+  CHECK(daemon.Sample(fingerprint, 0, 0, 0).code() == StatusCode::kInvalidArgument);
+  CHECK(daemon.Sample(fingerprint, 0, 0, limits::kMaxRowsPerBatch + 1).code() ==
+        StatusCode::kInvalidArgument);
+  CHECK(daemon.Sample(fingerprint, 0, 0, 1, limits::kMaxBatchesPerSample + 1).code() ==
+        StatusCode::kInvalidArgument);
+  CHECK(daemon.Sample(fingerprint, 0, 0, limits::kMaxRowsPerBatch, 64).code() ==
+        StatusCode::kLimitExceeded);
+  pb::Request other;
+  other.mutable_step();
+  CHECK(daemon.Ask(other).code() == StatusCode::kUnsupported);
+  other.set_protocol_version(99);
+  CHECK(daemon.Ask(other).code() == StatusCode::kVersionMismatch);
+  CHECK(daemon.errors >= 13);
+
+  DealerSocket raw = daemon.Connect();
+  REQUIRE(raw.Send({Frame::Copy("\xff\xff garbage"), Frame()}).ok());
+  CHECK(daemon.Receive(raw).code() == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("a missing data folder is named") {
+  const TemporaryFolder folder;
+  Daemon daemon(folder.File("none"));
+  pb::Request list;
+  list.mutable_list_datasets();
+  const auto answer = daemon.Ask(list);
+  CHECK(answer.code() == StatusCode::kIoError);
+  CHECK_THAT(answer.reply.status().message(), Catch::Contains("none"));
+}
+
+}  // namespace
+}  // namespace b4mrl
