@@ -8,7 +8,8 @@
 //   repeat:   a ~ pi(s);  s', r, d <- simulator;  D <- D + (s, a, r, s', d)      in every lane
 //             one update per transition:  a batch from D, one step of Q, pi and the entropy weight
 //
-// An episode that ends by the step limit keeps d = 0: its value bootstraps from the final observation.
+// An episode that ends by the step limit keeps d = 0: its value bootstraps from the final
+// observation.
 #include <algorithm>
 #include <optional>
 #include <utility>
@@ -254,9 +255,8 @@ std::span<const Hyperparameter> SacHyperparameters() { return kHyperparameters; 
 
 Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context) {
   const auto history = static_cast<int>(context.history_length);
-  B4MRL_ASSIGN_OR_RETURN(
-      SacCore<float> core,
-      SacCore<float>::Create(CoreOptions(context, history * context.observation_size())));
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions(
+                                                  context, history * context.observation_size())));
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = static_cast<uint32_t>(context.hyperparameters.Integer("lanes"));
@@ -264,9 +264,9 @@ Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context) {
   options.autoreset_mode = AutoresetMode::kSameStep;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator,
                          context.client->Make(context.environment.name, options));
-  B4MRL_ASSIGN_OR_RETURN(std::vector<float> mask,
-                         MaskOfPerturbations(simulator.spec().observation,
-                                             simulator.in_force().perturbations()));
+  B4MRL_ASSIGN_OR_RETURN(
+      std::vector<float> mask,
+      MaskOfPerturbations(simulator.spec().observation, simulator.in_force().perturbations()));
   return std::unique_ptr<Learner>(
       std::make_unique<Sac>(context, std::move(core), std::move(simulator), std::move(mask)));
 }

@@ -15,8 +15,12 @@ namespace {
 constexpr std::string_view kPrefix = "checkpoint-";
 constexpr std::string_view kSuffix = ".h5";
 
+// A core may show "log_alpha" and "log_alpha/adam/steps"; HDF5 cannot have both a dataset and a
+// group of one name, so a core's names become one level.
 std::string Join(std::string_view prefix, std::string_view name) {
-  return fmt::format("{}/{}", prefix, name);
+  std::string flat(name);
+  std::replace(flat.begin(), flat.end(), '/', '.');
+  return fmt::format("{}/{}", prefix, flat);
 }
 
 std::string LengthName(std::string_view name) { return fmt::format("{}_length", name); }

@@ -268,8 +268,7 @@ bool TrainRun::ReachedScore() const {
 }
 
 Agent TrainRun::PresentAgent() const {
-  Agent agent =
-      MakeAgent(learner_->Policy(), options_.history_length, context_.ActionScale());
+  Agent agent = MakeAgent(learner_->Policy(), options_.history_length, context_.ActionScale());
   agent.provenance.environment = context_.environment.name;
   agent.provenance.algorithm = options_.algorithm;
   agent.provenance.seed = options_.seed;

@@ -25,8 +25,9 @@ Failure FromDaemon(Status status) {
 }
 
 void DaemonOptions::AddTo(CLI::App& app) {
-  app.add_option("--endpoint", endpoint, "a running daemon, as tcp://HOST:PORT or ipc://PATH; "
-                                         "without it a private one is started for this command")
+  app.add_option("--endpoint", endpoint,
+                 "a running daemon, as tcp://HOST:PORT or ipc://PATH; "
+                 "without it a private one is started for this command")
       ->envname("B4MRL_ENDPOINT");
   app.add_option("--data", data_folder, "dataset folder of a private daemon")
       ->envname("B4MRL_DATA");

@@ -1,10 +1,11 @@
-// `--config FILE.toml`: a file of options, equal to the same options given first on the command line.
+// `--config FILE.toml`: a file of options, equal to the same options given first on the command
+// line.
 //
 //   algorithm = "td3-bc"        --algorithm td3-bc
 //   updates = 100_000           --updates 100000
 //   resume = true               --resume            (false: nothing)
-// Later options win, so the command line overrides the file. Only top-level keys with strings, numbers
-// and booleans are allowed.
+// Later options win, so the command line overrides the file. Only top-level keys with strings,
+// numbers and booleans are allowed.
 #pragma once
 
 #include <string>

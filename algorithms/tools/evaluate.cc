@@ -32,8 +32,9 @@ void EvaluateCommand::AddOptions() {
   app->add_option("--episodes", episodes, "deterministic episodes [10]")
       ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
   app->add_option("--seed", seed, "of the episodes' starts; 0 is the training evaluations' [0]");
-  app->add_option("--observe", observe, "trained: dimensions hidden in training are zeroed; full: "
-                                        "none is [trained]")
+  app->add_option("--observe", observe,
+                  "trained: dimensions hidden in training are zeroed; full: "
+                  "none is [trained]")
       ->check(CLI::IsMember({"trained", "full"}));
   app->add_flag("--json", json, "print JSON");
   app->add_option("--config", "TOML file of options; the command line overrides it");
@@ -43,8 +44,7 @@ void EvaluateCommand::AddOptions() {
 std::optional<Failure> EvaluateCommand::Run() {
   auto agent = ReadAgent(agent_path);
   if (!agent.ok()) return BadInput(agent.status());
-  auto policy =
-      AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
+  auto policy = AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
   if (!policy.ok()) return BadInput(policy.status());
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());

@@ -1,5 +1,5 @@
-// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's; algorithms and
-// benchmarks are this program's.
+// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's; algorithms
+// and benchmarks are this program's.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -31,13 +31,13 @@ Json DimensionItems(const pb::Space& space, const char* kind) {
   Json items = Json::array();
   for (int i = 0; i < space.dimensions_size(); ++i) {
     const pb::Dimension& dimension = space.dimensions(i);
-    items.push_back({{"name", dimension.name()},
-                     {"description", fmt::format("{} {}, in {}", kind, i,
-                                                 dimension.unit().empty() ? "no unit"
-                                                                          : dimension.unit())},
-                     {"space", kind},
-                     {"index", i},
-                     {"unit", dimension.unit()}});
+    items.push_back(
+        {{"name", dimension.name()},
+         {"description", fmt::format("{} {}, in {}", kind, i,
+                                     dimension.unit().empty() ? "no unit" : dimension.unit())},
+         {"space", kind},
+         {"index", i},
+         {"unit", dimension.unit()}});
   }
   return items;
 }
@@ -60,11 +60,11 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
 }
 
 Json DatasetItem(const pb::DatasetInfo& info) {
-  const std::string rows = info.rows() > 0 ? fmt::format("{} rows", info.rows())
-                                           : std::string("not imported yet");
+  const std::string rows =
+      info.rows() > 0 ? fmt::format("{} rows", info.rows()) : std::string("not imported yet");
   return {{"name", info.name()},
-          {"description", fmt::format("{}, {:.1f} MB", rows,
-                                      static_cast<double>(info.file_bytes()) / 1e6)},
+          {"description",
+           fmt::format("{}, {:.1f} MB", rows, static_cast<double>(info.file_bytes()) / 1e6)},
           {"rows", info.rows()},
           {"file_bytes", info.file_bytes()},
           {"sha256", info.sha256()},

@@ -40,8 +40,8 @@ void PrintJson(const pb::ServerStatusReply& status) {
 }
 
 void PrintText(const pb::ServerStatusReply& status) {
-  fmt::print("up {}, {} sessions\n",
-             FormatDuration(static_cast<double>(status.uptime_ms()) / 1000), status.session_count());
+  fmt::print("up {}, {} sessions\n", FormatDuration(static_cast<double>(status.uptime_ms()) / 1000),
+             status.session_count());
   fmt::print("{:<16} {:>8} {:>8} {:>8} {:>12} {:>10} {:>12} {:>8}\n", "process", "pid", "restarts",
              "sessions", "steps", "steps/s", "query rows", "errors");
   for (const pb::WorkerStatus& worker : status.workers()) {

@@ -63,7 +63,8 @@ void TrainCommand::AddOptions() {
   app->add_option("--simulator", options.simulator,
                   "perturbations of the simulator to learn in: \"gravity,obs-noise-low\"");
   app->add_option("--dataset", options.dataset, "\"HalfCheetah/medium\"");
-  app->add_option("--corruption", options.corruption, "corruptions of the dataset: \"hidden-high\"");
+  app->add_option("--corruption", options.corruption,
+                  "corruptions of the dataset: \"hidden-high\"");
   app->add_option("--history", options.history_length, "observations that the policy sees [1]")
       ->check(CLI::Range(1u, 64u));
   app->add_option("--seed", options.seed, "of everything random in the run [0]");
@@ -185,8 +186,8 @@ Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
 std::optional<Failure> TrainCommand::Run() {
   if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
   if (options.folder.empty()) {
-    options.folder = fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm,
-                                 options.seed);
+    options.folder =
+        fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm, options.seed);
   }
   std::vector<std::pair<std::string, double>> recorded;
   if (options.resume && !ListCheckpoints(options.folder).empty()) {
