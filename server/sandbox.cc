@@ -8,6 +8,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
@@ -32,8 +33,13 @@ constexpr uint64_t kFolderAccess = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCES
                                    LANDLOCK_ACCESS_FS_REMOVE_DIR;
 
 Status SetLimit(int resource, uint64_t value, const char* name) {
-  const rlimit limit{value, value};
-  if (setrlimit(static_cast<__rlimit_resource>(resource), &limit) == 0) return Status();
+  const auto which = static_cast<__rlimit_resource>(resource);
+  rlimit limit{};
+  if (getrlimit(which, &limit) == 0) {
+    // Only a privileged process may raise its hard limit, and none needs to.
+    limit.rlim_cur = limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value);
+    if (setrlimit(which, &limit) == 0) return Status();
+  }
   return Status(StatusCode::kInternal,
                 std::string("cannot limit ") + name + ": " + std::strerror(errno));
 }

@@ -35,7 +35,7 @@ struct DrawContext {
   };
   Kind kind = Kind::kEpisode;
   uint64_t seed = 0;   // the lane's, the query's or the corruption's
-  uint64_t major = 0;  // episode, draw, or matrix (0 but for datasets joined from several)
+  uint64_t major = 0;  // episode, draw, or noise matrix (each dataset file has its own)
   uint64_t minor =
       0;  // step within the episode (0: after reset), row of the query, row of the dataset
 };
