@@ -1,12 +1,10 @@
 // An environment's settings: a JSON object under the names that users know (Gymnasium's constructor
-// arguments, highway-env's config). Config is a value type; ConfigReader belongs to one thread.
+// arguments, highway-env's config). A value type; config_reader.h reads one. Code that only passes
+// a Config on need not see the JSON library.
 #pragma once
 
-#include <cstdint>
-#include <nlohmann/json.hpp>
-#include <string>
+#include <nlohmann/json_fwd.hpp>
 #include <string_view>
-#include <vector>
 
 #include "proto/base/status.h"
 
@@ -17,36 +15,5 @@ using Config = nlohmann::json;  // always an object
 // "" is the empty object. Refuses text beyond limits::kMaxOpenRequestBytes, text that is no JSON
 // object, and nesting deeper than 8.
 Result<Config> ParseConfig(std::string_view text);
-
-// Reads settings one by one, keeps the first error, and knows afterwards which keys nobody asked
-// for.
-//   ConfigReader reader(config);
-//   const double scale = reader.Number("reset_noise_scale", 0.1, 0, 10);
-//   B4MRL_RETURN_IF_ERROR(reader.Finish());
-class ConfigReader {
- public:
-  explicit ConfigReader(const Config& config) : config_(config) {}
-
-  // The value of `key`, or `fallback` where it is absent. A wrong type or a value outside [low,
-  // high] is an error and yields `fallback`.
-  double Number(const std::string& key, double fallback, double low, double high);
-  uint64_t Integer(const std::string& key, uint64_t fallback, uint64_t low, uint64_t high);
-  bool Bool(const std::string& key, bool fallback);
-  // One of `allowed`; the first is the fallback.
-  std::string Choice(const std::string& key, const std::vector<std::string>& allowed);
-
-  // Every value read so far, defaults included.
-  const Config& completed() const { return completed_; }
-  // The first error, an unknown key (with the nearest known one), or OK.
-  Status Finish() const;
-
- private:
-  const Config* Find(const std::string& key);
-  void Fail(Status status);
-
-  const Config& config_;
-  Config completed_ = Config::object();
-  Status first_error_;
-};
 
 }  // namespace b4mrl

@@ -12,7 +12,7 @@
 #include <limits>
 #include <utility>
 
-#include "server/environments/config.h"
+#include "server/environments/config_reader.h"
 #include "server/environments/list.h"
 #include "server/environments/mujoco_environment.h"
 

@@ -4,6 +4,7 @@
 #include <mujoco/mujoco.h>
 
 #include <array>
+#include <nlohmann/json.hpp>
 
 namespace b4mrl {
 

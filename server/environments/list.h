@@ -18,9 +18,10 @@ namespace b4mrl {
 
 class Perturbation;
 
+// What an environment is opened from; only during open.
 struct EnvironmentSetup {
-  Config config;                                   // as completed by EnvironmentEntry::complete
-  std::vector<const Perturbation*> perturbations;  // in their order; used during open only
+  const Config& config;                            // as completed by EnvironmentEntry::complete
+  std::vector<const Perturbation*> perturbations;  // in their order
   std::string models_folder;
 };
 

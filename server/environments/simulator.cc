@@ -4,8 +4,8 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
@@ -56,15 +56,13 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentEntry* entry, FindEnvironment(environment));
   Config changed = config;
   perturbations.OnOptions(changed);
-  EnvironmentSetup setup;
-  B4MRL_ASSIGN_OR_RETURN(setup.config, entry->complete(changed));
-  setup.perturbations = perturbations.members();
-  setup.models_folder = models_folder;
+  B4MRL_ASSIGN_OR_RETURN(const Config completed, entry->complete(changed));
 
   std::shared_ptr<Simulator> simulator(new Simulator);
-  B4MRL_ASSIGN_OR_RETURN(simulator->model_, entry->open(setup));
+  B4MRL_ASSIGN_OR_RETURN(simulator->model_,
+                         entry->open({completed, perturbations.members(), models_folder}));
   simulator->perturbations_ = std::move(perturbations);
-  simulator->config_json_ = setup.config.dump();
+  simulator->config_json_ = completed.dump();
   simulator->identity_ =
       fmt::format("{}; config {}; perturbations {}; model {}; {}", entry->name,
                   simulator->config_json_, FormatNamedArguments(simulator->perturbations_.items()),

@@ -24,10 +24,9 @@ MjModelPtr Load(const std::string& perturbations) {
   const EnvironmentSpec spec = Take(DescribeEnvironment("HalfCheetah"));
   const PerturbationSet set = Take(MakePerturbations(Take(ParseNamedArguments(perturbations)), spec,
                                                      PerturbationUse::kSimulator));
-  EnvironmentSetup setup;
-  setup.perturbations = set.members();
-  setup.models_folder = DefaultModelsFolder();
-  return Take(LoadMujocoModel(setup, "half_cheetah.xml")).model;
+  return Take(LoadMujocoModel({Config::object(), set.members(), DefaultModelsFolder()},
+                              "half_cheetah.xml"))
+      .model;
 }
 
 // Compares arrays of the model with the reference and remembers which fields were compared.

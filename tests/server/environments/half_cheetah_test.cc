@@ -183,9 +183,9 @@ TEST_CASE("Torques come from the clipped action, the cost from the action as giv
 
 TEST_CASE("Settings under Gymnasium's names change reward, reset and limit") {
   const auto plain = OpenHalfCheetah();
-  const auto other = OpenHalfCheetah("",
-                                     R"({"forward_reward_weight": 2, "ctrl_cost_weight": 0,
-                                         "reset_noise_scale": 0, "max_episode_steps": 7, "version": "v5"})");
+  const auto other = OpenHalfCheetah("", R"({
+      "forward_reward_weight": 2, "ctrl_cost_weight": 0, "reset_noise_scale": 0,
+      "max_episode_steps": 7, "version": "v5"})");
   REQUIRE(other->spec().max_episode_steps == 7);
   REQUIRE(plain->spec().max_episode_steps == 1000);
   const auto environment = Take(other->Borrow());

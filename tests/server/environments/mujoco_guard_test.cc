@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 #include <cstring>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "server/environments/list.h"
@@ -10,6 +11,10 @@
 
 namespace b4mrl {
 namespace {
+
+LoadedModel LoadHalfCheetah() {
+  return Take(LoadMujocoModel({Config::object(), {}, DefaultModelsFolder()}, "half_cheetah.xml"));
+}
 
 TEST_CASE("A guarded engine error comes back as false with its message") {
   InstallMujocoHandlers();
@@ -37,9 +42,7 @@ TEST_CASE("Guards of different threads do not meet") {
 }
 
 TEST_CASE("An engine that runs out of memory in a step ends the episode, not the process") {
-  const EnvironmentSetup setup = {
-      .config = {}, .perturbations = {}, .models_folder = DefaultModelsFolder()};
-  const LoadedModel loaded = Take(LoadMujocoModel(setup, "half_cheetah.xml"));
+  const LoadedModel loaded = LoadHalfCheetah();
   loaded.model->nstack = 100;  // far below what a step needs
   const MjDataPtr data = Take(MakeMujocoData(*loaded.model));
   struct Call {
@@ -58,9 +61,7 @@ TEST_CASE("An engine that runs out of memory in a step ends the episode, not the
 }
 
 TEST_CASE("Warnings are counted once") {
-  const EnvironmentSetup setup = {
-      .config = {}, .perturbations = {}, .models_folder = DefaultModelsFolder()};
-  const LoadedModel loaded = Take(LoadMujocoModel(setup, "half_cheetah.xml"));
+  const LoadedModel loaded = LoadHalfCheetah();
   const MjDataPtr data = Take(MakeMujocoData(*loaded.model));
   data->qpos[3] = 1e11;  // beyond mjMAXVAL
   mj_step(loaded.model.get(), data.get());

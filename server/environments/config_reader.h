@@ -1,0 +1,45 @@
+// Reads an environment's settings with their types and bounds. Belongs to one thread.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "proto/base/status.h"
+#include "server/environments/config.h"
+
+namespace b4mrl {
+
+// Reads settings one by one, keeps the first error, and knows afterwards which keys nobody asked
+// for.
+//   ConfigReader reader(config);
+//   const double scale = reader.Number("reset_noise_scale", 0.1, 0, 10);
+//   B4MRL_RETURN_IF_ERROR(reader.Finish());
+class ConfigReader {
+ public:
+  explicit ConfigReader(const Config& config) : config_(config) {}
+
+  // The value of `key`, or `fallback` where it is absent. A wrong type or a value outside [low,
+  // high] is an error and yields `fallback`.
+  double Number(const std::string& key, double fallback, double low, double high);
+  uint64_t Integer(const std::string& key, uint64_t fallback, uint64_t low, uint64_t high);
+  bool Bool(const std::string& key, bool fallback);
+  // One of `allowed`; the first is the fallback.
+  std::string Choice(const std::string& key, const std::vector<std::string>& allowed);
+
+  // Every value read so far, defaults included.
+  const Config& completed() const { return completed_; }
+  // The first error, an unknown key (with the nearest known one), or OK.
+  Status Finish() const;
+
+ private:
+  const Config* Find(const std::string& key);
+  void Fail(Status status);
+
+  const Config& config_;
+  Config completed_ = Config::object();
+  Status first_error_;
+};
+
+}  // namespace b4mrl
