@@ -31,7 +31,9 @@ class HalfCheetahReference {
     REQUIRE(array_.shape == std::vector<size_t>{kTrajectories, kSteps + 1, 34});
   }
 
-  HalfCheetahRow Row(size_t trajectory, size_t row) const {
+  // A view into this object.
+  HalfCheetahRow Row(size_t trajectory, size_t row) const&& = delete;
+  HalfCheetahRow Row(size_t trajectory, size_t row) const& {
     const std::span<const double> values = array_.Row(trajectory, row);
     return {values.subspan(0, 6), values.subspan(6, 9), values.subspan(15, 9),
             values.subspan(24, 9), values[33]};

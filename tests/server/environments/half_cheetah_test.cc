@@ -171,7 +171,8 @@ TEST_CASE("A reset draws positions uniformly within 0.1 and velocities normally 
 TEST_CASE("Torques come from the clipped action, the cost from the action as given") {
   const auto simulator = OpenHalfCheetah();
   const auto environment = Take(simulator->Borrow());
-  const HalfCheetahRow row = HalfCheetahReference("half_cheetah").Row(0, 30);
+  const HalfCheetahReference reference("half_cheetah");
+  const HalfCheetahRow row = reference.Row(0, 30);
   RequireOk(environment->SetNamedState(StateOf(row, true)));
   const double at_bound = environment->Step(std::vector<double>(6, 1.0)).reward;
   const std::vector<double> qpos = environment->GetNamedState().at("qpos");
