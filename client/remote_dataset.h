@@ -28,7 +28,8 @@ struct DatasetOptions {
   int64_t deadline_ms = limits::kDefaultDeadlineMs;
 };
 
-// Rows of a dataset, row-major, as views into the received frame, which the batch owns.
+// Rows of a dataset, row-major, as views into the received frame, which the batch owns (or into an
+// aligned copy of it, for messages of a few KiB).
 struct TransitionRows {
   size_t rows = 0;
   std::span<const float> observations;       // rows x observation size

@@ -1,0 +1,126 @@
+#include "tests/client/fake_daemon.h"
+
+#include <algorithm>
+#include <numeric>
+
+namespace b4mrl {
+
+void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
+  pb::Reply reply;
+  switch (call.request.payload_case()) {
+    case pb::Request::kHello:
+      reply.mutable_hello()->set_protocol_version(protocol_version);
+      reply.mutable_hello()->mutable_dataset_port()->set_ipc(address().substr(6));
+      return server.Reply(call, std::move(reply));
+    case pb::Request::kOpen:
+      return AnswerOpen(server, call);
+    case pb::Request::kClose:
+      ++closed_;
+      reply.mutable_close();
+      return server.Reply(call, std::move(reply));
+    case pb::Request::kStep:
+    case pb::Request::kReset:
+    case pb::Request::kRestore:
+      return AnswerLanes(server, call);
+    case pb::Request::kQuery:
+      return AnswerQuery(server, call);
+    case pb::Request::kOpenDataset: {
+      pb::OpenDatasetReply* open = reply.mutable_open_dataset();
+      open->set_fingerprint("f");
+      open->set_rows(dataset_rows);
+      open->set_observation_size(kObservationSize);
+      open->set_action_size(kActionSize);
+      return server.Reply(call, std::move(reply));
+    }
+    case pb::Request::kSample:
+      return AnswerSample(server, call);
+    default:
+      return server.ReplyError(call, Status(StatusCode::kUnsupported, "not played here"));
+  }
+}
+
+void FakeDaemon::AnswerOpen(FakeServer& server, const FakeCall& call) {
+  pb::Reply reply;
+  pb::OpenReply* open = reply.mutable_open();
+  const pb::OpenRequest& request = call.request.open();
+  open->set_environment(request.environment());
+  open->set_num_envs(request.num_envs());
+  open->set_seed(request.seed());
+  open->set_observation_dtype(request.observation_dtype());
+  open->mutable_info()->set_name(request.environment());
+  for (size_t i = 0; i < kObservationSize; ++i) {
+    open->mutable_info()->mutable_observation()->add_dimensions();
+  }
+  for (size_t i = 0; i < kActionSize; ++i) open->mutable_info()->mutable_action()->add_dimensions();
+  open->mutable_port()->set_ipc(address().substr(6));
+  open->MergeFrom(open_reply);
+  num_envs_ = request.num_envs();
+  server.Reply(call, std::move(reply));
+}
+
+// The observation of a lane is its number, three times; the reward its half.
+void FakeDaemon::AnswerLanes(FakeServer& server, const FakeCall& call) {
+  const std::vector<uint64_t> numbers = Elements<uint64_t>(call, "numbers");
+  pb::Reply reply;
+  ArrayLayout layout(reply.mutable_arrays());
+  const size_t observations =
+      layout.Add("observations", DType::kFloat32, {numbers.size(), kObservationSize});
+  const bool step = call.request.has_step();
+  const size_t rewards = step ? layout.Add("rewards", DType::kFloat64, {numbers.size()}) : 0;
+  for (const char* flag : {"terminated", "truncated", "cause"}) {
+    if (step) layout.Add(flag, DType::kUint8, {numbers.size()});
+  }
+  Frame payload = layout.Allocate();
+  std::fill_n(payload.data(), payload.size(), std::byte{0});
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    const std::span<float> row = ArrayAt<float>(
+        payload, observations + i * kObservationSize * sizeof(float), kObservationSize);
+    std::ranges::fill(row, static_cast<float>(numbers[i]));
+    if (step) {
+      ArrayAt<double>(payload, rewards, numbers.size())[i] = static_cast<double>(numbers[i]) / 2;
+    }
+  }
+  server.Reply(call, std::move(reply), std::move(payload));
+}
+
+// The next observation of a row is its observation plus 1, its reward the row's number.
+void FakeDaemon::AnswerQuery(FakeServer& server, const FakeCall& call) {
+  const std::vector<float> observations = Elements<float>(call, "observations");
+  const size_t rows = observations.size() / kObservationSize;
+  pb::Reply reply;
+  ArrayLayout layout(reply.mutable_arrays());
+  const size_t next = layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize});
+  const size_t rewards = layout.Add("rewards", DType::kFloat64, {rows});
+  const size_t terminated = layout.Add("terminated", DType::kUint8, {rows});
+  const size_t valid = layout.Add("valid", DType::kUint8, {rows});
+  Frame payload = layout.Allocate();
+  std::ranges::transform(observations, ArrayAt<float>(payload, next, observations.size()).begin(),
+                         [](float x) { return x + 1; });
+  const std::span<double> row_numbers = ArrayAt<double>(payload, rewards, rows);
+  std::iota(row_numbers.begin(), row_numbers.end(),
+            static_cast<double>(call.request.query().first_row()));
+  std::ranges::fill(ArrayAt<uint8_t>(payload, terminated, rows), uint8_t{0});
+  std::ranges::fill(ArrayAt<uint8_t>(payload, valid, rows), uint8_t{1});
+  server.Reply(call, std::move(reply), std::move(payload));
+}
+
+// Every number in batch b is b.
+void FakeDaemon::AnswerSample(FakeServer& server, const FakeCall& call) {
+  const pb::SampleRequest& sample = call.request.sample();
+  const uint64_t rows = sample.rows() * std::max(sample.batches(), 1u);
+  pb::Reply reply;
+  ArrayLayout layout(reply.mutable_arrays());
+  layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
+  layout.Add("actions", DType::kFloat32, {rows, kActionSize});
+  layout.Add("rewards", DType::kFloat32, {rows});
+  const size_t terminals =
+      (layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize}),
+       layout.Add("terminals", DType::kUint8, {rows}));
+  Frame payload = layout.Allocate();
+  std::ranges::fill(ArrayAt<float>(payload, 0, terminals / sizeof(float)),
+                    static_cast<float>(sample.first_batch()));
+  std::ranges::fill(ArrayAt<uint8_t>(payload, terminals, rows), uint8_t{0});
+  server.Reply(call, std::move(reply), std::move(payload));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,70 @@
+// A daemon for tests of sessions and datasets: one socket plays the gateway and every worker. What
+// it is asked goes through hooks, and is kept for the test to look at afterwards.
+#pragma once
+
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/client.h"
+#include "tests/client/fake_server.h"
+
+namespace b4mrl {
+
+inline constexpr size_t kObservationSize = 3;
+inline constexpr size_t kActionSize = 2;
+
+class FakeDaemon {
+ public:
+  // Returns true if it has answered (or wants no answer); otherwise the default answer is given.
+  using Hook = std::function<bool(FakeServer&, FakeCall&)>;
+
+  explicit FakeDaemon(Hook hook = {})
+      : hook_(std::move(hook)),
+        server_(folder_.Address(), [this](FakeServer& server, FakeCall& call) {
+          if (hook_ && hook_(server, call)) return;
+          Answer(server, call);
+        }) {}
+
+  // The default answer; for hooks.
+  void Answer(FakeServer& server, FakeCall& call);
+
+  std::string address() const { return folder_.Address(); }
+  // Of the session that is opened next; set before the client connects.
+  pb::OpenReply open_reply;
+  uint32_t protocol_version = limits::kProtocolVersion;
+  uint64_t dataset_rows = 100;
+
+  uint64_t closed_sessions() const { return closed_; }
+
+ private:
+  void AnswerOpen(FakeServer& server, const FakeCall& call);
+  void AnswerLanes(FakeServer& server, const FakeCall& call);
+  void AnswerQuery(FakeServer& server, const FakeCall& call);
+  void AnswerSample(FakeServer& server, const FakeCall& call);
+
+  SocketFolder folder_;
+  std::atomic<uint64_t> closed_{0};
+  uint32_t num_envs_ = 0;
+  Hook hook_;
+  FakeServerThread server_;  // last: its thread uses the members above
+};
+
+// The elements of one array of a request or reply.
+template <typename T>
+std::vector<T> Elements(const google::protobuf::RepeatedPtrField<pb::Array>& table,
+                        const Frame& payload, std::string_view name) {
+  const Result<ArrayReader> arrays = ArrayReader::Parse(table, payload);
+  const TensorView* view = arrays.ok() ? arrays->Find(name) : nullptr;
+  if (view == nullptr || view->dtype != DTypeOf<T>()) return {};
+  const std::span<const T> values = view->template As<T>();
+  return {values.begin(), values.end()};
+}
+template <typename T>
+std::vector<T> Elements(const FakeCall& call, std::string_view name) {
+  return Elements<T>(call.request.arrays(), call.payload, name);
+}
+
+}  // namespace b4mrl

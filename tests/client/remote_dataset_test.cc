@@ -1,0 +1,126 @@
+#include "client/remote_dataset.h"
+
+#include <catch2/catch.hpp>
+#include <deque>
+#include <vector>
+
+#include "client/client.h"
+#include "tests/client/fake_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+class Opened {
+ public:
+  explicit Opened(FakeDaemon& daemon) {
+    Result<Client> client = Client::Connect(daemon.address());
+    REQUIRE(client.ok());
+    client_.emplace(std::move(*client));
+    Result<RemoteDataset> dataset = client_->OpenDataset("Fake/medium");
+    INFO(dataset.status().ToString());
+    REQUIRE(dataset.ok());
+    dataset_.emplace(std::move(*dataset));
+  }
+  RemoteDataset* operator->() { return &*dataset_; }
+
+ private:
+  std::optional<Client> client_;
+  std::optional<RemoteDataset> dataset_;
+};
+
+TEST_CASE("a stream delivers batches in order and keeps its credits ahead") {
+  constexpr uint32_t kCredits = 3;
+  // Answers a request only when as many wait as there are credits.
+  std::deque<FakeCall> waiting;
+  FakeDaemon* daemon_in_hook = nullptr;
+  FakeDaemon daemon([&](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_sample()) return false;
+    waiting.push_back(std::move(call));
+    if (waiting.size() < kCredits) return true;
+    daemon_in_hook->Answer(server, waiting.front());
+    waiting.pop_front();
+    return true;
+  });
+  daemon_in_hook = &daemon;
+  Opened dataset(daemon);
+  BatchStream stream = dataset->Stream(/*rows=*/8, /*seed=*/1, /*first_batch=*/5, kCredits);
+  for (uint64_t batch = 5; batch < 10; ++batch) {
+    CHECK(stream.next_batch() == batch);
+    const Result<TransitionRows> rows = stream.Next();
+    INFO(rows.status().ToString());
+    REQUIRE(rows.ok());
+    CHECK(rows->rows == 8);
+    CHECK(rows->rewards[7] == static_cast<float>(batch));
+  }
+}
+
+TEST_CASE("a large batch is a view into the frame that was received") {
+  FakeDaemon daemon;
+  Opened dataset(daemon);
+  // Smaller messages share ZeroMQ's receive buffer, at odd addresses, and are copied once.
+  constexpr uint32_t kRows = 1000;
+  Result<TransitionRows> received = dataset->Sample(kRows, 0, 4);
+  REQUIRE(received.ok());
+  const TransitionRows rows = std::move(*received);  // moving keeps the views
+  const auto* begin = reinterpret_cast<const std::byte*>(rows.observations.data());
+  CHECK(begin >= rows.reply.payload.data());
+  CHECK(begin < rows.reply.payload.data() + rows.reply.payload.size());
+  CHECK(rows.observations.size() == kRows * kObservationSize);
+  CHECK(rows.actions.size() == kRows * kActionSize);
+  CHECK(rows.next_observations[0] == 4.0f);
+}
+
+TEST_CASE("after an error a stream asks for the same batch again") {
+  std::atomic<bool> refuse{true};
+  FakeDaemon daemon([&refuse](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_sample() || call.request.sample().first_batch() != 2 ||
+        !refuse.exchange(false)) {
+      return false;
+    }
+    server.ReplyError(call, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    return true;
+  });
+  Opened dataset(daemon);
+  BatchStream stream = dataset->Stream(4, 1);
+  REQUIRE(stream.Next().ok());
+  REQUIRE(stream.Next().ok());
+  CHECK(stream.Next().status().code() == StatusCode::kUnavailable);
+  const Result<TransitionRows> again = stream.Next();
+  REQUIRE(again.ok());
+  CHECK(again->rewards[0] == 2.0f);
+}
+
+TEST_CASE("a stream that ends gives back its credits") {
+  FakeDaemon daemon;
+  Opened dataset(daemon);
+  for (uint32_t i = 0; i < 2 * limits::kMaxRequestsInFlight; ++i) {
+    BatchStream stream = dataset->Stream(4, 1, i, /*credits=*/8);
+    const Result<TransitionRows> rows = stream.Next();
+    INFO(rows.status().ToString());
+    REQUIRE(rows.ok());
+    CHECK(rows->rewards[0] == static_cast<float>(i));
+  }
+}
+
+TEST_CASE("no credit at all still delivers") {
+  FakeDaemon daemon;
+  Opened dataset(daemon);
+  BatchStream stream = dataset->Stream(4, 1, 0, /*credits=*/0);
+  CHECK(stream.Next().ok());
+}
+
+TEST_CASE("rows that do not fit the dataset are refused") {
+  FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_sample()) return false;
+    pb::Reply reply;
+    ArrayLayout layout(reply.mutable_arrays());
+    layout.Add("observations", DType::kFloat32, {1, kObservationSize + 1});
+    server.Reply(call, std::move(reply), layout.Allocate());
+    return true;
+  });
+  Opened dataset(daemon);
+  CHECK(dataset->Sample(1, 0, 0).status().code() == StatusCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace b4mrl

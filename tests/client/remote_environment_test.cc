@@ -1,0 +1,240 @@
+#include "client/remote_environment.h"
+
+#include <catch2/catch.hpp>
+#include <vector>
+
+#include "client/client.h"
+#include "tests/client/fake_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+class Session {
+ public:
+  explicit Session(FakeDaemon& daemon, EnvironmentOptions options = {.num_envs = 2}) {
+    Result<Client> client = Client::Connect(daemon.address());
+    REQUIRE(client.ok());
+    client_.emplace(std::move(*client));
+    Result<RemoteEnvironment> environment = client_->Make("Fake", options);
+    INFO(environment.status().ToString());
+    REQUIRE(environment.ok());
+    environment_.emplace(std::move(*environment));
+  }
+  RemoteEnvironment* operator->() { return &*environment_; }
+
+ private:
+  std::optional<Client> client_;
+  std::optional<RemoteEnvironment> environment_;
+};
+
+const std::vector<float> kOneAction(kActionSize, 0.5f);
+const std::vector<float> kTwoActions(2 * kActionSize, 0.5f);
+
+std::vector<float> FirstColumn(const StepOutcome& outcome) {
+  std::vector<float> column;
+  for (size_t i = 0; i < outcome.observations.rows(); ++i) {
+    column.push_back(outcome.observations.As<float>()[i * kObservationSize]);
+  }
+  return column;
+}
+
+TEST_CASE("resets and steps carry the next number of each lane") {
+  FakeDaemon daemon;
+  Session session(daemon);
+  Result<StepOutcome> outcome = session->Reset();
+  REQUIRE(outcome.ok());
+  CHECK(FirstColumn(*outcome) == std::vector<float>{1, 1});
+  CHECK(outcome->rewards.empty());
+  const std::vector<uint32_t> second_lane = {1};
+  outcome = session->Step(kOneAction, second_lane);
+  REQUIRE(outcome.ok());
+  CHECK(FirstColumn(*outcome) == std::vector<float>{2});
+  outcome = session->Step(kTwoActions);
+  REQUIRE(outcome.ok());
+  CHECK(FirstColumn(*outcome) == std::vector<float>{2, 3});
+  CHECK(outcome->rewards[1] == 1.5);
+}
+
+TEST_CASE("actions travel in the type that the caller has") {
+  std::vector<pb::DType> types;
+  FakeDaemon daemon([&types](FakeServer&, FakeCall& call) {
+    if (call.request.has_step()) types.push_back(call.request.arrays(1).dtype());
+    return false;
+  });
+  Session session(daemon);
+  REQUIRE(session->Step(kTwoActions).ok());
+  REQUIRE(session->Step(std::vector<double>(2 * kActionSize, 0.1)).ok());
+  CHECK(types == std::vector<pb::DType>{pb::FLOAT32, pb::FLOAT64});
+}
+
+TEST_CASE("requests for different lanes are in flight together and received as they are answered") {
+  // Holds the first step back until the second one has been refused, then refuses it too.
+  std::optional<FakeCall> held;
+  bool refused = false;
+  FakeDaemon daemon([&](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_step()) return false;
+    if (!held) {
+      held = std::move(call);
+      return true;
+    }
+    if (refused) return false;
+    refused = true;
+    server.ReplyError(call, InvalidArgument("actions", "NaN", "finite numbers"));
+    server.ReplyError(*held, InvalidArgument("actions", "infinity", "finite numbers"));
+    return true;
+  });
+  Session session(daemon);
+  const std::vector<uint32_t> lane0 = {0};
+  const std::vector<uint32_t> lane1 = {1};
+  const Result<uint64_t> first = session->Send(kOneAction, lane0);
+  const Result<uint64_t> second = session->Send(kOneAction, lane1);
+  REQUIRE((first.ok() && second.ok()));
+  CHECK(session->in_flight() == 2);
+  CHECK(session->Send(kOneAction, lane1).status().code() == StatusCode::kBusy);
+  uint64_t failed = 0;
+  CHECK(session->Receive(&failed).status().code() == StatusCode::kInvalidArgument);
+  CHECK(failed == *second);
+  CHECK(session->Receive(&failed).status().code() == StatusCode::kInvalidArgument);
+  CHECK(failed == *first);
+  CHECK(session->in_flight() == 0);
+  // Both refusals left the numbers as they were.
+  const Result<StepOutcome> outcome = session->Step(kTwoActions);
+  REQUIRE(outcome.ok());
+  CHECK(FirstColumn(*outcome) == std::vector<float>{1, 1});
+}
+
+TEST_CASE("a step without an answer loses its lanes and no others") {
+  std::atomic<bool> silent{true};
+  FakeDaemon daemon(
+      [&silent](FakeServer&, FakeCall& call) { return silent && call.request.has_step(); });
+  Session session(daemon, {.num_envs = 2, .deadline_ms = 150});
+  const std::vector<uint32_t> lane0 = {0};
+  const std::vector<uint32_t> lane1 = {1};
+  CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kDeadlineExceeded);
+  silent = false;
+  CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kFailedPrecondition);
+  CHECK(session->Step(kOneAction, lane1).ok());
+}
+
+TEST_CASE("a query is cut into requests whose answers land in their places") {
+  std::vector<uint64_t> first_rows;
+  FakeDaemon daemon([&first_rows](FakeServer&, FakeCall& call) {
+    if (call.request.has_query()) first_rows.push_back(call.request.query().first_row());
+    return false;
+  });
+  Session session(daemon, {.num_envs = 0});
+  constexpr size_t kRows = 10 * limits::kMaxQueryRows + 7;
+  std::vector<float> observations(kRows * kObservationSize);
+  for (size_t i = 0; i < observations.size(); ++i) observations[i] = static_cast<float>(i);
+  const std::vector<float> actions(kRows * kActionSize);
+  std::vector<float> next(observations.size());
+  std::vector<double> rewards(kRows);
+  std::vector<uint8_t> terminated(kRows, 9);
+  std::vector<uint8_t> valid(kRows);
+  const Status status =
+      session->Query(observations, actions, {next, rewards, terminated, valid}, 1, 2, 1000);
+  INFO(status.ToString());
+  REQUIRE(status.ok());
+  CHECK(first_rows.size() == 11);
+  bool right = true;
+  for (size_t row = 0; row < kRows; ++row) {
+    right = right && rewards[row] == static_cast<double>(1000 + row) && valid[row] == 1 &&
+            terminated[row] == 0 &&
+            next[row * kObservationSize] == observations[row * kObservationSize] + 1;
+  }
+  CHECK(right);
+}
+
+TEST_CASE("a refused query ends the call and leaves nothing in flight") {
+  FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
+    if (call.request.query().first_row() != limits::kMaxQueryRows) return false;
+    server.ReplyError(call, Status(StatusCode::kUnsupported, "action-delay has a memory"));
+    return true;
+  });
+  Session session(daemon, {.num_envs = 0});
+  constexpr size_t kRows = 3 * limits::kMaxQueryRows;
+  const std::vector<float> observations(kRows * kObservationSize);
+  const std::vector<float> actions(kRows * kActionSize);
+  std::vector<float> next(observations.size());
+  std::vector<double> rewards(kRows);
+  std::vector<uint8_t> flags(2 * kRows);
+  const std::span<uint8_t> all(flags);
+  const QueryOutput output{next, rewards, all.first(kRows), all.last(kRows)};
+  for (int i = 0; i < 20; ++i) {  // leftovers would reach the bound of requests in flight
+    CHECK(session->Query(observations, actions, output).code() == StatusCode::kUnsupported);
+  }
+}
+
+TEST_CASE("buffers and lists of the wrong length are refused before anything is sent") {
+  int requests = 0;
+  FakeDaemon daemon([&requests](FakeServer&, FakeCall& call) {
+    requests += call.request.has_step() || call.request.has_reset() || call.request.has_query() ||
+                call.request.has_restore();
+    return false;
+  });
+  {
+    Session session(daemon);
+    const std::vector<uint32_t> no_such_lane = {2};
+    const std::vector<uint64_t> one_seed = {7};
+    CHECK(session->Step(kOneAction).status().code() == StatusCode::kInvalidArgument);
+    CHECK(session->Step(kOneAction, no_such_lane).status().code() == StatusCode::kInvalidArgument);
+    CHECK(session->Reset({}, one_seed).status().code() == StatusCode::kInvalidArgument);
+    LaneStates states;
+    states.lanes = 1;
+    CHECK(session->Restore(states).status().code() == StatusCode::kInvalidArgument);
+    states.lanes = 2;
+    states.snapshot.resize(5);
+    CHECK(session->Restore(states).status().code() == StatusCode::kInvalidArgument);
+    std::vector<float> next(3);
+    std::vector<double> rewards(2);
+    std::vector<uint8_t> flags(2);
+    CHECK(session->Query(kTwoActions, kTwoActions, {next, rewards, flags, flags}).code() ==
+          StatusCode::kInvalidArgument);
+  }
+  CHECK(requests == 0);
+}
+
+TEST_CASE("a session without lanes refuses to step, restore and snapshot") {
+  FakeDaemon daemon;
+  Session session(daemon, {.num_envs = 0});
+  CHECK(session->Reset().status().code() == StatusCode::kFailedPrecondition);
+  CHECK(session->Step(std::span<const float>()).status().code() == StatusCode::kFailedPrecondition);
+  CHECK(session->Snapshot().status().code() == StatusCode::kFailedPrecondition);
+  CHECK(session->Restore({}).status().code() == StatusCode::kFailedPrecondition);
+}
+
+TEST_CASE("each session is closed once, however it is moved") {
+  FakeDaemon daemon;
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  {
+    Result<RemoteEnvironment> first = client->Make("Fake");
+    Result<RemoteEnvironment> second = client->Make("Fake");
+    REQUIRE((first.ok() && second.ok()));
+    RemoteEnvironment moved = std::move(*first);
+    CHECK(daemon.closed_sessions() == 0);
+    moved = std::move(*second);
+    CHECK(daemon.closed_sessions() == 1);
+  }
+  CHECK(daemon.closed_sessions() == 2);
+}
+
+TEST_CASE("a server of another protocol is refused with both versions") {
+  FakeDaemon daemon;
+  daemon.protocol_version = 9;
+  const Status status = Client::Connect(daemon.address()).status();
+  CHECK(status.code() == StatusCode::kVersionMismatch);
+  CHECK(status.message().find("protocol 9") != std::string::npos);
+  CHECK(status.message().find(std::to_string(limits::kProtocolVersion)) != std::string::npos);
+}
+
+TEST_CASE("a reply that does not fit what was opened is refused") {
+  FakeDaemon daemon;
+  daemon.open_reply.set_num_envs(4'000'000'000u);
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  CHECK(client->Make("Fake").status().code() == StatusCode::kInternal);
+}
+
+}  // namespace
+}  // namespace b4mrl
