@@ -1,12 +1,13 @@
 // The threads of an environment worker that execute jobs, and the way back for finished ones.
 //
-// The socket's thread submits jobs and takes completed ones; completion_fd becomes readable when
-// there are any. With an idle queue it may execute a small job itself, which saves two wake-ups.
-// Jobs are owned by whoever submitted them.
+// The socket's thread is one of them: it submits jobs, executes small bites of the queue between
+// looks at the socket, and takes completed jobs. A step costs about as much as two wake-ups of a
+// thread, so every wake-up that this saves counts. Jobs are owned by whoever submitted them.
 #pragma once
 
 #include <atomic>
 #include <mutex>
+#include <span>
 #include <thread>
 #include <vector>
 
@@ -18,20 +19,27 @@ namespace b4mrl {
 
 class Executor {
  public:
-  // `marks` has a place for each thread and one for the socket's thread, and outlives this object.
+  // `threads` counts the socket's thread, which is the one that constructs this and calls all of
+  // its methods. `marks` has a place for each thread and outlives this object.
   Executor(uint32_t threads, std::span<ThreadMark> marks);
   // Waits for pieces under way; jobs that were not taken are dropped.
   ~Executor();
 
-  uint32_t threads() const { return static_cast<uint32_t>(threads_.size()); }
+  uint32_t threads() const { return static_cast<uint32_t>(pool_.size()) + 1; }
   void Submit(RequestJob* job) { queue_.Push(job); }
   bool idle() const { return queue_.empty() && busy_threads_.load() == 0; }
-  // Socket's thread: executes all of `job` now and completes it.
+  // Executes all of `job` now and completes it; it is not among those of TakeCompleted.
   void RunHere(RequestJob* job);
+  // Executes a bite of what is queued; false if nothing is.
+  bool RunBite();
 
-  int completion_fd() const { return completion_fd_; }
-  // Jobs completed since the last call; makes completion_fd unreadable.
+  // Jobs completed since the last call.
   std::vector<RequestJob*> TakeCompleted();
+  // Between these two the caller may wait for completion_fd, which becomes readable when a job is
+  // completed meanwhile. False: there are completed jobs already, so do not wait.
+  bool BeginWait();
+  void EndWait();
+  int completion_fd() const { return completion_fd_; }
 
   // False while some thread has been at one item for suspiciously long: the process stops its
   // heartbeat then, so that a step that never returns counts as frozen.
@@ -39,15 +47,19 @@ class Executor {
 
  private:
   void ThreadMain(uint32_t index);
+  // Executes a piece and hands its job on if that was its last one.
+  void Execute(const Piece& piece, WorkerThread& thread);
 
   std::span<ThreadMark> marks_;
   WorkQueue queue_;
-  std::atomic<uint32_t> busy_threads_{0};
+  std::atomic<uint32_t> busy_threads_{0};  // of the pool
   WorkerThread socket_thread_;
   std::mutex completed_mutex_;
   std::vector<RequestJob*> completed_;
+  std::atomic<bool> any_completed_{false};
+  std::atomic<bool> waiting_{false};  // the socket's thread sleeps or is about to
   int completion_fd_ = -1;
-  std::vector<std::thread> threads_;  // last: they use everything above
+  std::vector<std::thread> pool_;  // last: it uses everything above
 };
 
 // Makes a deadly signal record which thread of this process raised it before it takes its course.

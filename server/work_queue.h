@@ -48,10 +48,13 @@ struct Piece {
 
 class WorkQueue {
  public:
+  // The caller is expected to take pieces itself (TryTake), so one piece alone wakes nobody.
   void Push(QueuedWork* work);
   // Waits for a piece; nothing once Stop was called.
   std::optional<Piece> Take();
-  std::optional<Piece> TryTake();
+  // A piece if there is one; at most 1/`fraction` of a full one, for a thread that must not be away
+  // for long.
+  std::optional<Piece> TryTake(uint32_t fraction = 1);
   // Lets every Take return; pieces that were not taken stay where they are.
   void Stop();
   bool empty() const;
@@ -62,8 +65,9 @@ class WorkQueue {
     std::list<uint32_t> turns;
     std::unordered_map<uint32_t, std::deque<QueuedWork*>> work;
   };
-  std::optional<Piece> TakeLocked();
-  Piece CutFrom(QueuedWork* work);
+  std::optional<Piece> TakeLocked(uint32_t fraction);
+  Piece CutFrom(QueuedWork* work, uint32_t fraction);
+  bool EmptyLocked() const;
 
   mutable std::mutex mutex_;
   std::condition_variable available_;

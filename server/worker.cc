@@ -1,4 +1,5 @@
-// An environment worker's main loop: one thread that owns the socket, and a pool that simulates.
+// An environment worker's main loop: a thread that owns the socket and simulates between messages,
+// and a pool that only simulates.
 #include <spdlog/spdlog.h>
 
 #include "proto/base/limits.h"
@@ -69,7 +70,11 @@ Status Worker::Run() {
       dispatcher_.ReapIdleSessions();
       next_reap_ms = now + kReapIntervalMs;
     }
-    WaitReadable(socket_.handle(), {&completion_fd, 1}, kBeatIntervalMs);
+    if (executor_.RunBite()) continue;
+    if (executor_.BeginWait()) {
+      WaitReadable(socket_.handle(), {&completion_fd, 1}, kBeatIntervalMs);
+    }
+    executor_.EndWait();
   }
   socket_.LingerOnClose(kFlushMs);
   return Status();

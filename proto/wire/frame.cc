@@ -35,21 +35,24 @@ std::optional<uint64_t> ArrayBytes(const pb::Array& entry) {
 }
 
 Status CheckEntry(const pb::Array& entry, size_t payload_size) {
-  const std::string context = fmt::format("array '{}'", entry.name().substr(0, 64));
-  if (DTypeSize(static_cast<DType>(entry.dtype())) == 0 || entry.dtype() > pb::UINT64) {
-    return InvalidNumber(context + " dtype", entry.dtype(), "1..7");
+  const auto context = [&entry](const char* what) {
+    return fmt::format("array '{}' {}", entry.name().substr(0, 64), what);
+  };
+  // Proto3 enumerations hold any number; the cast alone would fold 257 and -255 onto float32.
+  if (entry.dtype() < pb::FLOAT32 || entry.dtype() > pb::UINT64) {
+    return InvalidNumber(context("dtype"), entry.dtype(), "1..7");
   }
   if (static_cast<size_t>(entry.shape_size()) > limits::kMaxArrayDimensions) {
-    return InvalidNumber(context + " dimensions", entry.shape_size(),
+    return InvalidNumber(context("dimensions"), entry.shape_size(),
                          fmt::format("at most {}", limits::kMaxArrayDimensions));
   }
   if (entry.offset() % limits::kArrayAlignment != 0) {
-    return InvalidNumber(context + " offset", static_cast<double>(entry.offset()),
+    return InvalidNumber(context("offset"), static_cast<double>(entry.offset()),
                          fmt::format("multiples of {}", limits::kArrayAlignment));
   }
   const std::optional<uint64_t> bytes = ArrayBytes(entry);
   if (!bytes || entry.offset() > payload_size || *bytes > payload_size - entry.offset()) {
-    return InvalidArgument(context + " end", bytes ? std::to_string(*bytes) : "beyond 2^64",
+    return InvalidArgument(context("end"), bytes ? std::to_string(*bytes) : "beyond 2^64",
                            fmt::format("within the payload's {} bytes", payload_size));
   }
   return Status();
