@@ -1,5 +1,6 @@
 #include "proto/base/rng.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace b4mrl {
@@ -10,20 +11,6 @@ constexpr uint32_t kMultiplier0 = 0xD2511F53u;
 constexpr uint32_t kMultiplier1 = 0xCD9E8D57u;
 constexpr uint32_t kWeyl0 = 0x9E3779B9u;
 constexpr uint32_t kWeyl1 = 0xBB67AE85u;
-
-std::array<uint32_t, 4> Philox(std::array<uint32_t, 4> counter, std::array<uint32_t, 2> key) {
-  for (int round = 0; round < 10; ++round) {
-    const uint64_t product0 = static_cast<uint64_t>(kMultiplier0) * counter[0];
-    const uint64_t product1 = static_cast<uint64_t>(kMultiplier1) * counter[2];
-    counter = {static_cast<uint32_t>(product1 >> 32) ^ counter[1] ^ key[0],
-               static_cast<uint32_t>(product1),
-               static_cast<uint32_t>(product0 >> 32) ^ counter[3] ^ key[1],
-               static_cast<uint32_t>(product0)};
-    key[0] += kWeyl0;
-    key[1] += kWeyl1;
-  }
-  return counter;
-}
 
 uint64_t Finalize(uint64_t z) {
   z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
@@ -55,6 +42,20 @@ double Log(double x) {
 
 }  // namespace
 
+std::array<uint32_t, 4> Philox4x32(std::array<uint32_t, 4> counter, std::array<uint32_t, 2> key) {
+  for (int round = 0; round < 10; ++round) {
+    const uint64_t product0 = static_cast<uint64_t>(kMultiplier0) * counter[0];
+    const uint64_t product1 = static_cast<uint64_t>(kMultiplier1) * counter[2];
+    counter = {static_cast<uint32_t>(product1 >> 32) ^ counter[1] ^ key[0],
+               static_cast<uint32_t>(product1),
+               static_cast<uint32_t>(product0 >> 32) ^ counter[3] ^ key[1],
+               static_cast<uint32_t>(product0)};
+    key[0] += kWeyl0;
+    key[1] += kWeyl1;
+  }
+  return counter;
+}
+
 uint64_t MixSeeds(uint64_t a, uint64_t b) {
   return Finalize(Finalize(a + 0x9e3779b97f4a7c15ull) + b + 0x9e3779b97f4a7c15ull);
 }
@@ -68,9 +69,9 @@ uint64_t Rng::NextUint64() {
   const uint64_t block = position_ >> 1;
   if (block != cached_block_) {
     const auto words =
-        Philox({static_cast<uint32_t>(block), static_cast<uint32_t>(block >> 32),
-                static_cast<uint32_t>(stream_), static_cast<uint32_t>(stream_ >> 32)},
-               key_);
+        Philox4x32({static_cast<uint32_t>(block), static_cast<uint32_t>(block >> 32),
+                    static_cast<uint32_t>(stream_), static_cast<uint32_t>(stream_ >> 32)},
+                   key_);
     cache_ = {words[0] | static_cast<uint64_t>(words[1]) << 32,
               words[2] | static_cast<uint64_t>(words[3]) << 32};
     cached_block_ = block;
@@ -80,10 +81,14 @@ uint64_t Rng::NextUint64() {
 
 double Rng::Uniform() { return static_cast<double>(NextUint64() >> 11) * 0x1p-53; }
 
-double Rng::Normal() {
-  // The midpoint of the 2^53 cells: never 0 or 1, symmetric about one half.
-  return NormalQuantile((static_cast<double>(NextUint64() >> 11) + 0.5) * 0x1p-53);
+double OpenUniform(uint64_t bits) {
+  // The midpoint of one of 2^53 cells. Above one half it is rounded to 53 bits, for the last cell
+  // to 1 itself, which has no quantile.
+  const double midpoint = (static_cast<double>(bits >> 11) + 0.5) * 0x1p-53;
+  return std::min(midpoint, 1 - 0x1p-53);
 }
+
+double Rng::Normal() { return NormalQuantile(OpenUniform(NextUint64())); }
 
 uint64_t Rng::Below(uint64_t bound) {
   __extension__ using Uint128 = unsigned __int128;

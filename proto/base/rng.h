@@ -18,6 +18,10 @@ namespace b4mrl {
 // Mixes two numbers into a well-spread third (splitmix64's finaliser over their sum).
 uint64_t MixSeeds(uint64_t a, uint64_t b);
 
+// The generator's block function: four words from a counter and a key. Public so that it can be
+// held against the published known answers.
+std::array<uint32_t, 4> Philox4x32(std::array<uint32_t, 4> counter, std::array<uint32_t, 2> key);
+
 // FNV-1a, so that a purpose is named by a readable string.
 constexpr uint64_t HashName(std::string_view name) {
   uint64_t hash = 0xcbf29ce484222325ull;
@@ -26,6 +30,9 @@ constexpr uint64_t HashName(std::string_view name) {
   }
   return hash;
 }
+
+// A number in (0, 1), never 0 or 1, from the upper 53 of 64 random bits.
+double OpenUniform(uint64_t bits);
 
 class Rng {
  public:

@@ -17,7 +17,7 @@ Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const 
   const bool is_number =
       !index_or_name.empty() && std::all_of(index_or_name.begin(), index_or_name.end(),
                                             [](char c) { return c >= '0' && c <= '9'; });
-  if (!is_number) return UnknownName("dimension", index_or_name, names);
+  if (!is_number || dimensions.empty()) return UnknownName("dimension", index_or_name, names);
   B4MRL_ASSIGN_OR_RETURN(const uint64_t index,
                          ParseUnsigned("dimension", index_or_name, 0, dimensions.size() - 1));
   return static_cast<uint32_t>(index);

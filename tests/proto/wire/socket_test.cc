@@ -1,0 +1,135 @@
+#include "proto/wire/socket.h"
+
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <string>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 10'000;
+
+std::string FreshAddress() {
+  static int number = 0;
+  return "ipc://" + (std::filesystem::temp_directory_path() /
+                     ("b4mrl-socket-" + std::to_string(getpid()) + "-" + std::to_string(number++)))
+                        .string();
+}
+
+RouterSocket Listen(Context& context, const std::string& address) {
+  const ListeningEndpoint endpoint{address};
+  Result<RouterSocket> router = RouterSocket::Bind(context, std::span(&endpoint, 1));
+  INFO(router.status().ToString());
+  REQUIRE(router.ok());
+  return std::move(*router);
+}
+
+IncomingMessage Take(RouterSocket& router) {
+  REQUIRE(WaitReadable(router.handle(), {}, kPatienceMs));
+  std::optional<IncomingMessage> message = router.TryReceive();
+  REQUIRE(message.has_value());
+  return std::move(*message);
+}
+
+Message Text(std::string_view envelope, std::string_view payload = {}) {
+  return {Frame::Copy(envelope), payload.empty() ? Frame() : Frame::Copy(payload)};
+}
+
+TEST_CASE("messages go there and back, with and without a payload") {
+  Context context;
+  const std::string address = FreshAddress();
+  RouterSocket router = Listen(context, address);
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
+  REQUIRE(dealer.Send(Text("question", "with payload")).ok());
+  const IncomingMessage question = Take(router);
+  CHECK(question.message.envelope.view() == "question");
+  CHECK(question.message.payload.view() == "with payload");
+
+  REQUIRE(router.Send(question.sender, Text("answer")).ok());
+  std::optional<Message> answer;
+  for (const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+       !(answer = dealer.TryReceive()) && !deadline.expired();) {
+    dealer.Wait(deadline);
+    (void)dealer.connections();  // takes the event that would wake Wait again
+  }
+  REQUIRE(answer.has_value());
+  CHECK(answer->envelope.view() == "answer");
+  CHECK(answer->payload.size() == 0);
+  CHECK(dealer.connections() == 1);
+}
+
+TEST_CASE("a reply to a peer that has gone is an error of the call") {
+  Context context;
+  RouterSocket router = Listen(context, FreshAddress());
+  CHECK(router.Send("nobody", Text("answer")).code() == StatusCode::kUnavailable);
+}
+
+TEST_CASE("a server that nobody reads from is not waited for") {
+  Context context;
+  const std::string address = FreshAddress();
+  RouterSocket router = Listen(context, address);
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
+  REQUIRE(dealer.Send(Text("hello")).ok());
+  const RoutingId sender = Take(router).sender;
+  Frame payload = Frame::OfSize(100'000);
+  Status status;
+  // Both high-water marks and what the kernel buffers.
+  for (int i = 0; i < 4 * limits::kHighWaterMark && status.ok(); ++i) {
+    status = router.Send(sender, {Frame::Copy("x"), payload.Share()});
+  }
+  CHECK(status.code() == StatusCode::kLimitExceeded);
+}
+
+TEST_CASE("a client's queue towards a server that is not there is bounded") {
+  Context context;
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, FreshAddress()));
+  Status status;
+  int sent = 0;
+  for (; sent <= limits::kHighWaterMark && status.ok(); ++sent) status = dealer.Send(Text("x"));
+  CHECK(status.code() == StatusCode::kUnavailable);
+  CHECK(sent == limits::kHighWaterMark + 1);
+  CHECK(dealer.connections() == 0);
+}
+
+TEST_CASE("waiting ends at its deadline") {
+  Context context;
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, FreshAddress()));
+  const Clock::time_point start = Clock::now();
+  CHECK_FALSE(dealer.Wait(Deadline::AfterMs(30)));
+  CHECK(SecondsSince(start) >= 0.03);
+}
+
+TEST_CASE("an address that cannot be bound is refused") {
+  Context context;
+  const ListeningEndpoint nowhere{"ipc:///no/such/folder/socket"};
+  CHECK(RouterSocket::Bind(context, std::span(&nowhere, 1)).status().code() ==
+        StatusCode::kIoError);
+}
+
+TEST_CASE("tcp addresses have a host and a port") {
+  const auto address = ParseTcpAddress("tcp://127.0.0.1:7700");
+  REQUIRE(address.ok());
+  CHECK(address->host == "127.0.0.1");
+  CHECK(address->port == 7700);
+  CHECK(ParseTcpAddress("tcp://[::1]:1")->host == "[::1]");
+  for (const char* text : {"", "tcp://", "tcp://:7700", "tcp://host", "tcp://host:", "tcp://host:x",
+                           "tcp://host:65536", "udp://host:1", "tcp://host:-1", "host:1"}) {
+    INFO(text);
+    CHECK(ParseTcpAddress(text).status().code() == StatusCode::kInvalidArgument);
+  }
+}
+
+TEST_CASE("ipc addresses have a path that fits a socket's name") {
+  CHECK(*ParseIpcAddress("ipc:///run/b4mrl") == "/run/b4mrl");
+  CHECK(ParseIpcAddress("ipc://" + std::string(107, 'p')).ok());
+  CHECK_FALSE(ParseIpcAddress("ipc://" + std::string(108, 'p')).ok());
+  CHECK_FALSE(ParseIpcAddress("ipc://").ok());
+  CHECK_FALSE(ParseIpcAddress("/run/b4mrl").ok());
+}
+
+}  // namespace
+}  // namespace b4mrl
