@@ -13,6 +13,16 @@ std::span<const Algorithm> Algorithms() {
        {.simulator = true, .history = true},
        SacHyperparameters(),
        CreateSac},
+      {"td3-bc",
+       "TD3 with behaviour cloning, offline on a dataset",
+       {.dataset = true},
+       Td3BcHyperparameters(),
+       CreateTd3Bc},
+      {"hymopo",
+       "model-based hybrid: a learned correction of the simulator, SAC in the corrected one",
+       {.simulator = true, .dataset = true},
+       HymopoHyperparameters(),
+       CreateHymopo},
   };
   return kAlgorithms;
 }

@@ -1,0 +1,39 @@
+#include "algorithms/rl/training_dataset.h"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "client/client.h"
+
+namespace b4mrl {
+
+Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context) {
+  DatasetOptions options;
+  options.corruption = context.corruption;
+  options.seed = RoleSeed(context.seed, "corruption");
+  B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened,
+                         context.client->OpenDataset(context.dataset, options));
+  auto dataset = std::make_unique<RemoteDataset>(std::move(opened));
+  if (dataset->observation_size() != context.environment.observation.size() ||
+      dataset->action_size() != context.environment.action.size()) {
+    return Status(
+        StatusCode::kInvalidArgument,
+        fmt::format("dataset {} has {} observation and {} action values, {} has {} and {}",
+                    context.dataset, dataset->observation_size(), dataset->action_size(),
+                    context.environment.name, context.environment.observation.size(),
+                    context.environment.action.size()));
+  }
+  return dataset;
+}
+
+Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset) {
+  const std::string saved = reader.Text("dataset");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (saved == dataset.fingerprint()) return Status();
+  return Status(StatusCode::kDataLoss,
+                fmt::format("the run's dataset has fingerprint {}, now it is {}: the file changed",
+                            saved, dataset.fingerprint()));
+}
+
+}  // namespace b4mrl

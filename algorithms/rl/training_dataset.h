@@ -1,0 +1,22 @@
+// Opening the dataset of a run, and making sure that a resumed run meets the same one.
+#pragma once
+
+#include <memory>
+
+#include "algorithms/learner.h"
+#include "algorithms/nn/checkpoint.h"
+#include "client/remote_dataset.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// The context's dataset with its corruptions, whose noise is RoleSeed(run seed, "corruption").
+// kInvalidArgument when its sizes are not the environment's. The pointer stays valid: streams need
+// it.
+Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
+
+// kDataLoss unless the checkpoint's "dataset" is this one: a fingerprint covers file, corruptions
+// and seed.
+Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset);
+
+}  // namespace b4mrl
