@@ -15,84 +15,102 @@ int64_t RoundUp(int64_t size) {
   return (size + kCacheLineScalars - 1) / kCacheLineScalars * kCacheLineScalars;
 }
 
-// Weights of `count` members from `member` on, seen column-major: inputs x (count * outputs).
+// A member's weights seen column-major: inputs x outputs.
 template <typename Scalar>
-MatrixView<Scalar> WeightView(const MlpLayout::Layer& layer, Scalar* parameters, int member,
-                              int count) {
-  const int64_t member_size = static_cast<int64_t>(layer.outputs) * layer.inputs;
-  return {parameters + layer.weight + member * member_size, layer.inputs, count * layer.outputs};
+MatrixView<Scalar> WeightView(const MlpLayout::Layer& layer, Scalar* parameters, int member) {
+  const int64_t size = static_cast<int64_t>(layer.outputs) * layer.inputs;
+  return {parameters + layer.weight + member * size, layer.inputs, layer.outputs};
 }
 
 template <typename Scalar>
-std::span<Scalar> BiasSpan(const MlpLayout::Layer& layer, Scalar* parameters, int member,
-                           int count) {
+std::span<Scalar> BiasSpan(const MlpLayout::Layer& layer, Scalar* parameters, int member) {
   return {parameters + layer.bias + static_cast<int64_t>(member) * layer.outputs,
-          static_cast<size_t>(count) * layer.outputs};
+          static_cast<size_t>(layer.outputs)};
 }
 
-// Whether all members of a layer read the same rows, so that one product serves them.
+// A member's block of the input: its own rows, or all of them where the members share it.
 template <typename Scalar>
-bool InputIsShared(const MlpLayout::Layer& layer, MatrixView<const Scalar> input) {
-  return input.rows == layer.inputs;
+MatrixView<const Scalar> InputBlock(const MlpLayout& layout, MatrixView<const Scalar> input,
+                                    int m) {
+  const int inputs = layout.shape().inputs;
+  return input.rows == inputs ? input : input.RowBlock(m * inputs, inputs);
+}
+
+// A member's block of one of the workspace's per-layer buffers, as nn/mlp.h lays them out.
+template <typename Scalar>
+MatrixView<Scalar> MemberBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& workspace,
+                               std::vector<MatrixBuffer<Scalar>>& buffers, size_t layer, int m) {
+  const int outputs = layout.layers()[layer].outputs;
+  const MatrixView<Scalar> buffer = buffers[layer].view();
+  if (layer + 1 == layout.layers().size()) {
+    return buffer.RowBlock(m * outputs, outputs).ColumnBlock(0, workspace.batch);
+  }
+  return buffer.ColumnBlock(m * (buffer.columns / workspace.members), workspace.batch);
 }
 
 template <typename Scalar>
-void ForwardProducts(const MlpLayout::Layer& layer, const Scalar* parameters, int first_member,
-                     int members, MatrixView<const Scalar> input, MatrixView<Scalar> output) {
-  if (InputIsShared(layer, input)) {
-    Multiply<Scalar>(WeightView(layer, parameters, first_member, members), Transpose::kYes, input,
+void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
+                   MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace) {
+  MatrixView<const Scalar> below = InputBlock(layout, input, m);
+  const size_t last = layout.layers().size() - 1;
+  for (size_t i = 0; i <= last; ++i) {
+    const MlpLayout::Layer& layer = layout.layers()[i];
+    const MatrixView<Scalar> output = MemberBlock(layout, workspace, workspace.activations, i, m);
+    Multiply<Scalar>(WeightView(layer, parameters, first_member + m), Transpose::kYes, below,
                      Transpose::kNo, output);
-    return;
-  }
-  for (int m = 0; m < members; ++m) {
-    Multiply<Scalar>(WeightView(layer, parameters, first_member + m, 1), Transpose::kYes,
-                     input.RowBlock(m * layer.inputs, layer.inputs), Transpose::kNo,
-                     output.RowBlock(m * layer.outputs, layer.outputs));
-  }
-}
-
-template <typename Scalar>
-void ParameterGradients(const MlpLayout::Layer& layer, MatrixView<const Scalar> input,
-                        MatrixView<const Scalar> output_gradient, int members,
-                        Scalar* parameter_gradient) {
-  RowSums<Scalar>(output_gradient, BiasSpan(layer, parameter_gradient, 0, members));
-  if (InputIsShared(layer, input)) {
-    Multiply<Scalar>(input, Transpose::kNo, output_gradient, Transpose::kYes,
-                     WeightView(layer, parameter_gradient, 0, members));
-    return;
-  }
-  for (int m = 0; m < members; ++m) {
-    Multiply<Scalar>(input.RowBlock(m * layer.inputs, layer.inputs), Transpose::kNo,
-                     output_gradient.RowBlock(m * layer.outputs, layer.outputs), Transpose::kYes,
-                     WeightView(layer, parameter_gradient, m, 1));
+    const std::span<const Scalar> bias = BiasSpan(layer, parameters, first_member + m);
+    if (i == last) {
+      AddBias<Scalar>(bias, output);
+    } else if (layout.shape().activation == Activation::kRelu) {
+      AddBiasRelu<Scalar>(bias, output);
+    } else {
+      AddBiasSwish<Scalar>(bias, output,
+                           workspace.slopes.empty()
+                               ? MatrixView<Scalar>()
+                               : MemberBlock(layout, workspace, workspace.slopes, i, m));
+    }
+    below = output;
   }
 }
 
 // From d loss / d output of layer `index` to that of the layer below, before its bias.
 template <typename Scalar>
-void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int first_member,
+void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
                       size_t index, MlpWorkspace<Scalar>& workspace) {
   const MlpLayout::Layer& layer = layout.layers()[index];
-  const bool relu = layout.shape().activation == Activation::kRelu;
-  const MatrixView<const Scalar> from = workspace.gradients[index].view(workspace.batch);
+  const MatrixView<Scalar> from = MemberBlock(layout, workspace, workspace.gradients, index, m);
+  const MatrixView<Scalar> to = MemberBlock(layout, workspace, workspace.gradients, index - 1, m);
   const MatrixView<const Scalar> activation =
-      workspace.activations[index - 1].view(workspace.batch);
-  const MatrixView<Scalar> to = workspace.gradients[index - 1].view(workspace.batch);
-  for (int m = 0; m < workspace.members; ++m) {
-    const int first_row = m * layer.inputs;
-    const MatrixView<const Scalar> weight = WeightView(layer, parameters, first_member + m, 1);
-    if (relu && layer.outputs == 1) {
-      ReluBackwardOuter<Scalar>(activation.RowBlock(first_row, layer.inputs), weight.data,
-                                from.data + m, from.stride, to.RowBlock(first_row, layer.inputs));
-    } else {
-      Multiply<Scalar>(weight, Transpose::kNo, from.RowBlock(m * layer.outputs, layer.outputs),
-                       Transpose::kNo, to.RowBlock(first_row, layer.inputs));
-    }
-  }
-  if (!relu) {
-    MultiplyInPlace<Scalar>(workspace.slopes[index - 1].view(workspace.batch), to);
-  } else if (layer.outputs != 1) {
+      MemberBlock(layout, workspace, workspace.activations, index - 1, m);
+  const MatrixView<const Scalar> weight = WeightView(layer, parameters, first_member + m);
+  if (layout.shape().activation == Activation::kSwish) {
+    Multiply<Scalar>(weight, Transpose::kNo, from, Transpose::kNo, to);
+    MultiplyInPlace<Scalar>(MemberBlock(layout, workspace, workspace.slopes, index - 1, m), to);
+  } else if (layer.outputs == 1) {
+    ReluBackwardOuter<Scalar>(activation, weight.data, from.data, from.stride, to);
+  } else {
+    Multiply<Scalar>(weight, Transpose::kNo, from, Transpose::kNo, to);
     ReluBackward<Scalar>(activation, to);
+  }
+}
+
+template <typename Scalar>
+void BackwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
+                    MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
+                    Scalar* parameter_gradient) {
+  for (size_t i = layout.layers().size(); i-- > 0;) {
+    const MlpLayout::Layer& layer = layout.layers()[i];
+    if (parameter_gradient != nullptr) {
+      const MatrixView<const Scalar> below =
+          i == 0 ? InputBlock(layout, input, m)
+                 : MemberBlock(layout, workspace, workspace.activations, i - 1, m);
+      const MatrixView<const Scalar> from =
+          MemberBlock(layout, workspace, workspace.gradients, i, m);
+      RowSums<Scalar>(from, BiasSpan(layer, parameter_gradient, m));
+      Multiply<Scalar>(below, Transpose::kNo, from, Transpose::kYes,
+                       WeightView(layer, parameter_gradient, m));
+    }
+    if (i > 0) BackwardToHidden(layout, parameters, first_member, m, i, workspace);
   }
 }
 
@@ -158,14 +176,16 @@ template <typename Scalar>
 MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, int batch_max,
                                    bool keep_gradients)
     : members(member_count) {
-  for (const MlpLayout::Layer& layer : layout.layers()) {
-    const int rows = members * layer.outputs;
-    const bool hidden = activations.size() + 1 < layout.layers().size();
-    activations.emplace_back(rows, batch_max);
+  const size_t last = layout.layers().size() - 1;
+  for (size_t i = 0; i <= last; ++i) {
+    const int width = layout.layers()[i].outputs;
+    const int rows = i == last ? members * width : width;
+    const int columns = i == last ? batch_max : members * batch_max;
+    activations.emplace_back(rows, columns);
     if (!keep_gradients) continue;
-    gradients.emplace_back(rows, batch_max);
-    if (hidden && layout.shape().activation == Activation::kSwish) {
-      slopes.emplace_back(rows, batch_max);
+    gradients.emplace_back(rows, columns);
+    if (i < last && layout.shape().activation == Activation::kSwish) {
+      slopes.emplace_back(rows, columns);
     }
   }
 }
@@ -175,24 +195,8 @@ MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> p
                               MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                               int first_member) {
   workspace.batch = input.columns;
-  const size_t last = layout.layers().size() - 1;
-  MatrixView<const Scalar> below = input;
-  for (size_t i = 0; i <= last; ++i) {
-    const MlpLayout::Layer& layer = layout.layers()[i];
-    const MatrixView<Scalar> output = workspace.activations[i].view(workspace.batch);
-    ForwardProducts(layer, parameters.data(), first_member, workspace.members, below, output);
-    const std::span<const Scalar> bias =
-        BiasSpan(layer, parameters.data(), first_member, workspace.members);
-    if (i == last) {
-      AddBias<Scalar>(bias, output);
-    } else if (layout.shape().activation == Activation::kRelu) {
-      AddBiasRelu<Scalar>(bias, output);
-    } else {
-      AddBiasSwish<Scalar>(bias, output,
-                           workspace.slopes.empty() ? MatrixView<Scalar>()
-                                                    : workspace.slopes[i].view(workspace.batch));
-    }
-    below = output;
+  for (int m = 0; m < workspace.members; ++m) {
+    ForwardMember(layout, parameters.data(), first_member, m, input, workspace);
   }
   return workspace.output();
 }
@@ -201,15 +205,9 @@ template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                  std::span<Scalar> parameter_gradient, int first_member) {
-  for (size_t i = layout.layers().size(); i-- > 0;) {
-    if (!parameter_gradient.empty()) {
-      const MatrixView<const Scalar> below =
-          i == 0 ? input : workspace.activations[i - 1].view(workspace.batch);
-      ParameterGradients<Scalar>(layout.layers()[i], below,
-                                 workspace.gradients[i].view(workspace.batch), workspace.members,
-                                 parameter_gradient.data());
-    }
-    if (i > 0) BackwardToHidden(layout, parameters.data(), first_member, i, workspace);
+  Scalar* gradient = parameter_gradient.empty() ? nullptr : parameter_gradient.data();
+  for (int m = 0; m < workspace.members; ++m) {
+    BackwardMember(layout, parameters.data(), first_member, m, input, workspace, gradient);
   }
 }
 
@@ -217,10 +215,13 @@ template <typename Scalar>
 void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
                       MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
                       int first_member) {
-  const MatrixView<const Scalar> weight =
-      WeightView(layout.layers()[0], parameters.data(), first_member, workspace.members);
-  Multiply<Scalar>(weight.RowBlock(first_row, input_gradient.rows), Transpose::kNo,
-                   workspace.gradients[0].view(workspace.batch), Transpose::kNo, input_gradient);
+  for (int m = 0; m < workspace.members; ++m) {
+    const MatrixView<const Scalar> weight =
+        WeightView(layout.layers()[0], parameters.data(), first_member + m);
+    Multiply<Scalar>(weight.RowBlock(first_row, input_gradient.rows), Transpose::kNo,
+                     MemberBlock(layout, workspace, workspace.gradients, 0, m), Transpose::kNo,
+                     input_gradient, /*accumulate=*/m > 0);
+  }
 }
 
 #define B4MRL_INSTANTIATE(Scalar)                                                                 \

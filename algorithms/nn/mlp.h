@@ -4,12 +4,14 @@
 // MlpLayout says where each layer's numbers lie in one flat parameter buffer; gradients, targets
 // and optimiser moments use the same layout, so Adam, Polyak averaging and checkpoints are one loop
 // each. A weight is stored as PyTorch stores it, (outputs, inputs) row-major, and a layer's members
-// follow each other: the first layers of all members are therefore also one weight of members *
-// outputs rows, which multiplies a shared input in one product.
+// follow each other.
 //
-// Activations are (members * width) x batch: member m owns rows [m * width, (m + 1) * width).
-// MlpWorkspace keeps them from the forward for the backward pass; it is sized once and nothing is
-// allocated afterwards. Thread rule: a layout is immutable; a workspace belongs to one thread.
+// MlpWorkspace keeps activations from the forward for the backward pass; it is sized once and
+// nothing of ours is allocated afterwards. Passes go member by member through all layers, so that a
+// member's activations are still in the cache when its next layer reads them; for the same reason a
+// member's hidden activations are one dense width x batch block. Only the output is stacked:
+// (members * outputs) x batch, member m owning rows [m * outputs, (m + 1) * outputs). Thread rule:
+// a layout is immutable; a workspace belongs to one thread.
 #pragma once
 
 #include <cstdint>
@@ -82,10 +84,12 @@ struct MlpWorkspace {
   MlpWorkspace(const MlpLayout& layout, int members, int batch_max, bool keep_gradients = true);
 
   int members;
-  int batch = 0;                                  // of the last forward pass
-  std::vector<MatrixBuffer<Scalar>> activations;  // per layer; the last is the output
-  std::vector<MatrixBuffer<Scalar>> slopes;       // swish only: its derivative, per hidden layer
-  std::vector<MatrixBuffer<Scalar>> gradients;    // d loss / d activation; the last: d output
+  int batch = 0;  // of the last forward pass
+  // Per hidden layer width x (members * batch_max), member m in the columns from m * batch_max on;
+  // the last one is the stacked output.
+  std::vector<MatrixBuffer<Scalar>> activations;
+  std::vector<MatrixBuffer<Scalar>> slopes;     // swish only: its derivative, per hidden layer
+  std::vector<MatrixBuffer<Scalar>> gradients;  // d loss / d activation; the last: d output
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
   // To be filled between MlpForward and MlpBackward.
