@@ -1,5 +1,6 @@
 #include "server/serve_main.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -28,6 +29,8 @@ int RunChild(CommandLine line) {
                                ? ChildName(kFirstWorkerChild + line.child.index)
                                : line.child.role;
   spdlog::default_logger()->set_pattern("b4mrl " + name + ": %v");
+  // It would write a line for every malformed message that a peer sends.
+  google::protobuf::SetLogHandler(nullptr);
   Result<SharedState> shared = SharedState::Map(line.shared_memory_fd);
   if (!shared.ok()) {
     spdlog::error(shared.status().ToString());
