@@ -12,7 +12,7 @@
 // train the same core on other batches; H2O needs `entropy_in_target = false`.
 //
 // The update's random numbers are Rng(seed, "sac-noise", update number), so a resumed run needs
-// only the counter. No allocation after construction. Thread rule: one thread.
+// only the counter. Allocates nothing of its own after construction. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>

@@ -10,8 +10,8 @@
 //      TD3-BC: L = -lambda mean Q_1(s, pi(s)) + mean (pi(s) - a)^2, lambda = bc_alpha / mean|Q_1|
 //              as a constant, the second mean over batch and action dimensions
 //      then all targets <- tau online + (1 - tau) target
-// The update's random numbers are Rng(seed, "td3-noise", update number). No allocation after
-// construction. Thread rule: one thread.
+// The update's random numbers are Rng(seed, "td3-noise", update number). Allocates nothing of its
+// own after construction. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
