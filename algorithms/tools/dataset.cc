@@ -1,0 +1,367 @@
+// b4mrl dataset make|import|export|info. Files are written here; whatever is to be looked into is
+// read through the daemon, whose importer distrusts it in a sandbox.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <system_error>
+
+#include "algorithms/rl/agent_policy.h"
+#include "algorithms/rl/collect.h"
+#include "algorithms/tools/command.h"
+#include "data/agent_file.h"
+#include "data/atomic_file.h"
+#include "data/file_hash.h"
+#include "data/writer.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Where the daemon looks when it is given no folder (server/options.cc).
+std::string DefaultDataFolder() {
+  for (const auto& [variable, suffix] : {std::pair{"B4MRL_DATA", ""},
+                                         {"XDG_DATA_HOME", "/b4mrl"},
+                                         {"HOME", "/.local/share/b4mrl"}}) {
+    const char* value = std::getenv(variable);
+    if (value != nullptr && *value != '\0') return std::string(value) + suffix;
+  }
+  return "/var/lib/.local/share/b4mrl";
+}
+
+// "HalfCheetah/medium" is two names; anything else could point outside the data folder.
+Result<std::pair<std::string, std::string>> SplitName(const std::string& name) {
+  const size_t slash = name.find('/');
+  const auto valid = [](std::string_view part) {
+    return !part.empty() && std::all_of(part.begin(), part.end(), [](unsigned char c) {
+      return std::isalnum(c) != 0 || c == '-' || c == '_';
+    });
+  };
+  if (slash == std::string::npos || !valid(name.substr(0, slash)) ||
+      !valid(name.substr(slash + 1))) {
+    return InvalidArgument("dataset", name, "ENVIRONMENT/NAME of letters, digits, '-' and '_'");
+  }
+  return std::pair{name.substr(0, slash), name.substr(slash + 1)};
+}
+
+// Makes the folder and returns "<data>/<name>.h5" ("d4rl/..." keeps D4RL's ".hdf5").
+Result<std::string> DatasetPath(const std::string& data_folder, const std::string& name) {
+  B4MRL_ASSIGN_OR_RETURN(const auto parts, SplitName(name));
+  const std::string folder = data_folder + "/" + parts.first;
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return IoError("create", folder, error.value());
+  return fmt::format("{}/{}{}", folder, parts.second, parts.first == "d4rl" ? ".hdf5" : ".h5");
+}
+
+struct DatasetCommand {
+  std::string name, agent_path, file, corruption;
+  uint64_t rows = 1'000'000;
+  uint64_t seed = 0;
+  bool quiet = false;
+  bool json = false;
+  DaemonOptions daemon;
+
+  std::optional<Failure> Make();
+  std::optional<Failure> Import();
+  std::optional<Failure> Export();
+  std::optional<Failure> Info();
+
+  std::string DataFolder() const {
+    return daemon.data_folder.empty() ? DefaultDataFolder() : daemon.data_folder;
+  }
+  Result<std::string> AgentPath() const;
+  Result<CollectSummary> WriteEpisodes(const Agent& agent, const std::string& agent_file,
+                                       const std::string& path, Client& client);
+  Status CopyInto(const std::string& path) const;
+  Status WriteExport(RemoteDataset& dataset);
+};
+
+// ---- make
+// ----------------------------------------------------------------------------------------
+
+// The given one, or the shipped behaviour policy: data/agents/halfcheetah-medium.h5.
+Result<std::string> DatasetCommand::AgentPath() const {
+  if (!agent_path.empty()) return agent_path;
+  const char* variable = std::getenv("B4MRL_AGENTS");
+  const std::string folder = variable != nullptr && *variable != '\0' ? variable : B4MRL_AGENTS_DIR;
+  std::string stem = name;
+  std::replace(stem.begin(), stem.end(), '/', '-');
+  std::transform(stem.begin(), stem.end(), stem.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string path = fmt::format("{}/{}.h5", folder, stem);
+  if (std::error_code error; fs::exists(path, error)) return path;
+  return Status(
+      StatusCode::kUnknownName,
+      fmt::format("no behaviour policy is shipped for {} ({}); name one with --agent", name, path));
+}
+
+std::optional<Failure> DatasetCommand::Make() {
+  const auto agent_file = AgentPath();
+  if (!agent_file.ok()) return BadInput(agent_file.status());
+  const auto agent = ReadAgent(*agent_file);
+  if (!agent.ok()) return BadInput(agent.status());
+  daemon.data_folder = DataFolder();
+  const auto path = DatasetPath(daemon.data_folder, name);
+  if (!path.ok()) return BadInput(path.status());
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  const auto summary = WriteEpisodes(*agent, *agent_file, *path, connection->client());
+  if (!summary.ok()) return FromDaemon(summary.status());
+  const auto sha256 = Sha256OfFile(*path);
+  if (!sha256.ok()) return BadInput(sha256.status());
+  if (json) {
+    const nlohmann::ordered_json out = {{"name", name},
+                                        {"file", *path},
+                                        {"rows", summary->rows},
+                                        {"episodes", summary->episodes},
+                                        {"mean_return", summary->mean_return},
+                                        {"sha256", *sha256}};
+    fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  } else {
+    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}\nsha256 {}\n", *path, summary->rows,
+               summary->episodes, summary->mean_return, *sha256);
+  }
+  return std::nullopt;
+}
+
+Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
+                                                     const std::string& agent_file,
+                                                     const std::string& path, Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
+  B4MRL_ASSIGN_OR_RETURN(const auto parts, SplitName(name));
+  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment, client.FindEnvironment(parts.first));
+  DatasetWriterOptions options;
+  options.observation_dimensions = agent.observation_dimensions;
+  options.action_dimensions = agent.action_dimensions;
+  options.action_log_probs = true;
+  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
+  Progress progress(quiet);
+  CollectOptions collect;
+  collect.environment = parts.first;
+  collect.rows = rows;
+  collect.seed = seed;
+  B4MRL_ASSIGN_OR_RETURN(const CollectSummary summary,
+                         Collect(collect, policy, client, writer, progress));
+  B4MRL_ASSIGN_OR_RETURN(const std::string agent_sha256, Sha256OfFile(agent_file));
+  B4MRL_RETURN_IF_ERROR(writer.SetPolicy(agent));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_name", name));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_seed", static_cast<int64_t>(seed)));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("agent_sha256", agent_sha256));
+  B4MRL_RETURN_IF_ERROR(
+      writer.SetMetadata("mean_return", fmt::format("{:.9g}", summary.mean_return)));
+  if (const auto score = environment.NormalisedScore(summary.mean_return)) {
+    B4MRL_RETURN_IF_ERROR(writer.SetMetadata("normalised_score", fmt::format("{:.9g}", *score)));
+  }
+  B4MRL_RETURN_IF_ERROR(writer.Commit());
+  return summary;
+}
+
+// ---- import
+// --------------------------------------------------------------------------------------
+
+std::optional<Failure> DatasetCommand::Import() {
+  daemon.data_folder = DataFolder();
+  const auto path = DatasetPath(daemon.data_folder, name);
+  if (!path.ok()) return BadInput(path.status());
+  if (std::error_code error; fs::exists(*path, error)) {
+    return BadInput(Status(StatusCode::kFailedPrecondition,
+                           fmt::format("{} exists; choose another --name or remove it", *path)));
+  }
+  if (Status status = CopyInto(*path); !status.ok()) return BadInput(std::move(status));
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  const auto dataset = connection->client().OpenDataset(name);
+  if (!dataset.ok()) {
+    std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
+    fs::remove(*path, ignored);
+    return BadInput(dataset.status());
+  }
+  fmt::print("{}: {} rows, sha256 {}\n", name, dataset->rows(),
+             dataset->in_force().info().sha256());
+  return std::nullopt;
+}
+
+Status DatasetCommand::CopyInto(const std::string& path) const {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return IoError("read", file, errno);
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
+  std::vector<char> block(1 << 20);
+  while (in) {
+    in.read(block.data(), static_cast<std::streamsize>(block.size()));
+    const auto count = static_cast<size_t>(in.gcount());
+    B4MRL_RETURN_IF_ERROR(out.Write(std::string_view(block.data(), count)));
+  }
+  if (in.bad()) return IoError("read", file, errno);
+  return out.Commit();
+}
+
+// ---- export
+// --------------------------------------------------------------------------------------
+
+std::optional<Failure> DatasetCommand::Export() {
+  const auto corruptions = ParseNamedArguments(corruption);
+  if (!corruptions.ok()) return BadUsage(corruptions.status());
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  DatasetOptions options;
+  options.corruption = *corruptions;
+  options.seed = seed;
+  auto dataset = connection->client().OpenDataset(name, options);
+  if (!dataset.ok()) return FromDaemon(dataset.status());
+  if (Status status = WriteExport(*dataset); !status.ok()) return FromDaemon(std::move(status));
+  fmt::print("{}: {} rows of {}\n", file, dataset->rows(), name);
+  return std::nullopt;
+}
+
+// The daemon serves no time-outs, but inside an episode a row's next observation is, byte for byte,
+// the next row's observation (corruptions included), so the ends show. The last row counts as one.
+std::vector<uint8_t> DerivedTimeouts(const TransitionRows& rows, size_t observation_size) {
+  std::vector<uint8_t> timeouts(rows.rows, 0);
+  for (size_t i = 0; i < rows.rows; ++i) {
+    const float* next = rows.next_observations.data() + i * observation_size;
+    const bool goes_on = i + 1 < rows.rows &&
+                         std::memcmp(next, rows.observations.data() + (i + 1) * observation_size,
+                                     observation_size * sizeof(float)) == 0;
+    timeouts[i] = rows.terminals[i] == 0 && !goes_on ? 1 : 0;
+  }
+  return timeouts;
+}
+
+Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
+  constexpr uint32_t kRowsPerRead = 16'384;
+  DatasetWriterOptions options;
+  options.observation_dimensions = static_cast<uint32_t>(dataset.observation_size());
+  options.action_dimensions = static_cast<uint32_t>(dataset.action_size());
+  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(file, options));
+  Progress progress(quiet);
+  progress.Start("export", "rows", dataset.rows());
+  while (writer.rows() < dataset.rows()) {
+    // One row more than is written, to see where it goes on.
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served,
+                           dataset.Read(writer.rows(), kRowsPerRead + 1));
+    if (served.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
+    const std::vector<uint8_t> timeouts = DerivedTimeouts(served, dataset.observation_size());
+    const bool last = writer.rows() + served.rows == dataset.rows();
+    const size_t count = last ? served.rows : std::min<size_t>(served.rows, kRowsPerRead);
+    DatasetRows out;
+    out.rows = count;
+    out.observations = served.observations.first(count * dataset.observation_size());
+    out.actions = served.actions.first(count * dataset.action_size());
+    out.next_observations = served.next_observations.first(count * dataset.observation_size());
+    out.rewards = served.rewards.first(count);
+    out.terminals = served.terminals.first(count);
+    out.timeouts = std::span(timeouts).first(count);
+    B4MRL_RETURN_IF_ERROR(writer.Append(out));
+    progress.Update(writer.rows());
+  }
+  const pb::OpenDatasetReply& source = dataset.in_force();
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", name));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source_sha256", source.info().sha256()));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption", corruption));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption_seed", static_cast<int64_t>(seed)));
+  return writer.Commit();
+}
+
+// ---- info
+// ----------------------------------------------------------------------------------------
+
+std::optional<Failure> DatasetCommand::Info() {
+  const auto corruptions = ParseNamedArguments(corruption);
+  if (!corruptions.ok()) return BadUsage(corruptions.status());
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  DatasetOptions options;
+  options.corruption = *corruptions;
+  options.seed = seed;
+  auto dataset = connection->client().OpenDataset(name, options);
+  if (!dataset.ok()) return FromDaemon(dataset.status());
+  const auto stats = dataset->Stats();
+  if (!stats.ok()) return FromDaemon(stats.status());
+  const pb::DatasetStatsReply& scores = stats->scores;
+  const pb::DatasetInfo& info = dataset->in_force().info();
+  nlohmann::ordered_json out = {{"name", name},
+                                {"rows", dataset->rows()},
+                                {"episodes", scores.episodes()},
+                                {"observation_size", dataset->observation_size()},
+                                {"action_size", dataset->action_size()},
+                                {"mean_return", scores.mean_return()},
+                                {"std_return", scores.std_return()},
+                                {"min_return", scores.min_return()},
+                                {"max_return", scores.max_return()},
+                                {"min_reward", scores.min_reward()},
+                                {"max_reward", scores.max_reward()},
+                                {"file_bytes", info.file_bytes()},
+                                {"sha256", info.sha256()},
+                                {"behaviour_policy", info.behaviour_policy()},
+                                {"fingerprint", dataset->fingerprint()}};
+  const auto environment = connection->client().FindEnvironment(name.substr(0, name.find('/')));
+  if (environment.ok()) {  // d4rl/... names no environment
+    if (const auto score = environment->NormalisedScore(scores.mean_return())) {
+      out["behaviour_score"] = *score;
+    }
+  }
+  if (json) {
+    out["observation_mean"] = stats->observation_mean;
+    out["observation_std"] = stats->observation_std;
+    fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+    return std::nullopt;
+  }
+  for (const auto& [key, value] : out.items()) {
+    fmt::print("{:<18} {}\n", key, value.is_string() ? value.get<std::string>() : value.dump());
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::vector<Command> AddDatasetCommands(CLI::App& app) {
+  CLI::App* group = app.add_subcommand("dataset", "make, import, export or describe datasets");
+  group->require_subcommand(1);
+  const auto add = [&](const char* word, const char* description) {
+    auto command = std::make_shared<DatasetCommand>();
+    CLI::App* sub = group->add_subcommand(word, description);
+    sub->add_flag("--quiet", command->quiet, "no progress on stderr");
+    command->daemon.AddTo(*sub);
+    return std::pair{command, sub};
+  };
+
+  const auto [make, make_app] = add("make", "roll out a behaviour policy");
+  make_app->add_option("name", make->name, "\"HalfCheetah/medium\"")->required();
+  make_app->add_option("--rows", make->rows, "transitions [1000000]")
+      ->check(CLI::Range(uint64_t{1}, limits::kMaxDatasetRows));
+  make_app->add_option("--seed", make->seed, "of environments and policy [0]");
+  make_app->add_option("--agent", make->agent_path, "behaviour policy; none: the shipped one");
+  make_app->add_flag("--json", make->json, "print JSON");
+
+  const auto [import, import_app] = add("import", "check a D4RL-layout HDF5 file and copy it in");
+  import_app->add_option("file", import->file, "HDF5 file")->required();
+  import_app->add_option("--name", import->name, "its name here: \"HalfCheetah/mine\"")->required();
+
+  const auto [exported, export_app] = add("export", "write a dataset, corrupted if asked, as HDF5");
+  export_app->add_option("name", exported->name, "dataset")->required();
+  export_app->add_option("file", exported->file, "HDF5 file to write")->required();
+  export_app->add_option("--corruption", exported->corruption, "\"hidden=9,obs-noise=0.02\"");
+  export_app->add_option("--seed", exported->seed, "of the corruption's noise [0]");
+
+  const auto [info, info_app] = add("info", "size, returns, moments and hash");
+  info_app->add_option("name", info->name, "dataset")->required();
+  info_app->add_option("--corruption", info->corruption, "as of export");
+  info_app->add_option("--seed", info->seed, "of the corruption's noise [0]");
+  info_app->add_flag("--json", info->json, "print JSON");
+
+  return {{make_app, [command = make] { return command->Make(); }},
+          {import_app, [command = import] { return command->Import(); }},
+          {export_app, [command = exported] { return command->Export(); }},
+          {info_app, [command = info] { return command->Info(); }}};
+}
+
+}  // namespace b4mrl
