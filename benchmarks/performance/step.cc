@@ -13,7 +13,7 @@ namespace b4mrl::perf {
 namespace {
 
 constexpr uint32_t kLanes = 64;
-constexpr uint32_t kGroups = 4;  // requests in flight
+constexpr uint32_t kGroups = 2;  // requests in flight
 constexpr uint32_t kLanesPerGroup = kLanes / kGroups;
 constexpr size_t kActionRows = 4096;
 
