@@ -133,6 +133,11 @@ Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply,
   B4MRL_ASSIGN_OR_RETURN(const TensorView terminals,
                          arrays.Require("terminals", {DType::kUint8}, {rows}));
   out.terminals = terminals.As<uint8_t>();
+  if (arrays.Has("timeouts")) {
+    B4MRL_ASSIGN_OR_RETURN(const TensorView timeouts,
+                           arrays.Require("timeouts", {DType::kUint8}, {rows}));
+    out.timeouts = timeouts.As<uint8_t>();
+  }
   if (arrays.Has("indices")) {
     B4MRL_ASSIGN_OR_RETURN(const TensorView indices,
                            arrays.Require("indices", {DType::kUint64}, {rows}));

@@ -37,6 +37,7 @@ struct TransitionRows {
   std::span<const float> rewards;            // rows
   std::span<const float> next_observations;  // rows x observation size
   std::span<const uint8_t> terminals;        // rows
+  std::span<const uint8_t> timeouts;         // rows, of Read alone
   std::span<const uint64_t> indices;         // rows, if asked for
   uint64_t first_batch = 0;                  // of Sample and streams
   ReceivedReply reply;

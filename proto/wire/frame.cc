@@ -194,7 +194,10 @@ Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope
     return Status(StatusCode::kLimitExceeded, fmt::format("envelope of {} bytes, at most {}",
                                                           frame.size(), limits::kMaxEnvelopeBytes));
   }
-  if (!envelope->ParseFromArray(frame.data(), static_cast<int>(frame.size()))) {
+  // To Protocol Buffers nothing at all is a message of defaults; here it stands for a malformed
+  // one.
+  if (frame.size() == 0 ||
+      !envelope->ParseFromArray(frame.data(), static_cast<int>(frame.size()))) {
     return Status(StatusCode::kInvalidArgument, "the envelope is not a valid message");
   }
   return Status();

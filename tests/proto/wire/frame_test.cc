@@ -197,6 +197,7 @@ TEST_CASE("envelopes are bounded both ways") {
   const Frame large = Frame::Copy(request.SerializeAsString());
   CHECK(ParseEnvelope(large, &parsed).code() == StatusCode::kLimitExceeded);
   CHECK(ParseEnvelope(Frame::Copy("\xff\xff"), &parsed).code() == StatusCode::kInvalidArgument);
+  CHECK(ParseEnvelope(Frame(), &parsed).code() == StatusCode::kInvalidArgument);
 
   request.mutable_hello()->set_client("small");
   const auto frame = SerializeEnvelope(request);
