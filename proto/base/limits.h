@@ -56,7 +56,7 @@ inline constexpr uint64_t kMaxDatasetRows = 100'000'000;
 inline constexpr uint32_t kMaxObservationDimensions = 4096;
 inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
-inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for an import or a corruption
-inline constexpr uint32_t kMaxMappedDatasets = 64;           // served at once; others are mapped again
+inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
+inline constexpr uint32_t kMaxMappedDatasets = 64;           // at once; others are mapped again
 
 }  // namespace b4mrl::limits

@@ -61,7 +61,7 @@ class RouterSocket {
   std::optional<IncomingMessage> TryReceive();
   // Never blocks. kUnavailable: the peer has gone; kLimitExceeded: it does not read its replies.
   Status Send(const RoutingId& receiver, Message message);
-  // Lets what was sent leave for up to `linger_ms` when the socket closes; without it, it is dropped.
+  // Lets what was sent leave for up to `linger_ms` when the socket closes; else it is dropped.
   void LingerOnClose(int64_t linger_ms);
   void* handle() const { return socket_; }
 

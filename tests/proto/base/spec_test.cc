@@ -55,6 +55,8 @@ TEST_CASE("a dimension is found by name or index") {
   CHECK(space.FindDimension("-1").status().code() == StatusCode::kUnknownName);
   CHECK(space.FindDimension("").status().code() == StatusCode::kUnknownName);
   CHECK(space.FindDimension("v-root-y").status().message().find("v-root-z") != std::string::npos);
+  space.dimensions.push_back({"0", "", -1, 1});
+  CHECK(*space.FindDimension("0") == 2);  // a name goes before an index
   CHECK(SpaceSpec().FindDimension("0").status().code() == StatusCode::kUnknownName);
 }
 

@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 #include <cerrno>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ TEST_CASE("the codes' numbers are those of the wire") {
     CHECK(StatusCodeName(static_cast<StatusCode>(code)) != "UNKNOWN");
   }
   CHECK(StatusCodeName(static_cast<StatusCode>(16)) == "UNKNOWN");
+  CHECK(StatusCodeName(static_cast<StatusCode>(-1)) == "UNKNOWN");
 }
 
 TEST_CASE("a status says what is wrong in one line") {
@@ -46,6 +48,13 @@ TEST_CASE("an unknown name is answered with the nearest known one and all of the
         std::string::npos);
 }
 
+TEST_CASE("a name of a megabyte costs no quadratic search") {
+  NearestName nearest(std::string(1 << 20, 'x'));
+  nearest.Consider(std::string(1 << 20, 'y'));
+  nearest.Consider("x");
+  REQUIRE_FALSE(nearest.nearest().has_value());
+}
+
 TEST_CASE("what may succeed later is recoverable") {
   CHECK(Status(StatusCode::kBusy, "").recoverable());
   CHECK(Status(StatusCode::kUnavailable, "").recoverable());
@@ -67,6 +76,8 @@ TEST_CASE("errors pass through the macros and values come out") {
   CHECK(*Quarter(12) == 3);
   CHECK(Quarter(7).status().message() == "x is 7, allowed: even numbers");
   CHECK(Quarter(6).status().message() == "x is 3, allowed: even numbers");
+  Result<std::unique_ptr<int>> move_only = std::make_unique<int>(5);
+  CHECK(*std::move(move_only).value() == 5);
 }
 
 }  // namespace

@@ -103,33 +103,5 @@ TEST_CASE("waiting ends at its deadline") {
   CHECK(SecondsSince(start) >= 0.03);
 }
 
-TEST_CASE("an address that cannot be bound is refused") {
-  Context context;
-  const ListeningEndpoint nowhere{"ipc:///no/such/folder/socket"};
-  CHECK(RouterSocket::Bind(context, std::span(&nowhere, 1)).status().code() ==
-        StatusCode::kIoError);
-}
-
-TEST_CASE("tcp addresses have a host and a port") {
-  const auto address = ParseTcpAddress("tcp://127.0.0.1:7700");
-  REQUIRE(address.ok());
-  CHECK(address->host == "127.0.0.1");
-  CHECK(address->port == 7700);
-  CHECK(ParseTcpAddress("tcp://[::1]:1")->host == "[::1]");
-  for (const char* text : {"", "tcp://", "tcp://:7700", "tcp://host", "tcp://host:", "tcp://host:x",
-                           "tcp://host:65536", "udp://host:1", "tcp://host:-1", "host:1"}) {
-    INFO(text);
-    CHECK(ParseTcpAddress(text).status().code() == StatusCode::kInvalidArgument);
-  }
-}
-
-TEST_CASE("ipc addresses have a path that fits a socket's name") {
-  CHECK(*ParseIpcAddress("ipc:///run/b4mrl") == "/run/b4mrl");
-  CHECK(ParseIpcAddress("ipc://" + std::string(107, 'p')).ok());
-  CHECK_FALSE(ParseIpcAddress("ipc://" + std::string(108, 'p')).ok());
-  CHECK_FALSE(ParseIpcAddress("ipc://").ok());
-  CHECK_FALSE(ParseIpcAddress("/run/b4mrl").ok());
-}
-
 }  // namespace
 }  // namespace b4mrl
