@@ -101,6 +101,9 @@ class Learner {
   virtual std::string dataset_sha256() const { return ""; }
 };
 
+// Of each request of a training run: a machine that is busy with other things must not end it.
+inline constexpr int64_t kLearnerDeadlineMs = 120'000;
+
 struct LearnerNeeds {
   bool simulator = false;  // otherwise --simulator is refused
   bool dataset = false;    // then --dataset is required, otherwise refused

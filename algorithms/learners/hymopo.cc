@@ -360,6 +360,7 @@ Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context) {
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = 0;  // queries alone
+  options.deadline_ms = kLearnerDeadlineMs;
   options.seed = context.seed;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator,
                          context.client->Make(context.environment.name, options));

@@ -262,6 +262,7 @@ Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context) {
   options.num_envs = static_cast<uint32_t>(context.hyperparameters.Integer("lanes"));
   options.seed = context.seed;  // the lanes get their own seeds at the first reset
   options.autoreset_mode = AutoresetMode::kSameStep;
+  options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator,
                          context.client->Make(context.environment.name, options));
   B4MRL_ASSIGN_OR_RETURN(

@@ -259,6 +259,7 @@ Result<CollectSummary> Collect(const CollectOptions& options, const AgentPolicy&
   session_options.num_envs = LaneCount(options, environment);
   session_options.seed = options.seed;  // each episode has its own
   session_options.autoreset_mode = AutoresetMode::kDisabled;
+  session_options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment.name, session_options));
   Collector collector(options, policy, std::move(session), writer, progress);
   return collector.Run();

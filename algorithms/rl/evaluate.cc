@@ -67,6 +67,7 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   options.num_envs = episodes;
   options.seed = seed;  // the lanes get their own seeds at each reset
   options.autoreset_mode = AutoresetMode::kDisabled;
+  options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment, options));
   return Evaluator(std::move(session), episodes, seed);
 }

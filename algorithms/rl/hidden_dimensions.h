@@ -1,5 +1,5 @@
-// The mask of an agent: which dimensions its training never showed. 1 seen, 0 hidden; empty when all
-// are seen.
+// The mask of an agent: which dimensions its training never showed. 1 seen, 0 hidden; empty when
+// all are seen.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,8 @@
 
 namespace b4mrl {
 
-// From a session's perturbations in their parametric form ("hidden" with "9+10" or dimension names).
+// From a session's perturbations in their parametric form ("hidden" with "9+10" or dimension
+// names).
 template <typename NamedArguments>
 Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
                                                const NamedArguments& perturbations) {

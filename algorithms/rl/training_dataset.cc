@@ -11,6 +11,7 @@ namespace b4mrl {
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context) {
   DatasetOptions options;
   options.corruption = context.corruption;
+  options.deadline_ms = kLearnerDeadlineMs;
   options.seed = RoleSeed(context.seed, "corruption");
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened,
                          context.client->OpenDataset(context.dataset, options));
