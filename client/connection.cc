@@ -59,8 +59,9 @@ Status Connection::Transmit(Pending& pending) {
   const int64_t remaining =
       std::clamp<int64_t>(pending.deadline.remaining_ms(), 1, limits::kMaxDeadlineMs);
   pending.request.set_deadline_ms(static_cast<uint32_t>(remaining));
+  // A count that is out of date costs a needless copy, asking for it every time a system call.
   // Before the first handshake the message waits in the queue of connection 1 and is not lost.
-  pending.connection = std::max(socket_.connections(), 1u);
+  pending.connection = std::max(connections_seen_, 1u);
   pending.sent = Clock::now();
   B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(pending.request));
   return socket_.Send({std::move(envelope), pending.payload.Share()});
@@ -119,17 +120,17 @@ void Connection::Pump() {
     Resend();
     message = socket_.TryReceive();
   }
-  for (; message; message = socket_.TryReceive()) Accept(std::move(*message));
-  ExpirePending();
+  // Nothing expires while its reply may still be in the queue, unless that is full of noise.
+  if (!message || !Accept(std::move(*message))) ExpirePending();
 }
 
-void Connection::Accept(Message message) {
+bool Connection::Accept(Message message) {
   pb::Reply envelope;
-  if (!ParseEnvelope(message.envelope, &envelope).ok()) return;
+  if (!ParseEnvelope(message.envelope, &envelope).ok()) return false;
   const uint64_t id = envelope.request_id();
   const auto pending = std::find_if(pending_.begin(), pending_.end(),
                                     [id](const Pending& entry) { return entry.id == id; });
-  if (pending == pending_.end()) return;  // answered already, or given up
+  if (pending == pending_.end()) return false;  // answered already, or given up
   Delivery delivery = Read(id, std::move(envelope), std::move(message.payload));
   // One copy was turned away for now; another one may still be executed.
   const bool passing = delivery.kind == Delivery::Kind::kRefused &&
@@ -138,15 +139,16 @@ void Connection::Accept(Message message) {
   pending_.erase(pending);
   last_reply_ = Clock::now();
   arrived_.push_back(std::move(delivery));
+  return true;
 }
 
 void Connection::Resend() {
-  const uint32_t connection = socket_.connections();
-  if (connection == 0) return;  // all of it is still queued for the first one
+  connections_seen_ = socket_.connections();
+  if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   const Clock::time_point now = Clock::now();
   for (Pending& pending : pending_) {
     // A full queue is no loss: the next silence, reconnection or the deadline settles it.
-    if (pending.connection >= connection && ResendTime(pending) > now) continue;
+    if (pending.connection >= connections_seen_ && ResendTime(pending) > now) continue;
     pending.resent = true;
     (void)Transmit(pending);
   }

@@ -86,9 +86,10 @@ class Connection {
   Connection(DealerSocket socket, std::string token)
       : socket_(std::move(socket)), token_(std::move(token)) {}
   Status Transmit(Pending& pending);
-  // Takes messages off the socket until none is left; waits once if there is none.
+  // Takes one message off the socket, or waits for one and for what is due meanwhile.
   void Pump();
-  void Accept(Message message);
+  // False for what answers no pending request.
+  bool Accept(Message message);
   void Resend();
   void ExpirePending();
   Clock::time_point ResendTime(const Pending& pending) const;
@@ -98,6 +99,7 @@ class Connection {
   DealerSocket socket_;
   std::string token_;
   uint64_t next_id_ = 1;
+  uint32_t connections_seen_ = 0;
   Clock::time_point last_reply_{};
   std::deque<Pending> pending_;
   std::deque<Delivery> arrived_;
