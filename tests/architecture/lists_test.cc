@@ -1,4 +1,5 @@
 // Lists against files: what stands in a folder is built, and what is built can be named.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cctype>
 #include <regex>
@@ -94,14 +95,12 @@ TEST_CASE("Each learner is one file and one line of the list") {
   CHECK(files == listed);
 }
 
-TEST_CASE("Every source file is named by a CMakeLists.txt of its folder or one above") {
+TEST_CASE("Every source file is named by a CMakeLists.txt of its part") {
   const std::vector<SourceFile> builds = ReadTree({"CMakeLists.txt"});
   for (const SourceFile& file : ReadTree({".cc"})) {
-    bool built = false;
-    for (const SourceFile& build : builds) {
-      const std::string folder = build.path.substr(0, build.path.rfind('/') + 1);
-      built = built || (file.In(folder) && Mentions(build.text(), FileName(file.path)));
-    }
+    const bool built = std::any_of(builds.begin(), builds.end(), [&](const SourceFile& build) {
+      return build.folder == file.folder && Mentions(build.text(), FileName(file.path));
+    });
     INFO(file.path);
     CHECK(built);
   }

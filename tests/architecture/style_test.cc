@@ -29,23 +29,25 @@ void CheckAbsent(const std::vector<SourceFile>& files, const std::vector<Forbidd
   }
 }
 
-// A function's body is taken to run from a line that starts in column 0 and ends with "{" to the
-// next "}" in column 0. Classes, namespaces and tables are told apart by their first word.
-std::vector<std::pair<size_t, size_t>> TopLevelBodies(const SourceFile& file) {
-  static const std::regex kNotAFunction(
-      R"(^(namespace|class|struct|union|enum|extern|constexpr|const|static const|inline constexpr|\}|template <.*> (class|struct)).*)");
+// Blocks that open behind a parenthesis, as bodies of functions do; loops and conditions are blocks
+// too, but shorter than the function around them. First and last line, 1-based.
+std::vector<std::pair<size_t, size_t>> Bodies(const SourceFile& file) {
+  static const std::regex kOpens(R"(.*\)( const| noexcept| override| final| ->.*)* \{$)");
+  struct Block {
+    size_t line;
+    bool is_body;
+  };
+  std::vector<Block> open;
   std::vector<std::pair<size_t, size_t>> bodies;
-  size_t start = 0;
-  bool inside = false;
   for (size_t i = 0; i < file.lines.size(); ++i) {
-    const std::string& line = file.lines[i];
-    if (!inside && line.ends_with("{") && !line.empty() && !std::regex_match(line, kNotAFunction)) {
-      inside = true;
-      start = i;
-    } else if (inside && line.starts_with("}")) {
-      inside = false;
-      bodies.emplace_back(start + 1, i + 1);
+    const std::string code = (" " + file.lines[i]).substr(0, (" " + file.lines[i]).find(" //"));
+    for (const char c : code) {
+      if (c == '{') open.push_back({i + 1, false});
+      if (c != '}' || open.empty()) continue;
+      if (open.back().is_body) bodies.emplace_back(open.back().line, i + 1);
+      open.pop_back();
     }
+    if (!open.empty() && std::regex_match(file.lines[i], kOpens)) open.back().is_body = true;
   }
   return bodies;
 }
@@ -60,7 +62,7 @@ TEST_CASE("Source files stay short") {
 TEST_CASE("Functions stay short") {
   for (const SourceFile& file : ReadTree({".h", ".cc"})) {
     if (file.folder == "tests") continue;
-    for (const auto& [first, last] : TopLevelBodies(file)) {
+    for (const auto& [first, last] : Bodies(file)) {
       INFO(file.path << ":" << first << " to " << last);
       CHECK(last - first + 1 <= kMaxFunctionLines);
     }
