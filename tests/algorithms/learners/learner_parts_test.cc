@@ -1,0 +1,236 @@
+// The pre-pass, the rollouts, collection and evaluation against a real daemon.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <cstring>
+
+#include "algorithms/rl/correction_data.h"
+#include "algorithms/rl/evaluate.h"
+#include "algorithms/rl/model_rollout.h"
+#include "algorithms/rl/training_dataset.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kObservation = 17;
+constexpr int kAction = 6;
+
+LearnerContext ContextOf(TestDaemon& daemon, const std::string& dataset) {
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.simulator = {{"gravity", ""}};
+  context.dataset = dataset;
+  return context;
+}
+
+RemoteEnvironment QuerySession(TestDaemon& daemon, const LearnerContext& context) {
+  EnvironmentOptions options;
+  options.simulator = context.simulator;
+  options.num_envs = 0;
+  return Need(daemon.client().Make("HalfCheetah", options));
+}
+
+CorrectionData Corrections(TestDaemon& daemon, const LearnerContext& context) {
+  const auto dataset = Need(OpenTrainingDataset(context));
+  RemoteEnvironment simulator = QuerySession(daemon, context);
+  Progress quiet(true);
+  return Need(QueryCorrections(context, *dataset, simulator, 1, quiet));
+}
+
+DynamicsEnsemble<float> SmallEnsemble() {
+  DynamicsEnsembleOptions options;
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.members = 3;
+  options.elites = 2;
+  options.hidden = {16, 16, 16, 16};
+  return Need(DynamicsEnsemble<float>::Create(options));
+}
+
+std::vector<float> Starts(const LearnerContext& context, uint32_t rows) {
+  const auto dataset = Need(OpenTrainingDataset(context));
+  const TransitionRows batch = Need(dataset->Sample(rows, 7, 0));
+  return {batch.observations.begin(), batch.observations.end()};
+}
+
+struct RolloutResult {
+  RolloutCounts counts;
+  BatchBuffer rows;
+};
+
+// All transitions of one cycle; `turns` Advance calls come before Finish.
+RolloutResult RollOut(TestDaemon& daemon, ModelRolloutOptions options, int turns) {
+  const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
+  RemoteEnvironment simulator = QuerySession(daemon, context);
+  DynamicsEnsemble<float> ensemble = SmallEnsemble();
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.action_scale.assign(kAction, 1.0f);
+  options.chunk_rows = 20;
+  ModelRollout rollout(options, &simulator, &ensemble);
+  SacOptions core;
+  core.observation_size = kObservation;
+  core.action_size = kAction;
+  const PolicyWeights policy = Need(SacCore<float>::Create(core)).Policy();
+  NeedOk(rollout.Begin(4, Starts(context, 50), policy));
+  for (int i = 0; i < turns; ++i) NeedOk(rollout.Advance());
+  ReplayBuffer pool = Need(ReplayBuffer::InMemory({kObservation, kAction, 1000}));
+  const RolloutCounts counts = Need(rollout.Finish(pool));
+  RolloutResult result = {counts,
+                          BatchBuffer(kObservation, kAction, static_cast<int>(pool.size()))};
+  for (uint64_t i = 0; i < pool.size(); ++i) pool.Get(i, static_cast<int>(i), result.rows);
+  return result;
+}
+
+bool Same(const MatrixBuffer<float>& a, const MatrixBuffer<float>& b) {
+  return a.values().size() == b.values().size() &&
+         std::memcmp(a.values().data(), b.values().data(), a.values().size_bytes()) == 0;
+}
+
+}  // namespace
+
+TEST_CASE("The pre-pass's target is the simulator's error, and the reward") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
+  const CorrectionData data = Corrections(daemon, context);
+  REQUIRE(data.rows == 300);
+  CHECK(data.invalid_rows == 0);
+
+  const auto dataset = Need(OpenTrainingDataset(context));
+  const TransitionRows rows = Need(dataset->Read(100, 1));
+  RemoteEnvironment simulator = QuerySession(daemon, context);
+  std::vector<float> next(kObservation);
+  std::vector<double> reward(1);
+  std::vector<uint8_t> terminated(1), valid(1);
+  NeedOk(simulator.Query(rows.observations, rows.actions, {next, reward, terminated, valid}, 1, 0,
+                         100));
+  for (int i = 0; i < kObservation; ++i) {
+    CHECK(data.targets.view()(i, 100) == rows.next_observations[i] - next[i]);
+    CHECK(data.observations.view()(i, 100) == rows.observations[i]);
+  }
+  CHECK(data.targets.view()(kObservation, 100) == rows.rewards[0]);
+}
+
+TEST_CASE("Rows that differ only in a hidden dimension get equal predictions in the pre-pass") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 40);
+  // A second file: the same rows, but for the true dimension 9 of observations.
+  {
+    LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
+    const auto dataset = Need(OpenTrainingDataset(context));
+    const TransitionRows rows = Need(dataset->Read(0, 40));
+    std::vector<float> changed(rows.observations.begin(), rows.observations.end());
+    for (size_t row = 0; row < 40; ++row) changed[row * kObservation + 9] += 2.5f;
+    DatasetWriterOptions options;
+    options.observation_dimensions = kObservation;
+    options.action_dimensions = kAction;
+    DatasetWriter writer =
+        Need(DatasetWriter::Create(daemon.folder("data/HalfCheetah/changed.h5"), options));
+    const std::vector<uint8_t> no_timeouts(40, 0);
+    DatasetRows out;
+    out.rows = 40;
+    out.observations = changed;
+    out.actions = rows.actions;
+    out.next_observations = rows.next_observations;
+    out.rewards = rows.rewards;
+    out.terminals = rows.terminals;
+    out.timeouts = no_timeouts;
+    NeedOk(writer.Append(out));
+    NeedOk(writer.Commit());
+  }
+  LearnerContext original = ContextOf(daemon, "HalfCheetah/small");
+  LearnerContext changed = ContextOf(daemon, "HalfCheetah/changed");
+  // Without the corruption the change must show, or the test would prove nothing.
+  CHECK_FALSE(Same(Corrections(daemon, original).targets, Corrections(daemon, changed).targets));
+  original.corruption = changed.corruption = {{"hidden", "9"}};
+  CHECK(Same(Corrections(daemon, original).targets, Corrections(daemon, changed).targets));
+}
+
+TEST_CASE("Rollouts do not depend on when their answers are taken") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 100);
+  const RolloutResult at_once = RollOut(daemon, {}, 0);
+  const RolloutResult in_turns = RollOut(daemon, {}, 9);
+  CHECK(at_once.counts.rows == 50 * 5);
+  CHECK(at_once.counts.invalid_rows == 0);
+  CHECK(Same(at_once.rows.observations, in_turns.rows.observations));
+  CHECK(Same(at_once.rows.next_observations, in_turns.rows.next_observations));
+  CHECK(at_once.rows.rewards == in_turns.rows.rewards);
+
+  ModelRolloutOptions other_seed;
+  other_seed.seed = 1;
+  CHECK_FALSE(Same(at_once.rows.actions, RollOut(daemon, other_seed, 0).rows.actions));
+}
+
+TEST_CASE("Rollouts keep hidden dimensions at zero and subtract the penalty") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 100);
+  ModelRolloutOptions options;
+  const RolloutResult plain = RollOut(daemon, options, 0);
+  options.penalty = 2;
+  const RolloutResult penalised = RollOut(daemon, options, 0);
+  CHECK(penalised.counts.reward_sum < plain.counts.reward_sum);
+  options.mask.assign(kObservation, 1.0f);
+  options.mask[9] = 0;
+  const RolloutResult masked = RollOut(daemon, options, 0);
+  for (int row = 0; row < masked.rows.size(); ++row) {
+    REQUIRE(masked.rows.next_observations.view()(9, row) == 0);
+  }
+}
+
+TEST_CASE("A dataset's bytes depend on its seed and on neither lanes, workers nor threads") {
+  TestDaemon one({"--workers", "1", "--threads", "1"});
+  TestDaemon two({"--workers", "2", "--threads", "4"});
+  const std::string bytes = ReadBytes(one.MakeDataset("a", 2500, 3, 64));
+  CHECK(bytes == ReadBytes(one.MakeDataset("b", 2500, 3, 1)));
+  CHECK(bytes == ReadBytes(two.MakeDataset("a", 2500, 3, 2)));
+  CHECK(bytes != ReadBytes(one.MakeDataset("c", 2500, 4, 64)));
+}
+
+TEST_CASE("Scores depend on neither workers nor threads and are repeatable") {
+  TestDaemon one({"--workers", "1", "--threads", "1"});
+  TestDaemon two({"--workers", "2", "--threads", "4"});
+  const AgentPolicy policy = Need(AgentPolicy::Create(TestDaemon::RandomAgent()));
+  Evaluator first = Need(Evaluator::Open(one.client(), "HalfCheetah", {}, 3));
+  Evaluator second = Need(Evaluator::Open(two.client(), "HalfCheetah", {}, 3));
+  const EvaluationResult result = Need(first.Run(policy));
+  CHECK(result.returns == Need(second.Run(policy)).returns);
+  CHECK(result.returns == Need(first.Run(policy)).returns);
+  CHECK(result.lengths == std::vector<uint32_t>{1000, 1000, 1000});
+  CHECK(result.returns[0] != result.returns[1]);
+  Evaluator other = Need(Evaluator::Open(one.client(), "HalfCheetah", {}, 3, /*seed=*/1));
+  CHECK(result.returns != Need(other.Run(policy)).returns);
+}
+
+TEST_CASE("An agent does not see the dimensions hidden in its training unless told to") {
+  TestDaemon daemon;
+  Agent agent = TestDaemon::RandomAgent();
+  agent.observation_mask.assign(kObservation, 1);
+  agent.observation_mask[8] = 0;
+  Evaluator true_environment = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 2));
+  Evaluator hidden = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {{"hidden", "8"}}, 2));
+  const AgentPolicy trained = Need(AgentPolicy::Create(agent, Observe::kTrained));
+  const AgentPolicy full = Need(AgentPolicy::Create(agent, Observe::kFull));
+  const auto masked = Need(true_environment.Run(trained)).returns;
+  CHECK(masked == Need(hidden.Run(full)).returns);
+  CHECK(masked != Need(true_environment.Run(full)).returns);
+}
+
+TEST_CASE("A policy of another size is refused") {
+  TestDaemon daemon;
+  Agent agent = TestDaemon::RandomAgent();
+  agent.history_length = 1;
+  agent.hidden[0].inputs = 3;
+  agent.hidden[0].weight.resize(3 * 16);
+  agent.observation_dimensions = 3;
+  agent.observation_mask.clear();
+  agent.observation_mean.clear();
+  agent.observation_std.clear();
+  Evaluator evaluator = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 1));
+  const AgentPolicy policy = Need(AgentPolicy::Create(agent));
+  CHECK(evaluator.Run(policy).status().code() == StatusCode::kInvalidArgument);
+}
+
+}  // namespace b4mrl

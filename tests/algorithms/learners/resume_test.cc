@@ -1,0 +1,172 @@
+// A run that was killed and resumed must end with the bits of one that was not.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
+
+#include "algorithms/list.h"
+#include "algorithms/nn/checkpoint.h"
+#include "algorithms/rl/train_loop.h"
+#include "data/agent_file.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
+  const Algorithm* entry = Need(FindAlgorithm(algorithm));
+  TrainOptions options;
+  options.algorithm = algorithm;
+  options.environment = "HalfCheetah";
+  options.simulator = entry->needs.simulator ? "gravity" : "";
+  options.dataset = entry->needs.dataset ? "HalfCheetah/small" : "";
+  options.seed = 3;
+  options.updates = 60;
+  options.eval_every = 30;
+  options.eval_episodes = 1;
+  options.log_every = 10;
+  options.checkpoint_every = 30;
+  options.folder = folder;
+  options.hyperparameters = Hyperparameters(entry->hyperparameters);
+  const auto set = [&](std::string_view name, double value) {
+    NeedOk(options.hyperparameters.Set(name, value));
+  };
+  set("hidden-width", 16);
+  set("batch-size", 32);
+  if (algorithm == "sac") {
+    set("lanes", 2);
+    set("warm-up", 100);
+  }
+  if (algorithm == "hymopo") {
+    set("ensemble-width", 16);
+    set("ensemble-max-updates", 20);
+    set("rollout-every", 20);
+    set("rollout-rows", 100);
+    set("chunk-rows", 30);
+    set("model-retain", 2);
+    set("real-ratio", 0.25);
+  }
+  return options;
+}
+
+TrainSummary RunTraining(const TrainOptions& options, Client& client) {
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  return Need(Train(options, client, quiet, stop));
+}
+
+void RequireEqualPolicies(const std::string& path_a, const std::string& path_b) {
+  const Agent a = Need(ReadAgent(path_a)), b = Need(ReadAgent(path_b));
+  REQUIRE(a.hidden.size() == b.hidden.size());
+  for (size_t i = 0; i < a.hidden.size(); ++i) {
+    CHECK(a.hidden[i].weight == b.hidden[i].weight);
+    CHECK(a.hidden[i].bias == b.hidden[i].bias);
+  }
+  CHECK(a.last_fc.weight == b.last_fc.weight);
+  CHECK(a.observation_mean == b.observation_mean);
+}
+
+// What a killed process may leave behind its last checkpoint.
+void AppendGarbage(const std::string& path) {
+  std::ofstream(path, std::ios::binary | std::ios::app) << "half a li";
+}
+
+size_t Lines(const std::string& path) {
+  const std::string text = ReadBytes(path);
+  return static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+void CheckResume(const std::string& algorithm, bool lag = false) {
+  TestDaemon daemon;
+  if (algorithm != "sac") daemon.MakeDataset("small", 500);
+  TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
+  if (lag) NeedOk(straight.hyperparameters.Set("rollout-lag", 1));
+  const TrainSummary expected = RunTraining(straight, daemon.client());
+
+  TrainOptions halves = straight;
+  halves.folder = daemon.folder("halves");
+  halves.updates = 30;
+  RunTraining(halves, daemon.client());
+  AppendGarbage(halves.folder + "/progress.csv");
+  AppendGarbage(halves.folder + "/metrics.jsonl");
+  halves.updates = 60;
+  halves.resume = true;
+  const TrainSummary resumed = RunTraining(halves, daemon.client());
+
+  RequireEqualPolicies(straight.folder + "/agent.h5", halves.folder + "/agent.h5");
+  CHECK(resumed.last->returns == expected.last->returns);
+  CHECK(resumed.environment_steps == expected.environment_steps);
+  CHECK(resumed.mean_return_of_last_ten == expected.mean_return_of_last_ten);
+  CHECK(Lines(halves.folder + "/progress.csv") == Lines(straight.folder + "/progress.csv"));
+  CHECK(Lines(halves.folder + "/metrics.jsonl") == Lines(straight.folder + "/metrics.jsonl"));
+  CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, 30});
+}
+
+}  // namespace
+
+TEST_CASE("A resumed SAC run ends with the bits of an undisturbed one") { CheckResume("sac"); }
+TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
+  CheckResume("td3-bc");
+}
+TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
+  CheckResume("hymopo");
+}
+TEST_CASE("A resumed HyMOPO run with a rollout lag ends with the bits of an undisturbed one") {
+  CheckResume("hymopo", /*lag=*/true);
+}
+
+TEST_CASE("Another seed gives other weights") {
+  TestDaemon daemon;
+  TrainOptions a = SmallRun("sac", daemon.folder("a"));
+  TrainOptions b = SmallRun("sac", daemon.folder("b"));
+  b.seed = 4;
+  RunTraining(a, daemon.client());
+  RunTraining(b, daemon.client());
+  CHECK(Need(ReadAgent(a.folder + "/agent.h5")).last_fc.weight !=
+        Need(ReadAgent(b.folder + "/agent.h5")).last_fc.weight);
+}
+
+TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  RunTraining(options, daemon.client());
+  const std::string newest = CheckpointPath(options.folder, 60);
+  WriteBytes(newest, ReadBytes(newest).substr(0, 1000));
+  options.resume = true;
+  const TrainSummary resumed = RunTraining(options, daemon.client());
+  CHECK(resumed.updates == 60);
+  CHECK(Need(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
+}
+
+TEST_CASE("A run refuses a folder that holds another one") {
+  TestDaemon daemon;
+  const TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  RunTraining(options, daemon.client());
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  CHECK(Train(options, daemon.client(), quiet, stop).status().code() ==
+        StatusCode::kFailedPrecondition);
+}
+
+TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  const std::atomic<bool> stop = true;
+  Progress quiet(true);
+  const TrainSummary stopped = Need(Train(options, daemon.client(), quiet, stop));
+  CHECK(stopped.interrupted);
+  CHECK(stopped.updates == 0);
+  options.resume = true;
+  CHECK(RunTraining(options, daemon.client()).updates == 60);
+}
+
+TEST_CASE("A run ends at the first evaluation that reaches the score asked for") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  options.stop_at_score = -1000;  // any policy has more
+  const TrainSummary summary = RunTraining(options, daemon.client());
+  CHECK(summary.updates == options.eval_every);
+  CHECK_FALSE(summary.interrupted);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,194 @@
+// Replay files, checkpoints, metrics and hyperparameters; no daemon.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <limits>
+
+#include "algorithms/learner.h"
+#include "algorithms/list.h"
+#include "algorithms/nn/checkpoint.h"
+#include "algorithms/rl/metrics.h"
+#include "algorithms/rl/observation_history.h"
+#include "algorithms/rl/replay_buffer.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr ReplayBuffer::Options kReplay = {.observation_size = 2, .action_size = 1, .capacity = 4};
+
+void AppendNumbered(ReplayBuffer& replay, int from, int to) {
+  for (int i = from; i < to; ++i) {
+    const auto value = static_cast<float>(i);
+    const float observation[] = {value, 10 * value}, action[] = {-value};
+    const float next[] = {value + 1, 10 * value + 10};
+    NeedOk(replay.Append({observation, action, next, value / 2, i % 2 == 1}));
+  }
+}
+
+// The numbers of the records that many draws show.
+std::vector<int> Drawn(const ReplayBuffer& replay) {
+  BatchBuffer batch(2, 1, 200);
+  Rng rng(1, "test");
+  replay.Sample(rng, 0, 200, batch);
+  std::vector<bool> seen(1000);
+  for (int i = 0; i < 200; ++i) {
+    const auto number = static_cast<int>(batch.observations.view()(0, i));
+    seen[number] = true;
+    // All parts of a row belong together.
+    REQUIRE(batch.observations.view()(1, i) == static_cast<float>(10 * number));
+    REQUIRE(batch.actions.view()(0, i) == static_cast<float>(-number));
+    REQUIRE(batch.next_observations.view()(0, i) == static_cast<float>(number + 1));
+    REQUIRE(batch.rewards[i] == static_cast<float>(number) / 2);
+    REQUIRE(batch.not_terminated[i] == (number % 2 == 1 ? 0.0f : 1.0f));
+  }
+  std::vector<int> numbers;
+  for (int i = 0; i < 1000; ++i) {
+    if (seen[i]) numbers.push_back(i);
+  }
+  return numbers;
+}
+
+}  // namespace
+
+TEST_CASE("A replay buffer draws from its newest records, whole rows, in memory and in a file") {
+  TemporaryFolder folder;
+  ReplayBuffer memory = Need(ReplayBuffer::InMemory(kReplay));
+  ReplayBuffer file = Need(ReplayBuffer::CreateFile(folder.File("replay.bin"), kReplay));
+  for (ReplayBuffer* replay : {&memory, &file}) {
+    AppendNumbered(*replay, 0, 3);
+    CHECK(Drawn(*replay) == std::vector<int>{0, 1, 2});
+    AppendNumbered(*replay, 3, 7);
+    CHECK(replay->size() == 4);
+    CHECK(replay->length() == 7);
+    CHECK(Drawn(*replay) == std::vector<int>{3, 4, 5, 6});
+    replay->DropBefore(5);
+    CHECK(Drawn(*replay) == std::vector<int>{5, 6});
+  }
+}
+
+TEST_CASE("A replay file continues at a checkpoint's length and drops what came after") {
+  TemporaryFolder folder;
+  const std::string path = folder.File("replay.bin");
+  {
+    ReplayBuffer replay = Need(ReplayBuffer::CreateFile(path, kReplay));
+    AppendNumbered(replay, 0, 9);
+    NeedOk(replay.Sync());
+  }
+  ReplayBuffer resumed = Need(ReplayBuffer::ResumeFile(path, kReplay, 6));
+  CHECK(Drawn(resumed) == std::vector<int>{2, 3, 4, 5});
+  AppendNumbered(resumed, 6, 7);
+  CHECK(Drawn(resumed) == std::vector<int>{3, 4, 5, 6});
+}
+
+TEST_CASE("A replay file that is foreign or too short is refused") {
+  TemporaryFolder folder;
+  const std::string path = folder.File("replay.bin");
+  WriteBytes(path, "no replay at all");
+  CHECK(ReplayBuffer::ResumeFile(path, kReplay, 1).status().code() == StatusCode::kDataLoss);
+  { Need(ReplayBuffer::CreateFile(path, kReplay)); }
+  ReplayBuffer::Options other = kReplay;
+  other.action_size = 2;
+  CHECK(ReplayBuffer::ResumeFile(path, other, 0).status().code() == StatusCode::kDataLoss);
+  CHECK(ReplayBuffer::ResumeFile(path, kReplay, 10'000'000).status().code() ==
+        StatusCode::kDataLoss);
+  CHECK(ReplayBuffer::ResumeFile(folder.File("none"), kReplay, 0).status().code() ==
+        StatusCode::kIoError);
+}
+
+TEST_CASE("A checkpoint gives back what was put in, and names what does not fit") {
+  TemporaryFolder folder;
+  const std::string path = CheckpointPath(folder.path(), 7);
+  CheckpointWriter writer = Need(CheckpointWriter::Create(path));
+  const std::vector<float> floats = {1.5f, -2.0f, std::numeric_limits<float>::denorm_min()};
+  const std::vector<uint8_t> bytes = {0, 1, 128, 255};
+  writer.Floats("a/floats", floats);
+  writer.Floats("a/empty", {});
+  writer.Bytes("a/bytes", bytes);
+  writer.Unsigned("a/unsigned", UINT64_MAX);
+  writer.Integer("a/integer", -5);
+  writer.Number("a/number", 0.1);
+  NeedOk(writer.Commit());
+
+  CheckpointReader reader = Need(CheckpointReader::Open(path));
+  CHECK(reader.Floats("a/floats") == floats);
+  CHECK(reader.Floats("a/empty").empty());
+  CHECK(reader.Bytes("a/bytes") == bytes);
+  CHECK(reader.Unsigned("a/unsigned") == UINT64_MAX);
+  CHECK(reader.Integer("a/integer") == -5);
+  CHECK(reader.Number("a/number") == 0.1);
+  NeedOk(reader.status());
+  std::vector<float> two(2);
+  reader.FloatsInto("a/floats", two);
+  CHECK(reader.status().code() == StatusCode::kDataLoss);
+}
+
+TEST_CASE("Of a run's checkpoints the newest two are kept") {
+  TemporaryFolder folder;
+  for (const uint64_t update : {5, 100, 20}) WriteBytes(CheckpointPath(folder.path(), update), "");
+  RemoveOldCheckpoints(folder.path());
+  CHECK(ListCheckpoints(folder.path()) == std::vector<uint64_t>{100, 20});
+}
+
+TEST_CASE("Metrics become lines, and a resumed log is cut back to its checkpoint") {
+  TemporaryFolder folder;
+  MetricsLog log = Need(MetricsLog::Open(folder.path(), {}));
+  NeedOk(log.Write({{"update", 1}, {"loss", 0.25}, {"score", std::nan("")}}));
+  const MetricsLog::Offsets offsets = log.offsets();
+  NeedOk(log.Write({{"update", 2}, {"loss", 0.125}, {"score", 3}}));
+  CHECK(ReadBytes(folder.File("progress.csv")) == "update,loss,score\n1,0.25,\n2,0.125,3\n");
+  CHECK(ReadBytes(folder.File("metrics.jsonl")) ==
+        "{\"update\":1,\"loss\":0.25}\n{\"update\":2,\"loss\":0.125,\"score\":3}\n");
+
+  MetricsLog resumed = Need(MetricsLog::Open(folder.path(), offsets));
+  NeedOk(resumed.Write({{"update", 2}, {"loss", 7}, {"score", 8}}));
+  CHECK(ReadBytes(folder.File("progress.csv")) == "update,loss,score\n1,0.25,\n2,7,8\n");
+}
+
+TEST_CASE("Means are taken since the last line, and the first bad number is remembered") {
+  MetricMeans means;
+  means.Add("loss", 1);
+  means.Add("loss", 3);
+  CHECK(means.Take()[0].value == 2);
+  CHECK(std::isnan(means.Take()[0].value));
+  CHECK_FALSE(means.first_nonfinite());
+  means.Add("loss", std::numeric_limits<double>::infinity());
+  means.Add("other", std::nan(""));
+  REQUIRE(means.first_nonfinite());
+  CHECK(means.first_nonfinite()->name == "loss");
+}
+
+TEST_CASE("A history repeats an episode's first observation and drops the oldest") {
+  ObservationHistory history(3, 2, 1);
+  const float a[] = {1, 2}, b[] = {3, 4};
+  history.Reset(0, a);
+  history.Push(0, b);
+  const std::span<const float> stacked = history.lane(0);
+  CHECK(std::vector<float>(stacked.begin(), stacked.end()) == std::vector<float>{1, 2, 1, 2, 3, 4});
+}
+
+TEST_CASE("Hyperparameters refuse unknown names and values outside their range") {
+  const Algorithm* sac = Need(FindAlgorithm("sac"));
+  Hyperparameters values(sac->hyperparameters);
+  NeedOk(values.Set("gamma", 0.5));
+  CHECK(values.Number("gamma") == 0.5);
+  CHECK(values.Set("gamma", 1.5).code() == StatusCode::kInvalidArgument);
+  CHECK(values.Set("gamma", std::nan("")).code() == StatusCode::kInvalidArgument);
+  CHECK(values.Set("batch-size", 2.5).code() == StatusCode::kInvalidArgument);
+  const Status unknown = values.Set("gama", 0.5);
+  CHECK(unknown.code() == StatusCode::kUnknownName);
+  CHECK(unknown.message().find("'gamma'") != std::string::npos);
+}
+
+TEST_CASE("Every algorithm's defaults lie in their own ranges") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    Hyperparameters values(algorithm.hyperparameters);
+    for (const Hyperparameter& entry : algorithm.hyperparameters) {
+      INFO(algorithm.name << " " << entry.name);
+      CHECK(values.Set(entry.name, entry.value).ok());
+    }
+  }
+  const Status unknown = FindAlgorithm("td3bc").status();
+  CHECK(unknown.message().find("'td3-bc'") != std::string::npos);
+}
+
+}  // namespace b4mrl
