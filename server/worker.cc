@@ -56,6 +56,8 @@ void Worker::ReceiveBurst() {
 
 Status Worker::Run() {
   dispatcher_.AdoptSessions();
+  // Ready from here on: what the first message does to the worker is judged as at any other time.
+  context_.Beat();
   const int completion_fd = executor_.completion_fd();
   int64_t next_reap_ms = 0;
   while (true) {
