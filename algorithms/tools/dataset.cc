@@ -6,7 +6,6 @@
 #include <cctype>
 #include <cerrno>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -222,20 +221,6 @@ std::optional<Failure> DatasetCommand::Export() {
   return std::nullopt;
 }
 
-// The daemon serves no time-outs, but inside an episode a row's next observation is, byte for byte,
-// the next row's observation (corruptions included), so the ends show. The last row counts as one.
-std::vector<uint8_t> DerivedTimeouts(const TransitionRows& rows, size_t observation_size) {
-  std::vector<uint8_t> timeouts(rows.rows, 0);
-  for (size_t i = 0; i < rows.rows; ++i) {
-    const float* next = rows.next_observations.data() + i * observation_size;
-    const bool goes_on = i + 1 < rows.rows &&
-                         std::memcmp(next, rows.observations.data() + (i + 1) * observation_size,
-                                     observation_size * sizeof(float)) == 0;
-    timeouts[i] = rows.terminals[i] == 0 && !goes_on ? 1 : 0;
-  }
-  return timeouts;
-}
-
 Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
   constexpr uint32_t kRowsPerRead = 16'384;
   DatasetWriterOptions options;
@@ -245,21 +230,16 @@ Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
   Progress progress(quiet);
   progress.Start("export", "rows", dataset.rows());
   while (writer.rows() < dataset.rows()) {
-    // One row more than is written, to see where it goes on.
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served,
-                           dataset.Read(writer.rows(), kRowsPerRead + 1));
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(writer.rows(), kRowsPerRead));
     if (served.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
-    const std::vector<uint8_t> timeouts = DerivedTimeouts(served, dataset.observation_size());
-    const bool last = writer.rows() + served.rows == dataset.rows();
-    const size_t count = last ? served.rows : std::min<size_t>(served.rows, kRowsPerRead);
     DatasetRows out;
-    out.rows = count;
-    out.observations = served.observations.first(count * dataset.observation_size());
-    out.actions = served.actions.first(count * dataset.action_size());
-    out.next_observations = served.next_observations.first(count * dataset.observation_size());
-    out.rewards = served.rewards.first(count);
-    out.terminals = served.terminals.first(count);
-    out.timeouts = std::span(timeouts).first(count);
+    out.rows = served.rows;
+    out.observations = served.observations;
+    out.actions = served.actions;
+    out.next_observations = served.next_observations;
+    out.rewards = served.rewards;
+    out.terminals = served.terminals;
+    out.timeouts = served.timeouts;
     B4MRL_RETURN_IF_ERROR(writer.Append(out));
     progress.Update(writer.rows());
   }

@@ -39,6 +39,7 @@ struct TrainCommand {
   Status SetHyperparameters(const Algorithm& algorithm,
                             const std::vector<std::pair<std::string, double>>& recorded);
   Status CheckNeeds(const Algorithm& algorithm) const;
+  Status CheckFolder() const;
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
   Status Merge(const std::string& name, T& given, const T& recorded);
@@ -183,6 +184,21 @@ Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
   return Status();
 }
 
+Status TrainCommand::CheckFolder() const {
+  if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
+                            "--out",
+                            options.folder));
+}
+
+// Of a run that had begun: one that diverged is nobody's bad input.
+Failure RunFailure(const Status& status) {
+  if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
+  if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
+  return FromDaemon(status);
+}
+
 std::optional<Failure> TrainCommand::Run() {
   if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
   if (options.folder.empty()) {
@@ -200,6 +216,8 @@ std::optional<Failure> TrainCommand::Run() {
   }
   if (Status status = CheckNeeds(**algorithm); !status.ok()) return BadUsage(std::move(status));
 
+  if (Status status = CheckFolder(); !status.ok()) return BadInput(std::move(status));
+
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   std::signal(SIGINT, RequestStop);
@@ -207,7 +225,7 @@ std::optional<Failure> TrainCommand::Run() {
   Progress progress(quiet);
   const auto summary = Train(options, connection->client(), progress, g_stop);
   progress.Finish();
-  if (!summary.ok()) return FromDaemon(summary.status());
+  if (!summary.ok()) return RunFailure(summary.status());
   PrintSummary(*summary);
   if (summary->interrupted) {
     return Failure{kExitInterrupted,

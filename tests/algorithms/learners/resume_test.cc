@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
@@ -136,6 +137,41 @@ TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
   const TrainSummary resumed = RunTraining(options, daemon.client());
   CHECK(resumed.updates == 60);
   CHECK(Need(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
+}
+
+TEST_CASE("A run whose loss is not finite stops and names the loss and the last good state") {
+  TestDaemon daemon;
+  daemon.MakeDataset("source", 100);
+  {
+    DatasetOptions stored;
+    RemoteDataset source = Need(daemon.client().OpenDataset("HalfCheetah/source", stored));
+    const TransitionRows rows = Need(source.Read(0, 100));
+    DatasetWriterOptions options;
+    options.observation_dimensions = 17;
+    options.action_dimensions = 6;
+    DatasetWriter writer =
+        Need(DatasetWriter::Create(daemon.folder("data/HalfCheetah/small.h5"), options));
+    const std::vector<float> rewards(100, std::numeric_limits<float>::quiet_NaN());
+    const std::vector<uint8_t> no_timeouts(100, 0);
+    DatasetRows out;
+    out.rows = 100;
+    out.observations = rows.observations;
+    out.actions = rows.actions;
+    out.next_observations = rows.next_observations;
+    out.rewards = rewards;
+    out.terminals = rows.terminals;
+    out.timeouts = no_timeouts;
+    NeedOk(writer.Append(out));
+    NeedOk(writer.Commit());
+  }
+  const TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  const Status status = Train(options, daemon.client(), quiet, stop).status();
+  CHECK(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
+  CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
+  NeedOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
 }
 
 TEST_CASE("A run refuses a folder that holds another one") {

@@ -1,0 +1,279 @@
+// The command line as a user meets it: exit codes, what goes to stdout, and runs that are killed.
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <catch2/catch.hpp>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "algorithms/nn/checkpoint.h"
+#include "data/agent_file.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+using Words = std::vector<std::string>;
+
+struct Outcome {
+  int exit_code = -1;
+  std::string out, err;
+};
+
+// A running b4mrl-tools with both outputs in pipes.
+class Tool {
+ public:
+  explicit Tool(const Words& arguments, const Words& environment = {}) {
+    std::array<int, 2> out{}, err{};
+    REQUIRE(pipe2(out.data(), O_CLOEXEC) == 0);
+    REQUIRE(pipe2(err.data(), O_CLOEXEC) == 0);
+    process_id_ = fork();
+    REQUIRE(process_id_ >= 0);
+    if (process_id_ == 0) {
+      dup2(out[1], STDOUT_FILENO);
+      dup2(err[1], STDERR_FILENO);
+      for (const std::string& entry : environment) putenv(const_cast<char*>(entry.c_str()));
+      Words words = {B4MRL_BINARY_DIR "/b4mrl"};
+      words.insert(words.end(), arguments.begin(), arguments.end());
+      std::vector<char*> argv;
+      for (std::string& word : words) argv.push_back(word.data());
+      argv.push_back(nullptr);
+      execv(argv[0], argv.data());
+      _exit(99);
+    }
+    close(out[1]);
+    close(err[1]);
+    out_ = out[0];
+    err_ = err[0];
+  }
+  ~Tool() {
+    close(out_);
+    close(err_);
+  }
+
+  // Reads stderr up to and including the first line with `text`; false at its end.
+  bool WaitForMessage(const std::string& text) {
+    char c = 0;
+    std::string line;
+    while (read(err_, &c, 1) == 1) {
+      line += c;
+      if (c != '\n') continue;
+      if (line.find(text) != std::string::npos) return true;
+      line.clear();
+    }
+    return false;
+  }
+  void Kill() {
+    kill(process_id_, SIGKILL);
+    waitpid(process_id_, nullptr, 0);
+  }
+  Outcome Wait() {
+    Outcome outcome;
+    outcome.out = ReadAll(out_);  // short enough for both to fit their pipes
+    outcome.err = ReadAll(err_);
+    int status = 0;
+    waitpid(process_id_, &status, 0);
+    outcome.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    return outcome;
+  }
+
+ private:
+  static std::string ReadAll(int fd) {
+    std::string text;
+    std::array<char, 4096> block{};
+    for (ssize_t n = 0; (n = read(fd, block.data(), block.size())) > 0;) {
+      text.append(block.data(), static_cast<size_t>(n));
+    }
+    return text;
+  }
+
+  pid_t process_id_ = -1;
+  int out_ = -1;
+  int err_ = -1;
+};
+
+Outcome Run(const Words& arguments, const Words& environment = {}) {
+  return Tool(arguments, environment).Wait();
+}
+
+Words SmallTraining(const std::string& folder) {
+  return {"train",       "--algorithm",
+          "sac",         "--environment",
+          "HalfCheetah", "--simulator",
+          "gravity",     "--updates",
+          "60",          "--eval-every",
+          "20",          "--eval-episodes",
+          "1",           "--checkpoint-every",
+          "20",          "--log-every",
+          "10",          "--hidden-width",
+          "16",          "--batch-size=32",
+          "--warm-up",   "100",
+          "--seed",      "2",
+          "--out",       folder};
+}
+
+Words operator+(Words words, const Words& more) {
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+}  // namespace
+
+TEST_CASE("Bad usage ends with code 2 and names the nearest known thing") {
+  const Outcome command = Run({"trin"});
+  CHECK(command.exit_code == 2);
+  CHECK(command.err.find("did you mean 'train'") != std::string::npos);
+  CHECK(command.out.empty());
+  const Outcome algorithm = Run({"train", "--algorithm", "td3bc", "--environment", "HalfCheetah"});
+  CHECK(algorithm.exit_code == 2);
+  CHECK(algorithm.err.find("did you mean 'td3-bc'") != std::string::npos);
+  const Outcome parameter =
+      Run({"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--gama", "0.9"});
+  CHECK(parameter.exit_code == 2);
+  CHECK(parameter.err.find("did you mean 'gamma'") != std::string::npos);
+  CHECK(Run({"train", "--algorithm", "td3-bc", "--environment", "HalfCheetah"}).exit_code == 2);
+  CHECK(Run({"evaluate"}).exit_code == 2);
+  CHECK(Run({}).exit_code == 2);
+}
+
+TEST_CASE("Bad input ends with code 3, no daemon with 4, a refusal with 5") {
+  TemporaryFolder folder;
+  WriteBytes(folder.File("agent.h5"), "no agent");
+  CHECK(Run({"evaluate", "--agent", folder.File("agent.h5"), "--environment", "HalfCheetah"})
+            .exit_code == 3);
+  CHECK(Run({"status", "--endpoint", "ipc://" + folder.File("nobody")}).exit_code == 4);
+  const Outcome refused = Run(
+      {"train", "--algorithm", "sac", "--environment", "HalfCheeta", "--out", folder.File("run")});
+  CHECK(refused.exit_code == 5);
+  CHECK(refused.err.find("did you mean 'HalfCheetah'") != std::string::npos);
+}
+
+TEST_CASE("Help and the version end with code 0") {
+  const Outcome help = Run({"train", "--help"});
+  CHECK(help.exit_code == 0);
+  CHECK(help.out.find("--warm-up") != std::string::npos);
+  CHECK(Run({"--version"}).exit_code == 0);
+}
+
+TEST_CASE("Lists are JSON arrays of objects with a name") {
+  for (const Words& words : std::vector<Words>{{"environments"},
+                                               {"dimensions", "HalfCheetah"},
+                                               {"perturbations"},
+                                               {"algorithms"},
+                                               {"benchmarks"}}) {
+    const Outcome outcome = Run(Words{"list"} + words + Words{"--json"});
+    INFO(words[0] << ": " << outcome.err);
+    CHECK(outcome.exit_code == 0);
+    const auto json = nlohmann::json::parse(outcome.out, nullptr, false);
+    REQUIRE(json.is_array());
+    CHECK((words[0] == "benchmarks" || !json.empty()));
+    for (const auto& item : json) CHECK(item["name"].is_string());
+  }
+}
+
+TEST_CASE("A training process that is killed and resumed ends like one that was not") {
+  TemporaryFolder folder;
+  const Outcome straight = Run(SmallTraining(folder.File("straight")));
+  INFO(straight.err);
+  REQUIRE(straight.exit_code == 0);
+  {
+    Tool killed(SmallTraining(folder.File("killed")));
+    REQUIRE(killed.WaitForMessage("update 40:"));
+    killed.Kill();
+  }
+  REQUIRE_FALSE(ListCheckpoints(folder.File("killed")).empty());
+  const Outcome resumed = Run({"train", "--resume", "--out", folder.File("killed"), "--json"});
+  INFO(resumed.err);
+  REQUIRE(resumed.exit_code == 0);
+  const auto a = ReadAgent(folder.File("straight/agent.h5"));
+  const auto b = ReadAgent(folder.File("killed/agent.h5"));
+  REQUIRE(a.ok());
+  REQUIRE(b.ok());
+  CHECK(a->hidden[0].weight == b->hidden[0].weight);
+  CHECK(a->last_fc.weight == b->last_fc.weight);
+  const auto json = nlohmann::json::parse(resumed.out, nullptr, false);
+  REQUIRE(json.is_object());
+  CHECK(json["updates"] == 60);
+  CHECK(json["returns"].size() == 1);
+
+  const Outcome changed = Run({"train", "--resume", "--out", folder.File("killed"), "--seed", "9"});
+  CHECK(changed.exit_code == 3);
+  CHECK(changed.err.find("--seed is '9'") != std::string::npos);
+}
+
+TEST_CASE("Datasets and scores have equal bytes under another BLAS kernel") {
+  TemporaryFolder folder;
+  const std::string haswell = "OPENBLAS_CORETYPE=Haswell";
+  const auto make = [&](const std::string& data, const Words& environment) {
+    const Outcome outcome = Run(
+        {"dataset", "make", "HalfCheetah/medium", "--rows", "2000", "--data", folder.File(data)},
+        environment);
+    INFO(outcome.err);
+    REQUIRE(outcome.exit_code == 0);
+    return ReadBytes(folder.File(data + "/HalfCheetah/medium.h5"));
+  };
+  CHECK(make("a", {}) == make("b", {haswell}));
+
+  const Words evaluate = {"evaluate",
+                          "--agent",
+                          B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5",
+                          "--environment",
+                          "HalfCheetah",
+                          "--episodes",
+                          "2",
+                          "--json"};
+  const Outcome here = Run(evaluate);
+  REQUIRE(here.exit_code == 0);
+  CHECK(here.out == Run(evaluate, {haswell}).out);
+}
+
+TEST_CASE("A dataset survives export and import") {
+  TemporaryFolder folder;
+  const Words data = {"--data", folder.File("data")};
+  REQUIRE(Run(Words{"dataset", "make", "HalfCheetah/medium", "--rows", "1500"} + data).exit_code ==
+          0);
+  REQUIRE(Run(Words{"dataset", "export", "HalfCheetah/medium", folder.File("out.h5")} + data)
+              .exit_code == 0);
+  REQUIRE(
+      Run(Words{"dataset", "import", folder.File("out.h5"), "--name", "HalfCheetah/copy"} + data)
+          .exit_code == 0);
+  const auto info = [&](const std::string& name) {
+    const Outcome outcome = Run(Words{"dataset", "info", name, "--json"} + data);
+    REQUIRE(outcome.exit_code == 0);
+    return nlohmann::json::parse(outcome.out, nullptr, false);
+  };
+  const auto original = info("HalfCheetah/medium"), copy = info("HalfCheetah/copy");
+  for (const char* key : {"rows", "episodes", "mean_return", "observation_mean"}) {
+    INFO(key);
+    CHECK(original[key] == copy[key]);
+  }
+  WriteBytes(folder.File("bad.h5"), "no HDF5");
+  CHECK(Run(Words{"dataset", "import", folder.File("bad.h5"), "--name", "HalfCheetah/bad"} + data)
+            .exit_code == 3);
+  CHECK_FALSE(std::filesystem::exists(folder.File("data/HalfCheetah/bad.h5")));
+}
+
+TEST_CASE("A configuration file gives options that the command line overrides") {
+  TemporaryFolder folder;
+  WriteBytes(folder.File("run.toml"),
+             "algorithm = \"sac\"\nenvironment = \"HalfCheetah\"\nupdates = 20\n"
+             "eval-episodes = 1\nwarm-up = 50\nhidden-width = 8\nbatch-size = 16\n"
+             "gamma = 0.5\n");
+  const Outcome outcome = Run({"train", "--config", folder.File("run.toml"), "--updates", "10",
+                               "--out", folder.File("run"), "--json"});
+  INFO(outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  CHECK(nlohmann::json::parse(outcome.out, nullptr, false)["updates"] == 10);
+  const auto record = nlohmann::json::parse(ReadBytes(folder.File("run/run.json")), nullptr, false);
+  CHECK(record["hyperparameters"]["gamma"] == 0.5);
+  WriteBytes(folder.File("bad.toml"), "updates = [1]\n");
+  CHECK(Run({"train", "--config", folder.File("bad.toml")}).exit_code == 3);
+}
+
+}  // namespace b4mrl
