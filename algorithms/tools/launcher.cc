@@ -5,7 +5,7 @@
 //   b4mrl <other> ...   -> b4mrl-tools <other> ...
 // It replaces itself by the program, so signals, exit code and process id are the program's own. A
 // learner's process therefore never holds the simulator. B4MRL_SERVER, B4MRL_PERF and B4MRL_TOOLS
-// name another file to run. Links nothing but the C library.
+// name another file to run. Links nothing of the project.
 #include <unistd.h>
 
 #include <array>
