@@ -39,7 +39,7 @@ class RemoteEnvironment::NumberedRequest {
     B4MRL_RETURN_IF_ERROR(
         session_.numbers_.Begin(lanes_, ArrayAt<uint64_t>(payload, numbers_offset_, count)));
     for (const Part& part : parts_) {
-      std::memcpy(payload.data() + part.offset, part.data, part.bytes);
+      if (part.bytes > 0) std::memcpy(payload.data() + part.offset, part.data, part.bytes);
     }
     Result<uint64_t> id =
         session_.connection_.Send(std::move(request_), std::move(payload), session_.NewDeadline());

@@ -79,7 +79,7 @@ Frame Frame::OfSize(size_t size) {
 
 Frame Frame::Copy(std::string_view bytes) {
   Frame frame = OfSize(bytes.size());
-  std::memcpy(frame.data(), bytes.data(), bytes.size());
+  if (!bytes.empty()) std::memcpy(frame.data(), bytes.data(), bytes.size());
   return frame;
 }
 
@@ -131,7 +131,7 @@ Result<ArrayReader> ArrayReader::Parse(const google::protobuf::RepeatedPtrField<
   // Small messages lie inside the frame object itself, which may move while its views live on.
   const bool may_move = payload.size() <= sizeof(zmq_msg_t);
   const bool unaligned = reinterpret_cast<uintptr_t>(base) % sizeof(uint64_t) != 0;
-  if (table.size() > 0 && (may_move || unaligned)) {
+  if (table.size() > 0 && !payload.empty() && (may_move || unaligned)) {
     reader.aligned_copy_.resize((payload.size() + 7) / 8);
     std::memcpy(reader.aligned_copy_.data(), base, payload.size());
     base = reinterpret_cast<const std::byte*>(reader.aligned_copy_.data());

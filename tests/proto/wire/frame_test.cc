@@ -96,6 +96,9 @@ TEST_CASE("tables that lie about their payload are refused") {
   CHECK(refused(pb::UINT8, std::vector<uint64_t>(limits::kMaxArrayDimensions + 1, 1), 0));
   CHECK_FALSE(refused(pb::UINT8, std::vector<uint64_t>(limits::kMaxArrayDimensions, 1), 0));
   CHECK_FALSE(refused(pb::FLOAT64, {0, 17}, 4096));  // nothing, at the very end
+  Table nothing;
+  AddEntry(&nothing, "a", pb::FLOAT64, {0}, 0);
+  CHECK(Parse(nothing, 0) == StatusCode::kOk);
 }
 
 TEST_CASE("too many arrays and repeated names are refused") {
