@@ -188,10 +188,10 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
 
 Status Dispatcher::Admit(const Session& session, const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
-  auto& in_flight = const_cast<Session&>(session).in_flight();
-  if (in_flight.size() >= limits::kMaxRequestsInFlight) {
+  const size_t in_flight = session.requests_in_flight();
+  if (in_flight >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the session has {} requests in flight, at most {}", in_flight.size(),
+                  fmt::format("the session has {} requests in flight, at most {}", in_flight,
                               limits::kMaxRequestsInFlight));
   }
   if (jobs_.size() >= limits::kMaxQueuedRequests ||

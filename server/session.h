@@ -84,6 +84,7 @@ class Session {
 
   // By request id.
   std::unordered_map<uint64_t, RequestJob*>& in_flight() { return in_flight_; }
+  size_t requests_in_flight() const { return in_flight_.size(); }
   ItemCost& step_cost() { return step_cost_; }
   ItemCost& query_cost() { return query_cost_; }
 
