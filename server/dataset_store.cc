@@ -33,6 +33,11 @@ bool IsFingerprint(const std::string& text) {
   return text.size() == 32 && text.find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
+// Names travel in messages, whose strings must be UTF-8, and are typed by people.
+bool IsPlainName(std::string_view name) {
+  return std::ranges::all_of(name, [](char c) { return c > ' ' && c <= '~'; });
+}
+
 // The extension that a dataset file has in a folder of DATA.
 std::string_view ExtensionIn(const std::string& folder) {
   return folder == "d4rl" ? ".hdf5" : ".h5";
@@ -131,7 +136,9 @@ Result<std::vector<DatasetStore::File>> DatasetStore::FindFiles() const {
     for (; !ignored && entries != fs::directory_iterator(); entries.increment(ignored)) {
       const fs::path& path = entries->path();
       if (path.extension() != ExtensionIn(folder)) continue;
-      files.push_back({folder + "/" + path.stem().string(), path.string()});
+      std::string name = folder + "/" + path.stem().string();
+      if (!IsPlainName(name)) continue;
+      files.push_back({std::move(name), path.string()});
       if (files.size() > limits::kMaxDatasets) {
         return Status(StatusCode::kLimitExceeded,
                       fmt::format("{} has more than {} datasets", options_.data_folder,
@@ -214,9 +221,9 @@ Result<DatasetStore::IndexEntry> DatasetStore::Import(const File& file) {
   const Deadline deadline =
       Deadline::AfterMs(kMinImportMs + static_cast<int64_t>(entry.file_bytes / kImportBytesPerMs));
   spdlog::info("importing {} ({} bytes)", file.path, entry.file_bytes);
-  B4MRL_ASSIGN_OR_RETURN(
-      const ImportResult imported,
-      ImportInChild(options_.importer_program, {file.path, CacheRoot()}, deadline));
+  B4MRL_ASSIGN_OR_RETURN(const ImportResult imported,
+                         ImportInChild(options_.importer_program, {file.path, CacheRoot()},
+                                       deadline, options_.cancelled));
   entry.sha256 = imported.sha256;
   entry.fingerprint = imported.fingerprint;
   entry.rows = imported.rows;
@@ -240,10 +247,12 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::OpenSource(const File& file
 }
 
 Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fingerprint) {
+  if (!IsFingerprint(fingerprint)) {
+    return Status(StatusCode::kUnknownName, "a fingerprint is 32 hexadecimal digits");
+  }
   const Status unknown(
       StatusCode::kUnknownName,
-      fmt::format("no dataset has the fingerprint '{}'; open it again", fingerprint.substr(0, 64)));
-  if (!IsFingerprint(fingerprint)) return unknown;
+      fmt::format("no dataset has the fingerprint {}; open it again", fingerprint));
   if (std::shared_ptr<const Dataset> mapped = mapped_[fingerprint].lock()) return mapped;
   mapped_.erase(fingerprint);
   const std::string folder = CacheFolder(fingerprint);

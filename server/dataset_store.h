@@ -9,6 +9,7 @@
 // kIoError.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -56,6 +57,7 @@ class DatasetStore {
     std::string data_folder;
     std::string importer_program;
     uint64_t max_cache_bytes = 0;
+    const std::atomic<bool>* cancelled = nullptr;  // ends a running import when it turns true
   };
   explicit DatasetStore(Options options) : options_(std::move(options)) {}
 

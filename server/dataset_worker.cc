@@ -64,7 +64,8 @@ class DatasetWorker {
   DatasetWorker(const DatasetWorkerOptions& options, RouterSocket* socket)
       : options_(options),
         socket_(socket),
-        store_({options.data_folder, options.importer_program, options.max_cache_bytes}) {}
+        store_({options.data_folder, options.importer_program, options.max_cache_bytes,
+                options.drain}) {}
 
   void Run();
 

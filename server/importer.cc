@@ -40,6 +40,7 @@ constexpr uint64_t kFileBytesPerCpuSecond = 4ull << 20;
 constexpr uint64_t kMaxExpansion = 64;
 constexpr uint64_t kMinFileBytes = 1ull << 30;
 constexpr size_t kMaxAnswerBytes = 64 * 1024;
+constexpr int64_t kPollMs = 100;
 
 // True when nobody wrote to or replaced the file since `before`.
 bool Unchanged(const struct stat& before, const struct stat& after) {
@@ -146,12 +147,15 @@ Result<Child> Spawn(const std::string& program, const ImporterOptions& options) 
   return child;
 }
 
-// Everything up to the end of output; false when the deadline or the size limit comes first.
-bool ReadUntilEnd(int fd, const Deadline& deadline, std::string* text) {
+// Everything up to the end of output; false when the deadline, the size limit or `cancelled` comes
+// first.
+bool ReadUntilEnd(int fd, const Deadline& deadline, const std::atomic<bool>* cancelled,
+                  std::string* text) {
   std::array<char, 4096> block;
-  while (text->size() <= kMaxAnswerBytes && !deadline.expired()) {
+  while (text->size() <= kMaxAnswerBytes && !deadline.expired() &&
+         (cancelled == nullptr || !cancelled->load(std::memory_order_relaxed))) {
     pollfd waiting{fd, POLLIN, 0};
-    const auto wait_ms = static_cast<int>(std::min<int64_t>(deadline.remaining_ms(), 1000));
+    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
     if (poll(&waiting, 1, wait_ms) <= 0) continue;
     const ssize_t got = read(fd, block.data(), block.size());
     if (got < 0 && errno == EINTR) continue;
@@ -166,7 +170,7 @@ int WaitForExit(pid_t id, const Deadline& deadline) {
   const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, id, 0)));
   while (!deadline.expired()) {
     pollfd waiting{handle.get(), POLLIN, 0};
-    const auto wait_ms = static_cast<int>(std::min<int64_t>(deadline.remaining_ms(), 1000));
+    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
     if (poll(&waiting, 1, wait_ms) > 0) break;
   }
   if (deadline.expired()) kill(id, SIGKILL);
@@ -193,10 +197,10 @@ int RunImporter(const ImporterOptions& options) {
 }
 
 Result<ImportResult> ImportInChild(const std::string& program, const ImporterOptions& options,
-                                   const Deadline& deadline) {
+                                   const Deadline& deadline, const std::atomic<bool>* cancelled) {
   B4MRL_ASSIGN_OR_RETURN(Child child, Spawn(program, options));
   std::string text;
-  const bool answered = ReadUntilEnd(child.output.get(), deadline, &text);
+  const bool answered = ReadUntilEnd(child.output.get(), deadline, cancelled, &text);
   if (!answered) kill(child.id, SIGKILL);
   const int exit_status = WaitForExit(child.id, deadline);
   if (exit_status != 0) RemoveUnfinished(options.cache_folder, child.id);

@@ -223,6 +223,10 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   fixture.WriteScript("exec sleep 100\n");
   CHECK(fixture.Import(fixture.folder.File("program"), 100).status().code() ==
         StatusCode::kDeadlineExceeded);
+  const std::atomic<bool> cancelled{true};
+  CHECK_FALSE(ImportInChild(fixture.folder.File("program"), {fixture.file, fixture.cache},
+                            Deadline::AfterMs(60'000), &cancelled)
+                  .ok());
   fixture.WriteScript("exec >&-\nexec sleep 100\n");
   CHECK_FALSE(fixture.Import(fixture.folder.File("program"), 100).ok());
   fixture.WriteScript("exec cat /dev/zero\n");
