@@ -117,6 +117,15 @@ ModelRolloutOptions RolloutOptions(const LearnerContext& context, std::vector<fl
   return options;
 }
 
+Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
+  EnvironmentOptions options;
+  options.simulator = context.simulator;
+  options.num_envs = 0;  // queries alone
+  options.deadline_ms = kLearnerDeadlineMs;
+  options.seed = context.seed;
+  return context.client->Make(context.environment.name, options);
+}
+
 // All retained rollouts and the one under way.
 uint64_t PoolCapacity(const Hyperparameters& values) {
   return values.Unsigned("model-retain") * values.Unsigned("rollout-rows") *
@@ -197,6 +206,8 @@ Status Hymopo::Prepare(Progress& progress) {
                                  data.invalid_rows, dataset_->rows()));
   }
   B4MRL_RETURN_IF_ERROR(TrainEnsemble(data, progress));
+  // The training may have outlasted the idle session's lease.
+  B4MRL_ASSIGN_OR_RETURN(simulator_, OpenSimulator(context_));
   StartStream();
   return Status();
 }
@@ -357,13 +368,7 @@ Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context) {
   B4MRL_ASSIGN_OR_RETURN(DynamicsEnsemble<float> ensemble,
                          DynamicsEnsemble<float>::Create(EnsembleOptions(context)));
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
-  EnvironmentOptions options;
-  options.simulator = context.simulator;
-  options.num_envs = 0;  // queries alone
-  options.deadline_ms = kLearnerDeadlineMs;
-  options.seed = context.seed;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator,
-                         context.client->Make(context.environment.name, options));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenSimulator(context));
   B4MRL_ASSIGN_OR_RETURN(
       ReplayBuffer pool,
       ReplayBuffer::InMemory({.observation_size = context.observation_size(),

@@ -46,6 +46,17 @@ class OpenEpisodes {
   std::vector<uint32_t> lanes_;
 };
 
+Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& spec) {
+  if (static_cast<size_t>(policy.observation_size()) == spec.observation.size() &&
+      static_cast<size_t>(policy.action_size()) == spec.action.size()) {
+    return Status();
+  }
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("the agent takes {} observation and {} action values, {} has {} and {}",
+                            policy.observation_size(), policy.action_size(), spec.name,
+                            spec.observation.size(), spec.action.size()));
+}
+
 void Summarise(const EnvironmentSpec& environment, EvaluationResult& result) {
   const auto count = static_cast<double>(result.returns.size());
   result.mean_return = std::accumulate(result.returns.begin(), result.returns.end(), 0.0) / count;
@@ -68,39 +79,29 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   options.seed = seed;  // the lanes get their own seeds at each reset
   options.autoreset_mode = AutoresetMode::kDisabled;
   options.deadline_ms = kLearnerDeadlineMs;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment, options));
-  return Evaluator(std::move(session), episodes, seed);
-}
-
-Status Evaluator::CheckSizes(const AgentPolicy& policy) const {
-  const EnvironmentSpec& spec = session_.spec();
-  if (static_cast<size_t>(policy.observation_size()) == spec.observation.size() &&
-      static_cast<size_t>(policy.action_size()) == spec.action.size()) {
-    return Status();
-  }
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the agent takes {} observation and {} action values, {} has {} and {}",
-                            policy.observation_size(), policy.action_size(), spec.name,
-                            spec.observation.size(), spec.action.size()));
+  B4MRL_RETURN_IF_ERROR(client.Make(environment, options).status());
+  return Evaluator(&client, environment, std::move(options), seed);
 }
 
 Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy) {
-  B4MRL_RETURN_IF_ERROR(CheckSizes(policy));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client_->Make(environment_, options_));
+  B4MRL_RETURN_IF_ERROR(CheckSizes(policy, session.spec()));
+  const uint32_t episodes = options_.num_envs;
   EvaluationResult result;
-  result.returns.resize(episodes_);
-  result.lengths.resize(episodes_);
+  result.returns.resize(episodes);
+  result.lengths.resize(episodes);
   std::vector<uint64_t> seeds;
-  for (uint32_t i = 0; i < episodes_; ++i) seeds.push_back(RoleSeed(seed_, "evaluation", i));
+  for (uint32_t i = 0; i < episodes; ++i) seeds.push_back(RoleSeed(seed_, "evaluation", i));
 
-  OpenEpisodes open(policy, static_cast<int>(episodes_));
-  MatrixBuffer<float> actions(policy.action_size(), static_cast<int>(episodes_));
-  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session_.Reset({}, seeds));
-  for (uint32_t i = 0; i < episodes_; ++i) open.Reset(i, RowOf(first.observations, i));
+  OpenEpisodes open(policy, static_cast<int>(episodes));
+  MatrixBuffer<float> actions(policy.action_size(), static_cast<int>(episodes));
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session.Reset({}, seeds));
+  for (uint32_t i = 0; i < episodes; ++i) open.Reset(i, RowOf(first.observations, i));
   while (open.size() > 0) {
     const MatrixView<float> now = actions.view(open.size());
     policy.Act(open.Inputs(), now);
     const std::span<const float> flat(now.data, static_cast<size_t>(now.rows) * now.columns);
-    B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session_.Step(flat, open.lanes()));
+    B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session.Step(flat, open.lanes()));
     std::vector<uint32_t> still_open;
     for (int i = 0; i < open.size(); ++i) {
       const uint32_t lane = open.lanes()[i];
@@ -112,7 +113,7 @@ Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy) {
     }
     open.SetOpen(std::move(still_open));
   }
-  Summarise(session_.spec(), result);
+  Summarise(session.spec(), result);
   return result;
 }
 

@@ -33,23 +33,26 @@ struct EvaluationResult {
 
 class Evaluator {
  public:
-  // Opens a session of `episodes` lanes. Errors: the daemon's, as client/client.h.
+  // Checks with the daemon that such a session can be opened. Errors: the daemon's, as
+  // client/client.h, which must outlive the evaluator.
   static Result<Evaluator> Open(Client& client, const std::string& environment,
                                 const std::vector<NamedArgument>& perturbations, uint32_t episodes,
                                 uint64_t seed = 0);
 
-  // kInvalidArgument when the policy's sizes do not fit the environment.
+  // In a session of its own, since hours may pass between two evaluations and an idle session's
+  // lease ends. kInvalidArgument when the policy's sizes do not fit the environment.
   Result<EvaluationResult> Run(const AgentPolicy& policy);
 
-  const EnvironmentSpec& environment() const { return session_.spec(); }
-
  private:
-  Evaluator(RemoteEnvironment session, uint32_t episodes, uint64_t seed)
-      : session_(std::move(session)), episodes_(episodes), seed_(seed) {}
-  Status CheckSizes(const AgentPolicy& policy) const;
+  Evaluator(Client* client, std::string environment, EnvironmentOptions options, uint64_t seed)
+      : client_(client),
+        environment_(std::move(environment)),
+        options_(std::move(options)),
+        seed_(seed) {}
 
-  RemoteEnvironment session_;
-  uint32_t episodes_;
+  Client* client_;
+  std::string environment_;
+  EnvironmentOptions options_;
   uint64_t seed_;
 };
 

@@ -16,12 +16,18 @@ using Json = nlohmann::ordered_json;
 
 // One object a line of the listing; "name" and "description" are printed as text.
 Json EnvironmentItem(const pb::EnvironmentInfo& info) {
-  Json item = {{"name", info.name()},
-               {"description", info.reward()},
-               {"observation_size", info.observation().dimensions_size()},
-               {"action_size", info.action().dimensions_size()},
-               {"max_episode_steps", info.max_episode_steps()},
-               {"step_seconds", info.step_seconds()}};
+  const int observation_size = info.observation().dimensions_size();
+  const int action_size = info.action().dimensions_size();
+  Json item = {
+      {"name", info.name()},
+      {"description",
+       fmt::format("{} observation and {} action values, at most {} steps of {} s",
+                   observation_size, action_size, info.max_episode_steps(), info.step_seconds())},
+      {"reward", info.reward()},
+      {"observation_size", observation_size},
+      {"action_size", action_size},
+      {"max_episode_steps", info.max_episode_steps()},
+      {"step_seconds", info.step_seconds()}};
   if (info.has_reference_min()) item["reference_min"] = info.reference_min();
   if (info.has_reference_max()) item["reference_max"] = info.reference_max();
   return item;
