@@ -54,7 +54,7 @@ class Hyperparameters {
 
   // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
   Status Set(std::string_view name, double value);
-  // `name` must stand in the table.
+  // NaN when `name` does not stand in the table.
   double Number(std::string_view name) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
   uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }

@@ -1,7 +1,9 @@
 #include "algorithms/tools/command.h"
 
 #include <cstdlib>
+#include <string>
 #include <utility>
+#include <vector>
 
 namespace b4mrl {
 
@@ -22,6 +24,15 @@ Failure FromDaemon(Status status) {
     default:
       return {kExitRefused, std::move(status)};
   }
+}
+
+Status UnknownOption(const CLI::App& app, std::string_view option,
+                     const std::vector<std::string>& more) {
+  std::vector<std::string> names = more;
+  for (const CLI::Option* known : app.get_options()) {
+    for (const std::string& name : known->get_lnames()) names.push_back("--" + name);
+  }
+  return UnknownName("option", option.substr(0, option.find('=')), names);
 }
 
 void DaemonOptions::AddTo(CLI::App& app) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "client/client.h"
@@ -34,6 +35,10 @@ Failure BadUsage(Status status);
 Failure BadInput(Status status);
 // Of a status met while a daemon is in use: 4 when it cannot be reached, 3 for files, 5 otherwise.
 Failure FromDaemon(Status status);
+
+// "unknown option '--updats'; did you mean '--updates'?" among `app`'s options and `more` names.
+Status UnknownOption(const CLI::App& app, std::string_view option,
+                     const std::vector<std::string>& more = {});
 
 // A command: options bound to a CLI11 subcommand, and what runs when it was chosen.
 using CommandBody = std::function<std::optional<Failure>()>;

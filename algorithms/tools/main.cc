@@ -33,6 +33,16 @@ std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std:
   return UnknownName("command", words[0], names);
 }
 
+// The first word that no command took.
+Status UnknownArgument(const CLI::App& app) {
+  const CLI::App* command = &app;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  const std::vector<std::string> words = app.remaining(/*recurse=*/true);
+  if (words.empty()) return InvalidArgument("argument", "", "options and values as in --help");
+  if (words[0].starts_with("--")) return UnknownOption(*command, words[0]);
+  return InvalidArgument("argument", words[0], "options and values as in --help");
+}
+
 int Report(const Failure& failure) {
   fmt::print(stderr, "b4mrl: {}\n", failure.status.ToString());
   return failure.exit_code;
@@ -55,6 +65,8 @@ int Run(int argc, char** argv) {
   std::reverse(arguments->begin(), arguments->end());  // as CLI11 takes them
   try {
     app.parse(*std::move(arguments));
+  } catch (const CLI::ExtrasError&) {
+    return Report(BadUsage(UnknownArgument(app)));
   } catch (const CLI::ParseError& error) {
     const int code = app.exit(error);  // prints help to stdout, errors to stderr
     return code == 0 ? kExitDone : kExitBadUsage;

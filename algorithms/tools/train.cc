@@ -143,6 +143,14 @@ Result<std::vector<std::pair<std::string, double>>> ParseExtras(std::vector<std:
   return values;
 }
 
+std::vector<std::string> HyperparameterOptions(const Algorithm& algorithm) {
+  std::vector<std::string> names;
+  for (const Hyperparameter& entry : algorithm.hyperparameters) {
+    names.push_back(fmt::format("--{}", entry.name));
+  }
+  return names;
+}
+
 Status TrainCommand::SetHyperparameters(
     const Algorithm& algorithm, const std::vector<std::pair<std::string, double>>& recorded) {
   options.hyperparameters = Hyperparameters(algorithm.hyperparameters);
@@ -152,6 +160,8 @@ Status TrainCommand::SetHyperparameters(
   B4MRL_ASSIGN_OR_RETURN(const auto given, ParseExtras(app->remaining()));
   for (const auto& [name, value] : given) {
     const double before = options.hyperparameters.Number(name);
+    if (std::isnan(before))
+      return UnknownOption(*app, "--" + name, HyperparameterOptions(algorithm));
     B4MRL_RETURN_IF_ERROR(options.hyperparameters.Set(name, value));
     if (!recorded.empty() && before != value) {
       return InvalidNumber("--" + name, value,

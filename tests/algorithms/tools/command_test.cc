@@ -136,7 +136,16 @@ TEST_CASE("Bad usage ends with code 2 and names the nearest known thing") {
   const Outcome parameter =
       Run({"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--gama", "0.9"});
   CHECK(parameter.exit_code == 2);
-  CHECK(parameter.err.find("did you mean 'gamma'") != std::string::npos);
+  CHECK(parameter.err.find("did you mean '--gamma'") != std::string::npos);
+  const Outcome option =
+      Run({"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--updats", "5"});
+  CHECK(option.exit_code == 2);
+  CHECK(option.err.find("did you mean '--updates'") != std::string::npos);
+  const Outcome evaluate = Run({"evaluate", "--agnet", "x"});
+  CHECK(evaluate.exit_code == 2);
+  const Outcome make = Run({"dataset", "make", "HalfCheetah/medium", "--rovs=5"});
+  CHECK(make.exit_code == 2);
+  CHECK(make.err.find("did you mean '--rows'") != std::string::npos);
   CHECK(Run({"train", "--algorithm", "td3-bc", "--environment", "HalfCheetah"}).exit_code == 2);
   CHECK(Run({"evaluate"}).exit_code == 2);
   CHECK(Run({}).exit_code == 2);
