@@ -1,16 +1,60 @@
 #include "client/remote_dataset.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <utility>
 
 namespace b4mrl {
+namespace {
+
+// Several batches share a reply only while they are so small that its fixed cost matters.
+constexpr uint64_t kMaxGroupBytes = 1 << 20;
+
+// Rows [first, first + count) of `all`.
+TransitionRows SliceRows(const TransitionRows& all, size_t first, size_t count) {
+  const auto slice = [&](const auto& column) {
+    const size_t width = all.rows == 0 ? 0 : column.size() / all.rows;
+    return column.subspan(first * width, count * width);
+  };
+  TransitionRows rows;
+  rows.rows = count;
+  rows.observations = slice(all.observations);
+  rows.actions = slice(all.actions);
+  rows.rewards = slice(all.rewards);
+  rows.next_observations = slice(all.next_observations);
+  rows.terminals = slice(all.terminals);
+  rows.reply = all.reply;
+  return rows;
+}
+
+}  // namespace
+
+BatchStream::BatchStream(RemoteDataset* dataset, uint32_t rows, uint32_t credits, uint64_t seed,
+                         uint64_t first_batch)
+    : dataset_(dataset),
+      rows_(rows),
+      seed_(seed),
+      next_batch_(first_batch),
+      group_end_(first_batch) {
+  credits = std::clamp(credits, 1u, limits::kMaxRequestsInFlight);
+  const uint64_t values = 2 * dataset->observation_size() + dataset->action_size() + 1;
+  const uint64_t batch_bytes = std::max<uint64_t>(rows, 1) * (values * sizeof(float) + 1);
+  const uint64_t fitting = std::max<uint64_t>(kMaxGroupBytes / batch_bytes, 1);
+  batches_per_request_ =
+      static_cast<uint32_t>(std::min<uint64_t>(fitting, std::max(credits / 2, 1u)));
+  max_requests_ = credits / batches_per_request_;
+}
 
 BatchStream::BatchStream(BatchStream&& other) noexcept
     : dataset_(other.dataset_),
       rows_(other.rows_),
-      credits_(other.credits_),
+      batches_per_request_(other.batches_per_request_),
+      max_requests_(other.max_requests_),
       seed_(other.seed_),
       next_batch_(other.next_batch_),
+      group_end_(other.group_end_),
+      group_(std::move(other.group_)),
       requests_(std::exchange(other.requests_, {})) {}
 
 BatchStream& BatchStream::operator=(BatchStream&& other) noexcept {
@@ -18,9 +62,12 @@ BatchStream& BatchStream::operator=(BatchStream&& other) noexcept {
   Abandon();
   dataset_ = other.dataset_;
   rows_ = other.rows_;
-  credits_ = other.credits_;
+  batches_per_request_ = other.batches_per_request_;
+  max_requests_ = other.max_requests_;
   seed_ = other.seed_;
   next_batch_ = other.next_batch_;
+  group_end_ = other.group_end_;
+  group_ = std::move(other.group_);
   requests_ = std::exchange(other.requests_, {});
   return *this;
 }
@@ -33,32 +80,46 @@ void BatchStream::Abandon() {
 }
 
 Status BatchStream::TopUp() {
-  while (requests_.size() < credits_) {
-    const uint64_t batch = next_batch_ + requests_.size();
-    B4MRL_ASSIGN_OR_RETURN(const uint64_t id, dataset_->SendSample(rows_, seed_, batch, 1, false));
+  while (requests_.size() < max_requests_) {
+    const uint64_t first = group_end_ + requests_.size() * batches_per_request_;
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
+                           dataset_->SendSample(rows_, seed_, first, batches_per_request_, false));
     requests_.push_back(id);
   }
   return Status();
 }
 
-Result<TransitionRows> BatchStream::Next() {
+Status BatchStream::ReceiveGroup() {
   if (requests_.empty()) B4MRL_RETURN_IF_ERROR(TopUp());
   const uint64_t id = requests_.front();
   requests_.pop_front();
-  Result<TransitionRows> rows = dataset_->ReadRows(dataset_->connection_.Receive(id), next_batch_);
-  if (!rows.ok()) {
+  Result<TransitionRows> group = dataset_->ReadRows(dataset_->connection_.Receive(id), group_end_);
+  if (!group.ok()) {
     Abandon();
-    return rows;
+    return group.status();
   }
-  ++next_batch_;
-  // What cannot be asked for now is asked for by the next call, which reports why it cannot.
-  (void)TopUp();
-  return rows;
+  if (group->rows != size_t{rows_} * batches_per_request_) {
+    Abandon();
+    return InvalidNumber("rows of a reply", static_cast<double>(group->rows),
+                         fmt::format("{} x {}", batches_per_request_, rows_));
+  }
+  group_ = std::move(*group);
+  group_end_ += batches_per_request_;
+  return Status();
+}
+
+Result<TransitionRows> BatchStream::Next() {
+  if (next_batch_ == group_end_) B4MRL_RETURN_IF_ERROR(ReceiveGroup());
+  TransitionRows batch = SliceRows(group_, (next_batch_ - group_.first_batch) * rows_, rows_);
+  batch.first_batch = next_batch_++;
+  // What cannot be asked for now is asked for by a later call, which reports why it cannot.
+  if (next_batch_ == group_end_) (void)TopUp();
+  return batch;
 }
 
 BatchStream RemoteDataset::Stream(uint32_t rows, uint64_t seed, uint64_t first_batch,
                                   uint32_t credits) {
-  return BatchStream(this, rows, std::max(credits, 1u), seed, first_batch);
+  return BatchStream(this, rows, credits, seed, first_batch);
 }
 
 Result<DatasetStats> RemoteDataset::Stats() {
@@ -111,9 +172,9 @@ Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply,
                                                uint64_t first_batch) const {
   if (!reply.ok()) return reply.status();
   TransitionRows out;
-  out.reply = std::move(*reply);
+  out.reply = std::make_shared<const ReceivedReply>(std::move(*reply));
   out.first_batch = first_batch;
-  const ArrayReader& arrays = out.reply.arrays;
+  const ArrayReader& arrays = out.reply->arrays;
   B4MRL_ASSIGN_OR_RETURN(
       const TensorView observations,
       arrays.Require("observations", {DType::kFloat32}, {ArrayReader::kAny, observation_size()}));

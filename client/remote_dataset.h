@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -28,8 +29,8 @@ struct DatasetOptions {
   int64_t deadline_ms = limits::kDefaultDeadlineMs;
 };
 
-// Rows of a dataset, row-major, as views into the received frame, which the batch owns (or into an
-// aligned copy of it, for messages of a few KiB).
+// Rows of a dataset, row-major, as views into the received frame (or into an aligned copy of it,
+// for messages of a few KiB), which lives as long as anything that was read from it.
 struct TransitionRows {
   size_t rows = 0;
   std::span<const float> observations;       // rows x observation size
@@ -40,7 +41,7 @@ struct TransitionRows {
   std::span<const uint8_t> timeouts;         // rows, of Read alone
   std::span<const uint64_t> indices;         // rows, if asked for
   uint64_t first_batch = 0;                  // of Sample and streams
-  ReceivedReply reply;
+  std::shared_ptr<const ReceivedReply> reply;
 };
 
 struct DatasetStats {
@@ -51,10 +52,11 @@ struct DatasetStats {
 
 class RemoteDataset;
 
-// Batches first_batch, first_batch + 1, ...: `credits` requests are kept in flight, so that the
-// next batch is usually here before it is asked for. After an error, Next asks for the same batch
-// again. The dataset stays where it is while streams of it live; they share its limit of
-// limits::kMaxRequestsInFlight.
+// Batches first_batch, first_batch + 1, ...: up to `credits` of them are asked for ahead, so that
+// the next one is usually here before it is wanted. Small batches come several in one reply, and
+// one call of Next receives while another one asks, which keeps each of them short. After an error,
+// Next asks for the same batch again. The dataset stays where it is while streams of it live; they
+// share its limit of limits::kMaxRequestsInFlight.
 class BatchStream {
  public:
   BatchStream(BatchStream&& other) noexcept;
@@ -68,17 +70,21 @@ class BatchStream {
  private:
   friend class RemoteDataset;
   BatchStream(RemoteDataset* dataset, uint32_t rows, uint32_t credits, uint64_t seed,
-              uint64_t first_batch)
-      : dataset_(dataset), rows_(rows), credits_(credits), seed_(seed), next_batch_(first_batch) {}
+              uint64_t first_batch);
   Status TopUp();
+  // Receives the next reply into group_.
+  Status ReceiveGroup();
   void Abandon();
 
   RemoteDataset* dataset_;
   uint32_t rows_;
-  uint32_t credits_;
+  uint32_t batches_per_request_;
+  uint32_t max_requests_;
   uint64_t seed_;
-  uint64_t next_batch_;
-  std::deque<uint64_t> requests_;  // for next_batch_, next_batch_ + 1, ...
+  uint64_t next_batch_;            // that Next returns
+  uint64_t group_end_;             // behind the last batch in group_
+  TransitionRows group_;           // batches of the last reply, from group_.first_batch
+  std::deque<uint64_t> requests_;  // for the batches from group_end_
 };
 
 class RemoteDataset {

@@ -149,7 +149,7 @@ Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& 
   B4MRL_ASSIGN_OR_RETURN(const TransitionRows sample, dataset.Sample(kRows, 0, 0));
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
-  request.set_request_id(sample.reply.request_id);
+  request.set_request_id(sample.reply->request_id);
   request.set_deadline_ms(limits::kDefaultDeadlineMs);
   request.mutable_sample()->set_fingerprint(dataset.fingerprint());
   request.mutable_sample()->set_rows(kRows);
@@ -157,7 +157,7 @@ Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& 
   B4MRL_ASSIGN_OR_RETURN(
       const auto bare,
       PingPong::Start("tcp://127.0.0.1:*", {request.ByteSizeLong(), 0},
-                      {sample.reply.envelope.ByteSizeLong(), sample.reply.payload.size()}));
+                      {sample.reply->envelope.ByteSizeLong(), sample.reply->payload.size()}));
   uint64_t batch = 0;
   const auto value = [&]() -> Result<double> {
     const Clock::time_point start = Clock::now();

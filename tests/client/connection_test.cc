@@ -1,5 +1,6 @@
 #include "client/connection.h"
 
+#include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
 #include <memory>
@@ -214,12 +215,15 @@ TEST_CASE("a request is sent again after an eighth of its deadline in silence") 
 
 TEST_CASE("a slow request is not sent again while others are answered") {
   Fixture fixture;
-  constexpr int64_t kSlowDeadlineMs = 2'000;
+  constexpr int64_t kSlowDeadlineMs = 8'000;
+  constexpr double kPatienceSeconds = kSlowDeadlineMs / 8 / 1000.0;
   const uint64_t slow = fixture.Send("slow", kSlowDeadlineMs);
   const FakeCall slow_call = fixture.Take();
   const Clock::time_point start = Clock::now();
+  double longest_gap = 0;
   int copies = 1;
-  while (SecondsSince(start) < 2.0 * kSlowDeadlineMs / 8 / 1000) {
+  while (SecondsSince(start) < 1.5 * kPatienceSeconds) {
+    const Clock::time_point asked = Clock::now();
     const uint64_t quick = fixture.Send("quick");
     FakeCall call = fixture.Take();
     while (call.request.request_id() != quick) {
@@ -228,10 +232,12 @@ TEST_CASE("a slow request is not sent again while others are answered") {
     }
     fixture.server().Echo(call);
     CHECK(fixture.ReceiveText(quick) == "quick");
+    longest_gap = std::max(longest_gap, SecondsSince(asked));
   }
   fixture.server().Echo(slow_call);
   CHECK(fixture.ReceiveText(slow) == "slow");
-  CHECK(copies == 1);
+  // On a machine that stalls the test for that long, the silence was real.
+  if (longest_gap < kPatienceSeconds) CHECK(copies == 1);
 }
 
 TEST_CASE("requests in flight are bounded") {

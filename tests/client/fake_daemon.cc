@@ -104,21 +104,30 @@ void FakeDaemon::AnswerQuery(FakeServer& server, const FakeCall& call) {
   server.Reply(call, std::move(reply), std::move(payload));
 }
 
-// Every number in batch b is b.
+// Every number in batch b is b, but for the terminals, which are 0.
 void FakeDaemon::AnswerSample(FakeServer& server, const FakeCall& call) {
   const pb::SampleRequest& sample = call.request.sample();
-  const uint64_t rows = sample.rows() * std::max(sample.batches(), 1u);
+  const uint64_t rows = uint64_t{sample.rows()} * std::max(sample.batches(), 1u);
   pb::Reply reply;
   ArrayLayout layout(reply.mutable_arrays());
-  layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
-  layout.Add("actions", DType::kFloat32, {rows, kActionSize});
-  layout.Add("rewards", DType::kFloat32, {rows});
-  const size_t terminals =
-      (layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize}),
-       layout.Add("terminals", DType::kUint8, {rows}));
+  struct Column {
+    size_t offset;
+    size_t width;
+  };
+  const Column columns[] = {
+      {layout.Add("observations", DType::kFloat32, {rows, kObservationSize}), kObservationSize},
+      {layout.Add("actions", DType::kFloat32, {rows, kActionSize}), kActionSize},
+      {layout.Add("rewards", DType::kFloat32, {rows}), 1},
+      {layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize}),
+       kObservationSize}};
+  const size_t terminals = layout.Add("terminals", DType::kUint8, {rows});
   Frame payload = layout.Allocate();
-  std::ranges::fill(ArrayAt<float>(payload, 0, terminals / sizeof(float)),
-                    static_cast<float>(sample.first_batch()));
+  for (const auto& [offset, width] : columns) {
+    const std::span<float> values = ArrayAt<float>(payload, offset, rows * width);
+    for (size_t i = 0; i < values.size(); ++i) {
+      values[i] = static_cast<float>(sample.first_batch() + i / (width * sample.rows()));
+    }
+  }
   std::ranges::fill(ArrayAt<uint8_t>(payload, terminals, rows), uint8_t{0});
   server.Reply(call, std::move(reply), std::move(payload));
 }

@@ -206,8 +206,8 @@ TEST_CASE("the document's Sample reply is what the server sends") {
   const Result<TransitionRows> rows = dataset->Sample(2, 7, 300, 1, /*with_indices=*/true);
   INFO(rows.status().ToString());
   REQUIRE(rows.ok());
-  CheckBlock("sample-reply", Normalised(rows->reply.envelope));
-  CheckBlock("sample-reply-arrays", rows->reply.payload.view());
+  CheckBlock("sample-reply", Normalised(rows->reply->envelope));
+  CheckBlock("sample-reply-arrays", rows->reply->payload.view());
 }
 
 }  // namespace

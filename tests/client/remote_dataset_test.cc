@@ -1,5 +1,6 @@
 #include "client/remote_dataset.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <deque>
 #include <vector>
@@ -54,6 +55,61 @@ TEST_CASE("a stream delivers batches in order and keeps its credits ahead") {
   }
 }
 
+TEST_CASE("small batches that share a reply are told apart and outlive their stream") {
+  std::vector<uint64_t> firsts;
+  FakeDaemon daemon([&firsts](FakeServer&, FakeCall& call) {
+    if (call.request.has_sample()) {
+      firsts.push_back(call.request.sample().first_batch());
+      CHECK(call.request.sample().batches() == 4);
+    }
+    return false;
+  });
+  std::vector<TransitionRows> batches;
+  {
+    Opened dataset(daemon);
+    BatchStream first = dataset->Stream(/*rows=*/5, /*seed=*/1, /*first_batch=*/0, /*credits=*/8);
+    for (int i = 0; i < 6; ++i) {
+      Result<TransitionRows> batch = first.Next();
+      REQUIRE(batch.ok());
+      batches.push_back(std::move(*batch));
+    }
+    BatchStream moved = std::move(first);  // in the middle of a reply
+    for (int i = 0; i < 7; ++i) {
+      Result<TransitionRows> batch = moved.Next();
+      REQUIRE(batch.ok());
+      batches.push_back(std::move(*batch));
+    }
+    CHECK(moved.next_batch() == 13);
+  }
+  for (size_t b = 0; b < batches.size(); ++b) {
+    const TransitionRows& batch = batches[b];
+    CHECK(batch.first_batch == b);
+    CHECK(batch.rows == 5);
+    REQUIRE(batch.observations.size() == 5 * kObservationSize);
+    REQUIRE(batch.actions.size() == 5 * kActionSize);
+    for (const std::span<const float> column :
+         {batch.observations, batch.actions, batch.rewards, batch.next_observations}) {
+      CHECK(std::ranges::count(column, static_cast<float>(b)) ==
+            static_cast<std::ptrdiff_t>(column.size()));
+    }
+  }
+  for (size_t i = 0; i < firsts.size(); ++i) CHECK(firsts[i] == 4 * i);
+}
+
+TEST_CASE("large batches come one at a time") {
+  std::atomic<uint32_t> most{0};
+  FakeDaemon daemon([&most](FakeServer&, FakeCall& call) {
+    if (call.request.has_sample()) most = std::max<uint32_t>(most, call.request.sample().batches());
+    return false;
+  });
+  Opened dataset(daemon);
+  BatchStream stream = dataset->Stream(limits::kMaxRowsPerBatch, 1, 0, /*credits=*/4);
+  const Result<TransitionRows> rows = stream.Next();
+  REQUIRE(rows.ok());
+  CHECK(rows->rows == limits::kMaxRowsPerBatch);
+  CHECK(most == 1);
+}
+
 TEST_CASE("a large batch is a view into the frame that was received") {
   FakeDaemon daemon;
   Opened dataset(daemon);
@@ -63,8 +119,8 @@ TEST_CASE("a large batch is a view into the frame that was received") {
   REQUIRE(received.ok());
   const TransitionRows rows = std::move(*received);  // moving keeps the views
   const auto* begin = reinterpret_cast<const std::byte*>(rows.observations.data());
-  CHECK(begin >= rows.reply.payload.data());
-  CHECK(begin < rows.reply.payload.data() + rows.reply.payload.size());
+  CHECK(begin >= rows.reply->payload.data());
+  CHECK(begin < rows.reply->payload.data() + rows.reply->payload.size());
   CHECK(rows.observations.size() == kRows * kObservationSize);
   CHECK(rows.actions.size() == kRows * kActionSize);
   CHECK(rows.next_observations[0] == 4.0f);
