@@ -126,7 +126,7 @@ Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
   return context.client->Make(context.environment.name, options);
 }
 
-// All retained rollouts and the one under way.
+// Room for all retained rollouts.
 uint64_t PoolCapacity(const Hyperparameters& values) {
   return values.Unsigned("model-retain") * values.Unsigned("rollout-rows") *
          values.Unsigned("horizon");
