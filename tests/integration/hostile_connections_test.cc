@@ -1,0 +1,139 @@
+// Raw bytes where ZeroMQ's handshake, frames and messages should be.
+#include <catch2/catch.hpp>
+
+#include "client/client.h"
+#include "client/private_daemon.h"
+#include "proto/base/limits.h"
+#include "proto/base/rng.h"
+#include "tests/data/temporary_folder.h"
+#include "tests/integration/raw_zmtp.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kConnections = 2'000;
+constexpr int64_t kPatienceMs = 20'000;
+
+class HostileConnections {
+ public:
+  HostileConnections() {
+    PrivateDaemonOptions options;
+    options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+    options.tcp = true;
+    options.data_folder = data_.path();
+    options.arguments = {"--workers", "1", "--threads", "1"};
+    daemon_ = std::make_unique<Result<PrivateDaemon>>(PrivateDaemon::Start(options));
+    REQUIRE(daemon_->ok());
+    client_ = std::make_unique<Result<Client>>(Client::Connect((*daemon_)->endpoint()));
+    REQUIRE(client_->ok());
+    environment_ = std::make_unique<Result<RemoteEnvironment>>((*client_)->Make("HalfCheetah"));
+    REQUIRE(environment_->ok());
+    addresses_ = {(*daemon_)->endpoint(), Loopback((*environment_)->in_force().port()),
+                  Loopback((*client_)->hello().dataset_port())};
+  }
+
+  // Of the gateway, the worker and the dataset worker.
+  const std::vector<std::string>& addresses() const { return addresses_; }
+
+  void RequireUnharmed() {
+    const Result<pb::ServerStatusReply> status = (*client_)->ServerStatus();
+    REQUIRE(status.ok());
+    for (const pb::WorkerStatus& child : status->workers()) REQUIRE(child.restarts() == 0);
+    REQUIRE((*environment_)->Reset().ok());
+    REQUIRE((*client_)->ListDatasets().ok());
+  }
+
+ private:
+  static std::string Loopback(const pb::Port& port) {
+    return "tcp://127.0.0.1:" + std::to_string(port.tcp());
+  }
+
+  TemporaryFolder data_;
+  std::unique_ptr<Result<PrivateDaemon>> daemon_;
+  std::unique_ptr<Result<Client>> client_;
+  std::unique_ptr<Result<RemoteEnvironment>> environment_;
+  std::vector<std::string> addresses_;
+};
+
+std::string RandomBytes(Rng& rng, size_t size) {
+  std::string bytes(size, '\0');
+  for (char& byte : bytes) byte = static_cast<char>(rng.Below(256));
+  return bytes;
+}
+
+// Bytes that begin as a correct conversation would, and go wrong at a random place.
+std::string SpoiltConversation(Rng& rng) {
+  std::string bytes = RawZmtp::Greeting() + RawZmtp::Ready();
+  for (int i = 0; i < 3; ++i) {
+    bytes +=
+        RawZmtp::FrameOf(RandomBytes(rng, rng.Below(400)), rng.Below(2) == 0, rng.Below(8) == 0);
+  }
+  const size_t place = rng.Below(bytes.size());
+  switch (rng.Below(4)) {
+    case 0:
+      return bytes.substr(0, place);
+    case 1:
+      return bytes.substr(0, place) + RandomBytes(rng, rng.Below(200));
+    case 2:
+      bytes[place] = static_cast<char>(rng.Below(256));
+      return bytes;
+    default:
+      return RandomBytes(rng, rng.Below(300));
+  }
+}
+
+TEST_CASE("Connections that speak garbage harm nobody else's") {
+  HostileConnections daemon;
+  Rng rng(1, "garbage");
+  for (int i = 0; i < kConnections; ++i) {
+    RawZmtp connection(daemon.addresses()[rng.Below(3)]);
+    REQUIRE(connection.connected());
+    // The peer may hang up in the middle; whether it does is its own affair.
+    (void)connection.SendBytes(SpoiltConversation(rng));
+  }
+  daemon.RequireUnharmed();
+}
+
+TEST_CASE("Messages of too many parts are answered with an error, and the connection lives") {
+  HostileConnections daemon;
+  for (const std::string& address : daemon.addresses()) {
+    RawZmtp connection(address);
+    REQUIRE(connection.ShakeHands());
+    for (const size_t parts : {3, 4, 100}) {
+      CAPTURE(address, parts);
+      REQUIRE(connection.SendMessage(std::vector<std::string>(parts, "part")));
+      const std::vector<std::string> reply = connection.Receive(kPatienceMs);
+      REQUIRE(reply.size() == 1);
+      pb::Reply envelope;
+      REQUIRE(envelope.ParseFromString(reply[0]));
+      REQUIRE(envelope.status().code() != 0);
+    }
+    pb::Request request;
+    request.set_protocol_version(limits::kProtocolVersion);
+    request.set_request_id(5);
+    REQUIRE(connection.SendMessage({request.SerializeAsString()}));
+    const std::vector<std::string> reply = connection.Receive(kPatienceMs);
+    REQUIRE(reply.size() == 1);
+    pb::Reply envelope;
+    REQUIRE(envelope.ParseFromString(reply[0]));
+    REQUIRE(envelope.request_id() == 5);
+  }
+  daemon.RequireUnharmed();
+}
+
+TEST_CASE("A frame above the limit ends its connection before it is received") {
+  HostileConnections daemon;
+  for (const std::string& address : daemon.addresses()) {
+    RawZmtp connection(address);
+    REQUIRE(connection.ShakeHands());
+    // A long frame whose announced size is beyond every limit; its bytes never come.
+    for (const char* header : {"\x02\x7f\xff\xff\xff\xff\xff\xff\xff"}) {
+      REQUIRE(connection.SendBytes(std::string_view(header, 9)));
+    }
+    REQUIRE(connection.AwaitHangUp(kPatienceMs));
+  }
+  daemon.RequireUnharmed();
+}
+
+}  // namespace
+}  // namespace b4mrl

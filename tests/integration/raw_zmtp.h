@@ -1,0 +1,42 @@
+// ZeroMQ's wire protocol (ZMTP 3.0, NULL mechanism) by hand over a plain tcp socket, so that a test
+// can send what no library would. Blocking calls with a deadline. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace b4mrl {
+
+class RawZmtp {
+ public:
+  // Connects to "tcp://127.0.0.1:PORT"; says nothing yet.
+  explicit RawZmtp(const std::string& address);
+  ~RawZmtp();
+  RawZmtp(const RawZmtp&) = delete;
+  RawZmtp& operator=(const RawZmtp&) = delete;
+
+  bool connected() const { return fd_ >= 0; }
+  // False when the peer has hung up.
+  bool SendBytes(std::string_view bytes);
+  // The greeting and READY of a DEALER; reads those of the peer.
+  bool ShakeHands();
+  // A message of these parts.
+  bool SendMessage(const std::vector<std::string>& parts);
+  // The parts of the next message, commands skipped; empty after the deadline or a hang-up.
+  std::vector<std::string> Receive(int64_t deadline_ms);
+  // Reads until the peer hangs up; false after the deadline.
+  bool AwaitHangUp(int64_t deadline_ms);
+
+  static std::string Greeting();
+  static std::string Ready();
+  static std::string FrameOf(std::string_view body, bool more, bool command = false);
+
+ private:
+  bool ReadExactly(size_t size, std::string* out, int64_t deadline_ms);
+
+  int fd_ = -1;
+};
+
+}  // namespace b4mrl
