@@ -59,6 +59,9 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   // getenv finds the first of a name, so the added ones go in front.
   std::vector<std::string> variables = options.environment;
   for (char** entry = environ; *entry != nullptr; ++entry) variables.emplace_back(*entry);
+  // A command's own daemon comes and goes without a word, unless the user's SPDLOG_LEVEL asks for
+  // them.
+  variables.push_back("SPDLOG_LEVEL=warn");
   return variables;
 }
 

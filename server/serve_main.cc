@@ -1,6 +1,7 @@
 #include "server/serve_main.h"
 
 #include <google/protobuf/stubs/logging.h>
+#include <spdlog/cfg/env.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -52,6 +53,7 @@ int RunChild(CommandLine line) {
 int ServeMain(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
   spdlog::default_logger()->set_pattern("b4mrl serve: %v");
+  spdlog::cfg::load_env_levels();  // SPDLOG_LEVEL
   int exit_code = kExitDone;
   std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);
   if (!line) return exit_code;
