@@ -30,7 +30,7 @@ PrivateDaemonOptions Running(const SocketFolder& folder, const std::string& body
   return options;
 }
 
-constexpr char kWaits[] = "echo ready tcp://127.0.0.1:7; exec tail -f /dev/null";
+constexpr char kWaits[] = "echo ready tcp://127.0.0.1:7; exec sleep 1000";
 
 TEST_CASE("a daemon is ready when it says so, and ends with its object") {
   const SocketFolder folder;
@@ -98,7 +98,7 @@ TEST_CASE("a server that is missing, fails or stays silent is unavailable") {
   CHECK(PrivateDaemon::Start(missing).status().code() == StatusCode::kUnavailable);
   CHECK(PrivateDaemon::Start(Running(folder, "exit 1")).status().code() ==
         StatusCode::kUnavailable);
-  PrivateDaemonOptions silent = Running(folder, "exec tail -f /dev/null");
+  PrivateDaemonOptions silent = Running(folder, "exec sleep 1000");
   silent.ready_deadline_ms = 100;
   CHECK(PrivateDaemon::Start(silent).status().code() == StatusCode::kUnavailable);
 }
