@@ -7,7 +7,6 @@
 #include <thread>
 
 #include "benchmarks/performance/cores.h"
-#include "benchmarks/performance/measurement.h"
 #include "proto/base/clock.h"
 #include "proto/base/rng.h"
 
@@ -122,16 +121,12 @@ double BarePhysics::QueryRate(std::span<const PhysicsRow> rows, double seconds) 
   });
 }
 
-double BarePhysics::StepMicroseconds(std::span<const double> actions, int steps) const {
-  BareLane lane(task_, model_, 0);
+std::function<void()> BarePhysics::Stepper(std::span<const double> actions) const {
+  auto lane = std::make_shared<BareLane>(task_, model_, 0);
   const size_t width = model_->nu;
-  std::vector<double> times;
-  for (int i = 0; i < steps; ++i) {
-    const Clock::time_point start = Clock::now();
-    lane.Step(&actions[i % (actions.size() / width) * width]);
-    times.push_back(SecondsSince(start) * 1e6);
-  }
-  return Median(std::move(times));
+  return [lane, actions, width, i = size_t{0}]() mutable {
+    lane->Step(&actions[i++ % (actions.size() / width) * width]);
+  };
 }
 
 }  // namespace b4mrl::perf

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -44,8 +45,9 @@ class BarePhysics {
   double StepRate(std::span<const double> actions, double seconds) const;
   // Rows a second, all cores together: state set, warm start zeroed, one environment step.
   double QueryRate(std::span<const PhysicsRow> rows, double seconds) const;
-  // Median microseconds of one environment step on the calling thread.
-  double StepMicroseconds(std::span<const double> actions, int steps) const;
+  // Makes one environment step a call on the calling thread, under `actions` in turn. Both outlive
+  // it.
+  std::function<void()> Stepper(std::span<const double> actions) const;
 
  private:
   BarePhysics(const PhysicsTask& task, mjModel_* model) : task_(task), model_(model) {}
