@@ -2,11 +2,12 @@
 // is handed back what the task returned to run it on its own thread.
 //
 // Thread rule: all members belong to the loop's thread; tasks run on the other one, one after
-// another. Destruction waits for the running task and drops the rest. Queues are unbounded: the
-// loop bounds what it submits.
+// another. Destruction waits for the running task and drops the rest. The loop bounds what it
+// submits by backlog().
 #pragma once
 
 #include <condition_variable>
+#include <cstddef>
 #include <deque>
 #include <functional>
 #include <mutex>
@@ -28,6 +29,8 @@ class BackgroundThread {
   BackgroundThread& operator=(const BackgroundThread&) = delete;
 
   void Submit(Task task);
+  // Tasks submitted whose completions have not run.
+  size_t backlog() const { return backlog_; }
   // Readable while completions wait.
   int fd() const { return wake_.get(); }
   // Runs the completions that have arrived.
@@ -36,6 +39,7 @@ class BackgroundThread {
  private:
   void Loop();
 
+  size_t backlog_ = 0;  // the loop's thread alone
   UniqueFd wake_;
   std::mutex mutex_;
   std::condition_variable submitted_;

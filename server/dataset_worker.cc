@@ -171,7 +171,8 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
 }
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
-  if (parked_.size() >= limits::kMaxPendingDatasetRequests) {
+  // A parked request that expires frees its place, but its task stays in the backlog.
+  if (std::max(parked_.size(), background_.backlog()) >= limits::kMaxPendingDatasetRequests) {
     ReplyError(pending, Status(StatusCode::kLimitExceeded,
                                fmt::format("{} requests already wait for datasets",
                                            limits::kMaxPendingDatasetRequests)));

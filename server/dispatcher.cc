@@ -17,6 +17,15 @@ constexpr uint32_t kMaxAdoptionAttempts = 3;
 
 using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
 
+pb::Reply ClosedReply(uint64_t request_id) {
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(request_id);
+  reply.mutable_status();
+  reply.mutable_close();
+  return reply;
+}
+
 JobFactory FactoryFor(pb::Request::PayloadCase kind) {
   switch (kind) {
     case pb::Request::kStep:
@@ -135,15 +144,13 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
 }
 
 void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
-  pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(from.request_id);
-  reply.mutable_status();
-  reply.mutable_close();
   const auto found = sessions_.find(token);
-  if (found == sessions_.end()) return Reply(from, reply);  // closed already
+  if (found == sessions_.end()) return Reply(from, ClosedReply(from.request_id));  // closed already
   Session* session = found->second.get();
-  session->pending_close = Session::PendingClose{from.sender, from.request_id};
+  if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
+    return Reply(from, Status(StatusCode::kLimitExceeded, "the session is closing already"));
+  }
+  session->pending_closes.push_back({from.sender, from.request_id});
   if (session->in_flight().empty()) EndSession(session);
 }
 
@@ -156,7 +163,7 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
                               "and Close"));
   }
   const auto found = sessions_.find(request.session_token());
-  if (found == sessions_.end() || found->second->pending_close) {
+  if (found == sessions_.end() || !found->second->pending_closes.empty()) {
     return Reply(from, Status(StatusCode::kSessionLost,
                               "no such session: it was closed, its lease ran out, or it was opened "
                               "on another worker"));
@@ -242,21 +249,17 @@ void Dispatcher::Finish(RequestJob* job) {
   send_(receiver, reply.ok() ? std::move(*reply) : ErrorReply(job->request_id(), reply.status()));
   queued_bytes_ -= job->payload().size();
   jobs_.erase(job);
-  if (session.pending_close && session.in_flight().empty()) EndSession(&session);
+  if (!session.pending_closes.empty() && session.in_flight().empty()) EndSession(&session);
 }
 
 void Dispatcher::EndSession(Session* session) {
-  const std::optional<Session::PendingClose> close = session->pending_close;
+  const std::vector<Session::PendingClose> closes = std::move(session->pending_closes);
   session->record().state.store(SessionState::kClosed, std::memory_order_release);
   const std::string token = session->token();
   sessions_.erase(token);
-  if (!close) return;
-  pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(close->request_id);
-  reply.mutable_status();
-  reply.mutable_close();
-  Reply({close->sender, close->request_id}, reply);
+  for (const Session::PendingClose& close : closes) {
+    Reply({close.sender, close.request_id}, ClosedReply(close.request_id));
+  }
 }
 
 void Dispatcher::ReapIdleSessions() {

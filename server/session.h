@@ -88,12 +88,12 @@ class Session {
   ItemCost& step_cost() { return step_cost_; }
   ItemCost& query_cost() { return query_cost_; }
 
-  // A Close that waits until nothing is under way.
+  // Closes that wait until nothing is under way; each is answered.
   struct PendingClose {
     RoutingId sender;
     uint64_t request_id = 0;
   };
-  std::optional<PendingClose> pending_close;
+  std::vector<PendingClose> pending_closes;
 
  private:
   Session(SharedState& shared, uint32_t index, LaneStepper stepper)

@@ -107,10 +107,11 @@ class [[nodiscard]] Result {
   const Status& status() const { return status_; }
   T& value() & { return value_.value(); }
   const T& value() const& { return value_.value(); }
-  T&& value() && { return std::move(value_).value(); }
+  // By value, so that a loop over the value of a temporary does not dangle.
+  T value() && { return std::move(value_).value(); }
   T& operator*() & { return value(); }
   const T& operator*() const& { return value(); }
-  T&& operator*() && { return std::move(*this).value(); }
+  T operator*() && { return std::move(*this).value(); }
   T* operator->() { return &value(); }
   const T* operator->() const { return &value(); }
 

@@ -1,11 +1,12 @@
 // b4mrl-serve with a fault in it, for the tests of recovery. B4MRL_FAULT says which:
-//   crash:LANE:NUMBER             operation NUMBER of lane LANE ends the process, every time
-//   exit:LANE:NUMBER              the same through exit(), as the physics engine's own error path
-//   does hang:LANE:NUMBER              it never returns, every time hang-once:LANE:NUMBER:FILE it
-//   never returns; FILE remembers that this has happened tear-once:LANE:NUMBER:FILE    the slot's
-//   idle buffer is left half written, and the process killed kill-after-once:LANE:NUMBER:FILE
-//   committed, killed before the reply crash-query:ROW               row ROW of any query ends the
-//   process, every time
+//   crash:LANE:NUMBER                 operation NUMBER of lane LANE ends the process, every time
+//   exit:LANE:NUMBER                  the same through exit(), the physics engine's own error path
+//   hang:LANE:NUMBER                  it never returns, every time
+//   hang-once:LANE:NUMBER:FILE        it never returns; FILE remembers that this has happened
+//   tear-once:LANE:NUMBER:FILE        killed with the slot's idle buffer half written
+//   kill-after-once:LANE:NUMBER:FILE  killed after the commit and before the reply
+//   crash-query:ROW                   row ROW of any query ends the process, every time
+//
 // LANE counts over all sessions.
 #include <fcntl.h>
 #include <signal.h>
