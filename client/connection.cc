@@ -114,12 +114,8 @@ Deadline Connection::NextWake() const {
 }
 
 void Connection::Pump() {
-  std::optional<Message> message = socket_.TryReceive();
-  if (!message) {
-    socket_.Wait(NextWake());
-    Resend();
-    message = socket_.TryReceive();
-  }
+  std::optional<Message> message = socket_.Receive(NextWake());
+  if (!message) Resend();
   // Nothing expires while its reply may still be in the queue, unless that is full of noise.
   if (!message || !Accept(std::move(*message))) ExpirePending();
 }

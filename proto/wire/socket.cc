@@ -4,6 +4,7 @@
 #include <sys/un.h>
 #include <zmq.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
@@ -14,6 +15,8 @@
 
 namespace b4mrl {
 namespace {
+
+constexpr int64_t kLongestBlockMs = 20;  // of DealerSocket::Receive
 
 zmq_msg_t* AsZmq(Frame& frame) { return static_cast<zmq_msg_t*>(frame.handle()); }
 
@@ -58,6 +61,14 @@ Message ReceiveBody(void* socket, bool more) {
   }
   if (parts > limits::kMaxFramesPerMessage) message = Message();
   return message;
+}
+
+// What a DEALER received: `first` and the parts after it.
+Message WithRest(void* socket, Frame first) {
+  if (!HasMore(first)) return {std::move(first), Frame()};
+  Message rest = ReceiveBody(socket, true);
+  if (rest.payload.size() > 0) return Message();  // surplus parts: no parser accepts it
+  return {std::move(first), std::move(rest.envelope)};
 }
 
 bool SendPart(void* socket, Frame& frame, int flags) {
@@ -154,11 +165,13 @@ Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& 
 DealerSocket::DealerSocket(DealerSocket&& other) noexcept
     : socket_(std::exchange(other.socket_, nullptr)),
       monitor_(std::exchange(other.monitor_, nullptr)),
-      connections_(other.connections_) {}
+      connections_(other.connections_),
+      receive_timeout_ms_(other.receive_timeout_ms_) {}
 DealerSocket& DealerSocket::operator=(DealerSocket&& other) noexcept {
   std::swap(socket_, other.socket_);
   std::swap(monitor_, other.monitor_);
   std::swap(connections_, other.connections_);
+  std::swap(receive_timeout_ms_, other.receive_timeout_ms_);
   return *this;
 }
 DealerSocket::~DealerSocket() {
@@ -179,10 +192,19 @@ Status DealerSocket::Send(Message message) {
 std::optional<Message> DealerSocket::TryReceive() {
   Frame first;
   if (!ReceivePart(socket_, first)) return std::nullopt;
-  if (!HasMore(first)) return Message{std::move(first), Frame()};
-  Message rest = ReceiveBody(socket_, true);
-  if (rest.payload.size() > 0) return Message();  // surplus parts: no parser accepts it
-  return Message{std::move(first), std::move(rest.envelope)};
+  return WithRest(socket_, std::move(first));
+}
+
+std::optional<Message> DealerSocket::Receive(const Deadline& deadline) {
+  const int timeout_ms =
+      static_cast<int>(std::min<int64_t>(deadline.remaining_ms(), kLongestBlockMs));
+  if (timeout_ms != receive_timeout_ms_) {
+    SetInt(socket_, ZMQ_RCVTIMEO, timeout_ms);
+    receive_timeout_ms_ = timeout_ms;
+  }
+  Frame first;
+  if (zmq_msg_recv(AsZmq(first), socket_, 0) < 0) return std::nullopt;
+  return WithRest(socket_, std::move(first));
 }
 
 bool DealerSocket::Wait(const Deadline& deadline) {
