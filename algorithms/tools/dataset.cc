@@ -71,8 +71,11 @@ struct DatasetCommand {
 
   std::optional<Failure> Make();
   std::optional<Failure> Import();
-  std::optional<Failure> Export();
-  std::optional<Failure> Info();
+  std::optional<Failure> Export(Client&, RemoteDataset& dataset);
+  std::optional<Failure> Info(Client& client, RemoteDataset& dataset);
+  // Opens the named, possibly corrupted dataset for one of these two.
+  std::optional<Failure> WithDataset(std::optional<Failure> (DatasetCommand::*use)(Client&,
+                                                                                   RemoteDataset&));
 
   std::string DataFolder() const {
     return daemon.data_folder.empty() ? DefaultDataFolder() : daemon.data_folder;
@@ -85,7 +88,6 @@ struct DatasetCommand {
 };
 
 // ---- make
-// ----------------------------------------------------------------------------------------
 
 // The given one, or the shipped behaviour policy: data/agents/halfcheetah-medium.h5.
 Result<std::string> DatasetCommand::AgentPath() const {
@@ -165,7 +167,6 @@ Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
 }
 
 // ---- import
-// --------------------------------------------------------------------------------------
 
 std::optional<Failure> DatasetCommand::Import() {
   daemon.data_folder = DataFolder();
@@ -203,10 +204,10 @@ Status DatasetCommand::CopyInto(const std::string& path) const {
   return out.Commit();
 }
 
-// ---- export
-// --------------------------------------------------------------------------------------
+// ---- export and info
 
-std::optional<Failure> DatasetCommand::Export() {
+std::optional<Failure> DatasetCommand::WithDataset(
+    std::optional<Failure> (DatasetCommand::*use)(Client&, RemoteDataset&)) {
   const auto corruptions = ParseNamedArguments(corruption);
   if (!corruptions.ok()) return BadUsage(corruptions.status());
   auto connection = DaemonConnection::Open(daemon);
@@ -216,8 +217,12 @@ std::optional<Failure> DatasetCommand::Export() {
   options.seed = seed;
   auto dataset = connection->client().OpenDataset(name, options);
   if (!dataset.ok()) return FromDaemon(dataset.status());
-  if (Status status = WriteExport(*dataset); !status.ok()) return FromDaemon(std::move(status));
-  fmt::print("{}: {} rows of {}\n", file, dataset->rows(), name);
+  return (this->*use)(connection->client(), *dataset);
+}
+
+std::optional<Failure> DatasetCommand::Export(Client&, RemoteDataset& dataset) {
+  if (Status status = WriteExport(dataset); !status.ok()) return FromDaemon(std::move(status));
+  fmt::print("{}: {} rows of {}\n", file, dataset.rows(), name);
   return std::nullopt;
 }
 
@@ -251,28 +256,16 @@ Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
   return writer.Commit();
 }
 
-// ---- info
-// ----------------------------------------------------------------------------------------
-
-std::optional<Failure> DatasetCommand::Info() {
-  const auto corruptions = ParseNamedArguments(corruption);
-  if (!corruptions.ok()) return BadUsage(corruptions.status());
-  auto connection = DaemonConnection::Open(daemon);
-  if (!connection.ok()) return FromDaemon(connection.status());
-  DatasetOptions options;
-  options.corruption = *corruptions;
-  options.seed = seed;
-  auto dataset = connection->client().OpenDataset(name, options);
-  if (!dataset.ok()) return FromDaemon(dataset.status());
-  const auto stats = dataset->Stats();
+std::optional<Failure> DatasetCommand::Info(Client& client, RemoteDataset& dataset) {
+  const auto stats = dataset.Stats();
   if (!stats.ok()) return FromDaemon(stats.status());
   const pb::DatasetStatsReply& scores = stats->scores;
-  const pb::DatasetInfo& info = dataset->in_force().info();
+  const pb::DatasetInfo& info = dataset.in_force().info();
   nlohmann::ordered_json out = {{"name", name},
-                                {"rows", dataset->rows()},
+                                {"rows", dataset.rows()},
                                 {"episodes", scores.episodes()},
-                                {"observation_size", dataset->observation_size()},
-                                {"action_size", dataset->action_size()},
+                                {"observation_size", dataset.observation_size()},
+                                {"action_size", dataset.action_size()},
                                 {"mean_return", scores.mean_return()},
                                 {"std_return", scores.std_return()},
                                 {"min_return", scores.min_return()},
@@ -282,8 +275,8 @@ std::optional<Failure> DatasetCommand::Info() {
                                 {"file_bytes", info.file_bytes()},
                                 {"sha256", info.sha256()},
                                 {"behaviour_policy", info.behaviour_policy()},
-                                {"fingerprint", dataset->fingerprint()}};
-  const auto environment = connection->client().FindEnvironment(name.substr(0, name.find('/')));
+                                {"fingerprint", dataset.fingerprint()}};
+  const auto environment = client.FindEnvironment(name.substr(0, name.find('/')));
   if (environment.ok()) {  // d4rl/... names no environment
     if (const auto score = environment->NormalisedScore(scores.mean_return())) {
       out["behaviour_score"] = *score;
@@ -338,10 +331,11 @@ std::vector<Command> AddDatasetCommands(CLI::App& app) {
   info_app->add_option("--seed", info->seed, "of the corruption's noise [0]");
   info_app->add_flag("--json", info->json, "print JSON");
 
-  return {{make_app, [command = make] { return command->Make(); }},
-          {import_app, [command = import] { return command->Import(); }},
-          {export_app, [command = exported] { return command->Export(); }},
-          {info_app, [command = info] { return command->Info(); }}};
+  return {
+      {make_app, [command = make] { return command->Make(); }},
+      {import_app, [command = import] { return command->Import(); }},
+      {export_app, [command = exported] { return command->WithDataset(&DatasetCommand::Export); }},
+      {info_app, [command = info] { return command->WithDataset(&DatasetCommand::Info); }}};
 }
 
 }  // namespace b4mrl
