@@ -20,7 +20,8 @@ inline constexpr int64_t kBeatIntervalMs = 100;
 struct ChildOptions {
   std::string role;      // "gateway", "worker", "dataset-worker"
   uint32_t index = 0;    // of an environment worker
-  uint32_t threads = 1;  // of its pool
+  uint32_t threads = 1;  // of an environment worker
+  bool pin = false;      // those threads to cores
   std::string data_folder;
   std::string models_folder;  // "" for the default
   std::vector<ListeningEndpoint> endpoints;

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <array>
 
+#include "proto/base/cores.h"
+
 namespace b4mrl {
 namespace {
 
@@ -42,8 +44,10 @@ void InstallCrashRecorder() {
   }
 }
 
-Executor::Executor(uint32_t threads, std::span<ThreadMark> marks)
-    : marks_(marks), completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores)
+    : marks_(marks),
+      cores_(std::move(cores)),
+      completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   socket_thread_.mark = thread_mark = &marks_[0];
   for (uint32_t i = 1; i < threads && i < marks.size(); ++i) {
     pool_.emplace_back(&Executor::ThreadMain, this, i);
@@ -59,6 +63,7 @@ Executor::~Executor() {
 void Executor::ThreadMain(uint32_t index) {
   WorkerThread self;
   self.mark = thread_mark = &marks_[index];
+  if (!cores_.empty()) PinThisThread({cores_[index % cores_.size()]});
   while (const std::optional<Piece> piece = queue_.Take()) {
     ++busy_threads_;
     Execute(*piece, self);

@@ -20,8 +20,9 @@ namespace b4mrl {
 class Executor {
  public:
   // `threads` counts the socket's thread, which is the one that constructs this and calls all of
-  // its methods. `marks` has a place for each thread and outlives this object.
-  Executor(uint32_t threads, std::span<ThreadMark> marks);
+  // its methods. `marks` has a place for each thread and outlives this object. Thread i of the pool
+  // stays on cores[i % size]; with none they go where the kernel puts them.
+  Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores);
   // Waits for pieces under way; jobs that were not taken are dropped.
   ~Executor();
 
@@ -51,6 +52,7 @@ class Executor {
   void Execute(const Piece& piece, WorkerThread& thread);
 
   std::span<ThreadMark> marks_;
+  std::vector<int> cores_;
   WorkQueue queue_;
   std::atomic<uint32_t> busy_threads_{0};  // of the pool
   WorkerThread socket_thread_;

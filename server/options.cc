@@ -48,16 +48,18 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
     if (target->empty()) *target = *value;
     return Status();
   };
+  const auto flag = [&](bool* target) -> Status {
+    const std::optional<bool> value = node.value<bool>();
+    if (!value) return Complain(fmt::format("{} must be true or false", key));
+    *target |= *value;
+    return Status();
+  };
   if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
   if (key == "threads") return count(&options->threads, limits::kMaxThreads);
   if (key == "data") return text(&options->data_folder);
   if (key == "models") return text(&options->models_folder);
-  if (key == "insecure") {
-    const std::optional<bool> value = node.value<bool>();
-    if (!value) return Complain("insecure must be true or false");
-    options->insecure |= *value;
-    return Status();
-  }
+  if (key == "insecure") return flag(&options->insecure);
+  if (key == "pin") return flag(&options->pin);
   if (key == "bind") {
     const toml::array* list = node.as_array();
     std::vector<std::string> binds;
@@ -71,7 +73,7 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   }
   return UnknownName(
       "key", key,
-      std::vector<std::string>{"bind", "workers", "threads", "data", "models", "insecure"});
+      std::vector<std::string>{"bind", "workers", "threads", "pin", "data", "models", "insecure"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
@@ -173,6 +175,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
   ChildOptions& child = line->child;
   line->is_child = true;
   child.threads = std::clamp(serve.threads, 1u, limits::kMaxThreads);
+  child.pin = serve.pin;
   child.data_folder = serve.data_folder;
   child.models_folder = serve.models_folder;
   for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
@@ -195,6 +198,9 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
       ->check(CLI::Range(1u, limits::kMaxWorkers));
   app.add_option("--threads", serve.threads, "threads of each worker (default: cores)")
       ->check(CLI::Range(1u, limits::kMaxThreads));
+  app.add_flag(
+      "--pin", serve.pin,
+      "keep each of these threads on one core: faster where the daemon has them to itself");
   app.add_option("--data", serve.data_folder,
                  "folder of the datasets (default $B4MRL_DATA or ~/.local/share/b4mrl)");
   app.add_option("--models", serve.models_folder, "folder of the MJCF models");
@@ -238,6 +244,7 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
     arguments.push_back(flag);
     arguments.push_back(std::move(value));
   };
+  if (child.pin) arguments.push_back("--pin");
   if (!child.models_folder.empty()) add("--models", child.models_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {
     add("--listen", fmt::format("{}={}", endpoint.fd, endpoint.address));

@@ -6,7 +6,12 @@ namespace b4mrl {
 
 RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id,
                        Frame frame)
-    : owner_(owner), kind_(kind), request_id_(request_id), payload_(std::move(frame)) {
+    : arena_(arena_block_.data(), arena_block_.size()),
+      reply_(*google::protobuf::Arena::CreateMessage<pb::Reply>(&arena_)),
+      owner_(owner),
+      kind_(kind),
+      request_id_(request_id),
+      payload_(std::move(frame)) {
   session = owner->index();
 }
 

@@ -5,6 +5,9 @@
 // straight into the reply's payload, at places of their own, so they need no lock.
 #pragma once
 
+#include <google/protobuf/arena.h>
+
+#include <array>
 #include <atomic>
 #include <mutex>
 #include <string>
@@ -55,6 +58,11 @@ class RequestJob : public QueuedWork {
   virtual uint64_t steps_done() const { return 0; }
   virtual uint64_t rows_done() const { return 0; }
 
+ private:
+  // A reply and its table of arrays are a dozen small objects, which need no allocation each.
+  alignas(8) std::array<char, 2048> arena_block_;
+  google::protobuf::Arena arena_;
+
  protected:
   virtual void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) = 0;
   // After all items and no error: arrays that could not be planned beforehand.
@@ -62,7 +70,7 @@ class RequestJob : public QueuedWork {
   // The first error becomes the reply. Any thread.
   void Fail(Status status);
 
-  pb::Reply reply_;
+  pb::Reply& reply_;
   Frame reply_payload_;
   std::vector<uint32_t> busy_lanes_;
 

@@ -8,7 +8,7 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
+#include <ctime>
 #include <utility>
 
 namespace b4mrl {
@@ -33,8 +33,9 @@ std::string ChildName(uint32_t child) {
 }
 
 int64_t MonotonicMs() {
-  const auto now = std::chrono::steady_clock::now().time_since_epoch();
-  return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC_COARSE, &now);
+  return now.tv_sec * 1'000 + now.tv_nsec / 1'000'000;
 }
 
 Result<SharedState> SharedState::Create(uint32_t worker_count, int64_t lease_ms) {

@@ -103,7 +103,8 @@ struct SharedMemory {
 };
 static_assert(std::atomic<uint64_t>::is_always_lock_free);
 
-// Milliseconds of the clock that all processes of the machine share.
+// Milliseconds of the clock that all processes of the machine share, exact to a few of them: every
+// lane of every step asks.
 int64_t MonotonicMs();
 
 // A mapping of the shared memory. Movable; unmaps on destruction. Any thread.

@@ -54,6 +54,7 @@ class Supervisor {
 void Supervisor::AddChildren(const ServeOptions& options) {
   ChildOptions common;
   common.threads = options.threads;
+  common.pin = options.pin;
   common.data_folder = options.data_folder;
   common.models_folder = options.models_folder;
   common.worker_ports = listeners_.worker_ports;

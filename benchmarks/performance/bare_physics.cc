@@ -6,8 +6,8 @@
 #include <functional>
 #include <thread>
 
-#include "benchmarks/performance/cores.h"
 #include "proto/base/clock.h"
+#include "proto/base/cores.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
@@ -71,7 +71,7 @@ double RateOnAllCores(double seconds,
   std::vector<std::thread> threads;
   for (size_t t = 0; t < cores.size(); ++t) {
     threads.emplace_back([&, t] {
-      PinThisThread(cores[t]);
+      PinThisThread({cores[t]});
       const std::function<void(size_t)> one = make(t);
       ready.fetch_add(1);
       while (ready.load() < cores.size()) std::this_thread::yield();

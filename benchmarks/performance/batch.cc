@@ -215,7 +215,7 @@ Status MeasureBatch(const Options& options, Reporter& reporter) {
   const TemporaryFolder folder;
   const LocalColumns columns = MakeColumns();
   B4MRL_RETURN_IF_ERROR(WriteDataset(columns, folder.path()));
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, Transport::kTcp, folder.path()));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.data_folder = folder.path()}));
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset dataset, daemon.client().OpenDataset("HalfCheetah/perf"));
   LocalGather gather(columns);
   B4MRL_RETURN_IF_ERROR(MeasureCold(options, dataset, gather, reporter));

@@ -2,21 +2,24 @@
 
 #include <utility>
 
+#include "proto/base/cores.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
 
-Result<Daemon> Daemon::Open(const Options& options, Transport transport,
-                            const std::string& data_folder) {
+Result<Daemon> Daemon::Open(const Options& options, const DaemonSetup& setup) {
   Daemon daemon;
   std::string endpoint = options.endpoint;
   if (endpoint.empty()) {
     PrivateDaemonOptions start;
-    start.tcp = transport == Transport::kTcp;
-    start.data_folder = data_folder;
+    start.tcp = setup.transport == Transport::kTcp;
+    start.data_folder = setup.data_folder;
+    if (setup.pinned) start.arguments.push_back("--pin");
     B4MRL_ASSIGN_OR_RETURN(daemon.process_, PrivateDaemon::Start(start));
     endpoint = daemon.process_->endpoint();
   }
+  std::optional<ScopedPin> pin;
+  if (setup.pinned) pin.emplace(AvailableCores().front());
   B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
   daemon.client_ = std::make_unique<Client>(std::move(client));
   return daemon;

@@ -15,11 +15,17 @@ namespace b4mrl::perf {
 
 enum class Transport { kTcp, kIpc };
 
+struct DaemonSetup {
+  Transport transport = Transport::kTcp;
+  std::string data_folder;  // of a private daemon; "": its default
+  // Pins a private daemon's threads, and the thread that the client's sockets have for input and
+  // output to the first core, which it shares with the first worker's socket thread.
+  bool pinned = false;
+};
+
 class Daemon {
  public:
-  // `data_folder` matters to a private daemon only; "" is its default.
-  static Result<Daemon> Open(const Options& options, Transport transport,
-                             const std::string& data_folder = "");
+  static Result<Daemon> Open(const Options& options, const DaemonSetup& setup);
   Client& client() { return *client_; }
 
  private:

@@ -69,7 +69,7 @@ Result<double> MedianBareStep(PingPong& bare, const std::function<void()>& step)
 }
 
 Status MeasureTransport(const Options& options, Transport transport, Reporter& reporter) {
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, transport));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.transport = transport}));
   EnvironmentOptions one_lane;
   one_lane.seed = 0;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,

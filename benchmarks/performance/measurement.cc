@@ -7,7 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "benchmarks/performance/cores.h"
+#include "proto/base/cores.h"
 
 namespace b4mrl::perf {
 

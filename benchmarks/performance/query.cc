@@ -130,7 +130,7 @@ static_assert(kRecordedLanes * kRecordedSteps % kRowsPerRequest == 0, "requests 
 }  // namespace
 
 Status MeasureQuery(const Options& options, Reporter& reporter) {
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, Transport::kTcp));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {}));
   const std::string agent_file =
       options.agent_file.empty() ? B4MRL_BEHAVIOUR_AGENT : options.agent_file;
   B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, Record(daemon.client(), agent_file));

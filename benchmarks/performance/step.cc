@@ -8,6 +8,7 @@
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/daemon.h"
 #include "proto/base/clock.h"
+#include "proto/base/cores.h"
 
 namespace b4mrl::perf {
 namespace {
@@ -72,14 +73,20 @@ class StepLoop {
 }  // namespace
 
 Status MeasureStep(const Options& options, Reporter& reporter) {
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, Transport::kTcp));
+  // The limit is pinned, so this is as well.
+  const int core = AvailableCores().front();
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.pinned = true}));
   B4MRL_ASSIGN_OR_RETURN(StepLoop loop, StepLoop::Open(daemon.client()));
   B4MRL_ASSIGN_OR_RETURN(const auto bare, BarePhysics::Load(HalfCheetahTask()));
   const std::vector<double> actions = AsDoubles(RandomActions(kActionRows));
   B4MRL_ASSIGN_OR_RETURN(
       const Medians medians,
       MeasureInTurns(
-          options.turns, [&] { return loop.Rate(options.seconds); },
+          options.turns,
+          [&] {
+            const ScopedPin pin(core);
+            return loop.Rate(options.seconds);
+          },
           [&]() -> Result<double> { return bare->StepRate(actions, options.seconds); }));
   reporter.Report({"step-HalfCheetah", medians.value, "1/s", medians.limit,
                    "bare mj_step, one pinned thread a core", 0.90, false});

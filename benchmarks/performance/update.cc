@@ -9,7 +9,6 @@
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/td3_core.h"
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/cores.h"
 #include "proto/base/clock.h"
 #include "proto/base/rng.h"
 

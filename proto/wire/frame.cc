@@ -16,7 +16,7 @@ static_assert(sizeof(zmq_msg_t) == 64, "Frame::storage_ holds a zmq_msg_t");
 
 zmq_msg_t* AsZmq(void* storage) { return static_cast<zmq_msg_t*>(storage); }
 
-std::string FormatShape(std::span<const uint64_t> shape) {
+std::string FormatShape(const Shape& shape) {
   std::string text = "(";
   for (size_t i = 0; i < shape.size(); ++i) {
     text += i == 0 ? "" : ", ";
@@ -173,7 +173,7 @@ Result<TensorView> ArrayReader::Require(std::string_view name, std::initializer_
                  [](uint64_t got, uint64_t want) { return want == kAny || got == want; });
   if (!matches) {
     return InvalidArgument(fmt::format("{} shape", name), FormatShape(view->shape),
-                           FormatShape({shape.begin(), shape.size()}));
+                           FormatShape(shape));
   }
   return *view;
 }

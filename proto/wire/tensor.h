@@ -2,12 +2,15 @@
 // long as the message they were read from. No thread rule beyond that.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <initializer_list>
 #include <span>
 #include <string>
-#include <vector>
+
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 
@@ -39,10 +42,33 @@ constexpr DType DTypeOf() {
   return DType::kUnspecified;
 }
 
+// The extents of an array, outermost first; at most limits::kMaxArrayDimensions, without memory of
+// their own: every message brings several.
+class Shape {
+ public:
+  Shape() = default;
+  // What is beyond the limit is dropped; a message with more is refused before.
+  template <typename Iterator>
+  Shape(Iterator begin, Iterator end) {
+    while (begin != end && size_ < extents_.size()) extents_[size_++] = *begin++;
+  }
+  Shape(std::initializer_list<uint64_t> extents) : Shape(extents.begin(), extents.end()) {}
+
+  size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+  uint64_t operator[](size_t axis) const { return extents_[axis]; }
+  const uint64_t* begin() const { return extents_.data(); }
+  const uint64_t* end() const { return extents_.data() + size_; }
+
+ private:
+  std::array<uint64_t, limits::kMaxArrayDimensions> extents_{};
+  size_t size_ = 0;
+};
+
 // A validated row-major array: `data` is aligned for its element type and spans the whole shape.
 struct TensorView {
   DType dtype = DType::kUnspecified;
-  std::vector<uint64_t> shape;
+  Shape shape;
   const std::byte* data = nullptr;
 
   uint64_t elements() const;

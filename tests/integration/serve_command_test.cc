@@ -178,6 +178,7 @@ TEST_CASE("Numbers depend on no count of workers, threads or clients") {
   REQUIRE(Digests({"--workers", "2", "--threads", "1"}, 1) == expected);
   REQUIRE(Digests({"--workers", "1", "--threads", "4"}, 1) == expected);
   REQUIRE(Digests({"--workers", "2", "--threads", "4"}, 8) == expected);
+  REQUIRE(Digests({"--workers", "2", "--threads", "2", "--pin"}, 1) == expected);
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
-#include "benchmarks/performance/cores.h"
+#include "proto/base/cores.h"
 
 #include <sched.h>
 
-namespace b4mrl::perf {
+namespace b4mrl {
 
 std::vector<int> AvailableCores() {
   cpu_set_t set;
@@ -17,11 +17,11 @@ std::vector<int> AvailableCores() {
   return cores;
 }
 
-void PinThisThread(int core) {
+void PinThisThread(const std::vector<int>& cores) {
   cpu_set_t set;
   CPU_ZERO(&set);
-  CPU_SET(core, &set);
+  for (const int core : cores) CPU_SET(core, &set);
   sched_setaffinity(0, sizeof(set), &set);
 }
 
-}  // namespace b4mrl::perf
+}  // namespace b4mrl
