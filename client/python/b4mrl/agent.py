@@ -1,0 +1,138 @@
+"""Agents: policies that `b4mrl train` and D4RL wrote, as functions from observations to actions.
+
+An agent file is HDF5 with D4RL's layout of a behaviour policy under `metadata/policy`, extended by
+what it takes to act: how many observations it looks at, which dimensions it does not see, and how
+they are normalised.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from b4mrl.errors import DataLossError, InvalidArgumentError
+
+Vector = NDArray[np.float32]
+
+
+class Policy:
+    """A deterministic policy: `action = policy(observation)`.
+
+    `observation` is (observation size,) or a batch (n, observation size), float32 or float64, any
+    shape with that many numbers a row included; `action` is float32 of (action size,) or
+    (n, action size). Numbers agree with the C++ learners' to rounding, not bit for bit.
+
+    A policy with a history remembers the last observations: call `reset` when an episode starts. Of
+    a batch, rows keep their places, and `reset(rows)` starts some of them anew. Thread rule: one
+    thread at a time.
+
+    Attributes:
+        observation_size, action_size, history_length: of the policy's input and output.
+        environment, algorithm: where it is meant to act, and what trained it; "" if not recorded.
+    """
+
+    def __init__(self, metadata: Any) -> None:
+        group = metadata["policy"]
+        self.environment = _text(metadata, "environment")
+        self.algorithm = _text(metadata, "algorithm")
+        self._layers = []
+        while f"fc{len(self._layers)}" in group:
+            self._layers.append(_layer(group[f"fc{len(self._layers)}"]))
+        self._layers.append(_layer(group["last_fc"]))
+        self._hidden = _choose(group, "nonlinearity", {"relu": _relu, "tanh": np.tanh})
+        _choose(group, "output_distribution", {"tanh_gaussian": None, "tanh": None})
+        self.history_length = int(group["history_length"][()]) if "history_length" in group else 1
+        self.action_size = len(self._layers[-1][1])
+        self.observation_size, rest = divmod(self._layers[0][0].shape[1], self.history_length)
+        if rest:
+            raise DataLossError("the first layer's inputs are no multiple of history_length")
+        size = self.observation_size
+        self._mask = _vector(group, "observation_mask", np.ones(size)) != 0
+        self._mean = _vector(group, "observation_mean", np.zeros(size))
+        self._std = _vector(group, "observation_std", np.ones(size))
+        self._scale = _vector(group, "action_scale", np.ones(self.action_size))
+        self._history: NDArray[np.float32] | None = None  # (n, history, size), oldest first
+        self._starts: NDArray[np.bool_] | None = None  # rows whose next observation is a first one
+
+    def reset(self, rows: ArrayLike | None = None) -> None:
+        """The next observations of `rows` (numbers or a bool mask; all of them) start episodes."""
+        if rows is None or self._starts is None:
+            self._history = self._starts = None
+        else:
+            self._starts[rows] = True
+
+    def __call__(self, observation: ArrayLike) -> Vector:
+        given = np.asarray(observation, np.float32)
+        single = given.size == self.observation_size and given.ndim < 2
+        size = self.observation_size
+        if given.size == 0 or given.size % size or not (single or given[0].size == size):
+            raise InvalidArgumentError(
+                f"observation has shape {given.shape}, allowed: ({size},) or (n, {size})"
+            )
+        rows = np.where(self._mask, given.reshape(-1, size), 0)
+        rows = np.where(self._mask, (rows - self._mean) / self._std, 0)
+        values = self._with_history(rows)
+        for weight, bias in self._layers[:-1]:
+            values = self._hidden(values @ weight.T + bias)
+        weight, bias = self._layers[-1]
+        actions = self._scale * np.tanh(values @ weight.T + bias)
+        return actions[0] if single else actions
+
+    def _with_history(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self.history_length == 1:
+            return rows
+        if self._history is None or len(self._history) != len(rows):
+            self._history = np.zeros((len(rows), self.history_length, rows.shape[1]), np.float32)
+            self._starts = np.ones(len(rows), np.bool_)
+        self._history = np.roll(self._history, -1, axis=1)
+        self._history[:, -1] = rows
+        self._history[self._starts] = rows[self._starts, None]
+        self._starts[:] = False
+        return self._history.reshape(len(rows), -1)
+
+
+def load_agent(path: str | os.PathLike[str]) -> Policy:
+    """Reads an agent file, or a D4RL file that carries its behaviour policy.
+
+    OSError: it cannot be read. DataLossError: it holds no agent, or an inconsistent one.
+    """
+    import h5py  # only here: HDF5 is slow to import
+
+    with h5py.File(path, "r") as file:
+        try:
+            return Policy(file["metadata"])
+        except KeyError as error:
+            raise DataLossError(f"{os.fspath(path)} holds no agent: {error}") from None
+
+
+def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.maximum(values, 0)
+
+
+def _text(group: Any, name: str) -> str:
+    value = group[name][()] if name in group else ""
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _choose(group: Any, name: str, known: dict[str, Any]) -> Any:
+    value = _text(group, name)
+    if value not in known:
+        raise DataLossError(f"{name} is {value!r}, allowed: {', '.join(known)}")
+    return known[value]
+
+
+def _layer(group: Any) -> tuple[NDArray[np.float32], Vector]:
+    weight, bias = (np.asarray(group[name], np.float32) for name in ("weight", "bias"))
+    if weight.ndim != 2 or bias.shape != weight.shape[:1]:
+        raise DataLossError(f"{group.name}: weight {weight.shape} and bias {bias.shape} do not fit")
+    return weight, bias
+
+
+def _vector(group: Any, name: str, default: NDArray[Any]) -> Vector:
+    value = np.asarray(group[name] if name in group else default, np.float32).reshape(-1)
+    if value.shape != default.shape:
+        raise DataLossError(f"{name} has {value.size} entries, allowed: {default.size}")
+    return value

@@ -1,0 +1,97 @@
+"""The arrays of a message: raw little-endian numbers in its second frame, listed in its first.
+
+Shapes are row-major. Nothing here trusts the bytes of a peer: a table that does not fit its payload
+is an InternalError.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from b4mrl import limits
+from b4mrl.errors import InternalError, LimitExceededError
+
+Array = NDArray[Any]
+
+# Numbers of the wire's DType (b4mrl.proto).
+_DTYPES = {
+    1: np.dtype("<f4"),
+    2: np.dtype("<f8"),
+    3: np.dtype("<i4"),
+    4: np.dtype("<i8"),
+    5: np.dtype("u1"),
+    6: np.dtype("<u4"),
+    7: np.dtype("<u8"),
+}
+_NUMBERS = {dtype: number for number, dtype in _DTYPES.items()}
+
+
+def dtype_number(dtype: np.dtype[Any]) -> int:
+    """The wire's number of a numpy dtype. KeyError: it cannot travel."""
+    return _NUMBERS[dtype]
+
+
+def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
+    """The payload that holds `arrays`; their entries are appended to `table` (Request.arrays).
+
+    Arrays may have any memory order, and a dtype that the wire knows.
+    LimitExceededError: more than 64 MiB.
+    """
+    offsets = []
+    end = 0
+    for name, array in arrays.items():
+        start = -(-end // limits.ARRAY_ALIGNMENT) * limits.ARRAY_ALIGNMENT
+        table.add(name=name, dtype=_NUMBERS[array.dtype], shape=array.shape, offset=start)
+        offsets.append(start)
+        end = start + array.nbytes
+    if end > limits.MAX_PAYLOAD_BYTES:
+        raise LimitExceededError(
+            f"the arrays have {end} bytes, allowed: at most {limits.MAX_PAYLOAD_BYTES}"
+        )
+    payload = bytearray(end)
+    for start, array in zip(offsets, arrays.values()):
+        np.ndarray(array.shape, array.dtype, payload, start)[...] = array
+    return payload
+
+
+def unpack(table: Sequence[Any], payload: bytearray) -> dict[str, Array]:
+    """The arrays that `table` (Reply.arrays) lists, as writable views into `payload`."""
+    arrays = {}
+    for entry in table:
+        dtype = _DTYPES.get(entry.dtype)
+        shape = tuple(entry.shape)
+        if dtype is None or len(shape) > limits.MAX_ARRAY_DIMENSIONS:
+            raise InternalError(f"unreadable reply: array {entry.name!r} of an unknown kind")
+        end = entry.offset + math.prod(shape) * dtype.itemsize
+        if entry.offset % limits.ARRAY_ALIGNMENT or end > len(payload):
+            raise InternalError(
+                f"unreadable reply: array {entry.name!r} ends at byte {end} of {len(payload)}"
+            )
+        try:
+            arrays[entry.name] = np.ndarray(shape, dtype, payload, entry.offset)
+        except ValueError as error:  # an empty array with an extent that numpy cannot hold
+            raise InternalError(f"unreadable reply: array {entry.name!r}: {error}") from error
+    return arrays
+
+
+def require(
+    arrays: Mapping[str, Array], name: str, dtype: str | np.dtype[Any], shape: tuple[int | None, ...]
+) -> Array:
+    """The array `name`, which must have `dtype` and `shape`; None in a shape fits any extent.
+
+    InternalError: the reply has none like that.
+    """
+    array = arrays.get(name)
+    if array is None:
+        raise InternalError(f"unreadable reply: no array {name!r}")
+    fits = array.dtype == dtype and len(array.shape) == len(shape)
+    if not fits or any(want not in (None, have) for want, have in zip(shape, array.shape)):
+        raise InternalError(
+            f"unreadable reply: array {name!r} is {array.dtype}{array.shape}, not {dtype}{shape}"
+        )
+    return array

@@ -1,0 +1,38 @@
+"""An environment's settings as the JSON text that travels."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from b4mrl.errors import InvalidArgumentError
+
+
+def to_json(config: Mapping[str, Any] | None) -> str:
+    """The JSON object of `config`; "" for none.
+
+    Values may be numbers, strings, booleans, None, and lists, tuples, arrays or dicts of them. An
+    infinite number, as in `healthy_z_range=(0.7, inf)`, becomes null, which the server takes for an
+    open end. InvalidArgumentError: anything else, NaN included.
+    """
+    return json.dumps(_plain(config, "config"), allow_nan=False) if config else ""
+
+
+def _plain(value: Any, name: str) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, f"{name}[{key!r}]") for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, f"{name}[{i}]") for i, item in enumerate(value)]
+    if isinstance(value, float) and not math.isnan(value):
+        return None if math.isinf(value) else value
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    raise InvalidArgumentError(
+        f"{name} is {value!r}, allowed: numbers, strings, booleans, None, and lists or dicts of them"
+    )

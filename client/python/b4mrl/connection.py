@@ -1,0 +1,317 @@
+"""One connection to one server process: requests out, replies in, whatever happens to the server.
+
+A request carries an id, and stays here, payload included, until its reply has come or its deadline
+has passed. It is sent again, unchanged but for the deadline,
+
+- after a reconnection: the process behind it may be a replacement, and what the old one held is
+  gone;
+- when an eighth of its deadline has passed without any reply to anything.
+
+The server executes a numbered step once, however often it arrives; replies that come twice, or
+after their request was given up, are dropped.
+
+Thread rule: one thread at a time. A connection does not survive a fork: the child's calls are
+refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import zmq
+from google.protobuf.message import DecodeError
+from zmq.utils.monitor import recv_monitor_message
+
+from b4mrl import arrays, errors, limits
+from b4mrl.messages import Reply, Request
+
+_LONGEST_BLOCK_MS = 20  # of one wait for a message, after which reconnections are looked for
+_FAREWELL_MS = 500
+_PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
+
+
+@dataclass(slots=True)
+class Delivery:
+    """What became of one request: a reply, or an error.
+
+    Attributes:
+        reply: the Reply, whose status is OK; None with an error.
+        arrays: the reply's arrays, writable.
+        executed: True, False, or None when that is not known.
+    """
+
+    request_id: int
+    reply: Any = None
+    arrays: dict[str, arrays.Array] = field(default_factory=dict)
+    error: errors.B4mrlError | None = None
+    executed: bool | None = True
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A request that has not been answered. Times are seconds of time.monotonic()."""
+
+    envelope: bytes  # without version, token, id and deadline
+    payload: bytearray
+    deadline: float
+    patience: float
+    connection: int = 0  # the number of the connection that it was last sent over
+    sent: float = 0.0
+    resent: bool = False
+
+
+@functools.lru_cache(maxsize=1)
+def _context_of(process_id: int) -> zmq.Context[zmq.Socket[bytes]]:
+    """ZeroMQ's context of this process; a forked child gets its own."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    context.set(zmq.MAX_SOCKETS, 65535)
+    return context
+
+
+def _open_socket(address: str) -> zmq.Socket[bytes]:
+    socket = _context_of(os.getpid()).socket(zmq.DEALER)
+    socket.set(zmq.LINGER, 0)
+    socket.set(zmq.MAXMSGSIZE, limits.MAX_PAYLOAD_BYTES)
+    socket.set(zmq.SNDHWM, limits.HIGH_WATER_MARK)
+    socket.set(zmq.RCVHWM, limits.HIGH_WATER_MARK)
+    socket.set(zmq.HANDSHAKE_IVL, limits.HANDSHAKE_MS)
+    socket.set(zmq.HEARTBEAT_IVL, limits.HEARTBEAT_INTERVAL_MS)
+    socket.set(zmq.HEARTBEAT_TIMEOUT, limits.HEARTBEAT_TIMEOUT_MS)
+    socket.set(zmq.HEARTBEAT_TTL, limits.HEARTBEAT_TTL_MS)
+    socket.set(zmq.RCVTIMEO, _LONGEST_BLOCK_MS)
+    return socket
+
+
+class Connection:
+    """Requests to, and replies from, the process that listens on `address`.
+
+    Args:
+        address: "tcp://HOST:PORT" or "ipc://PATH". The first request waits for the connection.
+        token: the session's 16 bytes, or b"" where no session is meant.
+
+    Raises:
+        InvalidArgumentError: `address` is none.
+    """
+
+    def __init__(self, address: str, token: bytes = b"") -> None:
+        self._token = token
+        self._process_id = os.getpid()
+        self._next_id = 1
+        self._handshakes = 0
+        self._last_reply = 0.0
+        self._pending: dict[int, _Pending] = {}
+        self._arrived: dict[int, Delivery] = {}
+        self._socket = _open_socket(address)
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        try:
+            self._socket.connect(address)
+        except zmq.ZMQError as error:
+            self.close()
+            raise errors.InvalidArgumentError(
+                f"address is {address!r} ({error}), allowed: tcp://HOST:PORT or ipc://PATH"
+            ) from None
+
+    def close(self, linger_ms: int = 0) -> None:
+        """Closes the socket; requests that are not answered yet are given up.
+
+        What was sent may leave for up to `linger_ms`, in the background.
+        """
+        self._pending.clear()
+        if self._process_id == os.getpid():
+            self._socket.disable_monitor()
+            self._monitor.close(linger=0)
+            self._socket.close(linger=linger_ms)
+
+    def farewell(self, request: Any) -> None:
+        """Sends a last request, whose reply nobody waits for, and closes."""
+        if self._process_id == os.getpid():
+            with contextlib.suppress(errors.B4mrlError):
+                self.send(request, bytearray(), _FAREWELL_MS)
+        self.close(linger_ms=_FAREWELL_MS)
+
+    @property
+    def handshakes(self) -> int:
+        """How often the connection was made; above 1 after the server was replaced."""
+        while self._monitor.poll(0):
+            recv_monitor_message(self._monitor)
+            self._handshakes += 1
+        return self._handshakes
+
+    def send(self, request: Any, payload: bytearray, deadline_ms: float) -> int:
+        """Sends a request and returns its id.
+
+        Args:
+            request: a Request with its payload and its table of arrays; version, token, id and
+                deadline are filled in here.
+            payload: the arrays' bytes; empty for none. It is kept, so nobody may change it.
+
+        Raises:
+            LimitExceededError: too many requests are in flight, or the envelope is too long.
+            UnavailableError: the queue towards the server is full.
+            FailedPreconditionError: the connection was made before a fork.
+        """
+        if os.getpid() != self._process_id:
+            raise errors.FailedPreconditionError(
+                "made in another process; connect again in this one (after a fork)"
+            )
+        if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
+            raise errors.LimitExceededError(
+                f"allowed: at most {limits.MAX_REQUESTS_IN_FLIGHT} requests in flight"
+            )
+        envelope = request.SerializeToString()
+        if len(envelope) + 64 > limits.MAX_ENVELOPE_BYTES:
+            raise errors.LimitExceededError(
+                f"the request has {len(envelope)} bytes beside its arrays, "
+                f"allowed: at most {limits.MAX_ENVELOPE_BYTES}"
+            )
+        request_id = self._next_id
+        seconds = deadline_ms / 1000
+        pending = _Pending(
+            envelope, payload, time.monotonic() + seconds, seconds / _PATIENCE_FRACTION
+        )
+        if not self._transmit(request_id, pending):
+            raise errors.UnavailableError("the queue towards the server is full")
+        self._pending[request_id] = pending
+        self._next_id += 1
+        return request_id
+
+    def receive(self, request_id: int) -> Delivery:
+        """Waits for what becomes of a request, at most until its deadline."""
+        return self.receive_any((request_id,))
+
+    def receive_any(self, request_ids: Iterable[int]) -> Delivery:
+        """Waits for whichever of the requests is settled first.
+
+        FailedPreconditionError: none of them is in flight.
+        """
+        while True:
+            for request_id in request_ids:
+                if request_id in self._arrived:
+                    return self._arrived.pop(request_id)
+            if not any(request_id in self._pending for request_id in request_ids):
+                raise errors.FailedPreconditionError("no such request is in flight")
+            self._pump()
+
+    def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
+        """Sends a request and waits for its reply. Raises what the server answers."""
+        request_id = self.send(request, payload, deadline_ms)
+        try:
+            delivery = self.receive(request_id)
+        finally:
+            self.abandon(request_id)  # after Ctrl-C nobody else would receive it
+        if delivery.error is not None:
+            raise delivery.error
+        return delivery
+
+    def abandon(self, request_id: int) -> None:
+        """The reply is not wanted any more. The server may execute the request all the same."""
+        self._pending.pop(request_id, None)
+        self._arrived.pop(request_id, None)
+
+    def _transmit(self, request_id: int, pending: _Pending) -> bool:
+        now = time.monotonic()
+        remaining_ms = math.ceil((pending.deadline - now) * 1000)
+        head = Request(
+            protocol_version=limits.PROTOCOL_VERSION,
+            session_token=self._token,
+            request_id=request_id,
+            deadline_ms=min(max(remaining_ms, 1), limits.MAX_DEADLINE_MS),
+        )
+        # Before the first handshake a message waits in the queue of connection 1 and is not lost.
+        pending.connection = max(self._handshakes, 1)
+        pending.sent = now
+        # Two serialised messages after one another are their union.
+        frames = [head.SerializeToString() + pending.envelope]
+        if pending.payload:
+            frames.append(pending.payload)
+        try:
+            self._socket.send_multipart(frames, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True
+
+    def _pump(self) -> None:
+        """Takes one message off the socket, or waits for one and does what is due meanwhile."""
+        frames = self._read()
+        if frames is None:
+            self._resend()
+        # Nothing expires while its reply may still be in the queue, unless that is full of noise.
+        if frames is None or not self._accept(frames):
+            self._expire()
+
+    def _read(self) -> list[zmq.Frame] | None:
+        wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
+        if wait_ms < _LONGEST_BLOCK_MS and not self._socket.poll(max(wait_ms, 0)):
+            return None
+        try:
+            return self._socket.recv_multipart(copy=False)
+        except zmq.Again:
+            return None
+
+    def _next_wake(self) -> float:
+        """When the first pending request is to be sent again or given up."""
+        return min(
+            min(pending.deadline, self._resend_time(pending)) for pending in self._pending.values()
+        )
+
+    def _resend_time(self, pending: _Pending) -> float:
+        return max(pending.sent, self._last_reply) + pending.patience
+
+    def _accept(self, frames: list[zmq.Frame]) -> bool:
+        """Settles the request that a message answers; False if it answers none."""
+        try:
+            reply = Reply.FromString(frames[0].bytes)
+        except DecodeError:
+            return False
+        pending = self._pending.pop(reply.request_id, None)
+        if pending is None or len(frames) > 2:
+            return False
+        self._last_reply = time.monotonic()
+        delivery = _read_reply(reply, frames)
+        error = delivery.error
+        if error is not None and error.recoverable and pending.resent:
+            delivery.executed = None  # one copy was turned away; another may still be executed
+        self._arrived[reply.request_id] = delivery
+        return True
+
+    def _resend(self) -> None:
+        handshakes = self.handshakes
+        if handshakes == 0:
+            return  # all of it is still queued for the first connection
+        now = time.monotonic()
+        for request_id, pending in self._pending.items():
+            if pending.connection < handshakes or self._resend_time(pending) <= now:
+                pending.resent = True
+                # A full queue is no loss: the next silence, reconnection or deadline settles it.
+                self._transmit(request_id, pending)
+
+    def _expire(self) -> None:
+        now = time.monotonic()
+        for request_id in [i for i, pending in self._pending.items() if pending.deadline <= now]:
+            del self._pending[request_id]
+            error: errors.B4mrlError
+            if self.handshakes > 0:
+                error = errors.DeadlineExceededError("no answer within the deadline")
+            else:
+                error = errors.UnavailableError("the server cannot be reached")
+            self._arrived[request_id] = Delivery(request_id, error=error, executed=None)
+
+
+def _read_reply(reply: Any, frames: list[zmq.Frame]) -> Delivery:
+    status = reply.status
+    if status.code != 0:
+        error = errors.error_of(status.code, status.message, status.recoverable)
+        executed = None if error.executed_unknown else False
+        return Delivery(reply.request_id, error=error, executed=executed)
+    payload = bytearray(frames[1].buffer) if len(frames) > 1 else bytearray()
+    try:
+        return Delivery(reply.request_id, reply, arrays.unpack(reply.arrays, payload))
+    except errors.InternalError as error:
+        return Delivery(reply.request_id, error=error, executed=None)

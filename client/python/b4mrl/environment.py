@@ -1,0 +1,118 @@
+"""One environment of the daemon as a gymnasium.Env."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike
+
+from b4mrl import checks, errors, infos
+from b4mrl.arrays import Array
+from b4mrl.session import Outcome, Session
+from b4mrl.spec import EnvironmentSpec
+from b4mrl.states import State, read_states, write_states
+
+RENDER_MODES = ("rgb_array",)
+
+
+def metadata_of(spec: EnvironmentSpec) -> dict[str, Any]:
+    """Gymnasium's metadata: render modes, and frames a second in simulated time."""
+    return {"render_modes": list(RENDER_MODES), "render_fps": max(round(1 / spec.step_seconds), 1)}
+
+
+def check_render_mode(render_mode: str | None) -> None:
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise errors.InvalidArgumentError(
+            f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
+        )
+
+
+class Environment(gym.Env[Array, Array]):
+    """What Client.make returns.
+
+    Observations are arrays of the space's shape in the dtype that make was given. Actions may be
+    float32 or float64; values beyond the action space follow the task's own rule. As with
+    Gymnasium's own tasks, an environment whose episode has ended may be stepped on. `info` has what
+    the original reports and, when the episode ended, `cause`: "unhealthy", "limit", "crash" or
+    "numerical_error".
+
+    Thread rule: one thread at a time. Errors are those of b4mrl.errors.
+
+    Attributes:
+        session: the layer underneath; `session.in_force` repeats everything that the daemon has
+            in force.
+        digest: a rolling hash of the actions and outcomes since the last seeded reset; equal
+            digests mean equal trajectories.
+    """
+
+    def __init__(
+        self, session: Session, render_mode: str | None = None, width: int = 0, height: int = 0
+    ) -> None:
+        check_render_mode(render_mode)
+        spec = session.spec
+        self.session = session
+        self.digest = 0
+        self.metadata = metadata_of(spec)
+        self.render_mode = render_mode
+        self._frame_size = width, height
+        self.observation_space: spaces.Box = spec.observation.box(session.dtype)
+        self.action_space: spaces.Box = spec.action.box(np.float32)
+        self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Starts the next episode, or with `seed` the environment anew. No options are known."""
+        super().reset(seed=seed)
+        seeds = None if seed is None else np.array([checks.unsigned("seed", seed)], np.uint64)
+        outcome = self.session.reset(seeds=seeds)
+        return self._observation(outcome), self._info(outcome, is_reset=True)
+
+    def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One step. FailedPreconditionError: the environment was never reset."""
+        rows = checks.action_rows(np.asarray(action)[None], 1, self.session.spec.action.shape)
+        outcome = self.session.step(rows)
+        info = self._info(outcome, is_reset=False)
+        if outcome.causes[0]:
+            info["cause"] = infos.cause_name(outcome.causes[0])
+        return (
+            self._observation(outcome),
+            float(outcome.rewards[0]),
+            bool(outcome.terminated[0]),
+            bool(outcome.truncated[0]),
+            info,
+        )
+
+    def get_state(self) -> State:
+        """The state as a dictionary (b4mrl.states)."""
+        return read_states(self.session.snapshot(), [False])[0]
+
+    def set_state(self, state: State) -> Array:
+        """Continues from `state`; returns its observation.
+
+        VersionMismatchError: its snapshot is of another simulator or engine.
+        """
+        (restoration,) = write_states([state])
+        observations = self.session.restore(restoration.parts)
+        return observations[0].reshape(self.observation_space.shape)
+
+    def render(self) -> Array | None:
+        """The picture of the present state, uint8 (height, width, 3); None without render_mode."""
+        if self.render_mode is None:
+            return None
+        return self.session.render(*self._frame_size)[0]
+
+    def close(self) -> None:
+        """Gives the session back. May be called again."""
+        self.session.close()
+
+    def _observation(self, outcome: Outcome) -> Array:
+        self.digest = int(outcome.digests[0])
+        return outcome.observations[0].reshape(self.observation_space.shape)
+
+    def _info(self, outcome: Outcome, is_reset: bool) -> dict[str, Any]:
+        row = None if outcome.infos is None else outcome.infos[0]
+        return self._infos.single(row, is_reset)

@@ -1,0 +1,133 @@
+"""Gymnasium's info dictionaries from the columns of numbers that the wire has.
+
+A column's name says where its number belongs: "x_position"; "tendon_length[1]" is the second entry
+of an array; "rewards.collision_reward" is an entry of a dictionary within the dictionary. For a
+batch, as Gymnasium's vector environments have it, every key `k` is an array with one entry an
+environment and comes with a boolean mask `_k` of the environments that reported it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from b4mrl.messages import CAUSES
+
+Mask = NDArray[np.bool_]
+
+CAUSE_NAMES = {value.number: value.name.lower() for value in CAUSES.values}
+_ENTRY = re.compile(r"(.*)\[\d+\]")
+
+# A key, and what it holds: one column, the columns of an array, or the items of a dictionary.
+_Items = dict[str, "int | list[int] | _Items"]  # type: ignore[misc]
+
+
+class InfoLayout:
+    """Where the columns go.
+
+    Args:
+        names: of the columns.
+        reset_names: those that a reset reports; the others are absent from its dictionary.
+    """
+
+    def __init__(self, names: Iterable[str], reset_names: Iterable[str]) -> None:
+        columns = list(enumerate(names))
+        reported = set(reset_names)
+        self._step = _tree(columns)
+        self._reset = _tree([(i, name) for i, name in columns if name in reported])
+
+    def single(self, row: NDArray[np.float64] | None, is_reset: bool) -> dict[str, Any]:
+        """The dictionary of one environment from its (columns,) numbers."""
+        return {} if row is None else _read(self._reset if is_reset else self._step, row)
+
+    def batch(self, rows: NDArray[np.float64] | None, is_reset: Mask) -> dict[str, Any]:
+        """The dictionary of a batch from (n, columns) numbers; `is_reset` (n,) marks resets."""
+        infos: dict[str, Any] = {}
+        if rows is None:
+            return infos
+        if not is_reset.all():
+            _merge(infos, self._step, rows, ~is_reset)
+        if is_reset.any():
+            _merge(infos, self._reset, rows, is_reset)
+        return infos
+
+
+def add_causes(infos: dict[str, Any], causes: NDArray[np.uint8]) -> None:
+    """Adds why episodes ended, as text, for the environments whose episode did."""
+    ended = causes != 0
+    if ended.any():
+        infos["cause"] = np.array([cause_name(cause) if cause else None for cause in causes], object)
+        infos["_cause"] = ended
+
+
+def cause_name(cause: int) -> str:
+    """ "unhealthy", "limit", "crash", "numerical_error", or a number that this client cannot name."""
+    return CAUSE_NAMES.get(int(cause), str(int(cause)))
+
+
+def scatter(infos: dict[str, Any], positions: NDArray[np.uint32], count: int) -> dict[str, Any]:
+    """A batch of m as a batch of `count`, entry i at positions[i] and the others zero or absent."""
+    wide: dict[str, Any] = {}
+    for key, value in infos.items():
+        if isinstance(value, dict):
+            wide[key] = scatter(value, positions, count)
+            continue
+        empty = None if value.dtype == object else 0
+        wide[key] = np.full((count, *value.shape[1:]), empty, value.dtype)
+        wide[key][positions] = value
+    return wide
+
+
+def row_of(infos: dict[str, Any], position: int) -> dict[str, Any]:
+    """The dictionary of one environment out of a batch's; the inverse of batching."""
+    row = {}
+    for key, value in infos.items():
+        mask = infos.get("_" + key)
+        if mask is None or not mask[position]:
+            continue
+        row[key] = row_of(value, position) if isinstance(value, dict) else value[position]
+    return row
+
+
+def _tree(columns: list[tuple[int, str]]) -> _Items:
+    tree: _Items = {}
+    for column, name in columns:
+        *path, key = name.split(".")
+        items = tree
+        for part in path:
+            items = items.setdefault(part, {})  # type: ignore[assignment]
+        entry = _ENTRY.fullmatch(key)
+        if entry:
+            items.setdefault(entry[1], []).append(column)  # type: ignore[union-attr]
+        else:
+            items[key] = column
+    return tree
+
+
+def _read(items: _Items, row: NDArray[np.float64]) -> dict[str, Any]:
+    infos: dict[str, Any] = {}
+    for key, place in items.items():
+        if isinstance(place, dict):
+            infos[key] = _read(place, row)
+        else:
+            infos[key] = float(row[place]) if isinstance(place, int) else row[place]
+    return infos
+
+
+def _merge(
+    infos: dict[str, Any], items: _Items, rows: NDArray[np.float64], reported: Mask
+) -> None:
+    """Adds the columns of the environments that `reported` them."""
+    for key, place in items.items():
+        if isinstance(place, dict):
+            _merge(infos.setdefault(key, {}), place, rows, reported)
+        else:
+            shape = (len(rows),) if isinstance(place, int) else (len(rows), len(place))
+            array = infos.setdefault(key, np.zeros(shape))
+            array[reported] = rows[reported][:, place]
+        mask = infos.setdefault("_" + key, np.zeros(len(rows), np.bool_))
+        mask |= reported

@@ -1,0 +1,31 @@
+"""Bounds and times of the protocol, the same as in proto/base/limits.h (a test compares them)."""
+
+PROTOCOL_VERSION = 1
+
+# Messages.
+MAX_ENVELOPE_BYTES = 64 * 1024
+MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
+MAX_ARRAYS_PER_MESSAGE = 32
+MAX_ARRAY_DIMENSIONS = 8
+ARRAY_ALIGNMENT = 64  # bytes, of an array's offset within the payload
+
+# Sessions and lanes.
+TOKEN_BYTES = 16
+MAX_LANES_PER_SESSION = 1024
+MAX_REQUESTS_IN_FLIGHT = 64  # of one connection
+MAX_QUERY_ROWS = 4096  # of one request
+MAX_ROWS_PER_BATCH = 65536  # of one Sample or Read
+MAX_BATCHES_PER_SAMPLE = 64
+MAX_OBSERVATION_DIMENSIONS = 4096
+MAX_ACTION_DIMENSIONS = 1024
+
+# Time.
+DEFAULT_DEADLINE_MS = 10_000
+MAX_DEADLINE_MS = 3_600_000
+HANDSHAKE_MS = 3_000
+HEARTBEAT_INTERVAL_MS = 2_000
+HEARTBEAT_TIMEOUT_MS = 6_000
+HEARTBEAT_TTL_MS = 10_000
+
+# Messages queued in a socket before sending fails.
+HIGH_WATER_MARK = 1_000

@@ -1,0 +1,88 @@
+"""Queries of a simulator: any number of rows, in requests of which several are in flight."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from b4mrl import limits
+from b4mrl.arrays import Array
+from b4mrl.errors import InvalidArgumentError
+from b4mrl.session import Session
+
+# Enough to keep every thread of a worker busy while one answer is copied out.
+_REQUESTS_IN_FLIGHT = 6
+
+Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Observations and actions as the caller gave them, first axes of equal length."""
+
+    observations: Array
+    actions: Array
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.observations.dtype
+
+    @classmethod
+    def of(cls, observations: ArrayLike, actions: ArrayLike) -> Rows:
+        """InvalidArgumentError: they are no rows, or not equally many."""
+        given = np.asarray(observations)
+        dtype = np.float64 if given.dtype == np.float64 else np.float32
+        states, controls = given.astype(dtype, copy=False), np.asarray(actions, dtype)
+        if states.ndim < 2 or controls.ndim < 2 or len(states) != len(controls):
+            raise InvalidArgumentError(
+                f"observations have shape {states.shape} and actions {controls.shape}, "
+                "allowed: (rows, ...) with equally many rows"
+            )
+        return cls(states, controls)
+
+    def flat(self, observation_size: int, action_size: int) -> Rows:
+        """The same as (rows, size) each. InvalidArgumentError: they have other sizes."""
+        rows = len(self.observations)
+        sizes = self.observations.size, self.actions.size
+        if sizes != (rows * observation_size, rows * action_size):
+            raise InvalidArgumentError(
+                f"observations have shape {self.observations.shape} and actions "
+                f"{self.actions.shape}, allowed: {observation_size} and {action_size} values a row"
+            )
+        return Rows(
+            self.observations.reshape(rows, observation_size),
+            self.actions.reshape(rows, action_size),
+        )
+
+
+def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> Answer:
+    """Asks `session` for all rows and returns what Client.query does."""
+    flat = rows.flat(session.spec.observation.size, session.spec.action.size)
+    count = len(flat.observations)
+    next_observations = np.empty((count, session.spec.observation.size), session.dtype)
+    rewards = np.empty(count)
+    terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    under_way: deque[tuple[int, slice]] = deque()
+    position = 0
+    try:
+        while position < count or under_way:
+            if position < count and len(under_way) < _REQUESTS_IN_FLIGHT:
+                part = slice(position, min(position + limits.MAX_QUERY_ROWS, count))
+                request_id = session.send_query(
+                    flat.observations[part], flat.actions[part], seed, draw, first_row + position
+                )
+                under_way.append((request_id, part))
+                position = part.stop
+                continue
+            request_id, part = under_way[0]
+            answer = session.receive_query(request_id, part.stop - part.start)
+            under_way.popleft()
+            next_observations[part], rewards[part], terminated[part], valid[part] = answer
+    finally:
+        for request_id, _ in under_way:
+            session.abandon(request_id)
+    return next_observations.reshape(rows.observations.shape), rewards, terminated, valid

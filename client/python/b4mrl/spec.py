@@ -1,0 +1,121 @@
+"""What an environment is: its spaces, reward, limits and infos, as the daemon describes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import DTypeLike, NDArray
+
+from b4mrl import limits
+from b4mrl.errors import InternalError, InvalidArgumentError
+
+Named = tuple[str, str]  # a name and its argument ("" for none)
+
+
+@dataclass(frozen=True)
+class SpaceSpec:
+    """A box.
+
+    Attributes:
+        shape: extents; their product is the number of dimensions.
+        names, units: of every dimension in row-major order; a unit may be "".
+        low, high: (dimensions,) float64, possibly infinite.
+    """
+
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    def box(self, dtype: DTypeLike) -> spaces.Box:
+        """Gymnasium's space; its bounds are rounded to `dtype`, as Gymnasium's tasks do."""
+        kind = np.dtype(dtype)
+        low, high = (bound.astype(kind).reshape(self.shape) for bound in (self.low, self.high))
+        return spaces.Box(low, high, dtype=kind.type)
+
+
+@dataclass(frozen=True)
+class EnvironmentSpec:
+    """The specification of one environment under one configuration.
+
+    Attributes:
+        reward: the formula, in words.
+        max_episode_steps: steps after which an episode is truncated; 0 for no limit.
+        step_seconds: simulated time of one step.
+        reference_min, reference_max: returns that D4RL's normalised score maps to 0 and 100; None
+            for environments that D4RL lacks.
+        info_names, reset_info_names: the columns of infos (proto/PROTOCOL.md, section 8), and
+            those of them that a reset reports too.
+    """
+
+    name: str
+    observation: SpaceSpec
+    action: SpaceSpec
+    reward: str
+    max_episode_steps: int
+    step_seconds: float
+    reference_min: float | None
+    reference_max: float | None
+    info_names: tuple[str, ...]
+    reset_info_names: tuple[str, ...]
+
+    def normalised_score(self, episode_return: float) -> float | None:
+        """100 (return - min) / (max - min), or None without references."""
+        if self.reference_min is None or self.reference_max is None:
+            return None
+        span = self.reference_max - self.reference_min
+        return 100.0 * (episode_return - self.reference_min) / span
+
+
+def spec_of(info: Any) -> EnvironmentSpec:
+    """Reads an EnvironmentInfo of the wire. InternalError: its sizes are not sane."""
+    return EnvironmentSpec(
+        name=info.name,
+        observation=_space_of(info.observation, limits.MAX_OBSERVATION_DIMENSIONS),
+        action=_space_of(info.action, limits.MAX_ACTION_DIMENSIONS),
+        reward=info.reward,
+        max_episode_steps=info.max_episode_steps,
+        step_seconds=info.step_seconds,
+        reference_min=info.reference_min if info.HasField("reference_min") else None,
+        reference_max=info.reference_max if info.HasField("reference_max") else None,
+        info_names=tuple(info.info_names),
+        reset_info_names=tuple(info.reset_info_names),
+    )
+
+
+def _space_of(space: Any, most_dimensions: int) -> SpaceSpec:
+    dimensions = space.dimensions
+    shape = tuple(space.shape)
+    if not 0 < len(dimensions) <= most_dimensions or np.prod(shape) != len(dimensions):
+        raise InternalError(f"the server describes {len(dimensions)} dimensions of shape {shape}")
+    return SpaceSpec(
+        shape=shape,
+        names=tuple(dimension.name for dimension in dimensions),
+        units=tuple(dimension.unit for dimension in dimensions),
+        low=np.array([dimension.low for dimension in dimensions]),
+        high=np.array([dimension.high for dimension in dimensions]),
+    )
+
+
+def parse_named(text: str | None) -> list[Named]:
+    """Splits "gravity=1.5,obs-noise-low" at the commas. The server checks the names.
+
+    InvalidArgumentError: an item is empty or has nothing on one side of its '='.
+    """
+    items = []
+    for item in text.split(",") if text else []:
+        name, equals, argument = item.strip().partition("=")
+        if not name or (equals and not argument):
+            raise InvalidArgumentError(
+                f"perturbation is {item!r}, allowed: name or name=argument, separated by commas"
+            )
+        items.append((name, argument))
+    return items

@@ -1,0 +1,280 @@
+"""A batch of environments of the daemon as a gymnasium.vector.VectorEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from b4mrl import checks, errors, infos
+from b4mrl.arrays import Array
+from b4mrl.environment import check_render_mode, metadata_of
+from b4mrl.lane_numbers import Lanes
+from b4mrl.messages import AUTORESET_MODES
+from b4mrl.session import Outcome, Session
+from b4mrl.states import State, read_states, write_states
+
+EnvIds = ArrayLike | None
+StepResult = tuple[
+    Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+]
+
+
+class VectorEnvironment(VectorEnv[Array, Array, Array]):
+    """What Client.make_vec returns.
+
+    Step by step, it gives what SyncVectorEnv gives over single environments of seeds s, s+1, ...,
+    in each of the three modes (`metadata["autoreset_mode"]`), infos and their masks included:
+
+    - next_step: the step after an end ignores its action and returns the new episode's first
+      observation, reward 0 and no flag;
+    - same_step: the ending step returns the new episode's first observation; the last one and its
+      info are in `final_obs` and `final_info`;
+    - disabled: finished environments are reset by `reset(options={"reset_mask": mask})`. Stepping
+      them raises FailedPreconditionError, unless `step_past_end` was given.
+
+    `send` and `recv` are the two halves of a step, for any environments: several sends for
+    different environments may be under way at once.
+
+    Shapes: n environments; observations (n, *shape) in the dtype that make_vec was given, rewards
+    (n,) float64, flags (n,) bool. Returned arrays are the caller's. Thread rule: one thread at a
+    time. Errors are those of b4mrl.errors.
+
+    Attributes:
+        session: the layer underneath; `session.in_force` repeats everything that the daemon has
+            in force.
+        digests: (n,) uint64, a rolling hash of each environment's actions and outcomes since its
+            last seeded reset; equal digests mean equal trajectories.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        step_past_end: bool = False,
+        render_mode: str | None = None,
+        width: int = 0,
+        height: int = 0,
+    ) -> None:
+        check_render_mode(render_mode)
+        spec = session.spec
+        mode = AUTORESET_MODES.values_by_number[session.in_force.autoreset_mode].name
+        self._mode = AutoresetMode[mode]
+        self.session = session
+        self.num_envs = session.num_envs
+        self.metadata = metadata_of(spec) | {"autoreset_mode": self._mode}
+        self.render_mode = render_mode
+        self._frame_size = width, height
+        self.single_observation_space = spec.observation.box(session.dtype)
+        self.single_action_space = spec.action.box(np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.digests = np.zeros(self.num_envs, np.uint64)
+        self._step_past_end = step_past_end
+        self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
+        self._ended = np.zeros(self.num_envs, np.bool_)  # by the last step, and not reset since
+        self._observations = np.zeros(self.observation_space.shape, session.dtype)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Starts new episodes.
+
+        Args:
+            seed: s gives environment i the seed s + i; a sequence has one for each, where None
+                means its next episode; None means that for all.
+            options: `reset_mask`, bool (n,): only these are reset, the others' observations are
+                their latest ones. No other option is known.
+        """
+        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        chosen = self._reset_lanes((options or {}).get("reset_mask"))
+        seeds = self._seeds(seed)
+        given = np.array([s is not None for s in seeds])[chosen]
+        outcomes = []
+        for lanes in (chosen[given], chosen[~given]):
+            if len(lanes) == 0:
+                continue
+            is_seeded = seeds[lanes[0]] is not None
+            values = np.array([seeds[i] for i in lanes], np.uint64) if is_seeded else None
+            every = len(lanes) == self.num_envs
+            outcomes.append(self.session.reset(None if every else lanes, values))
+            self._keep(outcomes[-1], ended=False)
+        rows = None
+        if outcomes[0].infos is not None:
+            rows = np.concatenate([outcome.infos for outcome in outcomes])
+        order = np.concatenate([chosen[given], chosen[~given]])
+        batch = self._infos.batch(rows, np.ones(len(order), np.bool_))
+        return self._observations.copy(), infos.scatter(batch, order, self.num_envs)
+
+    def step(self, actions: ArrayLike) -> StepResult:
+        """One step of every environment; actions (n, *shape), float32 or float64.
+
+        FailedPreconditionError: an environment was never reset, or, in mode disabled, its episode
+        has ended.
+        """
+        rows = checks.action_rows(actions, self.num_envs, self.session.spec.action.shape)
+        self._refuse_ended(None)
+        return self._result(self.session.step(rows))
+
+    def send(self, actions: ArrayLike, env_ids: EnvIds = None) -> None:
+        """Starts a step of the environments `env_ids` (k,), or of all; actions (k, *shape).
+
+        BusyError: one of them has a step under way. LimitExceededError: 64 sends are under way.
+        """
+        lanes = self._lanes(env_ids)
+        count = self.num_envs if lanes is None else len(lanes)
+        rows = checks.action_rows(actions, count, self.session.spec.action.shape)
+        self._refuse_ended(lanes)
+        self.session.send_step(rows, lanes)
+
+    def recv(self) -> StepResult:
+        """What step returns, of whichever send is done first.
+
+        The arrays have one entry for each of its environments, in the order in which they were
+        sent; `info["env_id"]` (k,) names them. An error has them in its `env_ids`.
+        """
+        outcome = self.session.receive_step()
+        observations, rewards, terminated, truncated, info = self._result(outcome)
+        info["env_id"] = np.arange(self.num_envs) if outcome.lanes is None else outcome.lanes
+        return observations, rewards, terminated, truncated, info
+
+    def get_state(self, env_ids: EnvIds = None) -> list[State]:
+        """The states of `env_ids`, or of all, as dictionaries (b4mrl.states)."""
+        lanes = self._lanes(env_ids)
+        ended = self._ended if lanes is None else self._ended[lanes]
+        return read_states(self.session.snapshot(lanes), ended)
+
+    def set_state(self, states: Sequence[State], env_ids: EnvIds = None) -> Array:
+        """Lets the environments `env_ids`, or all, continue from `states`, one for each.
+
+        Returns their observations (k, *shape). VersionMismatchError: a snapshot is of another
+        simulator or engine; the environments restored before it stay so.
+        """
+        lanes = self._lanes(env_ids)
+        targets = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
+        if len(states) != len(targets):
+            raise errors.InvalidArgumentError(
+                f"there are {len(states)} states, allowed: {len(targets)}, one an environment"
+            )
+        for restoration in write_states(states):
+            chosen = targets[restoration.positions]
+            observations = self.session.restore(restoration.parts, chosen)
+            self._observations[chosen] = observations.reshape(len(chosen), *self._shape)
+            self._ended[chosen] = restoration.ended
+        return self._observations[targets]
+
+    def render(self) -> tuple[Array, ...] | None:
+        """One picture for each environment, uint8 (height, width, 3); None without render_mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(self.session.render(*self._frame_size))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Gives the session back; called by close."""
+        self.session.close()
+
+    def __enter__(self) -> VectorEnvironment:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return self.session.spec.observation.shape
+
+    def _lanes(self, env_ids: EnvIds) -> Lanes | None:
+        if env_ids is None:
+            return None
+        given = np.asarray(env_ids)
+        numbers = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
+        if not numbers or np.any(given < 0) or np.any(given >= self.num_envs):
+            raise errors.InvalidArgumentError(
+                f"env_ids are {env_ids!r}, allowed: a list of numbers in 0..{self.num_envs - 1}"
+            )
+        return given.astype(np.uint32)
+
+    def _reset_lanes(self, mask: Any) -> Lanes:
+        if mask is None:
+            return np.arange(self.num_envs, dtype=np.uint32)
+        given = np.asarray(mask)
+        if given.dtype != np.bool_ or given.shape != (self.num_envs,) or not given.any():
+            raise errors.InvalidArgumentError(
+                f"options['reset_mask'] is {mask!r}, "
+                f"allowed: a bool array of shape ({self.num_envs},) with at least one True"
+            )
+        return np.flatnonzero(given).astype(np.uint32)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [checks.unsigned("seed", int(seed) + i) for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise errors.InvalidArgumentError(
+                f"there are {len(seed)} seeds, allowed: {self.num_envs}, one an environment"
+            )
+        return [None if s is None else checks.unsigned("seed", s) for s in seed]
+
+    def _refuse_ended(self, lanes: Lanes | None) -> None:
+        if self._mode != AutoresetMode.DISABLED or self._step_past_end:
+            return
+        ended = self._ended if lanes is None else self._ended[lanes]
+        if ended.any():
+            position = int(np.flatnonzero(ended)[0])
+            lane = position if lanes is None else lanes[position]
+            raise errors.FailedPreconditionError(
+                f"the episode of environment {lane} has ended; reset it with "
+                "options={'reset_mask': mask}, or make the environments with step_past_end=True"
+            )
+
+    def _keep(self, outcome: Outcome, ended: bool | NDArray[np.bool_]) -> Array:
+        """Remembers the latest of what an outcome says; returns its shaped observations."""
+        chosen = slice(None) if outcome.lanes is None else outcome.lanes
+        observations = outcome.observations.reshape(-1, *self._shape)
+        self._observations[chosen] = observations
+        self.digests[chosen] = outcome.digests
+        self._ended[chosen] = ended
+        return observations
+
+    def _result(self, outcome: Outcome) -> StepResult:
+        rewards, terminated, truncated = outcome.rewards, outcome.terminated, outcome.truncated
+        count = len(rewards)
+        is_reset = np.zeros(count, np.bool_)
+        info: dict[str, Any] = {}
+        if self._mode == AutoresetMode.SAME_STEP:
+            if outcome.ended is not None:
+                is_reset[outcome.ended.positions] = True
+                info = self._final_info(outcome)
+        else:
+            if self._mode == AutoresetMode.NEXT_STEP:
+                is_reset = self._ended[slice(None) if outcome.lanes is None else outcome.lanes]
+            infos.add_causes(info, outcome.causes)
+        info |= self._infos.batch(outcome.infos, is_reset)
+        has_new_episode = self._mode == AutoresetMode.SAME_STEP
+        observations = self._keep(outcome, False if has_new_episode else terminated | truncated)
+        return observations, rewards, terminated, truncated, info
+
+    def _final_info(self, outcome: Outcome) -> dict[str, Any]:
+        """`final_obs` and `final_info` of the episodes that a step in mode same_step ended."""
+        ended, count = outcome.ended, len(outcome.rewards)
+        observations = np.full(count, None, object)
+        for i, position in enumerate(ended.positions):
+            observations[position] = ended.observations[i].reshape(self._shape).copy()
+        final = self._infos.batch(ended.infos, np.zeros(len(ended.positions), np.bool_))
+        infos.add_causes(final, outcome.causes[ended.positions])
+        mask = np.zeros(count, np.bool_)
+        mask[ended.positions] = True
+        return {
+            "final_obs": observations,
+            "_final_obs": mask,
+            "final_info": infos.scatter(final, ended.positions, count),
+            "_final_info": mask.copy(),
+        }

@@ -1,0 +1,69 @@
+"""One daemon for all tests, the simulators of its catalogue, and the long proofs' option."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+
+import b4mrl
+import pytest
+
+MODES = ("next_step", "same_step", "disabled")
+
+
+@functools.lru_cache(maxsize=1)
+def daemon() -> b4mrl.PrivateDaemon:
+    return b4mrl.serve(tcp=True, workers=2)
+
+
+@functools.lru_cache(maxsize=1)
+def shared_client() -> b4mrl.Client:
+    return b4mrl.connect(daemon().endpoint)
+
+
+def simulators() -> list[tuple[str, str]]:
+    """Every environment, true ("") and with each of its presets."""
+    pairs = [(name, "") for name in shared_client().environments()]
+    for perturbation in shared_client().perturbations():
+        pairs += [(preset.environment, preset.name) for preset in perturbation.presets]
+    return pairs
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--long", action="store_true", help="run the long proofs in full length")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    wanted = {"environment", "simulator", "mode"} & set(metafunc.fixturenames)
+    if "mode" in wanted:
+        # The short form tests each simulator in one mode, and the true environments in all.
+        long = metafunc.config.getoption("--long")
+        cases = [
+            (environment, simulator, mode)
+            for i, (environment, simulator) in enumerate(simulators())
+            for mode in (MODES if long or not simulator else MODES[i % 3 : i % 3 + 1])
+        ]
+        ids = [f"{name}-{simulator or 'true'}-{mode}" for name, simulator, mode in cases]
+        metafunc.parametrize(("environment", "simulator", "mode"), cases, ids=ids)
+    elif "simulator" in wanted:
+        pairs = simulators()
+        ids = [f"{name}-{simulator or 'true'}" for name, simulator in pairs]
+        metafunc.parametrize(("environment", "simulator"), pairs, ids=ids)
+    elif wanted:
+        metafunc.parametrize("environment", list(shared_client().environments()))
+
+
+@pytest.fixture
+def long(request: pytest.FixtureRequest) -> bool:
+    return request.config.getoption("--long")
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return daemon().endpoint
+
+
+@pytest.fixture
+def client(endpoint: str) -> Iterator[b4mrl.Client]:
+    with b4mrl.connect(endpoint) as client:
+        yield client

@@ -1,0 +1,227 @@
+"""Resending, deadlines and giving up, against a server that does what the test says."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+import zmq
+
+from b4mrl import errors
+from b4mrl.connection import Connection
+from b4mrl.messages import Reply, Request
+
+
+class FakeServer:
+    """Answers each request with the messages that `answer(request, count)` returns."""
+
+    def __init__(self, answer: Callable[[Request, int], list[Reply]], port: int = 0) -> None:
+        self._answer = answer
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.ROUTER)
+        self._socket.linger = 0
+        self.port = self._socket.bind_to_random_port("tcp://127.0.0.1") if port == 0 else port
+        if port:
+            self._socket.bind(f"tcp://127.0.0.1:{port}")
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.requests: list[Request] = []
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            if not self._socket.poll(5):
+                continue
+            sender, envelope, *_ = self._socket.recv_multipart()
+            self.requests.append(Request.FromString(envelope))
+            for reply in self._answer(self.requests[-1], len(self.requests)):
+                self._socket.send_multipart([sender, reply.SerializeToString()])
+
+    def stop(self) -> None:
+        self._stopping.set()
+        self._thread.join()
+        self._context.destroy(linger=0)
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., FakeServer]]:
+    servers: list[FakeServer] = []
+
+    def start_server(*arguments: object) -> FakeServer:
+        servers.append(FakeServer(*arguments))
+        return servers[-1]
+
+    yield start_server
+    for server in servers:
+        server.stop()
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[..., Connection]]:
+    connections: list[Connection] = []
+
+    def open_connection(*arguments: object) -> Connection:
+        connections.append(Connection(*arguments))
+        return connections[-1]
+
+    yield open_connection
+    for connection in connections:
+        connection.close()
+
+
+def done(request: Request) -> Reply:
+    return Reply(protocol_version=1, request_id=request.request_id)
+
+
+def refusal(request: Request, code: int, recoverable: bool = False) -> Reply:
+    reply = done(request)
+    reply.status.code, reply.status.message, reply.status.recoverable = code, "no", recoverable
+    return reply
+
+
+def hello() -> Request:
+    request = Request()
+    request.hello.client = "test"
+    return request
+
+
+def test_a_request_carries_version_token_id_and_remaining_time(start, connect) -> None:
+    server = start(lambda request, count: [done(request)])
+    connection = connect(server.address, b"0123456789abcdef")
+    connection.call(hello(), bytearray(), 5000)
+    connection.call(hello(), bytearray(), 5000)
+    first, second = server.requests
+    assert first.protocol_version == 1
+    assert first.session_token == b"0123456789abcdef"
+    assert first.request_id != second.request_id
+    assert 4000 < first.deadline_ms <= 5000
+    assert first.hello.client == "test"
+
+
+def test_silence_makes_it_ask_again_with_the_same_id_and_less_time(start, connect) -> None:
+    server = start(lambda request, count: [done(request)] if count == 2 else [])
+    connect(server.address).call(hello(), bytearray(), 1000)
+    first, second = server.requests
+    assert second.request_id == first.request_id
+    assert second.deadline_ms < first.deadline_ms
+
+
+def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
+    server = start(lambda request, count: [])
+    connection = connect(server.address)
+    request_id = connection.send(hello(), bytearray(), 20_000)
+    waited = threading.Event()
+
+    def replace() -> None:
+        while not server.requests:
+            waited.wait(0.005)
+        server.stop()
+        start(lambda request, count: [done(request)], server.port)
+
+    replacement = threading.Thread(target=replace)
+    replacement.start()
+    # An eighth of 20 s would be too late: the handshake alone can have triggered the copy.
+    delivery = connection.receive(request_id)
+    replacement.join()
+    assert delivery.error is None
+    assert connection.handshakes == 2
+
+
+def test_replies_that_nobody_waits_for_are_dropped(start, connect) -> None:
+    def answer(request: Request, count: int) -> list[Reply]:
+        stranger = done(request)
+        stranger.request_id += 1000
+        return [stranger, done(request), done(request)]
+
+    connection = connect(start(answer).address)
+    for _ in range(3):
+        connection.call(hello(), bytearray(), 5000)
+
+
+def test_replies_come_in_any_order(start, connect) -> None:
+    held: list[Request] = []
+
+    def answer(request: Request, count: int) -> list[Reply]:
+        held.append(request)
+        return [done(item) for item in reversed(held)] if count == 3 else []
+
+    connection = connect(start(answer).address)
+    ids = [connection.send(hello(), bytearray(), 60_000) for _ in range(3)]
+    assert connection.receive_any(ids).request_id == ids[2]
+    assert connection.receive(ids[0]).request_id == ids[0]
+    assert connection.receive(ids[1]).request_id == ids[1]
+
+
+def test_no_answer_leaves_open_what_was_executed(start, connect) -> None:
+    connection = connect(start(lambda request, count: []).address)
+    delivery = connection.receive(connection.send(hello(), bytearray(), 200))
+    assert isinstance(delivery.error, errors.DeadlineExceededError)
+    assert delivery.executed is None
+
+
+def test_a_server_that_is_not_there_is_unavailable(connect) -> None:
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        port = socket.bind_to_random_port("tcp://127.0.0.1")  # taken, and speaks to nobody
+    connection = connect(f"tcp://127.0.0.1:{port}")
+    with pytest.raises(errors.UnavailableError, match="cannot be reached"):
+        connection.call(hello(), bytearray(), 200)
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "executed"),
+    [
+        (1, errors.InvalidArgumentError, False),
+        (4, errors.BusyError, False),
+        (5, errors.StaleError, None),
+        (11, errors.SessionLostError, None),
+        (77, errors.InternalError, None),
+    ],
+)
+def test_a_refusal_is_its_exception_and_says_what_was_executed(start, connect, code, kind, executed) -> None:
+    connection = connect(start(lambda request, count: [refusal(request, code)]).address)
+    delivery = connection.receive(connection.send(hello(), bytearray(), 5000))
+    assert type(delivery.error) is kind
+    assert delivery.executed is executed
+
+
+def test_a_passing_refusal_of_one_copy_leaves_the_other_open(start, connect) -> None:
+    server = start(
+        lambda request, count: [refusal(request, 4, recoverable=True)] if count == 2 else []
+    )
+    connection = connect(server.address)
+    delivery = connection.receive(connection.send(hello(), bytearray(), 1000))
+    assert isinstance(delivery.error, errors.BusyError)
+    assert delivery.executed is None
+
+
+def test_noise_is_not_taken_for_an_answer(start, connect) -> None:
+    class Noise:
+        def SerializeToString(self) -> bytes:
+            return b"\xff\xff\xff"
+
+    server = start(lambda request, count: [Noise(), done(request)])
+    connect(server.address).call(hello(), bytearray(), 5000)
+
+
+def test_requests_in_flight_are_bounded(start, connect) -> None:
+    connection = connect(start(lambda request, count: []).address)
+    for _ in range(64):
+        connection.send(hello(), bytearray(), 60_000)
+    with pytest.raises(errors.LimitExceededError):
+        connection.send(hello(), bytearray(), 60_000)
+
+
+def test_an_endless_envelope_is_refused_here(start, connect) -> None:
+    connection = connect(start(lambda request, count: []).address)
+    request = hello()
+    request.hello.client = "x" * 65536
+    with pytest.raises(errors.LimitExceededError):
+        connection.send(request, bytearray(), 1000)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://", "udp://127.0.0.1:1", ""])
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="address"):
+        Connection(address)

@@ -1,0 +1,173 @@
+"""Single environments: Gymnasium's own checker, and what goes beyond it."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import b4mrl
+import gymnasium as gym
+import numpy as np
+import pytest
+from b4mrl import errors
+from gymnasium.utils.env_checker import check_env
+
+from equality import assert_same
+
+
+def walk(env: gym.Env, steps: int, seed: int = 0) -> list:
+    """Random steps, with a reset after each end."""
+    env.action_space.seed(seed)
+    results = []
+    for _ in range(steps):
+        results.append(env.step(env.action_space.sample()))
+        if results[-1][2] or results[-1][3]:
+            results.append(env.reset())
+    return results
+
+
+# What Gymnasium's own tasks are warned of too: infinite bounds and actions beyond [-1, 1].
+KNOWN_WARNINGS = ("minimum value is -infinity", "maximum value is infinity", "symmetric and norm")
+
+
+def test_gymnasiums_checker_passes(client: b4mrl.Client, environment: str, simulator: str) -> None:
+    env = client.make(environment, simulator)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env, skip_render_check=True)
+    # Sockets of other tests may be collected meanwhile, which is no matter of this one.
+    surprises = [str(w.message) for w in caught if w.category is not ResourceWarning]
+    surprises = [text for text in surprises if not any(known in text for known in KNOWN_WARNINGS)]
+    assert surprises == []
+
+
+def test_a_registered_environment_passes_as_well(endpoint: str, environment: str) -> None:
+    name = f"b4mrl:b4mrl/{environment}-v0"
+    with gym.make(name, endpoint=endpoint, simulator="obs-noise=0.01") as env:
+        assert env.unwrapped.session.in_force.perturbations[0].name == "obs-noise"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_equal_seeds_give_equal_numbers_and_others_do_not(
+    client: b4mrl.Client, environment: str
+) -> None:
+    walks = {}
+    for name, seed in [("a", 5), ("b", 5), ("c", 6)]:
+        with client.make(environment, "obs-noise=0.1", seed=999) as env:
+            walks[name] = [env.reset(seed=seed), *walk(env, 50)], env.digest
+    assert_same(walks["a"], walks["b"])
+    assert walks["a"][1] != walks["c"][1]
+
+
+def test_the_seed_of_make_holds_until_a_reset_has_one(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", seed=5) as made, client.make("HalfCheetah", seed=6) as reset:
+        assert_same(made.reset(), reset.reset(seed=5))
+        assert_same(made.reset(), reset.reset())  # the next episode
+
+
+def test_float64_observations_round_to_the_float32_ones(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", dtype="float64") as wide, client.make("HalfCheetah") as narrow:
+        assert wide.observation_space.dtype == np.float64
+        a, b = wide.reset(seed=1)[0], narrow.reset(seed=1)[0]
+        np.testing.assert_array_equal(a.astype(np.float32), b)
+        action = np.linspace(-1, 1, 6)
+        rounded = action.astype(np.float32)
+        # Actions keep their own precision, whatever that of the observations is.
+        one, other = wide.step(action), wide.step(rounded.astype(np.float64))
+        assert one[1] != other[1]
+        np.testing.assert_array_equal(narrow.step(rounded)[0].dtype, np.float32)
+
+
+def test_an_environment_that_has_ended_may_be_stepped_on(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=0)
+        limit = env.session.spec.max_episode_steps
+        flags = [env.step(np.zeros(6))[2:] for _ in range(limit + 3)]
+    assert [truncated for _, truncated, _ in flags] == [False] * (limit - 1) + [True] * 4
+    assert flags[limit - 1][2]["cause"] == "limit"
+
+
+def test_a_step_before_the_first_reset_is_refused(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env, pytest.raises(errors.FailedPreconditionError):
+        env.step(np.zeros(6))
+
+
+@pytest.mark.parametrize(
+    "action", [np.zeros(5), np.zeros((1, 6)), 0.0, [np.nan] * 6, ["a"] * 6, [np.inf] * 6]
+)
+def test_a_malformed_action_is_refused_and_changes_nothing(client: b4mrl.Client, action) -> None:
+    with client.make("HalfCheetah") as env, client.make("HalfCheetah") as twin:
+        env.reset(seed=3)
+        twin.reset(seed=3)
+        with pytest.raises(errors.InvalidArgumentError):
+            env.step(action)
+        assert_same(env.step(np.ones(6)), twin.step(np.ones(6)))
+
+
+def test_a_list_is_an_action(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=3)
+        env.step([1, 0, 0, 0, 0, 0])
+        env.step([0.5] * 6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind"),
+    [
+        ({"environment": "HalfCheeta"}, errors.UnknownNameError),
+        ({"simulator": "gravty"}, errors.UnknownNameError),
+        ({"simulator": "gravity=heavy"}, errors.InvalidArgumentError),
+        ({"simulator": "gravity,,friction"}, errors.InvalidArgumentError),
+        ({"simulator": "gravity="}, errors.InvalidArgumentError),
+        ({"config": {"no_such_setting": 1}}, errors.UnknownNameError),
+        ({"config": {"x": object()}}, errors.InvalidArgumentError),
+        ({"config": {"x": float("nan")}}, errors.InvalidArgumentError),
+        ({"dtype": "float16"}, errors.InvalidArgumentError),
+        ({"seed": -1}, errors.InvalidArgumentError),
+        ({"seed": 2**64}, errors.InvalidArgumentError),
+        ({"render_mode": "human"}, errors.InvalidArgumentError),
+    ],
+)
+def test_what_cannot_be_made_is_refused_by_name(client: b4mrl.Client, arguments, kind) -> None:
+    with pytest.raises(kind) as caught:
+        client.make(**({"environment": "HalfCheetah"} | arguments))
+    assert isinstance(caught.value, b4mrl.B4mrlError)
+    assert len(str(caught.value)) > 10
+
+
+def test_closing_twice_is_allowed_and_stepping_then_is_not(client: b4mrl.Client) -> None:
+    env = client.make("HalfCheetah")
+    env.reset()
+    env.close()
+    env.close()
+    with pytest.raises(errors.FailedPreconditionError, match="closed"):
+        env.step(np.zeros(6))
+
+
+def test_closing_gives_the_session_back(client: b4mrl.Client) -> None:
+    before = client.server_status().session_count
+    env = client.make("HalfCheetah")
+    assert client.server_status().session_count == before + 1
+    env.close()
+    assert client.server_status().session_count == before
+
+
+def test_a_client_can_be_sent_to_another_process(client: b4mrl.Client) -> None:
+    with pickle.loads(pickle.dumps(client)) as copy, copy.make("HalfCheetah", seed=1) as env:
+        env.reset()
+
+
+def test_a_specification_names_every_dimension(client: b4mrl.Client, environment: str) -> None:
+    spec = client.environments()[environment]
+    for space in (spec.observation, spec.action):
+        assert len(set(space.names)) == space.size == len(space.units) == len(space.low)
+        assert np.prod(space.shape) == space.size
+    assert spec.reward and spec.step_seconds > 0
+
+
+def test_the_normalised_score_maps_its_references_to_0_and_100(client: b4mrl.Client) -> None:
+    spec = client.environments()["HalfCheetah"]
+    assert spec.normalised_score(spec.reference_min) == 0
+    assert spec.normalised_score(spec.reference_max) == 100

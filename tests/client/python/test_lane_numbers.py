@@ -1,0 +1,57 @@
+"""The numbers that make steps happen exactly once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from b4mrl.errors import BusyError, FailedPreconditionError, InvalidArgumentError
+from b4mrl.lane_numbers import LaneNumbers
+
+
+def lanes(*numbers: int) -> np.ndarray:
+    return np.array(numbers, np.uint32)
+
+
+def test_each_lane_counts_its_own_executed_operations() -> None:
+    numbers = LaneNumbers(3)
+    assert numbers.begin(None).tolist() == [1, 1, 1]
+    numbers.end(None, executed=True)
+    assert numbers.begin(lanes(2, 0)).tolist() == [2, 2]
+    numbers.end(lanes(2, 0), executed=True)
+    assert numbers.begin(None).tolist() == [3, 2, 3]
+
+
+def test_a_refused_operation_gives_its_number_back() -> None:
+    numbers = LaneNumbers(1)
+    numbers.begin(None)
+    numbers.end(None, executed=False)
+    assert numbers.begin(None).tolist() == [1]
+
+
+def test_a_lane_under_way_is_busy_and_the_others_stay_free() -> None:
+    numbers = LaneNumbers(3)
+    numbers.begin(lanes(1))
+    with pytest.raises(BusyError, match="lane 1"):
+        numbers.begin(lanes(0, 1))
+    assert numbers.begin(lanes(0, 2)).tolist() == [1, 1]
+
+
+def test_a_number_that_may_be_taken_is_not_used_again() -> None:
+    numbers = LaneNumbers(2)
+    numbers.begin(lanes(1))
+    numbers.end(lanes(1), executed=None)
+    with pytest.raises(FailedPreconditionError, match="lane 1"):
+        numbers.begin(None)
+    assert numbers.begin(lanes(0)).tolist() == [1]
+
+
+@pytest.mark.parametrize("wrong", [lanes(), lanes(3), lanes(1, 1)])
+def test_lanes_that_cannot_be_are_refused(wrong: np.ndarray) -> None:
+    with pytest.raises(InvalidArgumentError):
+        LaneNumbers(3).begin(wrong)
+
+
+def test_a_session_for_queries_has_no_lanes() -> None:
+    with pytest.raises(FailedPreconditionError):
+        LaneNumbers(0).begin(None)

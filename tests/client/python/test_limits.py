@@ -1,0 +1,35 @@
+"""The constants that the client repeats."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from b4mrl import errors, limits
+
+BASE = Path(__file__).parents[3] / "proto" / "base"
+
+
+def test_limits_are_those_of_the_server() -> None:
+    text = (BASE / "limits.h").read_text()
+    found = re.findall(r"constexpr \w+ k(\w+)\s*=\s*([\d'*/ ]+);", text)
+    header = {name.lower(): eval(value.replace("'", "_")) for name, value in found}
+    ours = {name: value for name, value in vars(limits).items() if name.isupper()}
+    assert len(ours) > 10
+    for name, value in ours.items():
+        assert header[name.replace("_", "").lower()] == value, name
+
+
+def test_every_status_code_has_its_exception() -> None:
+    text = (BASE / "status.h").read_text()
+    codes = {int(code): name for name, code in re.findall(r"k(\w+) = (\d+),", text)}
+    assert len(codes) == 16
+    for code, name in codes.items():
+        if code:
+            kind = type(errors.error_of(code, "", recoverable=False))
+            assert kind.code == code
+            assert kind.__name__.removesuffix("Error") in (name, "Server" + name.removesuffix("Error"))
+
+
+def test_an_unknown_code_counts_as_internal() -> None:
+    assert type(errors.error_of(99, "", recoverable=False)) is errors.InternalError

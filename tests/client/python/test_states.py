@@ -1,0 +1,131 @@
+"""Reading and writing states."""
+
+from __future__ import annotations
+
+import pickle
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl import errors, states
+
+from equality import assert_same
+
+
+def test_a_restored_state_continues_exactly(
+    client: b4mrl.Client, environment: str, simulator: str
+) -> None:
+    with client.make(environment, simulator, dtype="float64") as env:
+        env.action_space.seed(0)
+        actions = [env.action_space.sample() for _ in range(30)]
+        env.reset(seed=4)
+        for action in actions[:10]:
+            env.step(action)
+        state = pickle.loads(pickle.dumps(env.get_state()))
+        wanted = [env.step(action) for action in actions] + [env.reset()]
+        observation = env.set_state(state)
+        assert observation.shape == env.observation_space.shape
+        assert_same([env.step(action) for action in actions] + [env.reset()], wanted)
+
+
+def test_a_state_by_its_parts_is_that_state(client: b4mrl.Client, environment: str) -> None:
+    with client.make(environment, dtype="float64") as env:
+        env.reset(seed=4)
+        for _ in range(5):
+            env.step(env.action_space.sample())
+        state = env.get_state()
+        action = env.action_space.sample()
+        wanted = env.step(action)
+        del state["snapshot"]
+        env.reset(seed=7)
+        env.set_state(state)
+        assert_same(env.step(action)[:3], wanted[:3])
+
+
+def test_a_changed_part_changes_the_state(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", dtype="float64") as env:
+        env.reset(seed=4)
+        state = env.get_state()
+        state["qpos"][1] += 0.25
+        height = env.get_state()["qpos"][1]
+        assert env.set_state(state)[0] == height + 0.25
+        assert env.get_state()["qpos"][1] == height + 0.25
+
+
+def test_the_warm_start_may_be_left_out(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=4)
+        state = env.get_state()
+        env.set_state({"qpos": state["qpos"], "qvel": state["qvel"]})
+        np.testing.assert_array_equal(env.get_state()["qpos"], state["qpos"])
+
+
+def test_states_go_to_the_environments_that_are_named(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 4, dtype="float64") as vec:
+        vec.reset(seed=0)
+        before = vec.get_state()
+        mixed = [before[2], {name: before[0][name] for name in ("qpos", "qvel")}]
+        observations = vec.set_state(mixed, env_ids=[1, 3])
+        assert observations.shape == (2, 17)
+        after = vec.get_state()
+        np.testing.assert_array_equal(after[1]["qpos"], before[2]["qpos"])
+        np.testing.assert_array_equal(after[3]["qpos"], before[0]["qpos"])
+        for lane in (0, 2):
+            assert_same(after[lane], before[lane])
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {},
+        {"snapshot": b""},
+        {"snapshot": b"x" * 100},
+        {"snapshot": 7},
+        {"qpos": np.zeros(9)},
+        {"qpos": np.zeros(8), "qvel": np.zeros(9)},
+        {"qpos": np.full(9, np.nan), "qvel": np.zeros(9)},
+        {"qpos": np.zeros(9), "qvel": np.zeros(9), "speed": 1.0},
+        {"qpos": "high", "qvel": np.zeros(9)},
+        {"vehicles": [{"x": 1.0}]},
+    ],
+)
+def test_a_malformed_state_is_refused_and_changes_nothing(client: b4mrl.Client, state) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=4)
+        before = env.get_state()
+        with pytest.raises(b4mrl.B4mrlError) as caught:
+            env.set_state(state)
+        assert not caught.value.executed_unknown
+        assert_same(env.get_state(), before)
+
+
+def test_a_snapshot_of_another_simulator_is_refused(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env, client.make("HalfCheetah", "gravity") as heavy:
+        env.reset()
+        heavy.reset()
+        with pytest.raises(errors.B4mrlError):
+            heavy.set_state({"snapshot": env.get_state()["snapshot"]})
+
+
+def test_vehicles_are_dictionaries_that_come_back_as_they_were() -> None:
+    rows = np.random.default_rng(0).normal(size=(2, 3, len(states.VEHICLE_COLUMNS)))
+    whole = [states.VEHICLE_COLUMNS.index(name) for name in ("lane", "target_lane")]
+    flags = [states.VEHICLE_COLUMNS.index(name) for name in ("crashed", "impact_pending")]
+    rows[..., whole], rows[..., flags] = 2, [1, 0]
+    found = {
+        "snapshot": np.ones((2, 5), np.uint8),
+        "time": np.array([[3.0], [4.0]]),
+        "vehicles": rows.reshape(2, -1),
+    }
+    read = states.read_states(found, [False, True])
+    assert read[1]["time"] == 4.0
+    assert len(read[0]["vehicles"]) == 3
+    assert read[0]["vehicles"][0]["lane"] == 2 and read[0]["vehicles"][0]["crashed"] is True
+    (exact,) = states.write_states(read)
+    assert exact.ended == [False, True]
+    np.testing.assert_array_equal(exact.parts["snapshot"], found["snapshot"])
+    read[0]["vehicles"][1]["speed"] = 9.0
+    by_parts, exact = states.write_states(read)
+    assert (by_parts.positions, exact.positions) == ([0], [1])
+    assert by_parts.ended == [False]
+    assert by_parts.parts["vehicles"].reshape(3, -1)[1, 3] == 9.0
