@@ -1,0 +1,25 @@
+// How all cars but the ego drive: the intelligent driver model along the road (Treiber, Hennecke,
+// Helbing, "Congested traffic states in empirical observations and microscopic simulations", 2000),
+// MOBIL for lane changes (Kesting, Treiber, Helbing, "General lane-changing model MOBIL", 2007)
+// and a steering controller, with highway-env's constants and order of operations.
+#pragma once
+
+#include "server/highway/neighbours.h"
+#include "server/highway/traffic.h"
+
+namespace b4mrl {
+
+// Decides for all cars, in the order of the list, and stores their steering, acceleration, target
+// lane and timer. A target lane that one car chooses is seen by those after it. `neighbours` is up
+// to date.
+void Drive(Traffic& traffic, const Neighbours& neighbours, int lanes);
+
+// The steering that brings a car to the centre of `lane`.
+double SteeringTowards(const Traffic& traffic, int vehicle, int lane);
+
+// m/s2 without a car in front, as judged by a driver with exponent `delta`.
+double FreeAcceleration(const Traffic& traffic, int vehicle, double delta);
+// What a car in front takes from that: m/s2, never negative.
+double Interaction(const Traffic& traffic, int vehicle, int front);
+
+}  // namespace b4mrl
