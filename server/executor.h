@@ -22,7 +22,7 @@ class Executor {
   // `threads` counts the socket's thread, which is the one that constructs this and calls all of
   // its methods. `marks` has a place for each thread and outlives this object. Thread i of the pool
   // stays on cores[i % size]; with none they go where the kernel puts them.
-  Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores);
+  Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores = {});
   // Waits for pieces under way; jobs that were not taken are dropped.
   ~Executor();
 
