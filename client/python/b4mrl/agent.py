@@ -44,11 +44,17 @@ class Policy:
         self._layers.append(_layer(group["last_fc"]))
         self._hidden = _choose(group, "nonlinearity", {"relu": _relu, "tanh": np.tanh})
         _choose(group, "output_distribution", {"tanh_gaussian": None, "tanh": None})
+        for (_, bias), (weight, _) in zip(self._layers, self._layers[1:]):
+            if weight.shape[1] != len(bias):
+                raise DataLossError(f"a layer of {weight.shape} follows one of {len(bias)} outputs")
         self.history_length = int(group["history_length"][()]) if "history_length" in group else 1
         self.action_size = len(self._layers[-1][1])
-        self.observation_size, rest = divmod(self._layers[0][0].shape[1], self.history_length)
-        if rest:
-            raise DataLossError("the first layer's inputs are no multiple of history_length")
+        inputs = self._layers[0][0].shape[1]
+        if self.history_length < 1 or inputs % self.history_length:
+            raise DataLossError(
+                f"history_length is {self.history_length}, allowed: a divisor of {inputs} inputs"
+            )
+        self.observation_size = inputs // self.history_length
         size = self.observation_size
         self._mask = _vector(group, "observation_mask", np.ones(size)) != 0
         self._mean = _vector(group, "observation_mean", np.zeros(size))
@@ -128,6 +134,8 @@ def _layer(group: Any) -> tuple[NDArray[np.float32], Vector]:
     weight, bias = (np.asarray(group[name], np.float32) for name in ("weight", "bias"))
     if weight.ndim != 2 or bias.shape != weight.shape[:1]:
         raise DataLossError(f"{group.name}: weight {weight.shape} and bias {bias.shape} do not fit")
+    if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+        raise DataLossError(f"{group.name} has a number that is not finite")
     return weight, bias
 
 

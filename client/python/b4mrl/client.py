@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
@@ -31,6 +32,8 @@ class Client:
 
     Environments and datasets that it made are independent of it and of each other, each for one
     thread at a time. It may be pickled and sent to another process, which then connects anew.
+    Where only the gateway's port can be reached, requests go through it, which is slower; the first
+    time that this happens, a RuntimeWarning says so.
 
     Args:
         endpoint: "tcp://HOST:PORT" or "ipc://PATH".
@@ -46,6 +49,8 @@ class Client:
         self.deadline_ms = deadline_ms
         self._process_id = os.getpid()
         self._query_sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
+        self._unreachable: set[str] = set()  # addresses that did not answer; not tried again
+        self._relayed = False
         self._connect()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -296,7 +301,7 @@ class Client:
         asked = request.open
         if (reply.num_envs, reply.observation_dtype) != (asked.num_envs, asked.observation_dtype):
             raise errors.InternalError("the server's reply does not fit what was opened")
-        worker = Connection(self._address_of(reply.port), token)
+        worker = self._reach(reply.port, token)
         return Session(worker, reply, spec_of(reply.info), deadline_ms)
 
     def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:
@@ -311,16 +316,50 @@ class Client:
         return session
 
     def _connect_datasets(self) -> Connection:
-        return Connection(self._address_of(self.hello.dataset_port))
+        return self._reach(self.hello.dataset_port)
 
     def _address_of(self, port: Any) -> str:
-        """Where a process of the daemon listens, on the host by which the gateway was reached."""
+        """Where a process of the daemon listens, on the host by which the gateway was reached.
+
+        "" if it does not.
+        """
         kind, _, place = self.endpoint.partition("://")
         if not (port.ipc if kind == "ipc" else port.tcp):
-            raise errors.UnavailableError(
-                f"the server offers no {kind} port for this; is that part of it running?"
-            )
+            return ""
         return f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
+
+    def _reach(self, port: Any, token: bytes = b"") -> Connection:
+        """A connection to the process behind a port, directly or through the gateway."""
+        address = self._address_of(port)
+        can_relay = "relay" in self.hello.capabilities
+        if address and address not in self._unreachable:
+            direct = Connection(address, token)
+            # Without a relay, the first request waits as long as its deadline allows.
+            if not can_relay or direct.await_handshake(limits.DIRECT_CONNECT_MS):
+                return direct
+            direct.close()
+            self._unreachable.add(address)
+        if not can_relay:
+            raise errors.UnavailableError(
+                "the server offers no port for this; is that part of it running?"
+            )
+        self._report_relay(address)
+        return Connection(self.endpoint, token)
+
+    def _report_relay(self, address: str) -> None:
+        if self._relayed:
+            return
+        self._relayed = True
+        reason = (
+            f"{address} does not answer within {limits.DIRECT_CONNECT_MS} ms"
+            if address
+            else "the server has no port of its own for this"
+        )
+        warnings.warn(
+            f"{reason}; requests go through {self.endpoint}, which makes each of them slower",
+            RuntimeWarning,
+            stacklevel=2,
+        )
 
 
 def _float_dtype(dtype: DTypeLike) -> int:

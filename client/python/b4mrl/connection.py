@@ -144,6 +144,16 @@ class Connection:
             self._handshakes += 1
         return self._handshakes
 
+    def await_handshake(self, timeout_ms: float) -> bool:
+        """Waits until the connection is made for the first time; False if it is not by then."""
+        finish = time.monotonic() + timeout_ms / 1000
+        while self.handshakes == 0:
+            wait_ms = math.ceil((finish - time.monotonic()) * 1000)
+            if wait_ms <= 0:
+                return False
+            self._monitor.poll(wait_ms)
+        return True
+
     def send(self, request: Any, payload: bytearray, deadline_ms: float) -> int:
         """Sends a request and returns its id.
 

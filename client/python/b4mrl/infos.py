@@ -89,7 +89,11 @@ def row_of(infos: dict[str, Any], position: int) -> dict[str, Any]:
         mask = infos.get("_" + key)
         if mask is None or not mask[position]:
             continue
-        row[key] = row_of(value, position) if isinstance(value, dict) else value[position]
+        if isinstance(value, dict):
+            row[key] = row_of(value, position)
+        else:
+            entry = value[position]
+            row[key] = entry.item() if isinstance(entry, np.generic) else entry
     return row
 
 

@@ -67,9 +67,7 @@ def test_a_row_of_a_batch_is_the_single_dictionary() -> None:
     rows = np.random.default_rng(0).normal(size=(3, len(NAMES)))
     is_reset = np.array([False, True, False])
     batch = layout.batch(rows, is_reset)
-    for i in range(3):
-        row = infos.row_of(batch, i)
-        assert gymnasium_batch([row]).keys() == gymnasium_batch(
-            [layout.single(rows[i], is_reset[i])]
-        ).keys()
-        assert row["x"] == rows[i, 0]
+    infos.add_causes(batch, np.array([0, 0, 2], np.uint8))
+    for i in range(2):
+        assert_same(infos.row_of(batch, i), layout.single(rows[i], is_reset[i]))
+    assert_same(infos.row_of(batch, 2), layout.single(rows[2], False) | {"cause": "limit"})

@@ -1,0 +1,98 @@
+"""A batch of environments as Stable-Baselines3's VecEnv. Needs stable-baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from b4mrl import errors, infos
+from b4mrl.arrays import Array
+from b4mrl.vector_environment import VectorEnvironment
+
+Indices = int | Iterable[int] | None
+
+
+class StableBaselinesVecEnv(VecEnv):
+    """What DummyVecEnv is over single environments, in one session.
+
+    Flags are merged into `dones`; the last observation of an episode is in its
+    `info["terminal_observation"]`, and `info["TimeLimit.truncated"]` is true where it was cut. The
+    environments have no objects of their own, so attributes are those of the whole batch, and
+    `env_method` knows `get_state` and `set_state`.
+
+    Args:
+        batch: made by Client.make_vec with autoreset_mode="same_step"; owned by this object.
+    """
+
+    def __init__(self, batch: VectorEnvironment) -> None:
+        if batch.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
+            raise errors.InvalidArgumentError(
+                f"autoreset_mode is {batch.metadata['autoreset_mode'].name.lower()}, "
+                "allowed: same_step"
+            )
+        self.batch = batch
+        super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
+
+    def reset(self) -> Array:
+        # SB3 has options for each environment; ours know none.
+        observations, info = self.batch.reset(seed=self._seeds)
+        self.reset_infos = [infos.row_of(info, i) for i in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: Array) -> None:
+        self.batch.send(actions)
+
+    def step_wait(self) -> tuple[Array, NDArray[np.float32], NDArray[np.bool_], list[dict]]:
+        observations, rewards, terminated, truncated, info = self.batch.recv()
+        dones = terminated | truncated
+        final_observations = info.pop("final_obs", None)
+        rows = [infos.row_of(info, i) for i in range(self.num_envs)]
+        for i in np.flatnonzero(dones):
+            final = rows[i].pop("final_info")
+            self.reset_infos[i] = rows[i]
+            rows[i] = final | {"terminal_observation": final_observations[i]}
+        for row, is_cut in zip(rows, truncated & ~terminated):
+            row["TimeLimit.truncated"] = bool(is_cut)
+        return observations, rewards.astype(np.float32), dones, rows
+
+    def close(self) -> None:
+        self.batch.close()
+
+    def get_images(self) -> Sequence[Array | None]:
+        return self.batch.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
+        return [getattr(self.batch, attr_name)] * len(self._lanes(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
+        """UnsupportedError for a part of the environments: they share their attributes."""
+        if len(self._lanes(indices)) < self.num_envs:
+            raise errors.UnsupportedError("attributes are those of all environments together")
+        setattr(self.batch, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """`get_state()`, or `set_state(state)` of the same state for each. Others: Unsupported."""
+        lanes = self._lanes(indices)
+        if method_name == "get_state":
+            return self.batch.get_state(lanes)
+        if method_name == "set_state":
+            (state,) = method_args or method_kwargs.values()
+            return list(self.batch.set_state([state] * len(lanes), lanes))
+        raise errors.UnsupportedError(
+            f"method_name is {method_name!r}, allowed: get_state, set_state"
+        )
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Indices = None) -> list[bool]:
+        return [False] * len(self._lanes(indices))
+
+    def _lanes(self, indices: Indices) -> list[int]:
+        return list(self._get_indices(indices))

@@ -1,0 +1,149 @@
+"""Agents: the arithmetic against a plain formula, and the one that the project carries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import b4mrl
+import h5py
+import numpy as np
+import pytest
+from b4mrl import errors
+
+CARRIED = Path(__file__).parents[3] / "data" / "agents" / "halfcheetah-medium.h5"
+SIZE, ACTIONS, HIDDEN = 3, 2, 5
+
+
+def write_agent(path: Path, history: int = 1, **changes: object) -> dict:
+    rng = np.random.default_rng(3)
+    entries = {
+        "nonlinearity": b"relu",
+        "output_distribution": b"tanh",
+        "history_length": history,
+        "observation_mask": np.array([1, 0, 1]),
+        "observation_mean": rng.normal(size=SIZE),
+        "observation_std": rng.uniform(0.5, 2, size=SIZE),
+        "action_scale": np.array([0.4, 2.0]),
+        "fc0/weight": rng.normal(size=(HIDDEN, SIZE * history)),
+        "fc0/bias": rng.normal(size=HIDDEN),
+        "last_fc/weight": rng.normal(size=(ACTIONS, HIDDEN)),
+        "last_fc/bias": rng.normal(size=ACTIONS),
+    } | changes
+    with h5py.File(path, "w") as file:
+        file["metadata/environment"] = b"HalfCheetah"
+        for name, value in entries.items():
+            if value is not None:
+                file[f"metadata/policy/{name}"] = value
+    return entries
+
+
+def formula(entries: dict, observations: list[np.ndarray]) -> np.ndarray:
+    """The action for a history of observations, oldest first, in float64."""
+    rows = []
+    for observation in observations:
+        row = (observation - entries["observation_mean"]) / entries["observation_std"]
+        rows.append(row * entries["observation_mask"])
+    hidden = entries["fc0/weight"] @ np.concatenate(rows) + entries["fc0/bias"]
+    output = entries["last_fc/weight"] @ np.maximum(hidden, 0) + entries["last_fc/bias"]
+    return entries["action_scale"] * np.tanh(output)
+
+
+# Float32 against float64 over a dozen operations on numbers near 1.
+TOLERANCE = 1e-5
+
+
+def test_an_action_is_the_networks(tmp_path: Path) -> None:
+    entries = write_agent(tmp_path / "agent.h5")
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    assert (policy.observation_size, policy.action_size) == (SIZE, ACTIONS)
+    assert policy.environment == "HalfCheetah"
+    observations = np.random.default_rng(0).normal(size=(4, SIZE))
+    batch = policy(observations)
+    assert batch.shape == (4, ACTIONS) and batch.dtype == np.float32
+    for observation, action in zip(observations, batch):
+        np.testing.assert_allclose(action, formula(entries, [observation]), atol=TOLERANCE)
+        np.testing.assert_allclose(policy(observation), action, atol=TOLERANCE)
+
+
+def test_a_hidden_dimension_is_not_seen_whatever_it_holds(tmp_path: Path) -> None:
+    write_agent(tmp_path / "agent.h5")
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    np.testing.assert_array_equal(policy([1.0, 0.0, 2.0]), policy([1.0, np.nan, 2.0]))
+
+
+def test_a_history_starts_with_copies_of_the_first_observation(tmp_path: Path) -> None:
+    entries = write_agent(tmp_path / "agent.h5", history=3)
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    a, b, c = np.random.default_rng(0).normal(size=(3, 2, SIZE))
+
+    def check(actions: np.ndarray, histories: list[list[np.ndarray]]) -> None:
+        for action, history in zip(actions, histories):
+            np.testing.assert_allclose(action, formula(entries, history), atol=TOLERANCE)
+
+    check(policy(a), [[a[0], a[0], a[0]], [a[1], a[1], a[1]]])
+    check(policy(b), [[a[0], a[0], b[0]], [a[1], a[1], b[1]]])
+    policy.reset([False, True])
+    check(policy(c), [[a[0], b[0], c[0]], [c[1], c[1], c[1]]])
+    policy.reset()
+    check(policy(b), [[b[0], b[0], b[0]], [b[1], b[1], b[1]]])
+
+
+def test_a_file_of_d4rl_without_our_entries_has_their_defaults(tmp_path: Path) -> None:
+    ours = ("observation_mask", "observation_mean", "observation_std", "action_scale")
+    absent = dict.fromkeys((*ours, "history_length"))
+    entries = write_agent(tmp_path / "agent.h5", **absent, output_distribution=b"tanh_gaussian")
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    plain = {"observation_mean": 0, "observation_std": 1, "observation_mask": 1, "action_scale": 1}
+    observation = np.array([0.1, 0.2, 0.3])
+    wanted = formula(entries | plain, [observation])
+    np.testing.assert_allclose(policy(observation), wanted, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"nonlinearity": b"gelu"},
+        {"output_distribution": b"normal"},
+        {"last_fc/bias": np.zeros(3)},
+        {"last_fc/weight": None},
+        {"last_fc/weight": np.zeros((ACTIONS, HIDDEN + 1))},
+        {"observation_mean": np.zeros(4)},
+        {"history_length": 2},
+        {"history_length": 0},
+        {"fc0/weight": np.full((HIDDEN, SIZE), np.nan)},
+    ],
+)
+def test_an_inconsistent_file_is_refused(tmp_path: Path, changes: dict) -> None:
+    write_agent(tmp_path / "agent.h5", **changes)
+    with pytest.raises(errors.DataLossError):
+        b4mrl.load_agent(tmp_path / "agent.h5")
+
+
+def test_a_file_that_is_no_agent_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = 1
+    with pytest.raises(errors.DataLossError, match="holds no agent"):
+        b4mrl.load_agent(tmp_path / "other.h5")
+    with pytest.raises(OSError):
+        b4mrl.load_agent(tmp_path / "absent.h5")
+
+
+@pytest.mark.parametrize("shape", [(), (2,), (4,), (2, 4), (0, 3)])
+def test_an_observation_of_another_size_is_refused(tmp_path: Path, shape: tuple) -> None:
+    write_agent(tmp_path / "agent.h5")
+    with pytest.raises(errors.InvalidArgumentError):
+        b4mrl.load_agent(tmp_path / "agent.h5")(np.zeros(shape))
+
+
+def test_the_agent_that_the_project_carries_runs(client: b4mrl.Client) -> None:
+    policy = b4mrl.load_agent(CARRIED)
+    lanes = 8
+    with client.make_vec("HalfCheetah", lanes) as vec:
+        observations = vec.reset(seed=0)[0]
+        returns = np.zeros(lanes)
+        for _ in range(1000):
+            observations, rewards, *_ = vec.step(policy(observations))
+            returns += rewards
+        score = vec.session.spec.normalised_score(returns.mean())
+    # Its training stopped at a score of 40; single episodes vary by several points.
+    assert 30 < score < 55

@@ -1,0 +1,190 @@
+"""Workers that die, calls that are interrupted, processes that fork."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import threading
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl import errors
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+
+from equality import assert_same
+
+
+def environment_workers(client: b4mrl.Client) -> list[int]:
+    workers = client.server_status().workers
+    return [worker.process_id for worker in workers if worker.role.startswith("worker-")]
+
+
+def walk(vec: b4mrl.VectorEnvironment, steps: int, between=lambda step: None) -> list:
+    results = [vec.reset(seed=3)]
+    vec.action_space.seed(0)
+    for step in range(steps):
+        between(step)
+        results.append(vec.step(vec.action_space.sample()))
+    return results
+
+
+def test_a_trajectory_does_not_notice_that_workers_die(long: bool) -> None:
+    steps, every = (10_000, 50) if long else (300, 25)
+    with b4mrl.serve(tcp=True, workers=2) as endpoint, b4mrl.connect(endpoint) as client:
+
+        def kill(step: int) -> None:
+            if step % every == every // 2:
+                for worker in environment_workers(client):
+                    os.kill(worker, signal.SIGKILL)
+
+        options = {"autoreset_mode": "same_step", "simulator": "obs-noise=0.1", "num_envs": 16}
+        with client.make_vec("HalfCheetah", **options) as calm:
+            wanted, digests = walk(calm, steps), calm.digests
+        with client.make_vec("HalfCheetah", **options) as disturbed:
+            assert_same(walk(disturbed, steps, kill), wanted)
+            np.testing.assert_array_equal(disturbed.digests, digests)
+        restarts = sum(worker.restarts for worker in client.server_status().workers)
+        assert restarts >= steps // every
+
+
+def test_an_interrupted_call_leaves_an_environment_that_goes_on(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env, client.make("HalfCheetah") as twin:
+        env.reset(seed=1)
+        twin.reset(seed=1)
+        action = np.full(6, 0.5, np.float32)
+        receive = env.session._connection.receive
+        env.session._connection.receive = interrupt
+        with pytest.raises(KeyboardInterrupt):
+            env.step(action)
+        env.session._connection.receive = receive
+        # The interrupted step happened; its outcome is lost to the caller, not its number.
+        twin.step(action)
+        assert_same(env.step(action), twin.step(action))
+        assert_same(env.reset(seed=2), twin.reset(seed=2))
+
+
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_signal_reaches_a_call_that_waits() -> None:
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        env = client.make("HalfCheetah")
+        env.reset()
+        (worker,) = environment_workers(client)
+        os.kill(worker, signal.SIGSTOP)
+        timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                while True:
+                    env.step(np.zeros(6))
+        finally:
+            timer.join()
+        env.reset()  # by the worker that replaces the frozen one
+        env.close()
+
+
+def test_no_answer_within_the_deadline_ends_the_environment_and_no_other() -> None:
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        env = client.make("HalfCheetah", deadline_ms=100)
+        env.reset()
+        (worker,) = environment_workers(client)
+        os.kill(worker, signal.SIGSTOP)
+        with pytest.raises(TimeoutError):
+            while True:
+                env.step(np.zeros(6))
+        with pytest.raises(errors.FailedPreconditionError, match="not known"):
+            env.step(np.zeros(6))
+        env.close()
+        with client.make("HalfCheetah") as other:
+            other.reset()
+
+
+def test_a_session_that_the_server_lost_says_so(client: b4mrl.Client) -> None:
+    env = client.make("HalfCheetah")
+    env.reset()
+    copy = client.make("HalfCheetah")
+    copy.reset()
+    # Another holder of the token gives it back.
+    env.session._connection.call(close_request(), bytearray(), 5000)
+    with pytest.raises(errors.SessionLostError) as caught:
+        env.step(np.zeros(6))
+    assert caught.value.executed_unknown
+    copy.step(np.zeros(6))
+    env.close()
+    copy.close()
+
+
+def close_request():
+    from b4mrl.messages import Request
+
+    request = Request()
+    request.close.SetInParent()
+    return request
+
+
+def test_a_daemon_that_is_gone_is_unavailable() -> None:
+    with b4mrl.serve(tcp=True) as endpoint:
+        client = b4mrl.connect(endpoint, deadline_ms=300)
+    with pytest.raises((ConnectionError, TimeoutError)):
+        client.make("HalfCheetah")
+    with pytest.raises(ConnectionError, match=endpoint):
+        b4mrl.connect(endpoint, deadline_ms=200)
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_gymnasiums_processes_may_share_a_client(client: b4mrl.Client, context: str) -> None:
+    def make() -> b4mrl.Environment:
+        return client.make("HalfCheetah", "gravity")
+
+    apart = AsyncVectorEnv([make] * 2, context=context)
+    together = SyncVectorEnv([make] * 2)
+    try:
+        assert_same(apart.reset(seed=1), together.reset(seed=1))
+        for _ in range(5):
+            actions = apart.action_space.sample()
+            assert_same(apart.step(actions), together.step(actions))
+    finally:
+        apart.close()
+        together.close()
+
+
+def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=1)
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                env.step(np.zeros(6))
+                os.write(write, b"stepped")
+            except BaseException as error:
+                os.write(write, pickle.dumps(error))
+            os._exit(0)
+        os.waitpid(child, 0)
+        error = pickle.loads(os.read(read, 65536))
+        os.close(read)
+        os.close(write)
+        assert isinstance(error, errors.FailedPreconditionError)
+        env.step(np.zeros(6))  # the parent's goes on
+
+
+def test_each_thread_may_have_its_own_environment(endpoint: str) -> None:
+    digests: dict[int, int] = {}
+
+    def run(number: int) -> None:
+        with b4mrl.connect(endpoint) as client, client.make("HalfCheetah") as env:
+            env.reset(seed=1)
+            for _ in range(100):
+                env.step(np.full(6, 0.1))
+            digests[number] = env.digest
+
+    threads = [threading.Thread(target=run, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(digests) == 4 and len(set(digests.values())) == 1

@@ -1,0 +1,87 @@
+"""The adapter to Stable-Baselines3, against its own DummyVecEnv and checkers."""
+
+from __future__ import annotations
+
+import warnings
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl import errors
+
+from equality import assert_same
+
+pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+
+from b4mrl.sb3 import StableBaselinesVecEnv  # noqa: E402
+from stable_baselines3 import SAC  # noqa: E402
+from stable_baselines3.common.env_checker import check_env  # noqa: E402
+from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor  # noqa: E402
+
+
+def batch(client: b4mrl.Client, environment: str, *arguments, **options) -> StableBaselinesVecEnv:
+    vec = client.make_vec(environment, *arguments, autoreset_mode="same_step", **options)
+    return StableBaselinesVecEnv(vec)
+
+
+def test_its_checker_passes(client: b4mrl.Client, environment: str, simulator: str) -> None:
+    with client.make(environment, simulator) as env, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of bounds that Gymnasium's own tasks have as well
+        check_env(env, skip_render_check=True)
+
+
+def test_it_equals_dummy_vec_env(client: b4mrl.Client, environment: str, long: bool) -> None:
+    ours = batch(client, environment, 3)
+    dummy = DummyVecEnv([lambda: client.make(environment)] * 3)
+    ours.seed(7)
+    dummy.seed(7)
+    assert_same(ours.reset(), dummy.reset())
+    # Long enough for the end of an episode in every environment.
+    for i in range(10_000 if long else 1_100):
+        actions = np.stack([ours.action_space.sample() for _ in range(3)])
+        for name, mine, theirs in zip(("observations", "rewards", "dones", "infos"), ours.step(actions), dummy.step(actions)):
+            assert_same(mine, theirs, f"{name} of step {i}")
+        assert_same(ours.reset_infos, dummy.reset_infos)
+    ours.close()
+    dummy.close()
+
+
+def test_it_trains(client: b4mrl.Client, environment: str) -> None:
+    vec = VecMonitor(batch(client, environment, 4, simulator="obs-noise=0.01"))
+    model = SAC("MlpPolicy", vec, learning_starts=100, policy_kwargs={"net_arch": [32]}, seed=1)
+    before = model.policy.actor.state_dict()["mu.bias"].clone()
+    model.learn(400)
+    assert model.num_timesteps >= 400
+    assert not np.allclose(before, model.policy.actor.state_dict()["mu.bias"])
+    vec.close()
+
+
+def test_it_evaluates(client: b4mrl.Client) -> None:
+    vec = VecMonitor(batch(client, "HalfCheetah", 2))
+    model = SAC("MlpPolicy", vec, policy_kwargs={"net_arch": [8]})
+    returns, lengths = evaluate_policy(model, vec, 4, return_episode_rewards=True)
+    assert lengths == [1000] * 4
+    assert np.isfinite(returns).all()
+    vec.close()
+
+
+def test_another_mode_is_refused(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        with pytest.raises(errors.InvalidArgumentError, match="same_step"):
+            StableBaselinesVecEnv(vec)
+
+
+def test_attributes_are_those_of_the_batch(client: b4mrl.Client) -> None:
+    vec = batch(client, "HalfCheetah", 3)
+    vec.reset()
+    assert vec.get_attr("num_envs", [0, 2]) == [3, 3]
+    assert vec.env_is_wrapped(VecMonitor) == [False] * 3
+    states = vec.env_method("get_state", indices=[2, 0])
+    vec.env_method("set_state", states[0], indices=[1])
+    np.testing.assert_array_equal(vec.env_method("get_state", indices=1)[0]["qpos"], states[0]["qpos"])
+    with pytest.raises(errors.UnsupportedError):
+        vec.env_method("jump")
+    with pytest.raises(errors.UnsupportedError):
+        vec.set_attr("colour", 1, indices=[0])
+    vec.close()

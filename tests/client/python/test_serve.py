@@ -1,0 +1,105 @@
+"""A daemon of one's own, and the registry that starts one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import b4mrl
+import pytest
+from b4mrl import errors
+from b4mrl.serve import find_server
+
+PROGRAM = find_server()[0]
+
+
+def is_running(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_it_runs_as_long_as_the_block() -> None:
+    daemon = b4mrl.serve()
+    with daemon as endpoint:
+        assert endpoint.startswith("ipc://")
+        with b4mrl.connect(endpoint) as client, client.make("HalfCheetah") as env:
+            env.reset()
+        folder = Path(endpoint.removeprefix("ipc://")).parent
+        assert folder.is_dir()
+    assert not is_running(daemon.process_id)
+    assert not folder.exists()
+    assert daemon.stop() == 0
+
+
+def test_its_options_are_those_of_the_command() -> None:
+    with b4mrl.serve(tcp=True, workers=3, threads=1) as endpoint, b4mrl.connect(endpoint) as client:
+        roles = [worker.role for worker in client.server_status().workers]
+        assert sum(role.startswith("worker-") for role in roles) == 3
+
+
+def test_it_dies_with_the_program_that_started_it() -> None:
+    code = "import b4mrl, os, time; d = b4mrl.serve(); print(d.process_id, flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as program:
+        daemon = int(program.stdout.readline())
+        watched = os.pidfd_open(daemon)
+        program.send_signal(signal.SIGKILL)
+    import select
+
+    assert select.select([watched], [], [], 20)[0], "the daemon outlived its program"
+
+
+@pytest.mark.parametrize(
+    ("variable", "complaint"), [("/does/not/exist", "no program"), ("/bin/false", "not get ready")]
+)
+def test_a_program_that_does_not_serve_is_named(
+    monkeypatch: pytest.MonkeyPatch, variable: str, complaint: str
+) -> None:
+    monkeypatch.setenv("B4MRL_SERVER", variable)
+    with pytest.raises(errors.UnavailableError, match=complaint):
+        b4mrl.serve()
+
+
+def test_the_program_is_found_in_path_and_in_a_checkout(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("B4MRL_SERVER", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "b4mrl").symlink_to(PROGRAM)
+    assert find_server() == [str(tmp_path / "b4mrl"), "serve"]
+    monkeypatch.setenv("PATH", "")
+    built = tmp_path / "build" / "release"
+    built.mkdir(parents=True)
+    (built / "b4mrl-serve").symlink_to(PROGRAM)
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path / "sub")
+    assert find_server()[0].endswith("build/release/b4mrl-serve")
+
+
+def test_environments_without_an_endpoint_share_a_private_daemon() -> None:
+    code = """
+import gymnasium as gym
+one = gym.make("b4mrl:b4mrl/HalfCheetah-v0", simulator="gravity")
+two = gym.make_vec("b4mrl:b4mrl/HalfCheetah-v0", num_envs=2)
+one.reset(seed=1), two.reset(seed=1)
+import b4mrl.serve
+print(b4mrl.connect().server_status().session_count, end="")
+"""
+    clean = {name: value for name, value in os.environ.items() if name != "B4MRL_ENDPOINT"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=clean, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2", "")
+
+
+def test_the_endpoint_of_the_environment_is_taken(
+    monkeypatch: pytest.MonkeyPatch, endpoint: str
+) -> None:
+    monkeypatch.setenv("B4MRL_ENDPOINT", endpoint)
+    with b4mrl.connect() as client:
+        assert client.endpoint == endpoint
