@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace b4mrl {
 
@@ -58,6 +59,28 @@ bool ConfigReader::Bool(const std::string& key, bool fallback) {
   }
   completed_[key] = value;
   return value;
+}
+
+Interval ConfigReader::Range(const std::string& key, Interval fallback) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  Interval range = fallback;
+  if (const Config* found = Find(key)) {
+    const auto end = [&](size_t i, double open) {
+      const Config& value = (*found)[i];
+      if (value.is_null()) return open;
+      return value.is_number() ? value.get<double>() : std::nan("");
+    };
+    const bool is_pair = found->is_array() && found->size() == 2;
+    const Interval given = is_pair ? Interval{end(0, -kInfinity), end(1, kInfinity)} : Interval{};
+    if (given.low < given.high) {
+      range = given;
+    } else {
+      Fail(InvalidArgument(key, found->dump(), "[low, high] with low < high; null: no bound"));
+    }
+  }
+  const auto as_json = [](double x) { return std::isinf(x) ? Config() : Config(x); };
+  completed_[key] = {as_json(range.low), as_json(range.high)};
+  return range;
 }
 
 std::string ConfigReader::Choice(const std::string& key, const std::vector<std::string>& allowed) {

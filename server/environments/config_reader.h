@@ -11,6 +11,14 @@
 
 namespace b4mrl {
 
+// What lies strictly between two numbers, which may be infinite.
+struct Interval {
+  double low = 0;
+  double high = 0;
+
+  bool Contains(double x) const { return low < x && x < high; }
+};
+
 // Reads settings one by one, keeps the first error, and knows afterwards which keys nobody asked
 // for.
 //   ConfigReader reader(config);
@@ -25,8 +33,16 @@ class ConfigReader {
   double Number(const std::string& key, double fallback, double low, double high);
   uint64_t Integer(const std::string& key, uint64_t fallback, uint64_t low, uint64_t high);
   bool Bool(const std::string& key, bool fallback);
+  // Two numbers [low, high]; null is an open end, because JSON has no infinity.
+  Interval Range(const std::string& key, Interval fallback);
   // One of `allowed`; the first is the fallback.
   std::string Choice(const std::string& key, const std::vector<std::string>& allowed);
+
+  // For values of other shapes: the JSON of `key`, or nullptr where it is absent; what it means,
+  // defaults included; why it is refused.
+  const Config* Find(const std::string& key);
+  void Keep(const std::string& key, Config value) { completed_[key] = std::move(value); }
+  void Fail(Status status);
 
   // Every value read so far, defaults included.
   const Config& completed() const { return completed_; }
@@ -34,9 +50,6 @@ class ConfigReader {
   Status Finish() const;
 
  private:
-  const Config* Find(const std::string& key);
-  void Fail(Status status);
-
   const Config& config_;
   Config completed_ = Config::object();
   Status first_error_;

@@ -10,9 +10,13 @@ namespace b4mrl {
 
 // Each is defined in the environment's own file.
 extern const EnvironmentEntry kHalfCheetah;
+extern const EnvironmentEntry kHopper;
+extern const EnvironmentEntry kWalker2d;
+extern const EnvironmentEntry kHumanoid;
+extern const EnvironmentEntry kHighway;
 
 std::span<const EnvironmentEntry> EnvironmentList() {
-  static const std::array kList = {kHalfCheetah};
+  static const std::array kList = {kHalfCheetah, kHopper, kWalker2d, kHumanoid, kHighway};
   return kList;
 }
 

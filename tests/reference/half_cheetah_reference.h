@@ -1,22 +1,16 @@
-// The recorded HalfCheetah trajectories; columns as in README.md.
+// The recorded HalfCheetah trajectories, as recordings of MujocoReference.
 #pragma once
 
-#include <span>
 #include <string>
+#include <vector>
 
-#include "tests/reference/npy.h"
+#include "tests/reference/mujoco_reference.h"
 
 namespace b4mrl {
 
-struct HalfCheetahRow {
-  std::span<const double> action, qpos, qvel, warmstart;
-  double reward;
-
-  // The observation of this row's state.
+struct HalfCheetahRow : MujocoRow {
   std::vector<double> observation() const {
-    std::vector<double> observation(qpos.begin() + 1, qpos.end());
-    observation.insert(observation.end(), qvel.begin(), qvel.end());
-    return observation;
+    return {MujocoRow::observation.begin(), MujocoRow::observation.end()};
   }
 };
 
@@ -26,21 +20,19 @@ class HalfCheetahReference {
   static constexpr size_t kSteps = 200;
 
   // `name`: "half_cheetah" or "half_cheetah_gravity2".
-  explicit HalfCheetahReference(const std::string& name)
-      : array_(ReadNpy(std::string(B4MRL_SOURCE_DIR) + "/tests/reference/" + name + ".npy")) {
-    REQUIRE(array_.shape == std::vector<size_t>{kTrajectories, kSteps + 1, 34});
+  explicit HalfCheetahReference(const std::string& name) : reference_(name, kHalfCheetahShape) {
+    REQUIRE(reference_.trajectories() == kTrajectories);
+    REQUIRE(reference_.steps() == kSteps);
   }
 
   // A view into this object.
   HalfCheetahRow Row(size_t trajectory, size_t row) const&& = delete;
   HalfCheetahRow Row(size_t trajectory, size_t row) const& {
-    const std::span<const double> values = array_.Row(trajectory, row);
-    return {values.subspan(0, 6), values.subspan(6, 9), values.subspan(15, 9),
-            values.subspan(24, 9), values[33]};
+    return {reference_.Row(trajectory, row)};
   }
 
  private:
-  NpyArray array_;
+  MujocoReference reference_;
 };
 
 }  // namespace b4mrl

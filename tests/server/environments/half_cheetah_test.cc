@@ -213,8 +213,6 @@ TEST_CASE("Unknown and unfit settings are refused by name") {
   CHECK(refusal(R"({"max_episode_steps": 0})").code() == StatusCode::kInvalidArgument);
   CHECK(refusal(R"({"max_episode_steps": 1.5})").code() == StatusCode::kInvalidArgument);
   CHECK(refusal(R"({"version": "v3"})").message().find("v4, v5") != std::string::npos);
-  CHECK(refusal(R"({"exclude_current_positions_from_observation": false})").code() ==
-        StatusCode::kUnsupported);
   CHECK(refusal(R"({"a":[[[[[[[[[[1]]]]]]]]]]})").message().find("depth") != std::string::npos);
   CHECK(refusal(std::string(10000, ' ')).code() == StatusCode::kLimitExceeded);
 }

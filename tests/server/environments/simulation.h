@@ -86,8 +86,9 @@ class TestLane {
   Status TryReset(std::optional<uint64_t> seed = {}) {
     return Done(stepper_.Reset(*environment_, record(), seed, Next()));
   }
-  Status TryStep(std::span<const double> action) {
-    return Done(stepper_.Step(*environment_, record(), action, Next()));
+  Status TryStep(std::span<const double> action,
+                 ActionPrecision precision = ActionPrecision::kFloat64) {
+    return Done(stepper_.Step(*environment_, record(), action, Next(), precision));
   }
   Status TrySetState(const NamedState& state) {
     return Done(stepper_.SetNamedState(*environment_, record(), state, Next()));
@@ -95,7 +96,10 @@ class TestLane {
   NamedState GetState() { return stepper_.GetNamedState(*environment_, record()); }
 
   void Reset(std::optional<uint64_t> seed = {}) { RequireOk(TryReset(seed)); }
-  void Step(std::span<const double> action) { RequireOk(TryStep(action)); }
+  void Step(std::span<const double> action,
+            ActionPrecision precision = ActionPrecision::kFloat64) {
+    RequireOk(TryStep(action, precision));
+  }
   void StepRandomly(uint64_t step, uint64_t seed = 1) {
     Step(RandomAction(stepper_.spec().action.size(), seed, step));
   }

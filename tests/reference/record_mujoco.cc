@@ -1,0 +1,169 @@
+// Records a task under a perturbation, from the original's model file and with nothing of this
+// project: MuJoCo's C interface and the formulas of the Gymnasium task alone.
+//
+//   g++ -O2 -std=c++20 -ffp-contract=off record_mujoco.cc -o record_mujoco -lmujoco
+//   record_mujoco TASK ORIGINAL.xml GRAVITY FRICTION LIKE.npy STEPS OUT.npy
+//
+// TASK is hopper, walker2d or humanoid; ORIGINAL.xml its file in gymnasium/envs/mujoco/assets;
+// GRAVITY and FRICTION are factors. Starts and actions of the first STEPS steps are those of
+// LIKE.npy, whose layout (README.md) OUT.npy has, too. With factors 1 and all steps, OUT.npy is
+// LIKE.npy byte for byte, which shows that this program records what the originals' recordings
+// hold.
+#include <mujoco/mujoco.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+namespace {
+
+struct Table {
+  size_t trajectories, rows, columns;
+  std::vector<double> values;
+  double* Row(size_t i, size_t k) { return &values[(i * rows + k) * columns]; }
+};
+
+Table Read(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  uint16_t header = 0;
+  std::memcpy(&header, bytes.data() + 8, sizeof(header));
+  Table table;
+  std::sscanf(std::strchr(bytes.data() + 10, '('), "(%zu, %zu, %zu)", &table.trajectories,
+              &table.rows, &table.columns);
+  table.values.resize(table.trajectories * table.rows * table.columns);
+  std::memcpy(table.values.data(), bytes.data() + 10 + header, 8 * table.values.size());
+  return table;
+}
+
+// In NumPy's own words: padded so that the numbers start at a multiple of 64.
+void Write(const Table& table, const std::string& path) {
+  char text[128];
+  std::snprintf(text, sizeof(text),
+                "{'descr': '<f8', 'fortran_order': False, 'shape': (%zu, %zu, %zu), }",
+                table.trajectories, table.rows, table.columns);
+  std::string header = text;
+  header.resize(117, ' ');
+  header += '\n';
+  std::ofstream file(path, std::ios::binary);
+  file.write("\x93NUMPY\x01\x00\x76\x00", 10);
+  file.write(header.data(), 118);
+  file.write(reinterpret_cast<const char*>(table.values.data()), 8 * table.values.size());
+}
+
+struct Task {
+  bool humanoid, walker;
+  int frame_skip;
+  double forward_weight, control_weight, healthy_reward;
+};
+
+std::vector<double> Observe(const Task& task, const mjModel* m, const mjData* d) {
+  const int skipped = task.humanoid ? 2 : 1;
+  std::vector<double> observation(d->qpos + skipped, d->qpos + m->nq);
+  for (int i = 0; i < m->nv; ++i) {
+    observation.push_back(task.humanoid ? d->qvel[i] : std::clamp(d->qvel[i], -10.0, 10.0));
+  }
+  if (!task.humanoid) return observation;
+  observation.insert(observation.end(), d->cinert, d->cinert + 10 * m->nbody);
+  observation.insert(observation.end(), d->cvel, d->cvel + 6 * m->nbody);
+  observation.insert(observation.end(), d->qfrc_actuator, d->qfrc_actuator + m->nv);
+  observation.insert(observation.end(), d->cfrc_ext, d->cfrc_ext + 6 * m->nbody);
+  return observation;
+}
+
+double Progress(const Task& task, const mjModel* m, const mjData* d) {
+  if (!task.humanoid) return d->qpos[0];
+  double mass = 0, x = 0;
+  for (int i = 0; i < m->nbody; ++i) {
+    mass += m->body_mass[i];
+    x += m->body_mass[i] * d->xipos[3 * i];
+  }
+  return x / mass;
+}
+
+bool Healthy(const Task& task, const mjModel* m, const mjData* d) {
+  if (task.humanoid) return d->qpos[2] > 1.0 && d->qpos[2] < 2.0;
+  if (task.walker) return d->qpos[1] > 0.8 && d->qpos[1] < 2.0 && std::abs(d->qpos[2]) < 1;
+  bool bounded = true;
+  for (int i = 2; i < m->nq; ++i) bounded = bounded && std::abs(d->qpos[i]) < 100;
+  for (int i = 0; i < m->nv; ++i) bounded = bounded && std::abs(d->qvel[i]) < 100;
+  return bounded && d->qpos[1] > 0.7 && std::abs(d->qpos[2]) < 0.2;
+}
+
+// reward, reward_v5, terminated
+void Judge(const Task& task, const mjModel* m, const mjData* d, double before, double* out) {
+  const double dt = m->opt.timestep * task.frame_skip;
+  const double forward = task.forward_weight * ((Progress(task, m, d) - before) / dt);
+  double squares = 0, contact_squares = 0;
+  for (int i = 0; i < m->nu; ++i) squares += d->ctrl[i] * d->ctrl[i];
+  for (int i = 0; i < 6 * m->nbody; ++i) contact_squares += d->cfrc_ext[i] * d->cfrc_ext[i];
+  const double control = task.control_weight * squares;
+  const double contact = task.humanoid ? std::min(5e-7 * contact_squares, 10.0) : 0.0;
+  const bool healthy = Healthy(task, m, d);
+  out[0] = forward + task.healthy_reward - control;
+  out[1] = forward + (healthy ? task.healthy_reward : 0) - control - contact;
+  out[2] = healthy ? 0 : 1;
+}
+
+void Record(const Task& task, const mjModel* m, mjData* d, Table& like, size_t i, Table& out) {
+  const size_t start = m->nu, warm = m->nu + m->nq + m->nv, observed = warm + m->nv;
+  for (size_t k = 0; k < out.rows; ++k) {
+    double* row = out.Row(i, k);
+    std::copy_n(like.Row(i, k), start, row);
+    if (k == 0) {
+      mj_resetData(m, d);
+      std::copy_n(like.Row(i, 0) + start, m->nq, d->qpos);
+      std::copy_n(like.Row(i, 0) + start + m->nq, m->nv, d->qvel);
+      std::copy_n(like.Row(i, 0) + start, m->nq + m->nv, row + start);
+      mj_forward(m, d);
+    } else {
+      const double before = Progress(task, m, d);
+      std::copy_n(row, m->nu, d->ctrl);
+      for (int step = 0; step < task.frame_skip; ++step) mj_step(m, d);
+      mj_rnePostConstraint(m, d);
+      std::copy_n(d->qpos, m->nq, row + start);
+      std::copy_n(d->qvel, m->nv, row + start + m->nq);
+      Judge(task, m, d, before, row + out.columns - 3);
+    }
+    std::copy_n(d->qacc_warmstart, m->nv, row + warm);
+    const std::vector<double> observation = Observe(task, m, d);
+    std::copy(observation.begin(), observation.end(), row + observed);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 8) return 2;
+  const std::string name = argv[1];
+  const bool humanoid = name == "humanoid";
+  const Task task = {humanoid,
+                     name == "walker2d",
+                     humanoid ? 5 : 4,
+                     humanoid ? 1.25 : 1,
+                     humanoid ? 0.1 : 1e-3,
+                     humanoid ? 5.0 : 1.0};
+  char error[1000] = "";
+  mjModel* m = mj_loadXML(argv[2], nullptr, error, sizeof(error));
+  if (m == nullptr) {
+    std::fprintf(stderr, "%s: %s\n", argv[2], error);
+    return 3;
+  }
+  for (double& component : m->opt.gravity) component *= std::atof(argv[3]);
+  for (int i = 0; i < 3 * m->ngeom; ++i) m->geom_friction[i] *= std::atof(argv[4]);
+  mjData* d = mj_makeData(m);
+  Table like = Read(argv[5]);
+  Table out = {like.trajectories, std::strtoul(argv[6], nullptr, 10) + 1, like.columns, {}};
+  out.values.resize(out.trajectories * out.rows * out.columns);
+  for (size_t i = 0; i < out.trajectories; ++i) Record(task, m, d, like, i, out);
+  Write(out, argv[7]);
+  mj_deleteData(d);
+  mj_deleteModel(m);
+}
