@@ -136,7 +136,8 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
   const ConstLaneRecord before = owner().committed_record(lane);
   const LaneRecord after(owner().layout(), slot.idle_buffer().data());
   if (slot.condemned()) {
-    B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(environment, before, after));
+    B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(
+        environment, before, operation_ == Operation::kStep, after));
   } else {
     const ScopedMark mark(thread.mark, MarkKind::kLane, global_lane, number);
     ReachFaultPoint(FaultPoint::kBeforeOperation, global_lane, number);

@@ -179,17 +179,20 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
 }
 
 Status LaneStepper::TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
-                                       LaneRecord after) const {
+                                       bool was_step, LaneRecord after) const {
   CopyRecord(before, after);
   LaneHeader& header = after.header();
   ClearOutcome(header);
   header.truncated = 1;
   header.cause = Cause::kCrash;
-  if (header.phase == LanePhase::kRunning) {
+  const bool running = header.phase == LanePhase::kRunning;
+  if (running && was_step) {
     ++header.elapsed_steps;
   } else {
-    // A reset crashed: the next one must not draw the same start again.
+    // A start crashed: the next reset must not draw it again.
     ++header.episode;
+  }
+  if (!running) {
     header.elapsed_steps = 0;
     header.episode_return = 0;
   }

@@ -55,10 +55,10 @@ class LaneStepper {
   // What Step would have refused, without stepping.
   Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
 
-  // Instead of a step or reset that ended its process twice: the episode ends as truncated with
-  // cause kCrash, at the last observation. In mode same_step the next episode starts at once, else
-  // it is due.
-  Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
+  // Instead of a step (`was_step`) or reset that ended its process twice: the episode ends as
+  // truncated with cause kCrash, at the last observation. In mode same_step the next episode starts
+  // at once, else it is due.
+  Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before, bool was_step,
                             LaneRecord after) const;
 
   // The simulator's state under readable names.

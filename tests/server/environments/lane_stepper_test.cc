@@ -236,6 +236,18 @@ TEST_CASE("A reset that crashes moves on to another start") {
   REQUIRE(lane.header().phase == LanePhase::kRunning);
 }
 
+TEST_CASE("A reset that crashes in the middle of an episode ends it where it was") {
+  TestLane lane(OpenHalfCheetah());
+  lane.Reset();
+  for (uint64_t k = 0; k < 5; ++k) lane.Step(Action(k));
+  const double episode_return = lane.header().episode_return;
+  lane.TruncateAfterCrash(/*was_step=*/false);
+  REQUIRE(lane.header().final_length == 5);
+  REQUIRE(lane.header().final_return == episode_return);
+  lane.Reset();
+  REQUIRE(lane.header().episode == 2);  // episode 1 was the start that crashed
+}
+
 TEST_CASE("Equal records and actions give equal bytes, whichever scratch simulates them") {
   const auto simulator = OpenHalfCheetah("obs-noise=0.1,gravity");
   TestLane a(simulator, AutoresetMode::kSameStep, 5);

@@ -96,15 +96,14 @@ class TestLane {
   NamedState GetState() { return stepper_.GetNamedState(*environment_, record()); }
 
   void Reset(std::optional<uint64_t> seed = {}) { RequireOk(TryReset(seed)); }
-  void Step(std::span<const double> action,
-            ActionPrecision precision = ActionPrecision::kFloat64) {
+  void Step(std::span<const double> action, ActionPrecision precision = ActionPrecision::kFloat64) {
     RequireOk(TryStep(action, precision));
   }
   void StepRandomly(uint64_t step, uint64_t seed = 1) {
     Step(RandomAction(stepper_.spec().action.size(), seed, step));
   }
-  void TruncateAfterCrash() {
-    RequireOk(Done(stepper_.TruncateAfterCrash(*environment_, record(), Next())));
+  void TruncateAfterCrash(bool was_step = true) {
+    RequireOk(Done(stepper_.TruncateAfterCrash(*environment_, record(), was_step, Next())));
   }
 
  private:
