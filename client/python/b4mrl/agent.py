@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from b4mrl.errors import DataLossError, InvalidArgumentError
 
 Vector = NDArray[np.float32]
+Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias (outputs,)
 
 
 class Policy:
@@ -38,7 +39,7 @@ class Policy:
         group = metadata["policy"]
         self.environment = _text(metadata, "environment")
         self.algorithm = _text(metadata, "algorithm")
-        self._layers = []
+        self._layers: list[Layer] = []
         while f"fc{len(self._layers)}" in group:
             self._layers.append(_layer(group[f"fc{len(self._layers)}"]))
         self._layers.append(_layer(group["last_fc"]))
@@ -61,14 +62,14 @@ class Policy:
         self._std = _vector(group, "observation_std", np.ones(size))
         self._scale = _vector(group, "action_scale", np.ones(self.action_size))
         self._history: NDArray[np.float32] | None = None  # (n, history, size), oldest first
-        self._starts: NDArray[np.bool_] | None = None  # rows whose next observation is a first one
+        self._starts = np.ones(0, np.bool_)  # rows whose next observation is an episode's first
 
     def reset(self, rows: ArrayLike | None = None) -> None:
         """The next observations of `rows` (numbers or a bool mask; all of them) start episodes."""
-        if rows is None or self._starts is None:
-            self._history = self._starts = None
+        if rows is None or self._history is None:
+            self._history = None
         else:
-            self._starts[rows] = True
+            self._starts[np.asarray(rows)] = True
 
     def __call__(self, observation: ArrayLike) -> Vector:
         given = np.asarray(observation, np.float32)
@@ -84,7 +85,7 @@ class Policy:
         for weight, bias in self._layers[:-1]:
             values = self._hidden(values @ weight.T + bias)
         weight, bias = self._layers[-1]
-        actions = self._scale * np.tanh(values @ weight.T + bias)
+        actions: Vector = self._scale * np.tanh(values @ weight.T + bias)
         return actions[0] if single else actions
 
     def _with_history(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -130,7 +131,7 @@ def _choose(group: Any, name: str, known: dict[str, Any]) -> Any:
     return known[value]
 
 
-def _layer(group: Any) -> tuple[NDArray[np.float32], Vector]:
+def _layer(group: Any) -> Layer:
     weight, bias = (np.asarray(group[name], np.float32) for name in ("weight", "bias"))
     if weight.ndim != 2 or bias.shape != weight.shape[:1]:
         raise DataLossError(f"{group.name}: weight {weight.shape} and bias {bias.shape} do not fit")

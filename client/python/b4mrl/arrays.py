@@ -19,7 +19,7 @@ from b4mrl.errors import InternalError, LimitExceededError
 Array = NDArray[Any]
 
 # Numbers of the wire's DType (b4mrl.proto).
-_DTYPES = {
+_DTYPES: dict[int, np.dtype[Any]] = {
     1: np.dtype("<f4"),
     2: np.dtype("<f8"),
     3: np.dtype("<i4"),
@@ -80,7 +80,10 @@ def unpack(table: Sequence[Any], payload: bytearray) -> dict[str, Array]:
 
 
 def require(
-    arrays: Mapping[str, Array], name: str, dtype: str | np.dtype[Any], shape: tuple[int | None, ...]
+    arrays: Mapping[str, Array],
+    name: str,
+    dtype: str | np.dtype[Any],
+    shape: tuple[int | None, ...],
 ) -> Array:
     """The array `name`, which must have `dtype` and `shape`; None in a shape fits any extent.
 

@@ -27,9 +27,7 @@ def action_rows(actions: ArrayLike, count: int, shape: tuple[int, ...]) -> Array
     """Actions of `count` lanes as (count, size), float32 if they are that and float64 otherwise."""
     given = np.asarray(actions)
     if given.shape != (count, *shape):
-        raise InvalidArgumentError(
-            f"actions have shape {given.shape}, allowed: {(count, *shape)}"
-        )
+        raise InvalidArgumentError(f"actions have shape {given.shape}, allowed: {(count, *shape)}")
     if given.dtype != np.float32:
         try:
             given = given.astype(np.float64, copy=False)

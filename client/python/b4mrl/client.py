@@ -326,7 +326,9 @@ class Client:
         kind, _, place = self.endpoint.partition("://")
         if not (port.ipc if kind == "ipc" else port.tcp):
             return ""
-        return f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
+        return (
+            f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
+        )
 
     def _reach(self, port: Any, token: bytes = b"") -> Connection:
         """A connection to the process behind a port, directly or through the gateway."""

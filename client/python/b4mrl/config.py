@@ -34,5 +34,5 @@ def _plain(value: Any, name: str) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value
     raise InvalidArgumentError(
-        f"{name} is {value!r}, allowed: numbers, strings, booleans, None, and lists or dicts of them"
+        f"{name} is {value!r}, allowed: numbers, texts, booleans, None, and lists or dicts of them"
     )

@@ -185,7 +185,7 @@ class Dataset:
         self.close()
 
     def _environment(self) -> str:
-        """The environment it was recorded in: "HalfCheetah/medium", "d4rl/halfcheetah-medium-v2"."""
+        """Where it was recorded, from "HalfCheetah/medium" or "d4rl/halfcheetah-medium-v2"."""
         folder, _, rest = self.name.partition("/")
         wanted = (folder.lower(), rest.partition("-")[0].lower())
         for environment in self._client.environments():

@@ -24,6 +24,7 @@ def metadata_of(spec: EnvironmentSpec) -> dict[str, Any]:
 
 
 def check_render_mode(render_mode: str | None) -> None:
+    """InvalidArgumentError: there is no such mode."""
     if render_mode is not None and render_mode not in RENDER_MODES:
         raise errors.InvalidArgumentError(
             f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
@@ -96,8 +97,8 @@ class Environment(gym.Env[Array, Array]):
         VersionMismatchError: its snapshot is of another simulator or engine.
         """
         (restoration,) = write_states([state])
-        observations = self.session.restore(restoration.parts)
-        return observations[0].reshape(self.observation_space.shape)
+        observation: Array = self.session.restore(restoration.parts)[0]
+        return observation.reshape(self.session.spec.observation.shape)
 
     def render(self) -> Array | None:
         """The picture of the present state, uint8 (height, width, 3); None without render_mode."""
@@ -111,7 +112,8 @@ class Environment(gym.Env[Array, Array]):
 
     def _observation(self, outcome: Outcome) -> Array:
         self.digest = int(outcome.digests[0])
-        return outcome.observations[0].reshape(self.observation_space.shape)
+        observation: Array = outcome.observations[0]
+        return observation.reshape(self.session.spec.observation.shape)
 
     def _info(self, outcome: Outcome, is_reset: bool) -> dict[str, Any]:
         row = None if outcome.infos is None else outcome.infos[0]

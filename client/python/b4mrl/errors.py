@@ -7,6 +7,8 @@ is the server's own: it names the offending thing, its value and what is allowed
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class B4mrlError(Exception):
     """An error of the daemon, or on the way to it.
@@ -25,7 +27,7 @@ class B4mrlError(Exception):
     def __init__(self, message: str, *, recoverable: bool = False) -> None:
         super().__init__(message)
         self.recoverable = recoverable
-        self.env_ids = None
+        self.env_ids: Any = None
 
 
 class InvalidArgumentError(B4mrlError, ValueError):
@@ -124,9 +126,7 @@ class InternalError(B4mrlError):
     executed_unknown = True
 
 
-_BY_CODE: dict[int, type[B4mrlError]] = {
-    kind.code: kind for kind in B4mrlError.__subclasses__()
-}
+_BY_CODE: dict[int, type[B4mrlError]] = {kind.code: kind for kind in B4mrlError.__subclasses__()}
 
 
 def error_of(code: int, message: str, recoverable: bool) -> B4mrlError:

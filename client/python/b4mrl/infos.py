@@ -23,7 +23,7 @@ CAUSE_NAMES = {value.number: value.name.lower() for value in CAUSES.values}
 _ENTRY = re.compile(r"(.*)\[\d+\]")
 
 # A key, and what it holds: one column, the columns of an array, or the items of a dictionary.
-_Items = dict[str, "int | list[int] | _Items"]  # type: ignore[misc]
+_Items = dict[str, "int | list[int] | _Items"]
 
 
 class InfoLayout:
@@ -60,13 +60,15 @@ def add_causes(infos: dict[str, Any], causes: NDArray[np.uint8]) -> None:
     """Adds why episodes ended, as text, for the environments whose episode did."""
     ended = causes != 0
     if ended.any():
-        infos["cause"] = np.array([cause_name(cause) if cause else None for cause in causes], object)
+        infos["cause"] = np.array(
+            [cause_name(cause) if cause else None for cause in causes], object
+        )
         infos["_cause"] = ended
 
 
 def cause_name(cause: int) -> str:
-    """ "unhealthy", "limit", "crash", "numerical_error", or a number that this client cannot name."""
-    return CAUSE_NAMES.get(int(cause), str(int(cause)))
+    """Why an episode ended, as a word; the number itself if this client has no word for it."""
+    return str(CAUSE_NAMES.get(int(cause), int(cause)))
 
 
 def scatter(infos: dict[str, Any], positions: NDArray[np.uint32], count: int) -> dict[str, Any]:
@@ -122,9 +124,7 @@ def _read(items: _Items, row: NDArray[np.float64]) -> dict[str, Any]:
     return infos
 
 
-def _merge(
-    infos: dict[str, Any], items: _Items, rows: NDArray[np.float64], reported: Mask
-) -> None:
+def _merge(infos: dict[str, Any], items: _Items, rows: NDArray[np.float64], reported: Mask) -> None:
     """Adds the columns of the environments that `reported` them."""
     for key, place in items.items():
         if isinstance(place, dict):

@@ -40,9 +40,7 @@ class LaneNumbers:
         if len(lanes) == 0:
             raise InvalidArgumentError("no lanes are named, allowed: at least 1")
         if lanes.max() >= len(self._last):
-            raise InvalidArgumentError(
-                f"lane is {lanes.max()}, allowed: 0..{len(self._last) - 1}"
-            )
+            raise InvalidArgumentError(f"lane is {lanes.max()}, allowed: 0..{len(self._last) - 1}")
         if len(np.unique(lanes)) < len(lanes):
             raise InvalidArgumentError("a lane is named twice, allowed: each once")
 

@@ -12,7 +12,7 @@ its line. A test compares the result with protoc's own reading.
 from __future__ import annotations
 
 import re
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
@@ -66,7 +66,7 @@ class _Tokens:
 
 
 def parse(text: str, name: str) -> descriptor_pb2.FileDescriptorProto:
-    """The descriptor of the .proto file `text`. ValueError: not in the understood part of proto3."""
+    """The descriptor of the .proto file `text`. ValueError: it is beyond what is understood."""
     tokens = _Tokens(text)
     file = descriptor_pb2.FileDescriptorProto(name=name, syntax="proto3")
     while keyword := tokens.peek():
@@ -86,7 +86,7 @@ def parse(text: str, name: str) -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
-def load(text: str, name: str) -> dict[str, type]:
+def load(text: str, name: str) -> dict[str, Any]:
     """The message classes of a .proto file, by their names without the package."""
     file = parse(text, name)
     pool = descriptor_pool.DescriptorPool()

@@ -49,7 +49,9 @@ class StableBaselinesVecEnv(VecEnv):
     def step_async(self, actions: Array) -> None:
         self.batch.send(actions)
 
-    def step_wait(self) -> tuple[Array, NDArray[np.float32], NDArray[np.bool_], list[dict]]:
+    def step_wait(
+        self,
+    ) -> tuple[Array, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         observations, rewards, terminated, truncated, info = self.batch.recv()
         dones = terminated | truncated
         final_observations = info.pop("final_obs", None)

@@ -19,12 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import arrays, checks, errors
+from b4mrl import arrays, checks, errors, limits
 from b4mrl.arrays import Array, require
 from b4mrl.connection import Connection, Delivery
 from b4mrl.lane_numbers import LaneNumbers, Lanes
 from b4mrl.messages import Request
 from b4mrl.spec import EnvironmentSpec
+
+_PICTURES_AT_ONCE = 16  # of one request, so that it is done well within its deadline
 
 
 @dataclass(slots=True)
@@ -47,26 +49,35 @@ class Ended:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a Reset or Step gave; first axes are the request's lanes.
+    """What a Reset gave; first axes are the request's lanes.
 
     Attributes:
         lanes: of the request; None for all.
         observations: (n, observation size) in the session's dtype.
         digests: (n,) rolling hash of each lane's trajectory since its last seeded reset.
         infos: (n, infos), or None if the environment has none.
-        rewards, terminated, truncated, causes: (n,); None after a reset.
-        ended: None if no episode ended.
     """
 
     lanes: Lanes | None
     observations: Array
     digests: NDArray[np.uint64]
     infos: NDArray[np.float64] | None
-    rewards: NDArray[np.float64] | None = None
-    terminated: NDArray[np.bool_] | None = None
-    truncated: NDArray[np.bool_] | None = None
-    causes: NDArray[np.uint8] | None = None
-    ended: Ended | None = None
+
+
+@dataclass(slots=True)
+class StepOutcome(Outcome):
+    """What a Step gave.
+
+    Attributes:
+        rewards, terminated, truncated, causes: (n,).
+        ended: None if no episode ended.
+    """
+
+    rewards: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    causes: NDArray[np.uint8]
+    ended: Ended | None
 
 
 class Session:
@@ -96,16 +107,15 @@ class Session:
 
     @property
     def num_envs(self) -> int:
-        return self.in_force.num_envs
+        """Lanes; 0 in a session for queries alone."""
+        return int(self.in_force.num_envs)
 
     @property
     def in_flight(self) -> int:
         """Steps that were sent and not received."""
         return len(self._under_way)
 
-    def reset(
-        self, lanes: Lanes | None = None, seeds: NDArray[np.uint64] | None = None
-    ) -> Outcome:
+    def reset(self, lanes: Lanes | None = None, seeds: NDArray[np.uint64] | None = None) -> Outcome:
         """Starts the next episode, or with `seeds` (n,) the lanes anew at their episode 0."""
         request = Request()
         request.reset.SetInParent()
@@ -113,7 +123,7 @@ class Session:
         delivery = self._call_numbered(request, lanes, columns)
         return self._read_outcome(delivery, lanes)
 
-    def step(self, actions: Array, lanes: Lanes | None = None) -> Outcome:
+    def step(self, actions: Array, lanes: Lanes | None = None) -> StepOutcome:
         """One step of every lane: actions (n, action size), float32 or float64."""
         request = Request()
         request.step.SetInParent()
@@ -127,7 +137,7 @@ class Session:
         request.step.SetInParent()
         return self._send_numbered(request, lanes, {"actions": actions})
 
-    def receive_step(self) -> Outcome:
+    def receive_step(self) -> StepOutcome:
         """The second half: whichever sent step is answered first.
 
         Its error, if that is what came, has the lanes in `env_ids`.
@@ -161,6 +171,31 @@ class Session:
         request.restore.SetInParent()
         delivery = self._call_numbered(request, lanes, parts)
         return self._read_observations(delivery, self._numbers.count_of(lanes))
+
+    def render(
+        self, width: int = 0, height: int = 0, lanes: Lanes | None = None
+    ) -> list[NDArray[np.uint8]]:
+        """Pictures of lanes as they stand, uint8 (height, width, 3) each; 0: the default size.
+
+        It takes tens of milliseconds a lane. FailedPreconditionError: a lane was never reset.
+        UnsupportedError: the server cannot draw.
+        """
+        self._settle_interrupted()
+        width = checks.unsigned("width", width, bits=32) or self.spec.picture_width
+        height = checks.unsigned("height", height, bits=32) or self.spec.picture_height
+        chosen = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
+        fitting = limits.MAX_PAYLOAD_BYTES // max(3 * width * height, 1)
+        at_once = min(max(fitting, 1), _PICTURES_AT_ONCE)
+        frames: list[NDArray[np.uint8]] = []
+        for first in range(0, len(chosen), at_once):
+            part = chosen[first : first + at_once]
+            request = Request()
+            request.render.width, request.render.height = width, height
+            payload = arrays.pack({"lanes": part}, request.arrays)
+            delivery = self._connection.call(request, payload, self.deadline_ms)
+            shape = (len(part), height, width, 3)
+            frames.extend(require(delivery.arrays, "frames", "uint8", shape))
+        return frames
 
     def send_query(
         self, observations: Array, actions: Array, seed: int, draw: int, first_row: int
@@ -272,21 +307,27 @@ class Session:
             infos=self._read_infos(delivery.arrays, "infos", count),
         )
 
-    def _read_step(self, delivery: Delivery, lanes: Lanes | None) -> Outcome:
-        outcome = self._read_outcome(delivery, lanes)
-        found, count = delivery.arrays, len(outcome.observations)
-        outcome.rewards = require(found, "rewards", "float64", (count,))
-        outcome.terminated = require(found, "terminated", "uint8", (count,)).astype(np.bool_)
-        outcome.truncated = require(found, "truncated", "uint8", (count,)).astype(np.bool_)
-        outcome.causes = require(found, "cause", "uint8", (count,))
-        if "final_lanes" in found:
-            outcome.ended = self._read_ended(found, count)
-        return outcome
+    def _read_step(self, delivery: Delivery, lanes: Lanes | None) -> StepOutcome:
+        begun = self._read_outcome(delivery, lanes)
+        found, count = delivery.arrays, len(begun.observations)
+        return StepOutcome(
+            lanes=lanes,
+            observations=begun.observations,
+            digests=begun.digests,
+            infos=begun.infos,
+            rewards=require(found, "rewards", "float64", (count,)),
+            terminated=require(found, "terminated", "uint8", (count,)).astype(np.bool_),
+            truncated=require(found, "truncated", "uint8", (count,)).astype(np.bool_),
+            causes=require(found, "cause", "uint8", (count,)),
+            ended=self._read_ended(found, count) if "final_lanes" in found else None,
+        )
 
     def _read_ended(self, found: Mapping[str, Array], count: int) -> Ended:
         positions = require(found, "final_lanes", "uint32", (None,))
         if np.any(positions >= count):
-            raise errors.InternalError("unreadable reply: final_lanes names a lane that is not there")
+            raise errors.InternalError(
+                "unreadable reply: final_lanes names a lane that is not there"
+            )
         m = len(positions)
         shape = (m, self.spec.observation.size)
         return Ended(

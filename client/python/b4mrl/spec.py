@@ -54,6 +54,7 @@ class EnvironmentSpec:
             for environments that D4RL lacks.
         info_names, reset_info_names: the columns of infos (proto/PROTOCOL.md, section 8), and
             those of them that a reset reports too.
+        picture_width, picture_height: pixels of a picture that asks for no size.
     """
 
     name: str
@@ -66,6 +67,8 @@ class EnvironmentSpec:
     reference_max: float | None
     info_names: tuple[str, ...]
     reset_info_names: tuple[str, ...]
+    picture_width: int
+    picture_height: int
 
     def normalised_score(self, episode_return: float) -> float | None:
         """100 (return - min) / (max - min), or None without references."""
@@ -88,6 +91,8 @@ def spec_of(info: Any) -> EnvironmentSpec:
         reference_max=info.reference_max if info.HasField("reference_max") else None,
         info_names=tuple(info.info_names),
         reset_info_names=tuple(info.reset_info_names),
+        picture_width=info.picture_width,
+        picture_height=info.picture_height,
     )
 
 

@@ -99,7 +99,7 @@ def write_states(states: Sequence[Mapping[str, Any]]) -> list[Restoration]:
 
 
 def _is_ended(state: Mapping[str, Any]) -> bool:
-    return state[_SNAPSHOT][_CHECK_BYTES] == 1
+    return bool(state[_SNAPSHOT][_CHECK_BYTES] == 1)
 
 
 def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:

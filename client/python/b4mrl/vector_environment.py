@@ -15,13 +15,11 @@ from b4mrl.arrays import Array
 from b4mrl.environment import check_render_mode, metadata_of
 from b4mrl.lane_numbers import Lanes
 from b4mrl.messages import AUTORESET_MODES
-from b4mrl.session import Outcome, Session
+from b4mrl.session import Ended, Outcome, Session, StepOutcome
 from b4mrl.states import State, read_states, write_states
 
 EnvIds = ArrayLike | None
-StepResult = tuple[
-    Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
-]
+StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
 class VectorEnvironment(VectorEnv[Array, Array, Array]):
@@ -76,7 +74,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         self._step_past_end = step_past_end
         self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
         self._ended = np.zeros(self.num_envs, np.bool_)  # by the last step, and not reset since
-        self._observations = np.zeros(self.observation_space.shape, session.dtype)
+        self._observations: Array = np.zeros((self.num_envs, *self._shape), session.dtype)
 
     def reset(
         self,
@@ -148,8 +146,14 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
     def get_state(self, env_ids: EnvIds = None) -> list[State]:
         """The states of `env_ids`, or of all, as dictionaries (b4mrl.states)."""
         lanes = self._lanes(env_ids)
-        ended = self._ended if lanes is None else self._ended[lanes]
-        return read_states(self.session.snapshot(lanes), ended)
+        ended = (self._ended if lanes is None else self._ended[lanes]).tolist()
+        found = self.session.snapshot(lanes)
+        if len(found) > 1 or len(ended) == 1:
+            return read_states(found, ended)
+        # States of unequal sizes have their readable parts only when they travel alone.
+        chosen = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
+        parts = [self.session.snapshot(chosen[i : i + 1]) for i in range(len(chosen))]
+        return [read_states(part, [flag])[0] for part, flag in zip(parts, ended)]
 
     def set_state(self, states: Sequence[State], env_ids: EnvIds = None) -> Array:
         """Lets the environments `env_ids`, or all, continue from `states`, one for each.
@@ -244,7 +248,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         self._ended[chosen] = ended
         return observations
 
-    def _result(self, outcome: Outcome) -> StepResult:
+    def _result(self, outcome: StepOutcome) -> StepResult:
         rewards, terminated, truncated = outcome.rewards, outcome.terminated, outcome.truncated
         count = len(rewards)
         is_reset = np.zeros(count, np.bool_)
@@ -252,7 +256,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         if self._mode == AutoresetMode.SAME_STEP:
             if outcome.ended is not None:
                 is_reset[outcome.ended.positions] = True
-                info = self._final_info(outcome)
+                info = self._final_info(outcome, outcome.ended)
         else:
             if self._mode == AutoresetMode.NEXT_STEP:
                 is_reset = self._ended[slice(None) if outcome.lanes is None else outcome.lanes]
@@ -262,9 +266,9 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         observations = self._keep(outcome, False if has_new_episode else terminated | truncated)
         return observations, rewards, terminated, truncated, info
 
-    def _final_info(self, outcome: Outcome) -> dict[str, Any]:
+    def _final_info(self, outcome: StepOutcome, ended: Ended) -> dict[str, Any]:
         """`final_obs` and `final_info` of the episodes that a step in mode same_step ended."""
-        ended, count = outcome.ended, len(outcome.rewards)
+        count = len(outcome.rewards)
         observations = np.full(count, None, object)
         for i, position in enumerate(ended.positions):
             observations[position] = ended.observations[i].reshape(self._shape).copy()

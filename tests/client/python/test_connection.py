@@ -179,7 +179,9 @@ def test_a_server_that_is_not_there_is_unavailable(connect) -> None:
         (77, errors.InternalError, None),
     ],
 )
-def test_a_refusal_is_its_exception_and_says_what_was_executed(start, connect, code, kind, executed) -> None:
+def test_a_refusal_is_its_exception_and_says_what_was_executed(
+    start, connect, code, kind, executed
+) -> None:
     connection = connect(start(lambda request, count: [refusal(request, code)]).address)
     delivery = connection.receive(connection.send(hello(), bytearray(), 5000))
     assert type(delivery.error) is kind

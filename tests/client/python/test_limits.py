@@ -28,7 +28,10 @@ def test_every_status_code_has_its_exception() -> None:
         if code:
             kind = type(errors.error_of(code, "", recoverable=False))
             assert kind.code == code
-            assert kind.__name__.removesuffix("Error") in (name, "Server" + name.removesuffix("Error"))
+            assert kind.__name__.removesuffix("Error") in (
+                name,
+                "Server" + name.removesuffix("Error"),
+            )
 
 
 def test_an_unknown_code_counts_as_internal() -> None:

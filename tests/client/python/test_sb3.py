@@ -40,7 +40,9 @@ def test_it_equals_dummy_vec_env(client: b4mrl.Client, environment: str, long: b
     # Long enough for the end of an episode in every environment.
     for i in range(10_000 if long else 1_100):
         actions = np.stack([ours.action_space.sample() for _ in range(3)])
-        for name, mine, theirs in zip(("observations", "rewards", "dones", "infos"), ours.step(actions), dummy.step(actions)):
+        for name, mine, theirs in zip(
+            ("observations", "rewards", "dones", "infos"), ours.step(actions), dummy.step(actions)
+        ):
             assert_same(mine, theirs, f"{name} of step {i}")
         assert_same(ours.reset_infos, dummy.reset_infos)
     ours.close()
@@ -79,7 +81,9 @@ def test_attributes_are_those_of_the_batch(client: b4mrl.Client) -> None:
     assert vec.env_is_wrapped(VecMonitor) == [False] * 3
     states = vec.env_method("get_state", indices=[2, 0])
     vec.env_method("set_state", states[0], indices=[1])
-    np.testing.assert_array_equal(vec.env_method("get_state", indices=1)[0]["qpos"], states[0]["qpos"])
+    np.testing.assert_array_equal(
+        vec.env_method("get_state", indices=1)[0]["qpos"], states[0]["qpos"]
+    )
     with pytest.raises(errors.UnsupportedError):
         vec.env_method("jump")
     with pytest.raises(errors.UnsupportedError):

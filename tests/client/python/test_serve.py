@@ -44,7 +44,9 @@ def test_its_options_are_those_of_the_command() -> None:
 
 
 def test_it_dies_with_the_program_that_started_it() -> None:
-    code = "import b4mrl, os, time; d = b4mrl.serve(); print(d.process_id, flush=True); time.sleep(60)"
+    code = (
+        "import b4mrl, os, time; d = b4mrl.serve(); print(d.process_id, flush=True); time.sleep(60)"
+    )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as program:
         daemon = int(program.stdout.readline())
         watched = os.pidfd_open(daemon)

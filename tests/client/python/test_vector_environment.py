@@ -130,9 +130,10 @@ def test_a_restored_state_is_as_finished_as_it_was(client: b4mrl.Client) -> None
 
 
 def test_sends_for_different_environments_are_under_way_together(client: b4mrl.Client) -> None:
-    with client.make_vec("HalfCheetah", 4, seed=3) as split, client.make_vec(
-        "HalfCheetah", 4, seed=3
-    ) as whole:
+    with (
+        client.make_vec("HalfCheetah", 4, seed=3) as split,
+        client.make_vec("HalfCheetah", 4, seed=3) as whole,
+    ):
         split.reset()
         whole.reset()
         for _ in range(20):

@@ -1,0 +1,67 @@
+"""Pictures of environments."""
+
+from __future__ import annotations
+
+import b4mrl
+import gymnasium as gym
+import numpy as np
+import pytest
+from b4mrl import errors
+from gymnasium.utils.env_checker import check_env
+
+
+def test_a_picture_shows_the_present_state(client: b4mrl.Client, environment: str) -> None:
+    with client.make(environment, render_mode="rgb_array") as env:
+        env.reset(seed=1)
+        spec = env.session.spec
+        first = env.render()
+        assert first.shape == (spec.picture_height, spec.picture_width, 3)
+        assert first.dtype == np.uint8
+        assert len(np.unique(first.reshape(-1, 3), axis=0)) > 3  # more than an empty page
+        np.testing.assert_array_equal(env.render(), first)
+        state = env.get_state()
+        for _ in range(10):
+            env.step(env.action_space.sample())
+        assert not np.array_equal(env.render(), first)
+        env.set_state(state)
+        np.testing.assert_array_equal(env.render(), first)
+
+
+def test_pictures_have_the_size_that_was_asked_for(client: b4mrl.Client, environment: str) -> None:
+    options = {"render_mode": "rgb_array", "width": 96, "height": 64}
+    with (
+        client.make_vec(environment, 3, **options) as vec,
+        client.make(environment, **options) as env,
+    ):
+        vec.reset(seed=5)
+        env.reset(seed=6)
+        pictures = vec.render()
+        assert [picture.shape for picture in pictures] == [(64, 96, 3)] * 3
+        np.testing.assert_array_equal(pictures[1], env.render())
+
+
+def test_gymnasiums_checker_renders_as_well(endpoint: str, environment: str) -> None:
+    name = f"b4mrl:b4mrl/{environment}-v0"
+    with gym.make(name, endpoint=endpoint, render_mode="rgb_array") as env:
+        check_env(env.unwrapped)
+
+
+def test_without_a_render_mode_there_is_no_picture(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env, client.make_vec("HalfCheetah", 2) as vec:
+        env.reset()
+        assert env.render() is None
+        assert vec.render() is None
+
+
+@pytest.mark.parametrize("size", [{"width": 8}, {"height": 100_000}, {"width": -1}])
+def test_a_size_that_cannot_be_is_refused(client: b4mrl.Client, size: dict) -> None:
+    with client.make("HalfCheetah", render_mode="rgb_array", **size) as env:
+        env.reset()
+        with pytest.raises(errors.InvalidArgumentError):
+            env.render()
+
+
+def test_before_the_first_reset_there_is_nothing_to_see(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", render_mode="rgb_array") as env:
+        with pytest.raises(errors.FailedPreconditionError):
+            env.render()
