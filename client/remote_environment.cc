@@ -28,6 +28,15 @@ Status ReadStepColumns(const ArrayReader& arrays, uint64_t rows, StepOutcome* ou
   return Status();
 }
 
+// Row-major (rows, columns); empty if the session reports no infos.
+Result<std::span<const double>> ReadInfos(const ArrayReader& arrays, std::string_view name,
+                                          uint64_t rows, uint64_t columns) {
+  if (columns == 0) return std::span<const double>();
+  B4MRL_ASSIGN_OR_RETURN(const TensorView view,
+                         arrays.Require(name, {DType::kFloat64}, {rows, columns}));
+  return view.As<double>();
+}
+
 Status ReadEndedEpisodes(const ArrayReader& arrays, uint64_t rows, const TensorView& observations,
                          StepOutcome* outcome) {
   const TensorView* final_lanes = arrays.Find("final_lanes");
@@ -187,9 +196,17 @@ Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply,
   if (arrays.Has("digests")) {
     B4MRL_ASSIGN_OR_RETURN(outcome.digests, ReadColumn<uint64_t>(arrays, "digests", rows));
   }
+  // A Restore reports none.
+  const size_t infos = in_force_.with_infos() && (is_step || arrays.Has("infos"))
+                           ? spec_.info_names.size()
+                           : 0;
+  B4MRL_ASSIGN_OR_RETURN(outcome.infos, ReadInfos(arrays, "infos", rows, infos));
   if (!is_step) return outcome;
   B4MRL_RETURN_IF_ERROR(ReadStepColumns(arrays, rows, &outcome));
   B4MRL_RETURN_IF_ERROR(ReadEndedEpisodes(arrays, rows, outcome.observations, &outcome));
+  B4MRL_ASSIGN_OR_RETURN(outcome.final_infos,
+                         ReadInfos(arrays, "final_infos", outcome.final_lanes.size(),
+                                   outcome.final_lanes.empty() ? 0 : infos));
   return outcome;
 }
 

@@ -34,7 +34,8 @@ struct EnvironmentOptions {
   std::optional<uint64_t> seed;  // lane i gets seed + i; none: the daemon draws one
   AutoresetMode autoreset_mode = AutoresetMode::kNextStep;
   DType observation_dtype = DType::kFloat32;
-  std::string config;                                // JSON object of the environment's settings
+  std::string config;       // JSON object of the environment's settings
+  bool with_infos = false;  // fills StepOutcome::infos and final_infos
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each request
 };
 
@@ -54,6 +55,9 @@ struct StepOutcome {
   TensorView final_observations;
   std::span<const double> final_returns;
   std::span<const uint32_t> final_lengths;
+  // Row-major, columns as in spec().info_names; empty unless asked for.
+  std::span<const double> infos;        // lanes x names
+  std::span<const double> final_infos;  // ended episodes x names
   pb::Timing timing;
   ReceivedReply reply;
 };
@@ -65,6 +69,14 @@ struct LaneStates {
   size_t lanes = 0;
   std::vector<uint8_t> snapshot;                     // lanes x bytes
   std::map<std::string, std::vector<double>> parts;  // name -> lanes x size
+};
+
+// Pictures of lanes.
+struct Pictures {
+  uint32_t width = 0;
+  uint32_t height = 0;
+  std::span<const uint8_t> frames;  // lanes x height x width x (red, green, blue), top row first
+  ReceivedReply reply;              // owns them
 };
 
 // Where Query writes; row-major. The daemon computes in double and rounds to the session's dtype.
@@ -124,6 +136,12 @@ class RemoteEnvironment {
   // From `states.snapshot` if it has one, otherwise from its parts. Counts as a step of those
   // lanes.
   Result<StepOutcome> Restore(const LaneStates& states, std::span<const uint32_t> lanes = {});
+
+  // What lanes look like after their last operation, even if the next one is under way. Without a
+  // size the environment's own: spec().picture_width x picture_height. Takes tens of milliseconds a
+  // lane and never delays a step. kUnsupported where the server cannot draw.
+  Result<Pictures> Render(std::span<const uint32_t> lanes = {}, uint32_t width = 0,
+                          uint32_t height = 0);
 
   // Ends the session in the daemon. The destructor does it too, and waits at most half a second.
   Status Close();

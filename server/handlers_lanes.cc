@@ -44,7 +44,7 @@ class LaneJob : public RequestJob {
   TensorView actions_;               // of a step
   std::span<const uint64_t> seeds_;  // of a reset; empty: none
   struct {
-    size_t observations, rewards, terminated, truncated, cause, digests;
+    size_t observations, rewards, terminated, truncated, cause, digests, infos;
   } offsets_{};
   std::atomic<bool> any_ended_{false};
 };
@@ -110,6 +110,9 @@ void LaneJob::PlanReply() {
     offsets_.cause = layout.Add("cause", DType::kUint8, {count});
     offsets_.digests = layout.Add("digests", DType::kUint64, {count});
   }
+  if (owner().reported_infos() > 0) {
+    offsets_.infos = layout.Add("infos", DType::kFloat64, {count, owner().reported_infos()});
+  }
   reply_payload_ = layout.Allocate();
 }
 
@@ -160,7 +163,9 @@ Status LaneJob::Compute(uint32_t position, Environment& environment, ConstLaneRe
   const size_t action_size = stepper.spec().action.size();
   thread.action.resize(action_size);
   CopyToDoubles(actions_, position * action_size, thread.action);
-  return stepper.Step(environment, before, thread.action, after);
+  const auto precision =
+      actions_.dtype == DType::kFloat32 ? ActionPrecision::kFloat32 : ActionPrecision::kFloat64;
+  return stepper.Step(environment, before, thread.action, after, precision);
 }
 
 void LaneJob::WriteOutcome(uint32_t position) {
@@ -169,6 +174,9 @@ void LaneJob::WriteOutcome(uint32_t position) {
   WriteRow(reply_payload_, offsets_.observations, owner().observation_dtype(), position,
            record.observation());
   ArrayAt<uint64_t>(reply_payload_, offsets_.digests, position + 1)[position] = header.digest;
+  if (owner().reported_infos() > 0) {
+    WriteRow(reply_payload_, offsets_.infos, DType::kFloat64, position, record.infos());
+  }
   if (operation_ == Operation::kReset) return;
   const auto byte_at = [&](size_t offset) -> uint8_t& {
     return ArrayAt<uint8_t>(reply_payload_, offset, position + 1)[position];
@@ -197,6 +205,9 @@ void LaneJob::FinishReply() {
       layout.Add("final_observations", dtype, {ended.size(), owner().layout().observation_size});
   const size_t returns = layout.Add("final_returns", DType::kFloat64, {ended.size()});
   const size_t lengths = layout.Add("final_lengths", DType::kUint32, {ended.size()});
+  const size_t info_count = owner().reported_infos();
+  const size_t infos =
+      info_count == 0 ? 0 : layout.Add("final_infos", DType::kFloat64, {ended.size(), info_count});
   reply_payload_ = layout.Allocate();
   std::memcpy(reply_payload_.data(), planned.data(), planned.size());
   for (size_t i = 0; i < ended.size(); ++i) {
@@ -206,6 +217,8 @@ void LaneJob::FinishReply() {
     ArrayAt<uint32_t>(reply_payload_, lengths, ended.size())[i] =
         static_cast<uint32_t>(record.header().final_length);
     WriteRow(reply_payload_, observations, dtype, i, record.final_observation());
+    if (info_count == 0) continue;
+    WriteRow(reply_payload_, infos, DType::kFloat64, i, record.final_infos());
   }
 }
 

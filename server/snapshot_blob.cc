@@ -8,7 +8,7 @@ namespace b4mrl {
 namespace {
 
 constexpr uint64_t kMagic = 0x4c4e44342d62346d;
-constexpr uint32_t kVersion = 1;
+constexpr uint32_t kVersion = 2;
 
 uint64_t HashIdentity(std::string_view identity) {
   return XXH3_64bits(identity.data(), identity.size());

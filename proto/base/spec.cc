@@ -5,15 +5,19 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <set>
 
 namespace b4mrl {
 
 Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const {
   std::vector<std::string> names;
+  std::set<std::string> features;
   for (size_t i = 0; i < dimensions.size(); ++i) {
     if (dimensions[i].name == index_or_name) return static_cast<uint32_t>(i);
     names.push_back(dimensions[i].name);
+    if (!dimensions[i].feature.empty()) features.insert(dimensions[i].feature);
   }
+  names.insert(names.begin(), features.begin(), features.end());
   const bool is_number =
       !index_or_name.empty() && std::all_of(index_or_name.begin(), index_or_name.end(),
                                             [](char c) { return c >= '0' && c <= '9'; });
@@ -21,6 +25,17 @@ Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const 
   B4MRL_ASSIGN_OR_RETURN(const uint64_t index,
                          ParseUnsigned("dimension", index_or_name, 0, dimensions.size() - 1));
   return static_cast<uint32_t>(index);
+}
+
+Result<std::vector<uint32_t>> SpaceSpec::FindDimensions(
+    std::string_view index_name_or_feature) const {
+  std::vector<uint32_t> found;
+  for (size_t i = 0; i < dimensions.size() && !index_name_or_feature.empty(); ++i) {
+    if (dimensions[i].feature == index_name_or_feature) found.push_back(static_cast<uint32_t>(i));
+  }
+  if (!found.empty()) return found;
+  B4MRL_ASSIGN_OR_RETURN(const uint32_t dimension, FindDimension(index_name_or_feature));
+  return std::vector<uint32_t>{dimension};
 }
 
 std::optional<double> EnvironmentSpec::NormalisedScore(double episode_return) const {

@@ -18,6 +18,11 @@ struct DimensionSpec {
   std::string unit;  // "m/s", "rad"; "" for none
   double low = 0;
   double high = 0;
+  // Where an observation has rows (Highway's vehicles): what this column holds in each of them,
+  // "vx" of "vehicle2-vx". "" elsewhere.
+  std::string feature = "";
+  // 0 or 1 and no measurement (Highway's presence): noise leaves it alone.
+  bool flag = false;
 };
 
 // A box: dimensions in order, possibly reshaped (Highway's rows); the product of `shape` is their
@@ -29,6 +34,8 @@ struct SpaceSpec {
   size_t size() const { return dimensions.size(); }
   // Accepts a 0-based index ("9") or a name ("v-root-z").
   Result<uint32_t> FindDimension(std::string_view index_or_name) const;
+  // The same, or a feature ("vx"), which names its column of every row. In ascending order.
+  Result<std::vector<uint32_t>> FindDimensions(std::string_view index_name_or_feature) const;
 };
 
 struct EnvironmentSpec {
@@ -38,9 +45,17 @@ struct EnvironmentSpec {
   std::string reward;  // the formula, in words
   uint32_t max_episode_steps = 0;
   double step_seconds = 0;  // simulated time of one step
+  bool has_model = true;    // runs on a compiled MuJoCo model, which perturbations may change
   // Returns that D4RL's normalised score maps to 0 and 100; none for environments D4RL lacks.
   std::optional<double> reference_min;
   std::optional<double> reference_max;
+  // Gymnasium's info dictionary as columns of numbers: "x_position"; "tendon_length[1]" for the
+  // second entry of an array; "rewards.collision_reward" for a dictionary within the dictionary.
+  std::vector<std::string> info_names;
+  std::vector<std::string> reset_info_names;  // those of them that a reset reports too
+  // Pixels of a picture when none are asked for.
+  uint32_t picture_width = 480;
+  uint32_t picture_height = 480;
 
   // 100 (return - min) / (max - min).
   std::optional<double> NormalisedScore(double episode_return) const;

@@ -7,7 +7,7 @@
 // SaveState read, so one object can serve lanes in any order and the numbers never depend on which
 // object or thread served.
 //
-// An Environment knows no seeds, step limits, perturbations or wires. Thread rule: one thread at a
+// An Environment knows no perturbations or wires. Thread rule: one thread at a
 // time per Environment; an EnvironmentModel is immutable and shared. Arrays are float64 and
 // row-major; sizes are those of spec() and state_size(), and callers guarantee them (a peer's bytes
 // are checked before).
@@ -25,6 +25,8 @@
 #include "proto/base/status.h"
 
 namespace b4mrl {
+
+class Canvas;
 
 struct StepResult {
   double reward = 0;
@@ -53,10 +55,28 @@ class Environment {
 
   // Starts an episode with noise from `rng`. Fails only if the engine cannot hold the state.
   virtual Status Reset(Rng& rng) = 0;
+  // Starts the episode that a lane's seed and the number of its reset name. A task whose original's
+  // own generator is matched (Highway) overrides it.
+  virtual Status StartEpisode(uint64_t lane_seed, uint64_t episode) {
+    Rng rng(lane_seed, "reset", episode);
+    return Reset(rng);
+  }
   // One control step. `action` is finite; values outside the action space follow the task's own
   // rule.
   virtual StepResult Step(std::span<const double> action) = 0;
+  // The same for an action that came as float32. It differs where the original computes in the
+  // action's own precision (Highway).
+  virtual StepResult StepFloat32(std::span<const double> action) { return Step(action); }
+  // Whether the episode's time is over after `elapsed_steps` steps. Highway counts the simulated
+  // time, which is part of its state.
+  virtual bool TimeIsOver(uint64_t elapsed_steps) const {
+    return elapsed_steps >= spec().max_episode_steps;
+  }
   virtual void Observe(std::span<double> observation) const = 0;
+  // What Gymnasium reports beside the observation, under spec().info_names, of the last Reset, Set
+  // or Step (LoadState does not bring it back). A reset fills in spec().reset_info_names; the
+  // others are 0.
+  virtual void Infos(std::span<double> /*infos*/) const {}
   virtual void SaveState(std::span<double> state) const = 0;
   virtual void LoadState(std::span<const double> state) = 0;
 
@@ -72,6 +92,12 @@ class Environment {
   // `next_observation`. A pure function of its inputs, whatever the object did before.
   virtual QueryResult Query(std::span<const double> observation, std::span<const double> action,
                             std::span<double> next_observation) = 0;
+
+  // Draws the state that LoadState brought. Afterwards the object holds no meaningful state until
+  // the next LoadState, Reset or Query. kUnsupported where nobody has written it.
+  virtual Status Draw(Canvas& /*canvas*/) {
+    return Status(StatusCode::kUnsupported, spec().name + " cannot be drawn");
+  }
 };
 
 // What the Environments of one task, configuration and set of perturbations share: the compiled
@@ -82,6 +108,8 @@ class EnvironmentModel {
   virtual const EnvironmentSpec& spec() const = 0;
   // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
   virtual std::string Identity() const = 0;
+  // Whether observations tell the state that a query starts from; else the reason.
+  virtual Status CheckQueryable() const { return Status(); }
   virtual Result<std::unique_ptr<Environment>> NewEnvironment() const = 0;
 };
 

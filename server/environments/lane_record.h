@@ -1,7 +1,7 @@
 // A lane as plain memory: everything about one environment of a session, in one block without
 // pointers, fit for memcpy, shared memory and the wire (Snapshot sends it as it is).
 //
-//   LaneHeader | state doubles | perturbation state doubles | observation | final observation
+//   LaneHeader | state | perturbation state | observation | final observation | infos | final infos
 //
 // The last step's outcome is part of the record, so whoever holds a committed record can answer the
 // step again without simulating. Records of one LaneLayout are interchangeable; the block is 8-byte
@@ -49,8 +49,11 @@ struct LaneLayout {
   size_t state_size = 0;
   size_t perturbation_state_size = 0;
   size_t observation_size = 0;
+  size_t info_size = 0;
 
-  size_t doubles() const { return state_size + perturbation_state_size + 2 * observation_size; }
+  size_t doubles() const {
+    return state_size + perturbation_state_size + 2 * observation_size + 2 * info_size;
+  }
   size_t bytes() const { return sizeof(LaneHeader) + doubles() * sizeof(double); }
   bool operator==(const LaneLayout&) const = default;
 };
@@ -72,17 +75,23 @@ class BasicLaneRecord {
   }
   // What the client sees after the last operation.
   std::span<Like<double>> observation() const {
-    return Part(layout_.state_size + layout_.perturbation_state_size, layout_.observation_size);
+    return Part(observation_offset(), layout_.observation_size);
   }
   // The last observation of the episode that ended, if header().episode_ended.
   std::span<Like<double>> final_observation() const {
-    return Part(layout_.state_size + layout_.perturbation_state_size + layout_.observation_size,
-                layout_.observation_size);
+    return Part(observation_offset() + layout_.observation_size, layout_.observation_size);
+  }
+  // Environment::Infos of the last operation, and of the episode that ended.
+  std::span<Like<double>> infos() const { return Part(info_offset(), layout_.info_size); }
+  std::span<Like<double>> final_infos() const {
+    return Part(info_offset() + layout_.info_size, layout_.info_size);
   }
   std::span<Byte> bytes() const { return {memory_, layout_.bytes()}; }
   const LaneLayout& layout() const { return layout_; }
 
  private:
+  size_t observation_offset() const { return layout_.state_size + layout_.perturbation_state_size; }
+  size_t info_offset() const { return observation_offset() + 2 * layout_.observation_size; }
   std::span<Like<double>> Part(size_t offset, size_t size) const {
     auto* doubles = reinterpret_cast<Like<double>*>(memory_ + sizeof(LaneHeader));
     return {doubles + offset, size};

@@ -33,6 +33,11 @@ bool AllFinite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
 
+// False for what a perturbation has changed: NumPy's noise makes a float64 of a float32, too.
+bool AllFloat32(std::span<const double> values) {
+  return std::ranges::all_of(values, [](double x) { return static_cast<float>(x) == x; });
+}
+
 void CopyRecord(ConstLaneRecord from, LaneRecord to) {
   std::memcpy(to.bytes().data(), from.bytes().data(), from.bytes().size());
 }
@@ -50,7 +55,8 @@ void ClearOutcome(LaneHeader& header) {
 Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulator,
                                         AutoresetMode mode) {
   const LaneLayout layout = {simulator->state_size(), simulator->perturbation_state_size(),
-                             simulator->spec().observation.size()};
+                             simulator->spec().observation.size(),
+                             simulator->spec().info_names.size()};
   if (layout.bytes() > limits::kLaneBufferBytes) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("a lane needs {} bytes, allowed: {}", layout.bytes(),
@@ -66,20 +72,20 @@ void LaneStepper::Initialize(uint64_t lane_seed, LaneRecord record) const {
 
 void LaneStepper::Observe(const Environment& environment, LaneRecord record) const {
   environment.Observe(record.observation());
+  environment.Infos(record.infos());
   simulator_->perturbations().OnObservation(ContextOf(record.header()), record.observation());
 }
 
 Status LaneStepper::StartEpisode(Environment& environment, LaneRecord record) const {
   LaneHeader& header = record.header();
-  Rng rng(header.lane_seed, "reset", header.episode);
-  B4MRL_RETURN_IF_ERROR(environment.Reset(rng));
+  B4MRL_RETURN_IF_ERROR(environment.StartEpisode(header.lane_seed, header.episode));
   environment.SaveState(record.state());
   std::ranges::fill(record.perturbation_state(), 0);
   header.elapsed_steps = 0;
   header.episode_return = 0;
   header.phase = LanePhase::kRunning;
   Observe(environment, record);
-  if (AllFinite(record.observation())) return Status();
+  if (AllFinite(record.observation()) && AllFinite(record.infos())) return Status();
   return Status(StatusCode::kInternal, "a start observation is not finite");
 }
 
@@ -126,6 +132,7 @@ Status LaneStepper::Finish(Environment& environment, LaneRecord record) const {
   header.final_return = header.episode_return;
   header.final_length = header.elapsed_steps;
   std::ranges::copy(record.observation(), record.final_observation().begin());
+  std::ranges::copy(record.infos(), record.final_infos().begin());
   header.phase = LanePhase::kEnded;
   if (mode_ != AutoresetMode::kSameStep) return Status();
   header.digest = Absorb(header.digest, record.final_observation());
@@ -134,7 +141,8 @@ Status LaneStepper::Finish(Environment& environment, LaneRecord record) const {
 }
 
 Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
-                         std::span<const double> action, LaneRecord after) const {
+                         std::span<const double> action, LaneRecord after,
+                         ActionPrecision precision) const {
   B4MRL_RETURN_IF_ERROR(CheckStep(before, action));
   if (before.header().phase == LanePhase::kEnded && mode_ == AutoresetMode::kNextStep) {
     return Reset(environment, before, std::nullopt, after);
@@ -150,23 +158,27 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
   simulator_->perturbations().OnAction(ContextOf(header), after.perturbation_state(),
                                        perturbed_action);
   environment.LoadState(before.state());
-  const StepResult result = environment.Step(perturbed_action);
+  const StepResult result = precision == ActionPrecision::kFloat32 && AllFloat32(perturbed_action)
+                                ? environment.StepFloat32(perturbed_action)
+                                : environment.Step(perturbed_action);
   ++header.elapsed_steps;
 
   const bool simulated = result.cause != Cause::kNumericalError && result.cause != Cause::kCrash;
   if (simulated) Observe(environment, after);
   const double new_return = header.episode_return + result.reward;
-  if (simulated && AllFinite(after.observation()) && std::isfinite(new_return)) {
+  if (simulated && AllFinite(after.observation()) && AllFinite(after.infos()) &&
+      std::isfinite(new_return)) {
     environment.SaveState(after.state());
     header.reward = result.reward;
     header.episode_return = new_return;
     header.terminated = result.terminated;
-    header.truncated = header.elapsed_steps >= spec().max_episode_steps;
+    header.truncated = environment.TimeIsOver(header.elapsed_steps);
     header.cause = result.terminated  ? Cause::kUnhealthy
                    : header.truncated ? Cause::kLimit
                                       : Cause::kNone;
   } else {
     std::ranges::copy(before.observation(), after.observation().begin());
+    std::ranges::copy(before.infos(), after.infos().begin());
     std::ranges::copy(before.perturbation_state(), after.perturbation_state().begin());
     header.truncated = 1;
     header.cause = simulated ? Cause::kNumericalError : result.cause;
@@ -217,6 +229,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
     header.phase = LanePhase::kRunning;
     header.elapsed_steps = 0;
     header.episode_return = 0;
+    std::ranges::fill(after.perturbation_state(), 0);
   }
   Observe(environment, after);
   AbsorbOutcome(after);

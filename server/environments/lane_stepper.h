@@ -29,6 +29,9 @@
 
 namespace b4mrl {
 
+// The type in which an action came.
+enum class ActionPrecision { kFloat64, kFloat32 };
+
 class LaneStepper {
  public:
   // kLimitExceeded if a record would not fit limits::kLaneBufferBytes.
@@ -50,7 +53,7 @@ class LaneStepper {
   // One step. kInvalidArgument for an action of the wrong length or with a number that is not
   // finite; kFailedPrecondition for a lane that was never reset.
   Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
-              LaneRecord after) const;
+              LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;
 
   // What Step would have refused, without stepping.
   Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
@@ -64,8 +67,8 @@ class LaneStepper {
   // The simulator's state under readable names.
   NamedState GetNamedState(Environment& environment, ConstLaneRecord before) const;
   // Puts the lane into that state and observes it. A running episode goes on (seed, steps and
-  // return kept); a lane that was not running runs from step 0 of its episode. Perturbations' own
-  // state is kept.
+  // return and perturbations' state kept); a lane that was not running runs from step 0 of its
+  // episode.
   Status SetNamedState(Environment& environment, ConstLaneRecord before, const NamedState& state,
                        LaneRecord after) const;
 
