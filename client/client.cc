@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <sys/random.h>
 
+#include <algorithm>
+#include <cstdio>
 #include <utility>
 
 #include "proto/base/limits.h"
@@ -77,6 +79,16 @@ EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
   return spec;
 }
 
+Client::Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway)
+    : context_(std::move(context)),
+      endpoint_(std::move(endpoint)),
+      gateway_(std::move(gateway)),
+      reporter_([](const std::string& text) { fmt::print(stderr, "b4mrl: {}\n", text); }) {}
+
+void Client::set_reporter(std::function<void(const std::string&)> reporter) {
+  reporter_ = std::move(reporter);
+}
+
 Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms) {
   auto context = std::make_unique<Context>();
   B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, ""));
@@ -124,15 +136,41 @@ Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
 }
 
 Result<std::string> Client::AddressOf(const pb::Port& port) const {
-  const bool ipc = endpoint_.starts_with("ipc://");
-  if (ipc ? port.ipc().empty() : port.tcp() == 0) {
-    return Status(StatusCode::kUnavailable,
-                  fmt::format("the server offers no {} port for this; is that part of it running?",
-                              ipc ? "ipc" : "tcp"));
-  }
-  if (ipc) return "ipc://" + port.ipc();
+  if (endpoint_.starts_with("ipc://")) return port.ipc().empty() ? "" : "ipc://" + port.ipc();
+  if (port.tcp() == 0) return std::string();
   B4MRL_ASSIGN_OR_RETURN(const TcpAddress gateway, ParseTcpAddress(endpoint_));
   return fmt::format("tcp://{}:{}", gateway.host, port.tcp());
+}
+
+bool Client::CanRelay() const {
+  const auto& capabilities = hello_.capabilities();
+  return std::find(capabilities.begin(), capabilities.end(), "relay") != capabilities.end();
+}
+
+void Client::ReportRelay(const std::string& reason) {
+  if (std::exchange(relayed_, true)) return;
+  reporter_(fmt::format("{}; requests go through {}, which makes each of them slower", reason,
+                        endpoint_));
+}
+
+Result<Connection> Client::Reach(const pb::Port& port, const std::string& token) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(port));
+  const bool exists = !address.empty();
+  if (exists && !unreachable_.contains(address)) {
+    B4MRL_ASSIGN_OR_RETURN(Connection direct, Connection::Open(*context_, address, token));
+    // Without a relay, the first request waits for the connection as long as its deadline allows.
+    if (!CanRelay()) return direct;
+    if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
+    unreachable_.insert(address);
+  }
+  if (!CanRelay()) {
+    return Status(StatusCode::kUnavailable,
+                  "the server offers no port for this; is that part of it running?");
+  }
+  ReportRelay(
+      exists ? fmt::format("{} does not answer within {} ms", address, limits::kDirectConnectMs)
+             : "the server has no port of its own for this");
+  return Connection::Open(*context_, endpoint_, token);
 }
 
 Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {
@@ -154,16 +192,14 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
                                                           Deadline::AfterMs(options.deadline_ms)));
   pb::OpenReply& in_force = *reply.envelope.mutable_open();
   B4MRL_RETURN_IF_ERROR(CheckOpenReply(in_force, options));
-  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(in_force.port()));
-  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, token));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(in_force.port(), token));
   EnvironmentSpec spec = SpecOf(in_force.info());
   return RemoteEnvironment(std::move(worker), std::move(in_force), std::move(spec),
                            options.deadline_ms);
 }
 
 Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
-  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(hello_.dataset_port()));
-  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, ""));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(hello_.dataset_port(), ""));
   pb::Request request;
   request.mutable_list_datasets();
   B4MRL_ASSIGN_OR_RETURN(
@@ -174,8 +210,7 @@ Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
 }
 
 Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOptions options) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(hello_.dataset_port()));
-  B4MRL_ASSIGN_OR_RETURN(Connection worker, Connection::Open(*context_, address, ""));
+  B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(hello_.dataset_port(), ""));
   pb::Request request;
   pb::OpenDatasetRequest* open = request.mutable_open_dataset();
   open->set_dataset(dataset);

@@ -7,10 +7,16 @@
 // kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. Thread rule:
 // one thread at a time. Sessions and datasets that it made are independent of it and of each other,
 // each for one thread; the Client must outlive them.
+//
+// Sessions and datasets are reached on ports of their own. Where such a port cannot be reached
+// within limits::kDirectConnectMs, or does not exist, requests go through the gateway, which is
+// slower; the first time that this happens, the Client says so.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -32,6 +38,10 @@ class Client {
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs);
 
   const pb::HelloReply& hello() const { return hello_; }
+  // Where the one report of the slower way goes; a line on stderr by default.
+  void set_reporter(std::function<void(const std::string&)> reporter);
+  // Whether anything went the slower way so far.
+  bool relayed() const { return relayed_; }
   Result<pb::CatalogueReply> Catalogue();
   Result<pb::ServerStatusReply> ServerStatus();
   // The specification of one environment, without opening it.
@@ -43,16 +53,21 @@ class Client {
   Result<RemoteDataset> OpenDataset(const std::string& dataset, DatasetOptions options = {});
 
  private:
-  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway)
-      : context_(std::move(context)),
-        endpoint_(std::move(endpoint)),
-        gateway_(std::move(gateway)) {}
+  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway);
+  // A connection to the process that listens on `port`: directly, or through the gateway.
+  Result<Connection> Reach(const pb::Port& port, const std::string& token);
+  // "" if the port does not exist.
   Result<std::string> AddressOf(const pb::Port& port) const;
+  bool CanRelay() const;
+  void ReportRelay(const std::string& reason);
 
   std::unique_ptr<Context> context_;
   std::string endpoint_;
   Connection gateway_;
   pb::HelloReply hello_;
+  std::set<std::string> unreachable_;  // addresses that did not answer; not tried again
+  bool relayed_ = false;
+  std::function<void(const std::string&)> reporter_;
 };
 
 // The wire's description of an environment as the type that both sides use.

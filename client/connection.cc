@@ -36,6 +36,14 @@ Result<Connection> Connection::Open(Context& context, const std::string& address
   return Connection(std::move(socket), std::move(token));
 }
 
+bool Connection::AwaitHandshake(const Deadline& deadline) {
+  while (socket_.connections() == 0) {
+    if (deadline.expired()) return false;
+    socket_.Wait(deadline);
+  }
+  return true;
+}
+
 Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline deadline) {
   if (in_flight() >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,

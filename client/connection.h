@@ -66,6 +66,9 @@ class Connection {
   // The reply to `id` is not wanted any more. The server may execute the request all the same.
   void Abandon(uint64_t id);
 
+  // Waits until the connection is made for the first time; false if it is not by then.
+  bool AwaitHandshake(const Deadline& deadline);
+
   // Requests that were sent and not received.
   size_t in_flight() const { return pending_.size() + arrived_.size(); }
   // How often the connection was made; above 1 after the server was replaced.

@@ -32,7 +32,9 @@ struct ChildOptions {
   };
   std::vector<Port> worker_ports;
   Port dataset_port;
-  std::vector<std::string> worker_addresses;  // where the gateway reaches them
+  // Where the gateway reaches them.
+  std::vector<std::string> worker_addresses;
+  std::string dataset_address;
 };
 
 class ChildContext {

@@ -39,6 +39,25 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
 
 }  // namespace
 
+void DescribeServer(int64_t lease_ms, pb::HelloReply* out) {
+  out->set_protocol_version(limits::kProtocolVersion);
+  out->set_server_version(std::string(ServerVersion()));
+  out->set_engine_version(EngineVersion());
+  out->set_architecture("x86_64");
+  for (const char* capability : {"step", "query", "snapshot", "datasets", "status", "relay"}) {
+    out->add_capabilities(capability);
+  }
+  pb::Limits* bounds = out->mutable_limits();
+  bounds->set_max_envelope_bytes(limits::kMaxEnvelopeBytes);
+  bounds->set_max_payload_bytes(limits::kMaxPayloadBytes);
+  bounds->set_max_sessions(limits::kMaxSessions);
+  bounds->set_max_lanes_per_session(limits::kMaxLanesPerSession);
+  bounds->set_max_requests_in_flight(limits::kMaxRequestsInFlight);
+  bounds->set_max_query_rows(limits::kMaxQueryRows);
+  bounds->set_max_rows_per_batch(limits::kMaxRowsPerBatch);
+  bounds->set_session_lease_ms(static_cast<uint64_t>(lease_ms));
+}
+
 void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out) {
   out->set_name(spec.name);
   DescribeSpace(spec.observation, out->mutable_observation());

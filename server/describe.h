@@ -1,4 +1,4 @@
-// The catalogue's entries and the sessions' descriptions as protocol messages.
+// What the server is, the catalogue's entries and the sessions' descriptions as protocol messages.
 #pragma once
 
 #include "proto/b4mrl.pb.h"
@@ -8,6 +8,8 @@
 
 namespace b4mrl {
 
+// Versions, capabilities and limits: a Hello but for the ports.
+void DescribeServer(int64_t lease_ms, pb::HelloReply* out);
 void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out);
 // All environments and perturbations; an environment that cannot be described is left out.
 void DescribeCatalogue(pb::CatalogueReply* out);

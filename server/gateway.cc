@@ -1,5 +1,6 @@
 // The gateway: Hello, the catalogue, opening of sessions and the daemon's status. It keeps nothing
-// that it could not read from shared memory again, and no step passes through it.
+// that it could not read from shared memory again, and no step passes through it but those of
+// clients that reach no other port (server/relay.h).
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <sys/random.h>
@@ -12,6 +13,7 @@
 #include "server/child.h"
 #include "server/describe.h"
 #include "server/environments/list.h"
+#include "server/relay.h"
 #include "server/session_table.h"
 #include "server/status_report.h"
 
@@ -22,6 +24,8 @@ constexpr int64_t kFlushMs = 1'000;
 constexpr int64_t kReapIntervalMs = 1'000;
 // An opening that no client repeats for this long is taken back.
 constexpr int64_t kAbandonedMs = 60'000;
+// What a child sent before it ended may take so long to arrive here.
+constexpr int64_t kLastWordsMs = 100;
 // An Attach that ends its worker is not sent a third time.
 constexpr uint32_t kMaxAttachAttempts = 2;
 
@@ -43,12 +47,18 @@ struct WorkerLink {
 
 class Gateway {
  public:
-  Gateway(ChildContext& context, RouterSocket socket, std::vector<WorkerLink> links)
+  Gateway(ChildContext& context, Context& sockets, RouterSocket socket,
+          std::vector<WorkerLink> links)
       : context_(context),
         socket_(std::move(socket)),
         links_(std::move(links)),
         table_(context.shared()),
-        status_(context.shared()) {}
+        status_(context.shared()),
+        relay_(sockets, context.shared(),
+               {context.options().worker_addresses, context.options().dataset_address},
+               [this](const RoutingId& client, Message reply) {
+                 return socket_.Send(client, std::move(reply));
+               }) {}
 
   void Run();
 
@@ -60,6 +70,8 @@ class Gateway {
   void Handle(IncomingMessage incoming);
   void HandleHello(const Envelope& from);
   void HandleOpen(const Envelope& from, const pb::Request& request);
+  // Passes on what another process answers.
+  void HandleForeign(const Envelope& from, Message message);
   // Checks what needs no simulator and fills in what was left out.
   Status CompleteOpen(const std::string& token, pb::OpenRequest* open) const;
   Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open);
@@ -69,6 +81,8 @@ class Gateway {
   void RepeatAttaches(uint32_t worker);
   void DropExpiredOpens();
   void Wait();
+  // While draining: whether nothing is under way that somebody could still answer.
+  bool MayLeave();
 
   void Reply(const Envelope& to, const Status& error);
   void Reply(const Envelope& to, pb::Reply reply);
@@ -78,6 +92,8 @@ class Gateway {
   std::vector<WorkerLink> links_;
   SessionTable table_;
   StatusReport status_;
+  Relay relay_;
+  std::optional<Deadline> last_words_;               // set once all other children have ended
   pb::Request request_;                              // reused
   std::unordered_map<uint64_t, PendingOpen> opens_;  // by the Attach's request id
   uint64_t next_attach_id_ = 1;
@@ -123,32 +139,34 @@ void Gateway::Handle(IncomingMessage incoming) {
       return Reply(from, std::move(reply));
     case pb::Request::kOpen:
       return HandleOpen(from, request_);
-    default:
+    case pb::Request::kAttach:
+    case pb::Request::PAYLOAD_NOT_SET:
       return Reply(from, Status(StatusCode::kUnsupported,
-                                "the gateway answers Hello, Catalogue, ServerStatus and Open; what "
-                                "concerns a session goes to its worker's port"));
+                                "the gateway answers Hello, Catalogue, ServerStatus and Open, and "
+                                "relays what sessions and datasets answer"));
+    default:
+      return HandleForeign(from, std::move(incoming.message));
   }
+}
+
+void Gateway::HandleForeign(const Envelope& from, Message message) {
+  if (context_.draining()) {
+    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  }
+  const Status status = relay_.Forward(from.sender, request_, std::move(message));
+  if (status.ok()) return;
+  if (!request_.has_close() || status.code() != StatusCode::kSessionLost) {
+    return Reply(from, status);
+  }
+  pb::Reply closed;  // a session that is not there counts as closed
+  closed.mutable_close();
+  Reply(from, std::move(closed));
 }
 
 void Gateway::HandleHello(const Envelope& from) {
   pb::Reply reply;
   pb::HelloReply* hello = reply.mutable_hello();
-  hello->set_protocol_version(limits::kProtocolVersion);
-  hello->set_server_version(std::string(ServerVersion()));
-  hello->set_engine_version(EngineVersion());
-  hello->set_architecture("x86_64");
-  for (const char* capability : {"step", "query", "snapshot", "datasets", "status"}) {
-    hello->add_capabilities(capability);
-  }
-  pb::Limits* out = hello->mutable_limits();
-  out->set_max_envelope_bytes(limits::kMaxEnvelopeBytes);
-  out->set_max_payload_bytes(limits::kMaxPayloadBytes);
-  out->set_max_sessions(limits::kMaxSessions);
-  out->set_max_lanes_per_session(limits::kMaxLanesPerSession);
-  out->set_max_requests_in_flight(limits::kMaxRequestsInFlight);
-  out->set_max_query_rows(limits::kMaxQueryRows);
-  out->set_max_rows_per_batch(limits::kMaxRowsPerBatch);
-  out->set_session_lease_ms(static_cast<uint64_t>(context_.shared().header().lease_ms));
+  DescribeServer(context_.shared().header().lease_ms, hello);
   hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
   hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
   Reply(from, std::move(reply));
@@ -316,21 +334,34 @@ void Gateway::DropExpiredOpens() {
 void Gateway::Wait() {
   std::vector<void*> sockets = {socket_.handle()};
   for (const WorkerLink& link : links_) sockets.push_back(link.socket.handle());
+  relay_.AppendSockets(&sockets);
   // Reconnections of workers show on no socket here, so look for them often while somebody waits.
   constexpr int64_t kWatchfulMs = 5;
-  WaitAnyReadable(sockets, opens_.empty() ? kBeatIntervalMs : kWatchfulMs);
+  const bool somebody_waits = !opens_.empty() || relay_.in_flight() > 0;
+  WaitAnyReadable(sockets, somebody_waits ? kWatchfulMs : kBeatIntervalMs);
+}
+
+bool Gateway::MayLeave() {
+  if (!opens_.empty()) return false;
+  if (relay_.in_flight() == 0) return true;
+  for (uint32_t child = 0; child < kFirstWorkerChild + links_.size(); ++child) {
+    if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
+  }
+  if (!last_words_) last_words_ = Deadline::AfterMs(kLastWordsMs);
+  return last_words_->expired();
 }
 
 void Gateway::Run() {
   constexpr int kReceiveBurst = 64;
   int64_t next_reap_ms = 0;
-  while (!context_.draining() || !opens_.empty()) {
+  while (!context_.draining() || !MayLeave()) {
     for (int i = 0; i < kReceiveBurst; ++i) {
       std::optional<IncomingMessage> incoming = socket_.TryReceive();
       if (!incoming) break;
       Handle(std::move(*incoming));
     }
     for (uint32_t worker = 0; worker < links_.size(); ++worker) ReadWorker(worker);
+    relay_.Pump();
     DropExpiredOpens();
     if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
       table_.Reap(kAbandonedMs);
@@ -354,7 +385,7 @@ Status RunGateway(ChildContext& context) {
     B4MRL_ASSIGN_OR_RETURN(DealerSocket dealer, DealerSocket::Connect(sockets, address));
     links.push_back({std::move(dealer)});
   }
-  Gateway gateway(context, std::move(socket), std::move(links));
+  Gateway gateway(context, sockets, std::move(socket), std::move(links));
   gateway.Run();
   return Status();
 }

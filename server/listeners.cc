@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 
 #include "proto/base/spec.h"
@@ -167,14 +168,16 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
   return Status();
 }
 
-Status Fill(const Plan& plan, uint32_t workers, Listeners* listeners) {
-  for (const Plan::Tcp& tcp : plan.tcp) {
-    B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
-    listeners->loopback_only &= IsLoopback(tcp.host);
-  }
-  for (const std::string& path : plan.ipc) {
-    B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
-  }
+Result<std::string> MakePrivateFolder() {
+  const char* base = std::getenv("TMPDIR");
+  std::string path =
+      fmt::format("{}/b4mrl-gateway-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp");
+  if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
+  return path;
+}
+
+// The listeners of all but the gateway.
+Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
   listeners->workers.resize(workers);
   listeners->worker_ports.resize(workers);
   for (uint32_t i = 0; i < workers; ++i) {
@@ -184,13 +187,32 @@ Status Fill(const Plan& plan, uint32_t workers, Listeners* listeners) {
   return AddWorker(plan, workers + 1, ".dataset", &listeners->dataset, &listeners->dataset_port);
 }
 
+Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
+  for (const Plan::Tcp& tcp : plan.tcp) {
+    B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
+    listeners->loopback_only &= IsLoopback(tcp.host);
+  }
+  for (const std::string& path : plan.ipc) {
+    B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
+  }
+  if (!options.single_port) return FillWorkers(plan, options.workers, listeners);
+  plan.tcp.clear();
+  if (plan.ipc.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakePrivateFolder());
+    plan.ipc = {listeners->private_folder + "/relay"};
+  }
+  B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
+  for (ChildOptions::Port& port : listeners->worker_ports) port = {};
+  listeners->dataset_port = {};
+  return Status();
+}
+
 }  // namespace
 
-Result<Listeners> OpenListeners(const std::vector<std::string>& binds, uint32_t workers,
-                                bool insecure) {
-  B4MRL_ASSIGN_OR_RETURN(const Plan plan, ParseBinds(binds, insecure));
+Result<Listeners> OpenListeners(const ServeOptions& options) {
+  B4MRL_ASSIGN_OR_RETURN(Plan plan, ParseBinds(options.binds, options.insecure));
   Listeners listeners;
-  if (Status status = Fill(plan, workers, &listeners); !status.ok()) {
+  if (Status status = Fill(std::move(plan), options, &listeners); !status.ok()) {
     RemoveSocketFiles(listeners);  // the process is about to end; descriptors go with it
     return status;
   }
@@ -213,6 +235,7 @@ void RemoveSocketFiles(const Listeners& listeners) {
   remove(listeners.gateway);
   for (const auto& worker : listeners.workers) remove(worker);
   remove(listeners.dataset);
+  if (!listeners.private_folder.empty()) rmdir(listeners.private_folder.c_str());
 }
 
 }  // namespace b4mrl

@@ -4,7 +4,8 @@
 // The gateway listens on the addresses of --bind. Environment worker i gets the port after the
 // first tcp address's plus i, and the dataset worker the one after the last worker's, on every tcp
 // host; all of them get free ports if that first port is 0. With ipc they get PATH.worker-i and
-// PATH.dataset beside the first ipc PATH.
+// PATH.dataset beside the first ipc PATH. With a single port they get nothing but such ipc sockets,
+// in a private folder where --bind has no ipc PATH, and clients are not told of them.
 #pragma once
 
 #include <string>
@@ -12,6 +13,7 @@
 
 #include "proto/base/status.h"
 #include "server/child.h"
+#include "server/options.h"
 
 namespace b4mrl {
 
@@ -23,17 +25,17 @@ struct Listeners {
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;
   bool loopback_only = true;
+  std::string private_folder;  // of a single port's ipc sockets; "" if there is none
 };
 
 // Malformed addresses are kInvalidArgument; addresses in use, missing folders and the like
 // kIoError; hosts that other machines can reach, without `insecure`, kFailedPrecondition.
-Result<Listeners> OpenListeners(const std::vector<std::string>& binds, uint32_t workers,
-                                bool insecure);
+Result<Listeners> OpenListeners(const ServeOptions& options);
 
 // Where a process of this machine connects to reach a listener.
 std::string LocalAddress(const ListeningEndpoint& endpoint);
 
-// Removes the files of ipc sockets; the descriptors stay open.
+// Removes the files of ipc sockets and the private folder; the descriptors stay open.
 void RemoveSocketFiles(const Listeners& listeners);
 
 }  // namespace b4mrl

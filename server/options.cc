@@ -60,6 +60,7 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   if (key == "models") return text(&options->models_folder);
   if (key == "insecure") return flag(&options->insecure);
   if (key == "pin") return flag(&options->pin);
+  if (key == "single-port") return flag(&options->single_port);
   if (key == "bind") {
     const toml::array* list = node.as_array();
     std::vector<std::string> binds;
@@ -71,9 +72,9 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
     if (options->binds.empty()) options->binds = std::move(binds);
     return Status();
   }
-  return UnknownName(
-      "key", key,
-      std::vector<std::string>{"bind", "workers", "threads", "pin", "data", "models", "insecure"});
+  return UnknownName("key", key,
+                     std::vector<std::string>{"bind", "workers", "threads", "pin", "data", "models",
+                                              "insecure", "single-port"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
@@ -167,6 +168,7 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
   hidden(app.add_option("--worker-port", flags->worker_ports));
   hidden(app.add_option("--worker-address", line->child.worker_addresses));
   hidden(app.add_option("--dataset-port", flags->dataset_port));
+  hidden(app.add_option("--dataset-address", line->child.dataset_address));
   hidden(app.add_option("--file", line->importer_file));
   hidden(app.add_option("--cache", line->importer_cache));
 }
@@ -207,6 +209,9 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
   app.add_option("--config", flags.config_file, "TOML file with the same keys; flags win");
   app.add_flag("--insecure", serve.insecure,
                "allow addresses that other machines can reach (nothing authenticates them yet)");
+  app.add_flag("--single-port", serve.single_port,
+               "listen on the addresses of --bind alone and relay to the workers: slower, for "
+               "clients behind a tunnel, a firewall or a container's one port");
   ChildFlags child_flags;
   AddChildFlags(app, &line, &child_flags);
   try {
@@ -252,6 +257,7 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
   for (const ChildOptions::Port& port : child.worker_ports) add("--worker-port", FormatPort(port));
   for (const std::string& address : child.worker_addresses) add("--worker-address", address);
   add("--dataset-port", FormatPort(child.dataset_port));
+  add("--dataset-address", child.dataset_address);
   return arguments;
 }
 

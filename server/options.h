@@ -23,6 +23,7 @@ struct ServeOptions {
   std::string data_folder;    // exists
   std::string models_folder;  // exists, or "" for the default
   bool insecure = false;      // allow addresses that other machines can reach
+  bool single_port = false;   // clients reach the gateway alone, which relays
 };
 
 struct CommandLine {

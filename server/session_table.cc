@@ -24,10 +24,15 @@ bool IsOpen(const SessionRecord& record) {
 
 std::optional<uint32_t> SessionTable::Find(std::string_view token) const {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
-    const SessionRecord& record = shared_.session(index);
-    if (IsOpen(record) && SessionToken(record) == token) return index;
+    if (Holds(index, token)) return index;
   }
   return std::nullopt;
+}
+
+bool SessionTable::Holds(uint32_t index, std::string_view token) const {
+  if (index >= limits::kMaxSessions) return false;
+  const SessionRecord& record = shared_.session(index);
+  return IsOpen(record) && SessionToken(record) == token;
 }
 
 Result<uint32_t> SessionTable::Allocate(const NewSession& session) {

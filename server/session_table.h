@@ -21,6 +21,8 @@ class SessionTable {
 
   // The record of a session that is opening or live.
   std::optional<uint32_t> Find(std::string_view token) const;
+  // Whether record `index` is such a session's, which is quicker to answer. Any index.
+  bool Holds(uint32_t index, std::string_view token) const;
 
   struct NewSession {
     std::string_view token;       // limits::kTokenBytes long

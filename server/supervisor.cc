@@ -63,6 +63,7 @@ void Supervisor::AddChildren(const ServeOptions& options) {
     // The gateway reaches the workers over whatever comes last: ipc where there is one.
     common.worker_addresses.push_back(LocalAddress(worker.back()));
   }
+  common.dataset_address = LocalAddress(listeners_.dataset.back());
   const auto add = [&](uint32_t child, std::string role, uint32_t index,
                        const std::vector<ListeningEndpoint>& endpoints) {
     ChildOptions child_options = common;
@@ -204,7 +205,7 @@ int RunSupervisor(const ServeOptions& options) {
   RaiseDescriptorLimit();
   signal(SIGPIPE, SIG_IGN);
   const int signal_fd = OpenSignals();
-  Result<Listeners> listeners = OpenListeners(options.binds, options.workers, options.insecure);
+  Result<Listeners> listeners = OpenListeners(options);
   if (!listeners.ok()) {
     spdlog::error(listeners.status().message());
     return listeners.status().code() == StatusCode::kIoError ? kExitBadInput : kExitBadUsage;

@@ -47,6 +47,14 @@ inline constexpr int64_t kDrainMs = 5'000;        // SIGTERM: time for requests 
 // Sockets: messages queued towards one peer before it counts as too slow.
 inline constexpr int kHighWaterMark = 1'000;
 
+// The gateway's relay; the connection of a client that reaches no other port has one route a
+// session. Bytes are those of requests that are not answered yet.
+inline constexpr int64_t kDirectConnectMs = 1'000;  // a client's patience with a worker's own port
+inline constexpr uint32_t kMaxRelayRoutes = 1024;
+inline constexpr size_t kMaxRelayRouteBytes = 2 * kMaxPayloadBytes;
+inline constexpr size_t kMaxRelayBytes = 16 * kMaxPayloadBytes;
+inline constexpr int64_t kRelayIdleMs = 60'000;  // an unused route is taken down after this
+
 // Processes.
 inline constexpr uint32_t kMaxWorkers = 64;
 inline constexpr uint32_t kMaxThreads = 256;

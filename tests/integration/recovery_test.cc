@@ -2,7 +2,6 @@
 #include <signal.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <thread>
@@ -10,6 +9,7 @@
 #include "client/client.h"
 #include "client/private_daemon.h"
 #include "tests/integration/lane_walk.h"
+#include "tests/integration/under_fire.h"
 
 namespace b4mrl {
 namespace {
@@ -20,7 +20,6 @@ constexpr uint32_t kLanes = kGroups * kLanesPerGroup;
 constexpr uint64_t kSeed = 11;
 constexpr uint8_t kLimit = 2;
 constexpr uint8_t kCrash = 3;
-constexpr int64_t kPatienceMs = 240'000;
 
 PrivateDaemon StartDaemon(const std::string& fault = "", uint32_t workers = 1) {
   PrivateDaemonOptions options;
@@ -78,62 +77,6 @@ void RequireSameBytes(const LaneWalk& walk, const LaneWalk& reference, uint64_t 
   }
 }
 
-struct WorkerView {
-  pid_t process_id = 0;
-  uint64_t steps = 0;
-  uint32_t restarts = 0;
-};
-WorkerView LookAtWorker(Client& client, const std::string& role) {
-  const Result<pb::ServerStatusReply> status = client.ServerStatus();
-  if (!status.ok()) return {};
-  for (const pb::WorkerStatus& worker : status->workers()) {
-    if (worker.role() != role) continue;
-    return {static_cast<pid_t>(worker.process_id()), worker.steps(), worker.restarts()};
-  }
-  return {};
-}
-
-// Signals `role` `times` times, each time after its successor has run and stepped. False if that
-// takes too long.
-bool Harass(const std::string& endpoint, const std::string& role, int signal, int times,
-            uint64_t steps_between) {
-  Result<Client> client = Client::Connect(endpoint);
-  if (!client.ok()) return false;
-  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
-  pid_t last = 0;
-  uint64_t last_steps = 0;
-  for (int i = 0; i < times;) {
-    if (deadline.expired()) return false;
-    const WorkerView view = LookAtWorker(*client, role);
-    if (view.process_id == 0 || view.process_id == last ||
-        view.steps < last_steps + steps_between) {
-      continue;
-    }
-    if (kill(view.process_id, signal) != 0) continue;
-    last = view.process_id;
-    last_steps = view.steps;
-    ++i;
-  }
-  return true;
-}
-
-// Steps `walk` while another thread signals `role`.
-void WalkUnderFire(LaneWalk& walk, const std::string& endpoint, const std::string& role, int signal,
-                   int times, uint64_t steps_between) {
-  std::atomic<bool> done{false};
-  bool all_sent = false;
-  std::thread gun([&] {
-    all_sent = Harass(endpoint, role, signal, times, steps_between);
-    done = true;
-  });
-  Status status;
-  while (!done && status.ok()) status = walk.Advance();
-  gun.join();
-  RequireOk(status);
-  REQUIRE(all_sent);
-  RequireOk(walk.Drain());
-}
-
 TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
   PrivateDaemon daemon = StartDaemon();
   Result<Client> client = Client::Connect(daemon.endpoint());
@@ -142,7 +85,7 @@ TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
   WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGKILL, 100, 20);
   const uint64_t steps = walk.FinishedSteps();
   CAPTURE(steps);
-  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 100);
+  REQUIRE(LookAt(*client, "worker-0").restarts == 100);
   RequireSameBytes(walk, ReferenceWalk(steps), steps);
 }
 
@@ -183,7 +126,7 @@ TEST_CASE("A worker killed at a chosen point of one operation repeats it exactly
   RequireOk(walk.RunTo(60));
   CAPTURE(kind);
   REQUIRE(std::filesystem::remove(file));  // it did happen
-  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 1);
+  REQUIRE(LookAt(*client, "worker-0").restarts == 1);
   RequireSameBytes(walk, ReferenceWalk(60), 60);
 }
 
@@ -204,7 +147,7 @@ TEST_CASE("A step that always ends its process ends only its own lane's episode"
   // steps.
   REQUIRE(walk.causes(4)[29] == 0);
   REQUIRE(walk.causes(4)[29 + 40] == kLimit);
-  REQUIRE(LookAtWorker(*client, "worker-0").restarts == 2);
+  REQUIRE(LookAt(*client, "worker-0").restarts == 2);
 }
 
 TEST_CASE("A query that always ends its process is refused, and the session's steps go on") {
@@ -230,7 +173,7 @@ TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobo
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
   RequireOk(walk.RunTo(5));
-  const pid_t worker = LookAtWorker(*client, "worker-0").process_id;
+  const pid_t worker = LookAt(*client, "worker-0").process_id;
   REQUIRE(worker > 0);
   REQUIRE(walk.Advance().ok());
   const Clock::time_point start = Clock::now();
@@ -253,7 +196,7 @@ TEST_CASE("No process survives a supervisor that is killed") {
   }
   REQUIRE(children.size() == 4);
   REQUIRE(kill(daemon.process_id(), SIGKILL) == 0);
-  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  const Deadline deadline = Deadline::AfterMs(kFirePatienceMs);
   for (const pid_t child : children) {
     // A zombie that nobody has reaped yet counts as gone; its command line is empty.
     const auto gone = [child] {

@@ -1,0 +1,51 @@
+"""The conformance table, played in Python: on the direct way and through the relay."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import b4mrl
+import numpy as np
+import pytest
+from conformance import CASES, Player
+
+TABLE = json.loads(CASES.read_text())
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["direct", "relayed"])
+def player(request: pytest.FixtureRequest) -> Iterator[Player]:
+    arguments = ["--single-port"] if request.param else []
+    with b4mrl.serve(tcp=True, workers=2, arguments=arguments) as endpoint:
+        player = Player(endpoint)
+        yield player
+        player.close()
+
+
+@pytest.mark.parametrize("case", TABLE, ids=[case["name"] for case in TABLE])
+def test_a_server_answers_as_the_table_says(player: Player, case: dict[str, Any]) -> None:
+    player.play(case)
+
+
+def test_a_client_goes_through_the_relay_and_says_so_once() -> None:
+    actions = np.zeros((2, 6), np.float32)
+    with b4mrl.serve(tcp=True, workers=1, arguments=["--single-port"]) as endpoint:
+        with b4mrl.connect(endpoint) as client, warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            relayed = client.make_vec("HalfCheetah", num_envs=2)
+            second = client.make("HalfCheetah")
+            client.datasets()
+            relayed.reset(seed=3)
+            got = relayed.step(actions)[0]
+            relayed.close()
+            second.close()
+        assert [str(warning.message).count("slower") for warning in told] == [1]
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            direct = client.make_vec("HalfCheetah", num_envs=2)
+        direct.reset(seed=3)
+        np.testing.assert_array_equal(got, direct.step(actions)[0])
+        direct.close()

@@ -1,0 +1,176 @@
+// Clients that reach only the gateway's port: everything works, nothing changes but the time.
+#include <signal.h>
+#include <sys/wait.h>
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "client/client.h"
+#include "client/private_daemon.h"
+#include "tests/data/temporary_folder.h"
+#include "tests/integration/lane_walk.h"
+#include "tests/integration/network_namespace.h"
+#include "tests/integration/under_fire.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kGroups = 3;
+constexpr uint32_t kLanesPerGroup = 2;
+constexpr uint64_t kSeed = 5;
+
+PrivateDaemon Start(std::vector<std::string> flags, bool tcp = true) {
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  options.tcp = tcp;
+  options.data_folder = std::filesystem::temp_directory_path();
+  options.arguments = {"--workers", "2", "--threads", "2"};
+  options.arguments.insert(options.arguments.end(), flags.begin(), flags.end());
+  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
+  INFO(daemon.status().ToString());
+  REQUIRE(daemon.ok());
+  return std::move(*daemon);
+}
+
+PrivateDaemon StartSinglePort(bool tcp = true) { return Start({"--single-port"}, tcp); }
+
+Client Connect(const std::string& endpoint) {
+  Result<Client> client = Client::Connect(endpoint);
+  INFO(client.status().ToString());
+  REQUIRE(client.ok());
+  return std::move(*client);
+}
+
+LaneWalk OpenWalk(Client& client) {
+  Result<LaneWalk> walk = LaneWalk::Open(client, kGroups, kLanesPerGroup, kSeed);
+  INFO(walk.status().ToString());
+  REQUIRE(walk.ok());
+  REQUIRE(walk->Reset().ok());
+  return std::move(*walk);
+}
+
+// Compares with the same walk on the direct way.
+void RequireDirectBytes(const LaneWalk& walk) {
+  const uint64_t steps = walk.FinishedSteps();
+  CAPTURE(steps);
+  REQUIRE(steps > 0);
+  PrivateDaemon daemon = Start({});
+  Client client = Connect(daemon.endpoint());
+  LaneWalk direct = OpenWalk(client);
+  REQUIRE_FALSE(client.relayed());
+  REQUIRE(direct.RunTo(steps).ok());
+  for (uint32_t lane = 0; lane < kGroups * kLanesPerGroup; ++lane) {
+    CAPTURE(lane);
+    REQUIRE(walk.Bytes(lane, steps) == direct.Bytes(lane, steps));
+  }
+}
+
+TEST_CASE("With --single-port the daemon listens on one port, and everything works through it") {
+  const bool tcp = GENERATE(true, false);
+  CAPTURE(tcp);
+  PrivateDaemon daemon = StartSinglePort(tcp);
+  REQUIRE(ListeningPorts(daemon.process_id()).size() == (tcp ? 1 : 0));
+  Client client = Connect(daemon.endpoint());
+  std::vector<std::string> reports;
+  client.set_reporter([&reports](const std::string& text) { reports.push_back(text); });
+  REQUIRE(client.hello().dataset_port().tcp() == 0);
+  REQUIRE(client.hello().dataset_port().ipc().empty());
+  REQUIRE(client.ListDatasets().ok());
+  REQUIRE(client.OpenDataset("Nowhere/never").status().code() == StatusCode::kUnknownName);
+  LaneWalk walk = OpenWalk(client);
+  REQUIRE(walk.environment().in_force().port().tcp() == 0);
+  REQUIRE(walk.RunTo(60).ok());
+  const Result<LaneStates> states = walk.environment().Snapshot();
+  REQUIRE(states.ok());
+  REQUIRE(walk.environment().Restore(*states).ok());
+  REQUIRE(walk.environment().Close().ok());
+  REQUIRE(walk.environment().Snapshot().status().code() == StatusCode::kSessionLost);
+  RequireDirectBytes(walk);
+  // The slower way is told of once, however much goes it.
+  REQUIRE(reports.size() == 1);
+  REQUIRE(reports[0].find("slower") != std::string::npos);
+  const int wait_status = daemon.Stop();
+  REQUIRE(WIFEXITED(wait_status));
+  REQUIRE(WEXITSTATUS(wait_status) == 0);
+}
+
+TEST_CASE("A single port leaves no files behind") {
+  const TemporaryFolder folder;
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  options.tcp = true;
+  options.data_folder = folder.path();
+  options.arguments = {"--workers", "1", "--threads", "1", "--single-port"};
+  options.environment = {"TMPDIR=" + folder.path()};
+  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
+  REQUIRE(daemon.ok());
+  const auto sockets = [&folder] {
+    size_t count = 0;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path())) {
+      count += entry.is_socket() ? 1 : 0;
+    }
+    return count;
+  };
+  REQUIRE(sockets() == 2);  // the worker's and the dataset worker's
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
+    if (entry.path().filename().string().starts_with("b4mrl-")) {
+      REQUIRE(entry.status().permissions() == std::filesystem::perms::owner_all);
+    }
+  }
+  daemon->Stop();
+  REQUIRE(sockets() == 0);
+}
+
+TEST_CASE("Kills of a worker behind the relay change no byte") {
+  PrivateDaemon daemon = StartSinglePort();
+  Client client = Connect(daemon.endpoint());
+  LaneWalk walk = OpenWalk(client);
+  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGKILL, 20, 20);
+  REQUIRE(LookAt(client, "worker-0").restarts == 20);
+  RequireDirectBytes(walk);
+}
+
+TEST_CASE("Kills of the gateway that relays change no byte") {
+  PrivateDaemon daemon = StartSinglePort();
+  Client client = Connect(daemon.endpoint());
+  LaneWalk walk = OpenWalk(client);
+  WalkUnderFire(walk, daemon.endpoint(), "gateway", SIGKILL, 20, 0);
+  REQUIRE(LookAt(client, "gateway").restarts == 20);
+  RequireDirectBytes(walk);
+}
+
+TEST_CASE("A worker that does not answer holds up nobody at the gateway") {
+  PrivateDaemon daemon = StartSinglePort();
+  Client client = Connect(daemon.endpoint());
+  Result<RemoteEnvironment> environment = client.Make("HalfCheetah");
+  REQUIRE(environment.ok());
+  REQUIRE(environment->Reset().ok());
+  const pid_t worker = LookAt(client, "worker-0").process_id;
+  REQUIRE(kill(worker, SIGSTOP) == 0);
+  const std::vector<float> action(6, 0.1f);
+  REQUIRE(environment->Send(std::span<const float>(action)).ok());
+  // The supervisor replaces a frozen process after two seconds; a gateway that waited for it would
+  // not answer before that.
+  const Clock::time_point start = Clock::now();
+  for (int i = 0; i < 20; ++i) REQUIRE(client.ServerStatus().ok());
+  REQUIRE(SecondsSince(start) < 1.5);
+  REQUIRE(LookAt(client, "worker-0").process_id == worker);
+  REQUIRE(environment->Receive().ok());
+  REQUIRE(LookAt(client, "worker-0").process_id != worker);
+}
+
+TEST_CASE("SIGTERM under relayed load drains in time") {
+  PrivateDaemon daemon = StartSinglePort();
+  Client client = Connect(daemon.endpoint());
+  LaneWalk walk = OpenWalk(client);
+  REQUIRE(walk.RunTo(5).ok());
+  REQUIRE(walk.Advance().ok());
+  const Clock::time_point start = Clock::now();
+  const int wait_status = daemon.Stop();
+  REQUIRE(WIFEXITED(wait_status));
+  REQUIRE(WEXITSTATUS(wait_status) == 0);
+  REQUIRE(SecondsSince(start) < 4);  // below limits::kDrainMs, which a lost request would take
+}
+
+}  // namespace
+}  // namespace b4mrl
