@@ -24,9 +24,9 @@ Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
     std::string_view rest = perturbation.argument();
     while (!rest.empty()) {
       const size_t plus = rest.find('+');
-      B4MRL_ASSIGN_OR_RETURN(const uint32_t dimension,
-                             observation.FindDimension(rest.substr(0, plus)));
-      mask[dimension] = 0;
+      B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> dimensions,
+                             observation.FindDimensions(rest.substr(0, plus)));
+      for (const uint32_t dimension : dimensions) mask[dimension] = 0;
       rest.remove_prefix(plus == std::string_view::npos ? rest.size() : plus + 1);
     }
   }

@@ -18,11 +18,18 @@ namespace b4mrl {
 
 class Perturbation;
 
+// A user's model in compiled form, made by server/model_compiler.h. Empty: there is none.
+struct CompiledModel {
+  std::string path;
+  std::string hash;  // of its content
+};
+
 // What an environment is opened from; only during open.
 struct EnvironmentSetup {
   const Config& config;                            // as completed by EnvironmentEntry::complete
   std::vector<const Perturbation*> perturbations;  // in their order
   std::string models_folder;
+  CompiledModel compiled_model = {};  // in place of the task's own
 };
 
 struct EnvironmentEntry {

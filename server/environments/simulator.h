@@ -16,6 +16,7 @@
 #include "proto/base/status.h"
 #include "server/environments/config.h"
 #include "server/environments/environment.h"
+#include "server/environments/list.h"
 #include "server/perturbations/perturbation.h"
 
 namespace b4mrl {
@@ -25,6 +26,7 @@ struct SimulatorRequest {
   std::vector<NamedArgument> perturbations;  // presets or parametric forms, applied in this order
   std::string config;                        // JSON object of settings; "" for none
   std::string models_folder;                 // "" for DefaultModelsFolder()
+  CompiledModel compiled_model = {};         // of model=FILE.xml, if that is among them
 };
 
 // Which noise a query draws: row i of a request has that of (seed, draw, first_row + i).
@@ -43,7 +45,8 @@ class Simulator {
   static Result<std::shared_ptr<const Simulator>> Build(std::string_view environment,
                                                         const Config& config,
                                                         PerturbationSet perturbations,
-                                                        const std::string& models_folder);
+                                                        const std::string& models_folder,
+                                                        const CompiledModel& compiled_model = {});
 
   const EnvironmentSpec& spec() const { return model_->spec(); }
   const PerturbationSet& perturbations() const { return perturbations_; }

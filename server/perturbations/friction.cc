@@ -19,8 +19,9 @@ class Friction final : public Perturbation {
     return {"friction", fmt::format("{}", factor_)};
   }
 
-  void OnModel(mjModel* model) const override {
+  Status OnModel(mjModel* model) const override {
     for (int i = 0; i < 3 * model->ngeom; ++i) model->geom_friction[i] *= factor_;
+    return Status();
   }
 
  private:
@@ -43,6 +44,7 @@ constinit const PerturbationEntry kFriction = {
     .high = kHigh,
     .description = "multiplies the friction of every geom of the simulator, the floor included",
     .corrupts_datasets = false,
+    .applies = HasModel,
     .make = Make};
 
 }  // namespace b4mrl

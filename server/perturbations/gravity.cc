@@ -16,8 +16,9 @@ class Gravity final : public Perturbation {
 
   NamedArgument ToNamedArgument() const override { return {"gravity", fmt::format("{}", factor_)}; }
 
-  void OnModel(mjModel* model) const override {
+  Status OnModel(mjModel* model) const override {
     for (mjtNum& component : model->opt.gravity) component *= factor_;
+    return Status();
   }
 
  private:
@@ -40,6 +41,7 @@ constinit const PerturbationEntry kGravity = {
     .high = kHigh,
     .description = "multiplies the gravity of the simulator",
     .corrupts_datasets = false,
+    .applies = HasModel,
     .make = Make};
 
 }  // namespace b4mrl

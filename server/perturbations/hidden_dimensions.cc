@@ -1,4 +1,5 @@
-// hidden=A+B+...: sets dimensions of observations to 0. Dimensions are 0-based indices or names.
+// hidden=A+B+...: sets dimensions of observations to 0. Dimensions are 0-based indices or names;
+// where an observation has rows, a feature's name ("vx") stands for its column of every row.
 #include "server/perturbations/hidden_dimensions.h"
 
 #include <algorithm>
@@ -40,9 +41,9 @@ Result<std::vector<uint32_t>> ParseDimensions(std::string_view text, const Envir
   std::vector<uint32_t> dimensions;
   while (true) {
     const size_t end = std::min(text.find('+'), text.size());
-    B4MRL_ASSIGN_OR_RETURN(const uint32_t dimension,
-                           spec.observation.FindDimension(text.substr(0, end)));
-    dimensions.push_back(dimension);
+    B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> named,
+                           spec.observation.FindDimensions(text.substr(0, end)));
+    dimensions.insert(dimensions.end(), named.begin(), named.end());
     if (end == text.size()) break;
     text.remove_prefix(end + 1);
   }
@@ -57,7 +58,7 @@ constinit const PerturbationEntry kHiddenDimensions = {
     .name = "hidden",
     .parameter = "dimensions",
     .type = "dimensions",
-    .description = "sets dimensions of observations to 0; indices or names joined by +",
+    .description = "sets dimensions of observations to 0; indices, names or features joined by +",
     .corrupts_datasets = true,
     .make = Make};
 

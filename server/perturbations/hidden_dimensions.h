@@ -10,7 +10,7 @@
 
 namespace b4mrl {
 
-// "9+v-root-x": indices and names in any order. Sorted, without repetition.
+// "9+v-root-x", "y+vx+vy": indices, names and features in any order. Sorted, without repetition.
 Result<std::vector<uint32_t>> ParseDimensions(std::string_view text, const EnvironmentSpec& spec);
 
 }  // namespace b4mrl

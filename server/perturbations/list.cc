@@ -8,6 +8,7 @@
 #include <set>
 
 #include "proto/base/limits.h"
+#include "server/environments/list.h"
 #include "server/perturbations/hidden_dimensions.h"
 
 namespace b4mrl {
@@ -15,33 +16,85 @@ namespace b4mrl {
 // Each is defined in the perturbation's own file.
 extern const PerturbationEntry kGravity;
 extern const PerturbationEntry kFriction;
+extern const PerturbationEntry kLegLength;
+extern const PerturbationEntry kModelFile;
+extern const PerturbationEntry kCars;
 extern const PerturbationEntry kObservationNoise;
 extern const PerturbationEntry kHiddenDimensions;
+extern const PerturbationEntry kActionNoise;
+extern const PerturbationEntry kActionDelay;
 
 std::span<const PerturbationEntry> PerturbationList() {
-  static const std::array kList = {kGravity, kFriction, kObservationNoise, kHiddenDimensions};
+  static const std::array kList = {kGravity,          kFriction,    kLegLength,
+                                   kModelFile,        kCars,        kObservationNoise,
+                                   kHiddenDimensions, kActionNoise, kActionDelay};
   return kList;
 }
 
 std::span<const PerturbationPreset> PresetList() {
-  // The paper's values.
+  // The paper's values; the delay is ours, for it gives none.
   static constexpr PerturbationPreset kPresets[] = {
       {"gravity", "HalfCheetah", "gravity", "2"},
+      {"gravity", "Hopper", "gravity", "2"},
+      {"gravity", "Walker2d", "gravity", "2"},
       {"friction", "HalfCheetah", "friction", "0.3"},
+      {"friction", "Walker2d", "friction", "0.3"},
+      {"leg", "Hopper", "leg", "0.8"},
+      {"cars", "Highway", "cars", "15"},
       {"obs-noise-low", "HalfCheetah", "obs-noise", "0.01"},
+      {"obs-noise-low", "Hopper", "obs-noise", "0.001"},
+      {"obs-noise-low", "Walker2d", "obs-noise", "0.01"},
+      {"obs-noise-low", "Highway", "obs-noise", "0.5"},
       {"obs-noise-high", "HalfCheetah", "obs-noise", "0.05"},
+      {"obs-noise-high", "Hopper", "obs-noise", "0.02"},
+      {"obs-noise-high", "Walker2d", "obs-noise", "0.03"},
+      {"obs-noise-high", "Highway", "obs-noise", "1"},
       {"hidden-low", "HalfCheetah", "hidden", "16"},
+      {"hidden-low", "Hopper", "hidden", "9"},
+      {"hidden-low", "Walker2d", "hidden", "16"},
+      {"hidden-low", "Highway", "hidden", "vx+vy"},
       {"hidden-high", "HalfCheetah", "hidden", "9"},
+      {"hidden-high", "Hopper", "hidden", "10"},
+      {"hidden-high", "Walker2d", "hidden", "9"},
+      {"hidden-high", "Highway", "hidden", "y+vx+vy"},
+      {"action-noise-low", "HalfCheetah", "action-noise", "0.2"},
+      {"action-noise-low", "Hopper", "action-noise", "0.5"},
+      {"action-noise-low", "Walker2d", "action-noise", "0.2"},
+      {"action-noise-low", "Highway", "action-noise", "0.5"},
+      {"action-noise-high", "HalfCheetah", "action-noise", "0.5"},
+      {"action-noise-high", "Hopper", "action-noise", "1"},
+      {"action-noise-high", "Walker2d", "action-noise", "0.5"},
+      {"action-noise-high", "Highway", "action-noise", "1"},
+      {"action-delay", "HalfCheetah", "action-delay", "2"},
+      {"action-delay", "Hopper", "action-delay", "2"},
+      {"action-delay", "Walker2d", "action-delay", "2"},
+      {"action-delay", "Humanoid", "action-delay", "2"},
+      {"action-delay", "Highway", "action-delay", "2"},
   };
   return kPresets;
 }
 
+bool Applies(const PerturbationEntry& entry, const EnvironmentSpec& spec) {
+  return entry.applies == nullptr || entry.applies(spec);
+}
+
+bool HasModel(const EnvironmentSpec& spec) { return spec.has_model; }
+
 namespace {
 
+// The first that fits is told.
 std::span<const MissingPreset> MissingPresets() {
+  static constexpr std::string_view kNoModel = "the cars of Highway are not a MuJoCo model";
+  static constexpr std::string_view kNoLeg = "the paper shortens the leg of the Hopper alone";
+  static constexpr std::string_view kNoCars = "only Highway has other cars";
+  static constexpr std::string_view kNoHumanoid = "the paper has no such error of the Humanoid";
   static constexpr MissingPreset kMissing[] = {
-      {"leg", "HalfCheetah", "the paper shortens the leg of the one-legged Hopper alone"},
-      {"cars", "HalfCheetah", "only the Highway has other cars"},
+      {"gravity", "Highway", kNoModel},
+      {"friction", "Highway", kNoModel},
+      {"friction", "Hopper", "the paper changes the Hopper's gravity and leg"},
+      {"leg", "", kNoLeg},
+      {"cars", "", kNoCars},
+      {"", "Humanoid", kNoHumanoid},
   };
   return kMissing;
 }
@@ -53,37 +106,48 @@ const PerturbationEntry* FindEntry(std::string_view name) {
   return nullptr;
 }
 
-// "gravity=FACTOR, friction=FACTOR, ..."
-std::string ParametricForms() {
+// "gravity=<factor>, friction=<factor>, ...": those that the environment takes.
+std::string ParametricForms(std::string_view environment) {
+  const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   std::string forms;
   for (const PerturbationEntry& entry : PerturbationList()) {
+    if (spec.ok() && !Applies(entry, *spec)) continue;
     forms += fmt::format("{}{}=<{}>", forms.empty() ? "" : ", ", entry.name, entry.parameter);
   }
   return forms;
 }
 
+// The parametric form of a preset of any environment, or the form of that name; null if neither.
+const PerturbationEntry* FindForm(std::string_view name) {
+  for (const PerturbationPreset& preset : PresetList()) {
+    if (preset.name == name) return FindEntry(preset.parametric);
+  }
+  return FindEntry(name);
+}
+
 // Why `name`, which is no preset of `environment` and no parametric form with an argument, is
 // refused.
 Status RefusePreset(std::string_view name, std::string_view environment) {
+  const PerturbationEntry* form = FindForm(name);
+  if (form == nullptr) {
+    std::set<std::string_view> known;
+    for (const PerturbationPreset& preset : PresetList()) known.insert(preset.name);
+    for (const PerturbationEntry& entry : PerturbationList()) known.insert(entry.name);
+    return UnknownName("perturbation", name, known);
+  }
+  std::string reason;
   for (const MissingPreset& missing : MissingPresets()) {
-    if (missing.name != name || missing.environment != environment) continue;
-    return Status(StatusCode::kUnsupported,
-                  fmt::format("{} has no perturbation '{}': {}; it takes {}", environment, name,
-                              missing.reason, ParametricForms()));
+    const bool fits = (missing.name.empty() || missing.name == name) &&
+                      (missing.environment.empty() || missing.environment == environment);
+    if (fits && reason.empty()) reason = fmt::format(" ({})", missing.reason);
   }
-  std::string_view parametric = FindEntry(name) != nullptr ? name : "";
-  for (const PerturbationPreset& preset : PresetList()) {
-    if (preset.name == name) parametric = preset.parametric;
-  }
-  if (const PerturbationEntry* entry = FindEntry(parametric)) {
-    return Status(StatusCode::kUnsupported,
-                  fmt::format("{} has no preset '{}'; give a value: {}=<{}>", environment, name,
-                              entry->name, entry->parameter));
-  }
-  std::set<std::string_view> known;
-  for (const PerturbationPreset& preset : PresetList()) known.insert(preset.name);
-  for (const PerturbationEntry& entry : PerturbationList()) known.insert(entry.name);
-  return UnknownName("perturbation", name, known);
+  const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
+  const std::string instead =
+      spec.ok() && !Applies(*form, *spec)
+          ? fmt::format("it takes {}", ParametricForms(environment))
+          : fmt::format("give a value: {}=<{}>", form->name, form->parameter);
+  return Status(StatusCode::kUnsupported,
+                fmt::format("{} has no preset '{}'{}; {}", environment, name, reason, instead));
 }
 
 }  // namespace
@@ -121,6 +185,11 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
       return Status(
           StatusCode::kUnsupported,
           fmt::format("'{}' changes a simulator and cannot corrupt a dataset", written.ToString()));
+    }
+    if (!Applies(entry, spec)) {
+      return Status(StatusCode::kUnsupported,
+                    fmt::format("'{}' cannot be applied to {}; it takes {}", written.ToString(),
+                                spec.name, ParametricForms(spec.name)));
     }
     const PerturbationInput input = {&spec, item.argument, occurrences[item.name]++};
     B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Perturbation> member, entry.make(input));

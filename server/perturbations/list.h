@@ -27,11 +27,13 @@ struct PerturbationInput {
 struct PerturbationEntry {
   std::string_view name;       // of the parametric form: "gravity"
   std::string_view parameter;  // "factor", "dimensions"
-  std::string_view type;       // "number" or "dimensions"
+  std::string_view type;       // "number", "integer", "dimensions" or "file"
   double low = 0;              // of a number
   double high = 0;
   std::string_view description;  // one line
   bool corrupts_datasets = false;
+  // Whether an environment can be perturbed so; null: any can.
+  bool (*applies)(const EnvironmentSpec& spec) = nullptr;
   Result<std::unique_ptr<Perturbation>> (*make)(const PerturbationInput& input);
 };
 
@@ -42,7 +44,7 @@ struct PerturbationPreset {
   std::string_view argument;     // "0.01"
 };
 
-// A preset that an environment does not have, and why.
+// A preset that an environment does not have, and why. "" stands for every preset or environment.
 struct MissingPreset {
   std::string_view name;
   std::string_view environment;
@@ -50,6 +52,11 @@ struct MissingPreset {
 };
 
 std::span<const PerturbationEntry> PerturbationList();
+bool Applies(const PerturbationEntry& entry, const EnvironmentSpec& spec);
+// For PerturbationEntry::applies: environments on a compiled MuJoCo model.
+bool HasModel(const EnvironmentSpec& spec);
+// What model=FILE.xml accepts: a plain name without folders.
+bool IsModelFileName(std::string_view name);
 std::span<const PerturbationPreset> PresetList();
 
 // A preset becomes its parametric form; a parametric form stays. Unknown names and missing presets
@@ -57,8 +64,8 @@ std::span<const PerturbationPreset> PresetList();
 Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string_view environment);
 
 // Builds all of `items` in order for an environment or dataset with `spec`. Refuses more than
-// limits::kMaxPerturbations, arguments out of bounds, unknown dimensions and, for datasets,
-// whatever changes a simulator rather than data.
+// limits::kMaxPerturbations, arguments out of bounds, unknown dimensions, what cannot be applied to
+// the environment and, for datasets, whatever changes a simulator rather than data.
 Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
                                           const EnvironmentSpec& spec, PerturbationUse use);
 

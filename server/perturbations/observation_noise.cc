@@ -1,7 +1,12 @@
 // obs-noise=STD: adds STD times an independent standard normal to every dimension of an
 // observation. The normals are those of the row's place in the stream, whatever STD is: two levels
 // scale one noise matrix.
+//
+// Where an observation has rows (Highway's vehicles, already normalised), flags (presence) get no
+// noise, and neither do rows of zeros, which stand for vehicles that are not there.
 #include <fmt/format.h>
+
+#include <algorithm>
 
 #include "server/perturbations/list.h"
 
@@ -14,23 +19,44 @@ constexpr double kHigh = 1e6;
 
 class ObservationNoise final : public Perturbation {
  public:
-  ObservationNoise(double std, uint64_t occurrence) : std_(std), occurrence_(occurrence) {}
+  ObservationNoise(double std, uint64_t occurrence, const SpaceSpec& space)
+      : std_(std),
+        occurrence_(occurrence),
+        row_size_(space.shape.size() == 2 ? space.shape[1] : space.size()),
+        skips_empty_rows_(space.shape.size() == 2) {
+    for (const DimensionSpec& dimension : space.dimensions) flags_.push_back(dimension.flag);
+  }
 
   NamedArgument ToNamedArgument() const override { return {kName, fmt::format("{}", std_)}; }
 
   void OnObservation(const DrawContext& context, std::span<double> observation) const override {
     Rng rng = RowRng(context, kName, occurrence_, observation.size());
-    for (double& value : observation) value += std_ * rng.Normal();
+    for (size_t row = 0; row + row_size_ <= observation.size() && row_size_ > 0; row += row_size_) {
+      AddTo(observation.subspan(row, row_size_), std::span(flags_).subspan(row, row_size_), &rng);
+    }
   }
 
  private:
+  void AddTo(std::span<double> row, std::span<const uint8_t> flags, Rng* rng) const {
+    const bool empty =
+        skips_empty_rows_ && std::ranges::all_of(row, [](double value) { return value == 0; });
+    for (size_t i = 0; i < row.size(); ++i) {
+      const double normal = rng->Normal();  // drawn for all, so that places in the stream are fixed
+      if (!empty && flags[i] == 0) row[i] += std_ * normal;
+    }
+  }
+
   double std_;
   uint64_t occurrence_;
+  size_t row_size_;
+  bool skips_empty_rows_;
+  std::vector<uint8_t> flags_;  // by dimension
 };
 
 Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
   B4MRL_ASSIGN_OR_RETURN(const double std, ParseFinite(kName, input.argument, kLow, kHigh));
-  return std::unique_ptr<Perturbation>(std::make_unique<ObservationNoise>(std, input.occurrence));
+  return std::unique_ptr<Perturbation>(
+      std::make_unique<ObservationNoise>(std, input.occurrence, input.spec->observation));
 }
 
 }  // namespace

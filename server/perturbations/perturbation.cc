@@ -55,10 +55,6 @@ void PerturbationSet::OnOptions(Config& config) const {
   for (const auto& member : members_) member->OnOptions(config);
 }
 
-void PerturbationSet::OnModel(mjModel_* model) const {
-  for (const auto& member : members_) member->OnModel(model);
-}
-
 void PerturbationSet::OnAction(const DrawContext& context, std::span<double> state,
                                std::span<double> action) const {
   size_t offset = 0;

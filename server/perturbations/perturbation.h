@@ -13,6 +13,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "proto/base/rng.h"
@@ -49,8 +50,10 @@ class Perturbation {
 
   // Changes the environment's settings before it is opened.
   virtual void OnOptions(Config& /*config*/) const {}
-  // Changes the compiled model, once per simulator.
-  virtual void OnModel(mjModel_* /*model*/) const {}
+  // The file of the models folder that takes the place of the task's own model; "" for none.
+  virtual std::string_view model_file() const { return ""; }
+  // Changes the compiled model, once per simulator. An error says what the model lacks.
+  virtual Status OnModel(mjModel_* /*model*/) const { return Status(); }
   // Doubles of state per lane; all 0 when an episode starts. What has state cannot be queried,
   // because a query's row has no steps before it.
   virtual size_t state_size(const EnvironmentSpec& /*spec*/) const { return 0; }
@@ -81,7 +84,6 @@ class PerturbationSet {
   size_t state_size() const { return state_size_; }
 
   void OnOptions(Config& config) const;
-  void OnModel(mjModel_* model) const;
   // `state` has state_size() doubles.
   void OnAction(const DrawContext& context, std::span<double> state,
                 std::span<double> action) const;

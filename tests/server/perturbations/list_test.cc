@@ -26,22 +26,83 @@ bool Contains(const Status& status, const std::string& part) {
   return status.message().find(part) != std::string::npos;
 }
 
-TEST_CASE("HalfCheetah's presets have the paper's values") {
-  const PerturbationSet set =
-      Take(TryMake("gravity,friction,obs-noise-low,obs-noise-high,hidden-low,hidden-high"));
-  REQUIRE(FormatNamedArguments(set.items()) ==
-          "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.05,hidden=16,hidden=9");
+std::string Resolved(const std::string& presets, const std::string& environment) {
+  const EnvironmentSpec spec = Take(DescribeEnvironment(environment));
+  return FormatNamedArguments(
+      Take(MakePerturbations(Take(ParseNamedArguments(presets)), spec, PerturbationUse::kSimulator))
+          .items());
+}
+
+TEST_CASE("Presets have the paper's values, and the delay ours") {
+  const std::string noise = "obs-noise-low,obs-noise-high,hidden-low,hidden-high,";
+  const std::string actions = "action-noise-low,action-noise-high,action-delay";
+  CHECK(Resolved("gravity,friction," + noise + actions, "HalfCheetah") ==
+        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.05,hidden=16,hidden=9,"
+        "action-noise=0.2,action-noise=0.5,action-delay=2");
+  CHECK(Resolved("gravity,leg," + noise + actions, "Hopper") ==
+        "gravity=2,leg=0.8,obs-noise=0.001,obs-noise=0.02,hidden=9,hidden=10,"
+        "action-noise=0.5,action-noise=1,action-delay=2");
+  CHECK(Resolved("gravity,friction," + noise + actions, "Walker2d") ==
+        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.03,hidden=16,hidden=9,"
+        "action-noise=0.2,action-noise=0.5,action-delay=2");
+  CHECK(Resolved("action-delay", "Humanoid") == "action-delay=2");
+  CHECK(Resolved("cars," + noise + actions, "Highway") ==
+        "cars=15,obs-noise=0.5,obs-noise=1,hidden=3+4+8+9+13+14+18+19+23+24,"
+        "hidden=2+3+4+7+8+9+12+13+14+17+18+19+22+23+24,"
+        "action-noise=0.5,action-noise=1,action-delay=2");
 }
 
 TEST_CASE("Every preset of the table builds in its environment") {
   for (const PerturbationPreset& preset : PresetList()) {
-    const EnvironmentSpec spec = Take(DescribeEnvironment(preset.environment));
-    const NamedArgument item = {std::string(preset.name), ""};
-    const PerturbationSet set =
-        Take(MakePerturbations({&item, 1}, spec, PerturbationUse::kSimulator));
-    REQUIRE(set.items() == std::vector{NamedArgument{std::string(preset.parametric),
-                                                     std::string(preset.argument)}});
+    INFO(preset.environment << " " << preset.name);
+    const std::string form = std::string(preset.parametric) + "=" + std::string(preset.argument);
+    const std::string environment(preset.environment);
+    REQUIRE(Resolved(std::string(preset.name), environment) == Resolved(form, environment));
   }
+}
+
+TEST_CASE(
+    "A preset is there or refused with a reason or its parametric form, in each environment") {
+  std::set<std::string_view> names;
+  for (const PerturbationPreset& preset : PresetList()) names.insert(preset.name);
+  for (const EnvironmentEntry& entry : EnvironmentList()) {
+    const EnvironmentSpec spec = Take(DescribeEnvironment(entry.name));
+    for (const std::string_view name : names) {
+      INFO(entry.name << " " << name);
+      const NamedArgument item = {std::string(name), ""};
+      const auto made = MakePerturbations({&item, 1}, spec, PerturbationUse::kSimulator);
+      if (made.ok()) continue;
+      CHECK(made.status().code() == StatusCode::kUnsupported);
+      CHECK((Contains(made.status(), "give a value: ") || Contains(made.status(), "it takes ")));
+      // What "it takes" or "give a value" proposes can be given.
+      CHECK_FALSE((entry.name == "Highway" && Contains(made.status(), "gravity=<")));
+    }
+  }
+}
+
+TEST_CASE("What cannot be applied to an environment is refused with what can") {
+  for (const char* item : {"gravity=1.5", "friction=0.3", "leg=0.8", "model=half_cheetah.xml"}) {
+    INFO(item);
+    const Status status = TryOpen("Highway", item).status();
+    CHECK(status.code() == StatusCode::kUnsupported);
+    CHECK(Contains(status, "obs-noise=<std>"));
+    CHECK_FALSE(Contains(status, "gravity=<factor>"));
+  }
+  CHECK(TryOpen("HalfCheetah", "cars=3").status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("A model is named by a plain file name, once") {
+  for (const char* refused : {"model=../x.xml", "model=/etc/x.xml", "model=a/b.xml", "model=.x.xml",
+                              "model=x.mjb", "model=.xml", "model=a b.xml"}) {
+    INFO(refused);
+    CHECK(Refusal(refused).code() == StatusCode::kInvalidArgument);
+  }
+  CHECK(TryMake("model=My_model-2.xml").ok());
+  CHECK(Refusal("model=a.xml,model=b.xml").code() == StatusCode::kInvalidArgument);
+  CHECK(Refusal("model=a.xml", PerturbationUse::kDataset).code() == StatusCode::kUnsupported);
+  // Only the gateway has files compiled.
+  CHECK(TryOpen("HalfCheetah", "model=half_cheetah.xml").status().code() ==
+        StatusCode::kUnsupported);
 }
 
 TEST_CASE("Parametric forms take any value within their bounds") {
