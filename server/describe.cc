@@ -4,6 +4,7 @@
 
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
+#include "server/model_compiler.h"
 #include "server/perturbations/list.h"
 
 namespace b4mrl {
@@ -17,6 +18,7 @@ void DescribeSpace(const SpaceSpec& space, pb::Space* out) {
     target->set_unit(dimension.unit);
     target->set_low(dimension.low);
     target->set_high(dimension.high);
+    target->set_feature(dimension.feature);
   }
 }
 
@@ -28,6 +30,10 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
   out->set_high(entry.high);
   out->set_description(std::string(entry.description));
   out->set_corrupts_datasets(entry.corrupts_datasets);
+  for (const EnvironmentEntry& environment : EnvironmentList()) {
+    const Result<EnvironmentSpec> spec = DescribeEnvironment(environment.name);
+    if (spec.ok() && Applies(entry, *spec)) out->add_environments(spec->name);
+  }
   for (const PerturbationPreset& preset : PresetList()) {
     if (preset.parametric != entry.name) continue;
     pb::PresetInfo* target = out->add_presets();
@@ -67,15 +73,22 @@ void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out) 
   out->set_step_seconds(spec.step_seconds);
   if (spec.reference_min) out->set_reference_min(*spec.reference_min);
   if (spec.reference_max) out->set_reference_max(*spec.reference_max);
+  for (const std::string& name : spec.info_names) out->add_info_names(name);
+  for (const std::string& name : spec.reset_info_names) out->add_reset_info_names(name);
+  out->set_picture_width(spec.picture_width);
+  out->set_picture_height(spec.picture_height);
 }
 
-void DescribeCatalogue(pb::CatalogueReply* out) {
+void DescribeCatalogue(const std::string& models_folder, pb::CatalogueReply* out) {
   for (const EnvironmentEntry& entry : EnvironmentList()) {
     const Result<EnvironmentSpec> spec = DescribeEnvironment(entry.name);
     if (spec.ok()) DescribeEnvironment(*spec, out->add_environments());
   }
   for (const PerturbationEntry& entry : PerturbationList()) {
-    DescribePerturbation(entry, out->add_perturbations());
+    pb::PerturbationInfo* info = out->add_perturbations();
+    DescribePerturbation(entry, info);
+    if (entry.type != "file") continue;
+    for (std::string& file : ListModelFiles(models_folder)) info->add_files(std::move(file));
   }
 }
 

@@ -12,7 +12,7 @@ namespace b4mrl {
 void DescribeServer(int64_t lease_ms, pb::HelloReply* out);
 void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out);
 // All environments and perturbations; an environment that cannot be described is left out.
-void DescribeCatalogue(pb::CatalogueReply* out);
+void DescribeCatalogue(const std::string& models_folder, pb::CatalogueReply* out);
 // Everything in force.
 void DescribeSession(const Session& session, pb::AttachReply* out);
 

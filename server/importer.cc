@@ -2,30 +2,22 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <poll.h>
-#include <spawn.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
-#include <sys/syscall.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <nlohmann/json.hpp>
-#include <vector>
 
 #include "data/atomic_file.h"
 #include "data/column_cache.h"
 #include "data/file_hash.h"
 #include "server/import_dataset.h"
 #include "server/sandbox.h"
-
-extern char** environ;
+#include "server/sandboxed_child.h"
 
 namespace b4mrl {
 namespace {
@@ -39,8 +31,6 @@ constexpr uint64_t kFileBytesPerCpuSecond = 4ull << 20;
 // A compressed file unpacks to at most so many times its size before it counts as an attack.
 constexpr uint64_t kMaxExpansion = 64;
 constexpr uint64_t kMinFileBytes = 1ull << 30;
-constexpr size_t kMaxAnswerBytes = 64 * 1024;
-constexpr int64_t kPollMs = 100;
 
 // True when nobody wrote to or replaced the file since `before`.
 bool Unchanged(const struct stat& before, const struct stat& after) {
@@ -59,7 +49,7 @@ Result<ImportResult> ImportInSandbox(const ImporterOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const std::string sha256, Sha256OfDescriptor(fd.get(), options.file));
   const auto file_bytes = static_cast<uint64_t>(before.st_size);
   SandboxOptions sandbox;
-  sandbox.readable_file = options.file;
+  sandbox.readable_paths = {options.file};
   sandbox.writable_folder = options.cache_folder;
   sandbox.memory_bytes = kMemoryBytes;
   sandbox.cpu_seconds = kMinCpuSeconds + file_bytes / kFileBytesPerCpuSecond;
@@ -76,17 +66,13 @@ Result<ImportResult> ImportInSandbox(const ImporterOptions& options) {
 }
 
 std::string Answer(const Result<ImportResult>& result) {
+  if (!result.ok()) return ErrorAnswer(result.status());
   Json answer;
-  answer["ok"] = result.ok();
-  if (result.ok()) {
-    answer["fingerprint"] = result->fingerprint;
-    answer["sha256"] = result->sha256;
-    answer["rows"] = result->rows;
-  } else {
-    answer["code"] = static_cast<int>(result.status().code());
-    answer["message"] = result.status().message();
-  }
-  return answer.dump(-1, ' ', false, Json::error_handler_t::replace);
+  answer["ok"] = true;
+  answer["fingerprint"] = result->fingerprint;
+  answer["sha256"] = result->sha256;
+  answer["rows"] = result->rows;
+  return answer.dump();
 }
 
 bool IsFingerprint(const std::string& text) {
@@ -96,16 +82,6 @@ bool IsFingerprint(const std::string& text) {
 Result<ImportResult> ParseAnswer(const std::string& text) {
   const Status malformed(StatusCode::kDataLoss, "the importer gave no usable answer");
   const Json answer = Json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (!answer.is_object() || !answer.contains("ok") || !answer["ok"].is_boolean()) return malformed;
-  const Json code = answer.value("code", Json());
-  const Json message = answer.value("message", Json());
-  if (!answer["ok"].get<bool>()) {
-    if (!code.is_number_integer() || !message.is_string()) return malformed;
-    const int number = code.get<int>();
-    const bool known = number > 0 && StatusCodeName(static_cast<StatusCode>(number)) != "UNKNOWN";
-    return Status(known ? static_cast<StatusCode>(number) : StatusCode::kInternal,
-                  message.get<std::string>());
-  }
   const Json fingerprint = answer.value("fingerprint", Json());
   const Json sha256 = answer.value("sha256", Json());
   const Json rows = answer.value("rows", Json());
@@ -116,68 +92,6 @@ Result<ImportResult> ParseAnswer(const std::string& text) {
                       rows.get<uint64_t>()};
   if (!IsFingerprint(result.fingerprint)) return malformed;
   return result;
-}
-
-struct Child {
-  pid_t id = -1;
-  UniqueFd output;
-};
-
-// stdin is /dev/null, stdout a pipe, stderr ours; nothing else is passed on.
-Result<Child> Spawn(const std::string& program, const ImporterOptions& options) {
-  std::array<int, 2> ends{};
-  if (pipe2(ends.data(), O_CLOEXEC) != 0) return IoError("make a pipe for", program, errno);
-  Child child;
-  child.output = UniqueFd(ends[0]);
-  const UniqueFd input(ends[1]);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_adddup2(&actions, input.get(), STDOUT_FILENO);
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  const std::vector<std::string> arguments = {
-      "b4mrl-serve", "--role", "importer", "--file", options.file, "--cache", options.cache_folder};
-  std::vector<char*> argv;
-  for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
-  argv.push_back(nullptr);
-  const int error =
-      posix_spawn(&child.id, program.c_str(), &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error != 0) return IoError("start", program, error);
-  return child;
-}
-
-// Everything up to the end of output; false when the deadline, the size limit or `cancelled` comes
-// first.
-bool ReadUntilEnd(int fd, const Deadline& deadline, const std::atomic<bool>* cancelled,
-                  std::string* text) {
-  std::array<char, 4096> block;
-  while (text->size() <= kMaxAnswerBytes && !deadline.expired() &&
-         (cancelled == nullptr || !cancelled->load(std::memory_order_relaxed))) {
-    pollfd waiting{fd, POLLIN, 0};
-    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
-    if (poll(&waiting, 1, wait_ms) <= 0) continue;
-    const ssize_t got = read(fd, block.data(), block.size());
-    if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return true;
-    text->append(block.data(), static_cast<size_t>(got));
-  }
-  return false;
-}
-
-// Waits for the exit, and enforces it at the deadline. Returns what waitpid reports.
-int WaitForExit(pid_t id, const Deadline& deadline) {
-  const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, id, 0)));
-  while (!deadline.expired()) {
-    pollfd waiting{handle.get(), POLLIN, 0};
-    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
-    if (poll(&waiting, 1, wait_ms) > 0) break;
-  }
-  if (deadline.expired()) kill(id, SIGKILL);
-  int exit_status = 0;
-  while (waitpid(id, &exit_status, 0) < 0 && errno == EINTR) {
-  }
-  return exit_status;
 }
 
 // What a child that did not end well has left behind.
@@ -198,23 +112,14 @@ int RunImporter(const ImporterOptions& options) {
 
 Result<ImportResult> ImportInChild(const std::string& program, const ImporterOptions& options,
                                    const Deadline& deadline, const std::atomic<bool>* cancelled) {
-  B4MRL_ASSIGN_OR_RETURN(Child child, Spawn(program, options));
-  std::string text;
-  const bool answered = ReadUntilEnd(child.output.get(), deadline, cancelled, &text);
-  if (!answered) kill(child.id, SIGKILL);
-  const int exit_status = WaitForExit(child.id, deadline);
-  if (exit_status != 0) RemoveUnfinished(options.cache_folder, child.id);
-  if (!answered) {
-    return Status(StatusCode::kDeadlineExceeded,
-                  fmt::format("{} could not be imported in time", options.file));
-  }
-  if (WIFSIGNALED(exit_status)) {
-    return Status(
-        StatusCode::kDataLoss,
-        fmt::format("{} is damaged: reading it ended the importer by signal {} ({})", options.file,
-                    WTERMSIG(exit_status), strsignal(WTERMSIG(exit_status))));
-  }
-  Result<ImportResult> result = ParseAnswer(text);
+  const SandboxedChild child = {
+      program,
+      {"--role", "importer", "--file", options.file, "--cache", options.cache_folder},
+      "the importer"};
+  const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
+  if (!answer.ended_well) RemoveUnfinished(options.cache_folder, answer.process_id);
+  if (!answer.json.ok()) return answer.json.status().WithContext(options.file);
+  Result<ImportResult> result = ParseAnswer(*answer.json);
   if (!result.ok()) return result.status().WithContext(options.file);
   return result;
 }

@@ -32,12 +32,14 @@ constexpr uint64_t kFolderAccess = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCES
                                    LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_REMOVE_FILE |
                                    LANDLOCK_ACCESS_FS_REMOVE_DIR;
 
-Status SetLimit(int resource, uint64_t value, const char* name) {
+// `slack` lies between the value and the hard limit, where the kernel has a signal for each.
+Status SetLimit(int resource, uint64_t value, const char* name, uint64_t slack = 0) {
   const auto which = static_cast<__rlimit_resource>(resource);
   rlimit limit{};
   if (getrlimit(which, &limit) == 0) {
     // Only a privileged process may raise its hard limit, and none needs to.
-    limit.rlim_cur = limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value);
+    limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value + slack);
+    limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, value);
     if (setrlimit(which, &limit) == 0) return Status();
   }
   return Status(StatusCode::kInternal,
@@ -72,7 +74,9 @@ Status ConfineFiles(const SandboxOptions& options) {
     return Status(StatusCode::kInternal,
                   std::string("cannot make a Landlock ruleset: ") + std::strerror(errno));
   }
-  B4MRL_RETURN_IF_ERROR(Allow(ruleset.get(), options.readable_file, LANDLOCK_ACCESS_FS_READ_FILE));
+  for (const std::string& path : options.readable_paths) {
+    B4MRL_RETURN_IF_ERROR(Allow(ruleset.get(), path, LANDLOCK_ACCESS_FS_READ_FILE));
+  }
   B4MRL_RETURN_IF_ERROR(Allow(ruleset.get(), options.writable_folder, kFolderAccess | truncate));
   if (syscall(SYS_landlock_restrict_self, ruleset.get(), 0) != 0) {
     return Status(StatusCode::kInternal,
@@ -91,7 +95,7 @@ Status EnterSandbox(const SandboxOptions& options) {
   // Sanitizers reserve terabytes of addresses for their shadow memory.
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_AS, options.memory_bytes, "memory"));
 #endif
-  B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CPU, options.cpu_seconds, "processor time"));
+  B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CPU, options.cpu_seconds, "processor time", 1));
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_FSIZE, options.file_bytes, "file sizes"));
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_NOFILE, options.descriptors, "descriptors"));
   if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {

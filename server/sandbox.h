@@ -4,15 +4,16 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
 struct SandboxOptions {
-  std::string readable_file;    // the only file it may read
-  std::string writable_folder;  // the only folder it may use
-  uint64_t memory_bytes = 0;    // address space
+  std::vector<std::string> readable_paths;  // the only files it may read; of a folder all in it
+  std::string writable_folder;              // the only folder it may use
+  uint64_t memory_bytes = 0;                // address space
   uint64_t cpu_seconds = 0;
   uint64_t file_bytes = 0;  // of each file that it writes
   uint64_t descriptors = 0;

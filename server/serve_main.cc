@@ -8,6 +8,7 @@
 #include "server/child.h"
 #include "server/dataset_worker.h"
 #include "server/importer.h"
+#include "server/model_compiler.h"
 #include "server/options.h"
 #include "server/supervisor.h"
 
@@ -58,7 +59,11 @@ int ServeMain(int argc, char** argv) {
   std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);
   if (!line) return exit_code;
   if (line->child.role == "importer") {
-    return RunImporter({line->importer_file, line->importer_cache});
+    return RunImporter({line->untrusted_file, line->cache_folder});
+  }
+  if (line->child.role == "model-compiler") {
+    return RunModelCompiler(
+        {line->child.models_folder, line->untrusted_file, line->environment, line->cache_folder});
   }
   return line->is_child ? RunChild(std::move(*line)) : RunSupervisor(line->serve);
 }

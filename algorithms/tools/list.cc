@@ -43,7 +43,8 @@ Json DimensionItems(const pb::Space& space, const char* kind) {
                                      dimension.unit().empty() ? "no unit" : dimension.unit())},
          {"space", kind},
          {"index", i},
-         {"unit", dimension.unit()}});
+         {"unit", dimension.unit()},
+         {"feature", dimension.feature()}});
   }
   return items;
 }
@@ -56,7 +57,11 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
                {"low", info.low()},
                {"high", info.high()},
                {"corrupts_datasets", info.corrupts_datasets()},
+               {"environments", Json::array()},
+               {"files", Json::array()},
                {"presets", Json::array()}};
+  for (const std::string& name : info.environments()) item["environments"].push_back(name);
+  for (const std::string& file : info.files()) item["files"].push_back(file);
   for (const pb::PresetInfo& preset : info.presets()) {
     item["presets"].push_back({{"name", preset.name()},
                                {"environment", preset.environment()},

@@ -19,7 +19,7 @@ namespace {
 // Runs `check` inside the sandbox of a forked child; 0 is success, anything else says what failed.
 int InSandbox(const TemporaryFolder& folder, const std::function<int()>& check) {
   SandboxOptions options;
-  options.readable_file = folder.File("readable");
+  options.readable_paths = {folder.File("readable")};
   options.writable_folder = folder.File("folder");
   options.memory_bytes = 4ull << 30;
   options.cpu_seconds = 10;

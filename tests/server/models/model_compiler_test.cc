@@ -1,0 +1,285 @@
+// Models of users in their sandboxed process: what fits is compiled to the same bits, what does not
+// is refused with its reason, and nothing ends the parent or is left behind.
+#include "server/model_compiler.h"
+
+#include <sys/stat.h>
+
+#include <filesystem>
+#include <set>
+
+#include "proto/base/limits.h"
+#include "proto/base/rng.h"
+#include "server/environments/model_file.h"
+#include "server/perturbations/list.h"
+#include "tests/server/environments/simulation.h"
+#include "tests/server/models/model_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr const char* kProgram = B4MRL_BINARY_DIR "/b4mrl-serve";
+
+// A models folder and a cache.
+struct Folders {
+  Folders() : models(folder.File("models")), cache(folder.File("cache")) {
+    std::filesystem::create_directories(models);
+    std::filesystem::create_directories(cache);
+  }
+  Result<std::string> Compile(const std::string& file, const std::string& environment) const {
+    return CompileModelInChild(kProgram, {models, file, environment, cache},
+                               Deadline::AfterMs(limits::kModelCompilerMs));
+  }
+  Result<std::string> CompileText(const std::string& text,
+                                  const std::string& environment = "Hopper") const {
+    WriteBytes(models + "/model.xml", text);
+    return Compile("model.xml", environment);
+  }
+  std::shared_ptr<const Simulator> Open(const std::string& environment, const std::string& file,
+                                        const std::string& hash) const {
+    SimulatorRequest request;
+    request.environment = environment;
+    request.perturbations = {{"model", file}};
+    request.models_folder = models;
+    request.compiled_model = {CompiledModelPath(cache, hash), hash};
+    return Take(Simulator::Open(request));
+  }
+  std::set<std::string> CacheFiles() const {
+    std::set<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(cache)) {
+      names.insert(entry.path().filename());
+    }
+    return names;
+  }
+
+  TemporaryFolder folder;
+  std::string models, cache;
+};
+
+// The digest of a walk: equal digests mean equal trajectories.
+uint64_t Walk(const std::shared_ptr<const Simulator>& simulator) {
+  TestLane lane(simulator);
+  lane.Reset(3);
+  for (uint64_t k = 0; k < 100; ++k) lane.StepRandomly(k);
+  return lane.header().digest;
+}
+
+struct Task {
+  const char* environment;
+  const char* file;
+};
+constexpr Task kTasks[] = {{"HalfCheetah", "half_cheetah.xml"},
+                           {"Hopper", "hopper.xml"},
+                           {"Walker2d", "walker2d.xml"},
+                           {"Humanoid", "humanoid.xml"}};
+
+TEST_CASE("A task's own model, given as a user's, gives the task's own bits") {
+  const Folders folders;
+  for (const Task& task : kTasks) {
+    INFO(task.environment);
+    WriteBytes(folders.models + "/mine.xml", OwnModel(task.file));
+    const std::string hash = Take(folders.Compile("mine.xml", task.environment));
+    REQUIRE(hash == Take(folders.Compile("mine.xml", task.environment)));
+    REQUIRE(folders.CacheFiles().contains(hash + ".mjb"));
+    REQUIRE(Walk(folders.Open(task.environment, "mine.xml", hash)) ==
+            Walk(Take(TryOpen(task.environment))));
+  }
+  CHECK(folders.CacheFiles().size() == std::size(kTasks));
+}
+
+TEST_CASE("An edited file is what the same change of the compiled model is") {
+  const Folders folders;
+  const std::string hash = Take(folders.CompileText(EditedHopper("0 0 -9.81", "0 0 -19.62")));
+  const uint64_t edited = Walk(folders.Open("Hopper", "model.xml", hash));
+  CHECK(edited == Walk(Take(TryOpen("Hopper", "gravity=2"))));
+  CHECK(edited != Walk(Take(TryOpen("Hopper"))));
+}
+
+TEST_CASE("Other perturbations change the user's model, wherever it stands among them") {
+  const Folders folders;
+  const std::string hash = Take(folders.CompileText(EditedHopper("0 0 -9.81", "0 0 -19.62")));
+  SimulatorRequest request;
+  request.environment = "Hopper";
+  request.models_folder = folders.models;
+  request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
+  request.perturbations = {{"friction", "0.5"}, {"model", "model.xml"}, {"leg", "0.8"}};
+  CHECK(Walk(Take(Simulator::Open(request))) ==
+        Walk(Take(TryOpen("Hopper", "gravity=2,friction=0.5,leg=0.8"))));
+}
+
+TEST_CASE("A perturbation that the user's model has no parts for is refused with their names") {
+  const Folders folders;
+  const std::string hash =
+      Take(folders.CompileText(EditedHopper("geom name=\"leg_geom\"", "geom name=\"shank\"")));
+  SimulatorRequest request;
+  request.environment = "Hopper";
+  request.models_folder = folders.models;
+  request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
+  request.perturbations = {{"model", "model.xml"}, {"leg", "0.8"}};
+  const auto opened = Simulator::Open(request);
+  REQUIRE(opened.status().code() == StatusCode::kUnsupported);
+  CHECK_THAT(opened.status().message(), Catch::Contains("leg_geom"));
+}
+
+TEST_CASE("A compiled copy that has changed on disk is refused") {
+  const Folders folders;
+  const std::string hash = Take(folders.CompileText(OwnModel("hopper.xml")));
+  const std::string path = CompiledModelPath(folders.cache, hash);
+  std::string bytes = ReadBytes(path);
+  bytes[bytes.size() / 2] ^= 1;
+  WriteBytes(path, bytes);
+  const auto opened =
+      Simulator::Open({"Hopper", {{"model", "model.xml"}}, "", folders.models, {path, hash}});
+  CHECK(opened.status().code() == StatusCode::kDataLoss);
+}
+
+// A file, and what its refusal names.
+struct BadModel {
+  const char* what;
+  std::string text;
+  const char* named;
+};
+
+std::vector<BadModel> BadModels() {
+  const std::string motor = "<motor name=\"foot\" joint=\"foot_joint\"/>";
+  const std::string rooty = "<joint name=\"rooty\" class=\"root\" axis=\"0 1 0\"/>";
+  const std::string size = "<size njmax=\"120\" nconmax=\"40\" nstack=\"40000\"/>";
+  const std::string world = "<worldbody>";
+  return {
+      {"not XML", "<mujoco>\n<worldbody>\n</mujoco>", "line"},
+      {"unknown attribute", "<mujoco>\n<worldbody>\n<geom sise='1'/></worldbody></mujoco>",
+       "line 3"},
+      {"compiler error", "<mujoco>\n<worldbody>\n<geom size='-1'/></worldbody></mujoco>",
+       "line = 3"},
+      {"no joints", "<mujoco/>", "joints"},
+      {"an actuator less", EditedHopper(motor, ""), "actuators"},
+      {"a joint less", EditedHopper(rooty, ""), "joints"},
+      {"another joint type",
+       EditedHopper(rooty, "<joint name=\"rooty\" class=\"root\" type=\"ball\"/>"),
+       "type of joint 2"},
+      {"another timestep", EditedHopper("timestep=\"0.002\"", "timestep=\"0.001\""), "timestep"},
+      {"actuators with a state",
+       EditedHopper(motor, "<general joint=\"foot_joint\" dyntype=\"filter\"/>"), "states"},
+      {"user data", EditedHopper(size, "<size nuserdata=\"3\"/>"), "nuserdata"},
+      {"an absolute include", "<mujoco>\n<include file='/etc/passwd'/></mujoco>", "line 2"},
+      {"a mesh outside", EditedHopper("<asset>", "<asset><mesh file='../x.stl'/>"), "../x.stl"},
+      {"a mesh that is not there", EditedHopper("<asset>", "<asset><mesh file='x.stl'/>"), "x.stl"},
+      {"itself included", "<mujoco><include file='model.xml'/></mujoco>", "model.xml"},
+      {"a giant stack", EditedHopper(size, "<size nstack=\"2000000000\"/>"), ""},
+      {"a large stack", EditedHopper(size, "<size nstack=\"20000000\"/>"), "nstack"},
+      {"many constraints", EditedHopper(size, "<size njmax=\"50000\"/>"), ""},
+      {"a giant texture",
+       EditedHopper("<asset>",
+                    "<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"40000\" "
+                    "height=\"40000\"/>"),
+       ""},
+      {"a large texture",
+       EditedHopper("<asset>",
+                    "<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"4000\" "
+                    "height=\"4000\"/>"),
+       "bytes"},
+      {"a million bodies",
+       EditedHopper(world,
+                    world + "<body><composite type=\"box\" count=\"100 100 100\" spacing=\"0.01\">"
+                            "<geom size=\"0.004\"/></composite></body>"),
+       ""},
+      {"a body without mass",
+       EditedHopper("geom name=\"leg_geom\"", "geom name=\"leg_geom\" mass=\"0\""), "mass"},
+      {"NaN", EditedHopper("0 0 -9.81", "0 0 nan"), ""},
+      {"an endless explosion", EditedHopper("0 0 -9.81", "0 0 -1e300"), ""},
+      {"too deep",
+       [] {
+         std::string text = "<mujoco>";
+         for (int i = 0; i < 100'000; ++i) text += "<a>";
+         return text;
+       }(),
+       "line"},
+      {"too long", "<mujoco/>" + std::string(limits::kMaxModelFileBytes, ' '), "longer"},
+  };
+}
+
+TEST_CASE("A bad file is refused with its reason, costs nobody anything and leaves nothing") {
+  const Folders folders;
+  for (const BadModel& bad : BadModels()) {
+    const auto compiled = folders.CompileText(bad.text);
+    INFO(bad.what << ": " << compiled.status().ToString());
+    CHECK_FALSE(compiled.ok());
+    CHECK_THAT(compiled.status().message(), Catch::Contains("model=model.xml"));
+    CHECK_THAT(compiled.status().message(), Catch::Contains(bad.named));
+    CHECK(compiled.status().code() != StatusCode::kInternal);
+  }
+  CHECK(folders.CacheFiles().empty());
+}
+
+TEST_CASE("A model for another task is refused in this one and taken in that one") {
+  const Folders folders;
+  const std::string walker = OwnModel("walker2d.xml");
+  CHECK_THAT(folders.CompileText(walker, "Hopper").status().message(), Catch::Contains("joints"));
+  CHECK(folders.CompileText(walker, "Walker2d").ok());
+  // As many joints and motors, but of other kinds or steps.
+  CHECK_FALSE(folders.CompileText(walker, "HalfCheetah").ok());
+}
+
+TEST_CASE("A file that is not there, or no file, is refused") {
+  const Folders folders;
+  WriteBytes(folders.models + "/heavy_torso.xml", OwnModel("hopper.xml"));
+  const Status missing = folders.Compile("heavy_tors.xml", "Hopper").status();
+  CHECK(missing.code() == StatusCode::kUnknownName);
+  CHECK_THAT(missing.message(), Catch::Contains("'heavy_torso.xml'"));
+  REQUIRE(mkfifo((folders.models + "/pipe.xml").c_str(), 0644) == 0);
+  CHECK(folders.Compile("pipe.xml", "Hopper").status().code() == StatusCode::kInvalidArgument);
+  REQUIRE(mkdir((folders.models + "/folder.xml").c_str(), 0755) == 0);
+  CHECK_FALSE(folders.Compile("folder.xml", "Hopper").ok());
+  CHECK_FALSE(folders.Compile("../models/heavy_torso.xml", "Hopper").ok());
+}
+
+TEST_CASE("The folder's files that can be named are listed") {
+  const Folders folders;
+  for (const char* name : {"b.xml", "a.xml", ".hidden.xml", "c.txt", "with space.xml"}) {
+    WriteBytes(folders.models + "/" + name, "");
+  }
+  REQUIRE(mkdir((folders.models + "/d.xml").c_str(), 0755) == 0);
+  CHECK(ListModelFiles(folders.models) == std::vector<std::string>{"a.xml", "b.xml"});
+  CHECK(ListModelFiles("/nonexistent").empty());
+}
+
+// The Hopper with a few bytes changed, removed or repeated.
+std::string Mutated(std::string text, Rng* rng) {
+  for (uint64_t i = 0; i <= rng->Below(8); ++i) {
+    const size_t at = rng->Below(text.size());
+    const uint64_t kind = rng->Below(5);
+    if (kind == 0) text[at] = static_cast<char>(rng->Below(256));
+    if (kind == 1) text.erase(at, rng->Below(60));
+    if (kind == 2) text.insert(at, text.substr(rng->Below(text.size()), rng->Below(400)));
+    // Digits give numbers of other sizes.
+    if (kind == 3) text[at] = "0123456789-e."[rng->Below(13)];
+    if (kind == 4 && text.find_first_of("0123456789", at) != std::string::npos) {
+      text.insert(text.find_first_of("0123456789", at), "9");
+    }
+    if (text.empty()) text = " ";
+  }
+  return text;
+}
+
+void CompileMutants(uint64_t count) {
+  const Folders folders;
+  uint64_t accepted = 0;
+  for (uint64_t i = 0; i < count; ++i) {
+    Rng rng(i, "model-mutant");
+    const auto compiled = folders.CompileText(Mutated(OwnModel("hopper.xml"), &rng));
+    INFO("mutant " << i << ": " << compiled.status().ToString());
+    accepted += compiled.ok();
+    CHECK(compiled.status().code() != StatusCode::kInternal);
+    CHECK(compiled.status().code() != StatusCode::kDeadlineExceeded);
+  }
+  // Some changes are harmless, most are not; either extreme would test nothing.
+  CHECK(accepted > 0);
+  CHECK(accepted < count);
+  for (const std::string& name : folders.CacheFiles()) CHECK(name.ends_with(".mjb"));
+}
+
+TEST_CASE("Mutated models are taken or refused") { CompileMutants(40); }
+
+TEST_CASE("Thousands of mutated models are taken or refused", "[.][long]") { CompileMutants(4000); }
+
+}  // namespace
+}  // namespace b4mrl
