@@ -13,7 +13,8 @@ namespace b4mrl {
 namespace {
 
 constexpr double kLargest = 1e6;  // of any number
-constexpr double kMaxFramesPerStep = 1000;
+// 128 cars in one heap cost 1 ms a frame; a step must not look like a frozen process.
+constexpr double kMaxFramesPerStep = 500;
 
 Status Unsupported(const std::string& key, const Config& value, std::string_view reason) {
   return Status(StatusCode::kUnsupported, fmt::format("{} is {}: {}", key, value.dump(), reason));

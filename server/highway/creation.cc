@@ -57,7 +57,7 @@ void CreateTraffic(const HighwaySettings& settings, uint64_t seed, uint64_t epis
     t.x[i] = base + offset * Draw(random, kSpacingFactor);
     t.y[i] = LaneCentre(lane);
     t.speed[i] = speed;
-    t.lane[i] = ClosestLane(t.x[i], t.y[i], 0, settings.lanes_count);
+    t.lane[i] = ClosestLane(t.x[i], t.y[i], 0, settings.lanes_count, lane);
     t.target_lane[i] = ego ? kNoLane : t.lane[i];
     furthest = ego ? t.x[i] : std::max(furthest, t.x[i]);
     if (ego) continue;

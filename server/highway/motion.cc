@@ -164,7 +164,7 @@ void Move(Traffic& t, int lanes, const NumberRange& ego_speed_range, double dt) 
     if (i != kEgo) t.timer[i] += dt;
     BoundCommand(t, i, i == kEgo ? ego_speed_range : kSpeedRange);
     MoveOne(t, i, dt);
-    t.lane[i] = ClosestLane(t.x[i], t.y[i], t.heading[i], lanes);
+    t.lane[i] = ClosestLane(t.x[i], t.y[i], t.heading[i], lanes, t.lane[i]);
   }
 }
 
@@ -173,10 +173,14 @@ void Collide(Traffic& t, bool others_collide, double dt) {
   for (int a = 0; a < firsts; ++a) {
     // Cars whose centres are farther apart cannot touch.
     const double reach = kVehicleDiagonal + t.speed[a] * dt;
+    if (reach < 0) continue;
+    // Squares decide but for the rounding of the root; close to it the root itself does.
+    const double clearly_apart = reach * reach * (1 + 1e-9);
     for (int b = a + 1; b < t.count; ++b) {
       const double dx = t.x[b] - t.x[a];
       const double dy = t.y[b] - t.y[a];
-      if (std::sqrt(dx * dx + dy * dy) > reach) continue;
+      const double squares = dx * dx + dy * dy;
+      if (squares > clearly_apart || std::sqrt(squares) > reach) continue;
       CollidePair(t, a, b, dt);
     }
   }

@@ -1,6 +1,7 @@
 #include "server/highway/neighbours.h"
 
 #include <bit>
+#include <limits>
 #include <numeric>
 
 #include "server/highway/road.h"
@@ -29,13 +30,18 @@ void Neighbours::Update(const Traffic& traffic, int lanes) {
   Sort();
   for (int lane = 0; lane < lanes; ++lane) on_lane_[static_cast<size_t>(lane)] = {};
   ties_ = false;
+  double behind = -std::numeric_limits<double>::infinity();
   for (unsigned rank = 0; rank < static_cast<unsigned>(traffic.count); ++rank) {
     const int vehicle = by_rank_[rank];
+    const double x = traffic.x[vehicle];
+    const double y = traffic.y[vehicle];
     rank_[vehicle] = rank;
-    ties_ |= rank > 0 && traffic.x[by_rank_[rank - 1]] == traffic.x[vehicle];
+    ties_ |= x == behind;
+    behind = x;
+    const size_t word = rank / 64;
     for (int lane = 0; lane < lanes; ++lane) {
-      const uint64_t on = OnLane(traffic.x[vehicle], traffic.y[vehicle], lane, 1);
-      on_lane_[static_cast<size_t>(lane)][rank / 64] |= on << (rank % 64);
+      const uint64_t on = OnLane(x, y, lane, 1);
+      on_lane_[static_cast<size_t>(lane)][word] |= on << (rank % 64);
     }
   }
 }

@@ -126,7 +126,7 @@ void Place(const Sight& sight, int lanes, Traffic& t) {
   t.heading[i] = std::atan2(direction * sight.vy, direction * sight.vx);
   t.speed[i] = direction * std::sqrt(sight.vx * sight.vx + sight.vy * sight.vy);
   t.Turn(i);
-  t.lane[i] = ClosestLane(t.x[i], t.y[i], t.heading[i], lanes);
+  t.lane[i] = ClosestLane(t.x[i], t.y[i], t.heading[i], lanes, 0);
   t.target_lane[i] = i == kEgo ? kNoLane : t.lane[i];
   if (i == kEgo) return;
   t.timer[i] = CreationTimer(t.x[i], t.y[i]);

@@ -30,10 +30,13 @@ inline double WrapAngle(double angle) {
 }
 
 // Whether the road goes on here, one car's length beyond either end included.
-inline bool AlongRoad(double x) { return x >= -kVehicleLength && x < kRoadLength + kVehicleLength; }
+inline bool AlongRoad(double x) {
+  return (x >= -kVehicleLength) & (x < kRoadLength + kVehicleLength);
+}
 
 inline bool OnLane(double x, double y, int lane, double margin) {
-  return std::abs(y - LaneCentre(lane)) <= kLaneWidth / 2 + margin && AlongRoad(x);
+  // Without branches: neighbours are looked up for every car and lane in every frame.
+  return (std::abs(y - LaneCentre(lane)) <= kLaneWidth / 2 + margin) & AlongRoad(x);
 }
 
 inline bool Reachable(double x, double y, int lane) {
@@ -42,10 +45,14 @@ inline bool Reachable(double x, double y, int lane) {
 }
 
 // The lane that a car counts to: the nearest one, the leftmost of equals. What is added to the
-// lateral distance is the same for all lanes, but decides ties after rounding.
-inline int ClosestLane(double x, double y, double heading, int lanes) {
+// lateral distance is the same for all lanes, but decides ties after rounding. `before`: the lane
+// of the car a frame ago.
+inline int ClosestLane(double x, double y, double heading, int lanes, int before) {
   const double behind = std::max(0.0 - x, 0.0);
   const double beyond = std::max(x - kRoadLength, 0.0);
+  // Nearer than half a lane, with room for any rounding: the answer without a search.
+  constexpr double kClearlyNearest = kLaneWidth / 2 - 0.01;
+  if (std::abs(y - LaneCentre(before)) < kClearlyNearest && behind + beyond < 1e6) return before;
   const double angle = std::abs(WrapAngle(heading));
   int closest = 0;
   double best = 0;
