@@ -34,8 +34,8 @@ SpaceSpec SpaceOf(const pb::Space& space) {
   SpaceSpec spec;
   spec.shape.assign(space.shape().begin(), space.shape().end());
   for (const pb::Dimension& dimension : space.dimensions()) {
-    spec.dimensions.push_back(
-        {dimension.name(), dimension.unit(), dimension.low(), dimension.high()});
+    spec.dimensions.push_back({dimension.name(), dimension.unit(), dimension.low(),
+                               dimension.high(), dimension.feature()});
   }
   return spec;
 }
@@ -48,6 +48,7 @@ Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& opti
   const pb::EnvironmentInfo& info = reply.info();
   if (reply.num_envs() != options.num_envs ||
       static_cast<DType>(reply.observation_dtype()) != options.observation_dtype ||
+      reply.with_infos() != options.with_infos ||
       !in_range(info.observation().dimensions_size(), limits::kMaxObservationDimensions) ||
       !in_range(info.action().dimensions_size(), limits::kMaxActionDimensions)) {
     return Status(StatusCode::kInternal, "the server's reply does not fit what was opened");
@@ -76,6 +77,10 @@ EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
   spec.step_seconds = info.step_seconds();
   if (info.has_reference_min()) spec.reference_min = info.reference_min();
   if (info.has_reference_max()) spec.reference_max = info.reference_max();
+  spec.info_names.assign(info.info_names().begin(), info.info_names().end());
+  spec.reset_info_names.assign(info.reset_info_names().begin(), info.reset_info_names().end());
+  spec.picture_width = info.picture_width();
+  spec.picture_height = info.picture_height();
   return spec;
 }
 
@@ -183,6 +188,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   open->set_autoreset_mode(static_cast<pb::AutoresetMode>(options.autoreset_mode));
   open->set_observation_dtype(static_cast<pb::DType>(options.observation_dtype));
   open->set_config(options.config);
+  open->set_with_infos(options.with_infos);
 
   // The session's token goes with Open, which the gateway answers, and with all that the worker
   // answers.

@@ -1,4 +1,4 @@
-// Reading and writing the states of lanes.
+// Reading, writing and drawing the states of lanes.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -19,19 +19,23 @@ Result<uint64_t> SizePerLane(std::string_view name, uint64_t elements, uint64_t 
                        fmt::format("a multiple of the {} lanes", lanes));
 }
 
+// The payload of a request that names `lanes`; empty when all are meant.
+Frame AddLanes(std::span<const uint32_t> lanes, pb::Request& request) {
+  if (lanes.empty()) return Frame();
+  ArrayLayout layout(request.mutable_arrays());
+  const size_t offset = layout.Add("lanes", DType::kUint32, {lanes.size()});
+  Frame payload = layout.Allocate();
+  std::ranges::copy(lanes, ArrayAt<uint32_t>(payload, offset, lanes.size()).begin());
+  return payload;
+}
+
 }  // namespace
 
 Result<LaneStates> RemoteEnvironment::Snapshot(std::span<const uint32_t> lanes) {
   B4MRL_RETURN_IF_ERROR(numbers_.CheckRange(lanes));
   pb::Request request;
   request.mutable_snapshot();
-  ArrayLayout layout(request.mutable_arrays());
-  Frame payload;
-  if (!lanes.empty()) {
-    const size_t offset = layout.Add("lanes", DType::kUint32, {lanes.size()});
-    payload = layout.Allocate();
-    std::ranges::copy(lanes, ArrayAt<uint32_t>(payload, offset, lanes.size()).begin());
-  }
+  Frame payload = AddLanes(lanes, request);
   B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply,
                          connection_.Call(std::move(request), std::move(payload), NewDeadline()));
   LaneStates states;
@@ -51,6 +55,27 @@ Result<LaneStates> RemoteEnvironment::Snapshot(std::span<const uint32_t> lanes) 
     }
   }
   return states;
+}
+
+Result<Pictures> RemoteEnvironment::Render(std::span<const uint32_t> lanes, uint32_t width,
+                                           uint32_t height) {
+  B4MRL_RETURN_IF_ERROR(numbers_.CheckRange(lanes));
+  pb::Request request;
+  request.mutable_render()->set_width(width);
+  request.mutable_render()->set_height(height);
+  Frame payload = AddLanes(lanes, request);
+  Pictures pictures;
+  B4MRL_ASSIGN_OR_RETURN(pictures.reply,
+                         connection_.Call(std::move(request), std::move(payload), NewDeadline()));
+  pictures.width = width == 0 ? spec_.picture_width : width;
+  pictures.height = height == 0 ? spec_.picture_height : height;
+  B4MRL_ASSIGN_OR_RETURN(
+      const TensorView frames,
+      pictures.reply.arrays.Require(
+          "frames", {DType::kUint8},
+          {numbers_.CountOf(lanes), pictures.height, pictures.width, uint64_t{3}}));
+  pictures.frames = frames.As<uint8_t>();
+  return pictures;
 }
 
 Result<StepOutcome> RemoteEnvironment::Restore(const LaneStates& states,

@@ -38,6 +38,8 @@ JobFactory FactoryFor(pb::Request::PayloadCase kind) {
       return NewSnapshotJob;
     case pb::Request::kRestore:
       return NewRestoreJob;
+    case pb::Request::kRender:
+      return NewRenderJob;
     default:
       return nullptr;
   }
@@ -158,9 +160,10 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
                                       Frame payload, bool more_waiting) {
   const JobFactory factory = FactoryFor(request.payload_case());
   if (factory == nullptr) {
-    return Reply(from, Status(StatusCode::kUnsupported,
-                              "an environment worker answers Step, Reset, Query, Snapshot, Restore "
-                              "and Close"));
+    return Reply(from,
+                 Status(StatusCode::kUnsupported,
+                        "an environment worker answers Step, Reset, Query, Snapshot, Restore, "
+                        "Render and Close"));
   }
   const auto found = sessions_.find(request.session_token());
   if (found == sessions_.end() || !found->second->pending_closes.empty()) {
@@ -181,7 +184,9 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
     return Reply(from, InvalidArgument("request_id", std::to_string(request.request_id()),
                                        "an id that is not under way with other contents"));
   }
-  if (const Status status = Admit(*session, payload); !status.ok()) return Reply(from, status);
+  if (const Status status = Admit(*session, request, payload); !status.ok()) {
+    return Reply(from, status);
+  }
   Result<std::unique_ptr<RequestJob>> job =
       factory({session, &request, std::move(payload), executor_.threads()});
   if (!job.ok()) return Reply(from, job.status());
@@ -193,7 +198,8 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
   Start(std::move(*job), more_waiting);
 }
 
-Status Dispatcher::Admit(const Session& session, const Frame& payload) const {
+Status Dispatcher::Admit(const Session& session, const pb::Request& request,
+                         const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
   const size_t in_flight = session.requests_in_flight();
   if (in_flight >= limits::kMaxRequestsInFlight) {
@@ -207,6 +213,11 @@ Status Dispatcher::Admit(const Session& session, const Frame& payload) const {
         StatusCode::kLimitExceeded,
         fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
   }
+  if (request.has_render() && patient_jobs_ >= limits::kMaxRenderRequests) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the worker has {} requests for pictures waiting, at most {}",
+                              patient_jobs_, limits::kMaxRenderRequests));
+  }
   return Status();
 }
 
@@ -215,6 +226,7 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
   Session& session = job->owner();
   jobs_[job] = std::move(owned);
   queued_bytes_ += job->payload().size();
+  if (job->patient()) ++patient_jobs_;
   session.in_flight()[job->request_id()] = job;
   for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
   const bool short_work = job->items == 0 || (job->items == 1 && job->priority == Priority::kLanes);
@@ -248,6 +260,7 @@ void Dispatcher::Finish(RequestJob* job) {
   Result<Message> reply = job->TakeReply();
   send_(receiver, reply.ok() ? std::move(*reply) : ErrorReply(job->request_id(), reply.status()));
   queued_bytes_ -= job->payload().size();
+  if (job->patient()) --patient_jobs_;
   jobs_.erase(job);
   if (!session.pending_closes.empty() && session.in_flight().empty()) EndSession(&session);
 }

@@ -56,7 +56,7 @@ class Dispatcher {
   void HandleSessionRequest(const Envelope& from, const pb::Request& request, Frame payload,
                             bool more_waiting);
   // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.
-  Status Admit(const Session& session, const Frame& payload) const;
+  Status Admit(const Session& session, const pb::Request& request, const Frame& payload) const;
   void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
   void Finish(RequestJob* job);
   void EndSession(Session* session);
@@ -72,6 +72,7 @@ class Dispatcher {
   std::unordered_map<std::string, std::unique_ptr<Session>> sessions_;  // by token
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
+  uint32_t patient_jobs_ = 0;
 };
 
 }  // namespace b4mrl

@@ -9,6 +9,7 @@
 #include <array>
 
 #include "proto/base/cores.h"
+#include "server/painter_process.h"
 
 namespace b4mrl {
 namespace {
@@ -52,11 +53,14 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<in
   for (uint32_t i = 1; i < threads && i < marks.size(); ++i) {
     pool_.emplace_back(&Executor::ThreadMain, this, i);
   }
+  patient_thread_ = std::thread(&Executor::PatientThreadMain, this);
 }
 
 Executor::~Executor() {
   queue_.Stop();
+  patient_queue_.Stop();
   for (std::thread& thread : pool_) thread.join();
+  patient_thread_.join();
   close(completion_fd_);
 }
 
@@ -69,6 +73,20 @@ void Executor::ThreadMain(uint32_t index) {
     Execute(*piece, self);
     --busy_threads_;
   }
+}
+
+void Executor::PatientThreadMain() {
+  // Its process inherits the choice of cores; all of this worker's are better than the first.
+  if (!cores_.empty()) PinThisThread(cores_);
+  PainterProcess painter;
+  WorkerThread self;
+  self.painter = &painter;
+  while (const std::optional<Piece> piece = patient_queue_.Take()) Execute(*piece, self);
+}
+
+void Executor::Submit(RequestJob* job) {
+  if (!job->patient()) return queue_.Push(job);
+  patient_queue_.Push(job, /*caller_helps=*/false);
 }
 
 void Executor::Execute(const Piece& piece, WorkerThread& thread) {

@@ -3,6 +3,9 @@
 // The socket's thread is one of them: it submits jobs, executes small bites of the queue between
 // looks at the socket, and takes completed jobs. A step costs about as much as two wake-ups of a
 // thread, so every wake-up that this saves counts. Jobs are owned by whoever submitted them.
+//
+// Patient jobs (pictures, which another process draws) have a thread and a queue of their own,
+// since a thread that waits 30 ms for each item would hold up everybody's steps.
 #pragma once
 
 #include <atomic>
@@ -27,7 +30,7 @@ class Executor {
   ~Executor();
 
   uint32_t threads() const { return static_cast<uint32_t>(pool_.size()) + 1; }
-  void Submit(RequestJob* job) { queue_.Push(job); }
+  void Submit(RequestJob* job);
   bool idle() const { return queue_.empty() && busy_threads_.load() == 0; }
   // Executes all of `job` now and completes it; it is not among those of TakeCompleted.
   void RunHere(RequestJob* job);
@@ -48,12 +51,14 @@ class Executor {
 
  private:
   void ThreadMain(uint32_t index);
+  void PatientThreadMain();
   // Executes a piece and hands its job on if that was its last one.
   void Execute(const Piece& piece, WorkerThread& thread);
 
   std::span<ThreadMark> marks_;
   std::vector<int> cores_;
   WorkQueue queue_;
+  WorkQueue patient_queue_;
   std::atomic<uint32_t> busy_threads_{0};  // of the pool
   WorkerThread socket_thread_;
   std::mutex completed_mutex_;
@@ -61,7 +66,9 @@ class Executor {
   std::atomic<bool> any_completed_{false};
   std::atomic<bool> waiting_{false};  // the socket's thread sleeps or is about to
   int completion_fd_ = -1;
-  std::vector<std::thread> pool_;  // last: it uses everything above
+  // Last, as they use everything above.
+  std::vector<std::thread> pool_;
+  std::thread patient_thread_;
 };
 
 // Makes a deadly signal record which thread of this process raised it before it takes its course.

@@ -27,5 +27,6 @@ Result<std::unique_ptr<RequestJob>> NewResetJob(HandlerInput input);
 Result<std::unique_ptr<RequestJob>> NewQueryJob(HandlerInput input);
 Result<std::unique_ptr<RequestJob>> NewSnapshotJob(HandlerInput input);
 Result<std::unique_ptr<RequestJob>> NewRestoreJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewRenderJob(HandlerInput input);
 
 }  // namespace b4mrl

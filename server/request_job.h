@@ -22,10 +22,13 @@
 
 namespace b4mrl {
 
+class PainterProcess;
+
 // What a thread that executes items has for itself.
 struct WorkerThread {
-  ThreadMark* mark = nullptr;
-  std::vector<double> observation;  // scratch
+  ThreadMark* mark = nullptr;         // none of the patient thread
+  PainterProcess* painter = nullptr;  // of the patient thread alone
+  std::vector<double> observation;    // scratch
   std::vector<double> action;
 };
 
@@ -54,6 +57,9 @@ class RequestJob : public QueuedWork {
   Result<Message> TakeReply();
   bool failed() const { return failed_.load(std::memory_order_relaxed); }
 
+  // Whether its items wait for another process instead of computing. They are executed by a thread
+  // that does nothing else, one at a time.
+  virtual bool patient() const { return false; }
   // What the job adds to its worker's counters.
   virtual uint64_t steps_done() const { return 0; }
   virtual uint64_t rows_done() const { return 0; }

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "proto/base/limits.h"
+#include "server/environments/model_file.h"
 
 namespace b4mrl {
 namespace {
@@ -13,18 +14,23 @@ namespace {
 constexpr double kPieceUs = 500;
 constexpr double kShortestPieceUs = 60;  // below this, sharing out costs more than it gains
 
-Result<LaneStepper> OpenStepper(const pb::OpenRequest& request, const std::string& models_folder) {
-  SimulatorRequest simulator_request;
-  simulator_request.environment = request.environment();
+SimulatorRequest SimulatorOf(const pb::OpenRequest& request, const std::string& models_folder) {
+  SimulatorRequest simulator;
+  simulator.environment = request.environment();
   for (const pb::NamedArgument& item : request.perturbations()) {
-    simulator_request.perturbations.push_back({item.name(), item.argument()});
+    simulator.perturbations.push_back({item.name(), item.argument()});
   }
-  simulator_request.config = request.config();
-  simulator_request.models_folder = models_folder;
-  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator,
-                         Simulator::Open(simulator_request));
-  return LaneStepper::Create(std::move(simulator),
-                             static_cast<AutoresetMode>(request.autoreset_mode()));
+  simulator.config = request.config();
+  simulator.models_folder = models_folder;
+  if (!request.compiled_model().empty()) {
+    simulator.compiled_model = CompiledModelAt(request.compiled_model());
+  }
+  return simulator;
+}
+
+Result<LaneStepper> OpenStepper(const SimulatorRequest& request, pb::AutoresetMode mode) {
+  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator, Simulator::Open(request));
+  return LaneStepper::Create(std::move(simulator), static_cast<AutoresetMode>(mode));
 }
 
 }  // namespace
@@ -77,8 +83,10 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
     return Status(StatusCode::kDataLoss, "the session's request is damaged");
   }
-  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(request, models_folder));
+  SimulatorRequest simulator = SimulatorOf(request, models_folder);
+  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));
   std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
+  session->simulator_request_ = std::move(simulator);
   session->token_ = std::string(SessionToken(record));
   session->generation_ = record.generation.load();
   session->first_lane_ = record.first_lane.load();

@@ -66,9 +66,13 @@ class Session {
   const pb::OpenRequest& request() const { return request_; }
   const Simulator& simulator() const { return stepper_.simulator(); }
   const LaneStepper& stepper() const { return stepper_; }
+  // What simulator() was opened from, for another process to open the same.
+  const SimulatorRequest& simulator_request() const { return simulator_request_; }
   const LaneLayout& layout() const { return stepper_.layout(); }
   // kFloat32 or kFloat64.
   DType observation_dtype() const { return observation_dtype_; }
+  // Columns of `infos` in the replies to Step and Reset; 0 unless the client asked for them.
+  size_t reported_infos() const { return request_.with_infos() ? layout().info_size : 0; }
   // Names the numbers: environment, model, perturbations, settings, seed, lanes, engine version.
   const std::string& experiment_id() const { return experiment_id_; }
 
@@ -105,6 +109,7 @@ class Session {
   SharedState& shared_;
   uint32_t index_;
   LaneStepper stepper_;
+  SimulatorRequest simulator_request_;
   std::string token_;
   uint64_t generation_ = 0;
   uint32_t first_lane_ = 0;

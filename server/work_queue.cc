@@ -4,11 +4,11 @@
 
 namespace b4mrl {
 
-void WorkQueue::Push(QueuedWork* work) {
+void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
   uint32_t wake = 0;
   {
     std::lock_guard lock(mutex_);
-    const uint32_t for_caller = EmptyLocked() ? 1 : 0;
+    const uint32_t for_caller = caller_helps && EmptyLocked() ? 1 : 0;
     Ring& ring = rings_[static_cast<size_t>(work->priority)];
     std::deque<QueuedWork*>& own = ring.work[work->session];
     if (own.empty()) ring.turns.push_back(work->session);

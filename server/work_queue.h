@@ -48,8 +48,8 @@ struct Piece {
 
 class WorkQueue {
  public:
-  // The caller is expected to take pieces itself (TryTake), so one piece alone wakes nobody.
-  void Push(QueuedWork* work);
+  // A caller that helps takes pieces itself (TryTake), so one piece alone wakes nobody.
+  void Push(QueuedWork* work, bool caller_helps = true);
   // Waits for a piece; nothing once Stop was called.
   std::optional<Piece> Take();
   // A piece if there is one; at most 1/`fraction` of a full one, for a thread that must not be away

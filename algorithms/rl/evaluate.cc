@@ -83,7 +83,7 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   return Evaluator(&client, environment, std::move(options), seed);
 }
 
-Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy) {
+Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy, const Watcher& watch) {
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client_->Make(environment_, options_));
   B4MRL_RETURN_IF_ERROR(CheckSizes(policy, session.spec()));
   const uint32_t episodes = options_.num_envs;
@@ -97,11 +97,13 @@ Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy) {
   MatrixBuffer<float> actions(policy.action_size(), static_cast<int>(episodes));
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session.Reset({}, seeds));
   for (uint32_t i = 0; i < episodes; ++i) open.Reset(i, RowOf(first.observations, i));
+  if (watch) B4MRL_RETURN_IF_ERROR(watch(session));
   while (open.size() > 0) {
     const MatrixView<float> now = actions.view(open.size());
     policy.Act(open.Inputs(), now);
     const std::span<const float> flat(now.data, static_cast<size_t>(now.rows) * now.columns);
     B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session.Step(flat, open.lanes()));
+    if (watch && open.lanes().front() == 0) B4MRL_RETURN_IF_ERROR(watch(session));
     std::vector<uint32_t> still_open;
     for (int i = 0; i < open.size(); ++i) {
       const uint32_t lane = open.lanes()[i];

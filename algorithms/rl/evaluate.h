@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -41,7 +42,10 @@ class Evaluator {
 
   // In a session of its own, since hours may pass between two evaluations and an idle session's
   // lease ends. kInvalidArgument when the policy's sizes do not fit the environment.
-  Result<EvaluationResult> Run(const AgentPolicy& policy);
+  // `watch`, if given, is called with the session after the reset and after each step of lane 0
+  // until its episode has ended; an error of its own ends the evaluation.
+  using Watcher = std::function<Status(RemoteEnvironment& session)>;
+  Result<EvaluationResult> Run(const AgentPolicy& policy, const Watcher& watch = nullptr);
 
  private:
   Evaluator(Client* client, std::string environment, EnvironmentOptions options, uint64_t seed)

@@ -1,12 +1,14 @@
 // b4mrl evaluate: the score of an agent file.
 #include <fmt/format.h>
 
+#include <array>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "algorithms/rl/agent_policy.h"
 #include "algorithms/rl/evaluate.h"
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/video_writer.h"
 #include "data/agent_file.h"
 
 namespace b4mrl {
@@ -15,13 +17,15 @@ namespace {
 struct EvaluateCommand {
   CLI::App* app;
   DaemonOptions daemon;
-  std::string agent_path, environment, simulator, observe = "trained";
+  std::string agent_path, environment, simulator, observe = "trained", video_path;
   uint32_t episodes = 10;
   uint64_t seed = 0;
   bool json = false;
 
   void AddOptions();
   std::optional<Failure> Run();
+  // The evaluation, filmed if that was asked for.
+  std::optional<Failure> Evaluate(Evaluator& evaluator, const AgentPolicy& policy);
   void Print(const EvaluationResult& result) const;
 };
 
@@ -36,6 +40,7 @@ void EvaluateCommand::AddOptions() {
                   "trained: dimensions hidden in training are zeroed; full: "
                   "none is [trained]")
       ->check(CLI::IsMember({"trained", "full"}));
+  app->add_option("--video", video_path, "film the first episode into this file (needs ffmpeg)");
   app->add_flag("--json", json, "print JSON");
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
@@ -54,7 +59,26 @@ std::optional<Failure> EvaluateCommand::Run() {
   auto evaluator =
       Evaluator::Open(connection->client(), environment, *perturbations, episodes, seed);
   if (!evaluator.ok()) return FromDaemon(evaluator.status());
-  const auto result = evaluator->Run(*policy);
+  return Evaluate(*evaluator, *policy);
+}
+
+std::optional<Failure> EvaluateCommand::Evaluate(Evaluator& evaluator, const AgentPolicy& policy) {
+  std::optional<VideoWriter> video;
+  Status video_status;  // what went wrong with the file rather than with the daemon
+  const auto film = [&](RemoteEnvironment& session) -> Status {
+    constexpr std::array<uint32_t, 1> kFirstLane = {0};
+    B4MRL_ASSIGN_OR_RETURN(const Pictures pictures, session.Render(kFirstLane));
+    if (!video) {
+      auto opened = VideoWriter::Open(video_path, pictures.width, pictures.height,
+                                      1 / session.spec().step_seconds);
+      if (!opened.ok()) return video_status = opened.status();
+      video.emplace(std::move(*opened));
+    }
+    return video_status = video->Write(pictures.frames);
+  };
+  const auto result = video_path.empty() ? evaluator.Run(policy) : evaluator.Run(policy, film);
+  if (result.ok() && video) video_status = video->Finish();
+  if (!video_status.ok()) return BadInput(video_status);
   if (!result.ok()) return FromDaemon(result.status());
   Print(*result);
   return std::nullopt;

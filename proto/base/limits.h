@@ -55,9 +55,29 @@ inline constexpr size_t kMaxRelayRouteBytes = 2 * kMaxPayloadBytes;
 inline constexpr size_t kMaxRelayBytes = 16 * kMaxPayloadBytes;
 inline constexpr int64_t kRelayIdleMs = 60'000;  // an unused route is taken down after this
 
+// Pictures.
+inline constexpr uint32_t kMinPictureSide = 16;  // pixels
+inline constexpr uint32_t kMaxPictureSide = 1920;
+inline constexpr uint32_t kMaxRenderRequests = 16;  // in one worker, at most 64 MiB of frames each
+// One picture. An idle machine needs 30 ms, and 1 s for a painter's first; a busy one much longer.
+inline constexpr int64_t kPaintMs = 60'000;
+inline constexpr int64_t kPainterIdleMs = 60'000;  // an unused painter ends after this
+
 // Processes.
 inline constexpr uint32_t kMaxWorkers = 64;
 inline constexpr uint32_t kMaxThreads = 256;
+
+// Models of users (model=FILE.xml), which a sandboxed process compiles.
+inline constexpr uint32_t kMaxModelFiles = 128;          // of a models folder in the catalogue
+inline constexpr size_t kMaxModelFileBytes = 1 << 20;    // of an MJCF file; meshes may be longer
+inline constexpr size_t kMaxModelReferences = 256;       // includes, meshes, textures and folders
+inline constexpr size_t kMaxModelBytes = 16 << 20;       // compiled
+inline constexpr size_t kMaxSimulationBytes = 64 << 20;  // of one mjData
+inline constexpr uint64_t kMaxModelCompilerBytes = 512ull << 20;
+inline constexpr uint64_t kMaxModelCompilerSeconds = 5;  // of processor time
+inline constexpr int64_t kModelCompilerMs = 15'000;
+inline constexpr uint32_t kMaxPendingModels = 64;     // waiting to be compiled
+inline constexpr uint32_t kMaxCompiledModels = 1024;  // kept on disk
 
 // Datasets.
 inline constexpr uint64_t kMaxDatasetRows = 100'000'000;

@@ -32,7 +32,10 @@ struct Door {
 const std::vector<Door> kDoors = {
     {"ZeroMQ", {"zmq"}, {"proto/wire/"}},
     {"HDF5", {"hdf5", "H5"}, {"data/"}},
-    {"MuJoCo", {"mujoco/"}, {"server/environments/", "server/perturbations/"}},
+    {"MuJoCo", {"mujoco/"}, {"server/environments/", "server/perturbations/", "server/render/"}},
+    {"OSMesa", {"GL/"}, {"server/render/"}},
+    {"Cairo", {"cairo"}, {"server/render/"}},
+    {"TinyXML", {"tinyxml2"}, {"server/model_scan"}},
     {"Eigen", {"Eigen/"}, {"algorithms/"}},
     {"BLAS", {"cblas", "openblas", "lapacke"}, {"algorithms/"}},
     {"Catch2", {"catch2/"}, {"tests/"}},

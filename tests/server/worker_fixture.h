@@ -1,6 +1,8 @@
 // An environment worker without sockets: messages in, replies out, over shared memory of its own.
 #pragma once
 
+#include <poll.h>
+
 #include <catch2/catch.hpp>
 #include <memory>
 #include <string>
@@ -112,7 +114,12 @@ class WorkerFixture {
   }
   void Work() {
     while (!dispatcher_->idle()) {
-      executor_->RunBite();
+      // As the worker's loop does; the thread that waits for pictures must not find us spinning.
+      if (!executor_->RunBite() && executor_->BeginWait()) {
+        pollfd completion{executor_->completion_fd(), POLLIN, 0};
+        poll(&completion, 1, 100);
+      }
+      executor_->EndWait();
       dispatcher_->FinishCompleted();
     }
   }

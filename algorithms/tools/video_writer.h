@@ -1,0 +1,42 @@
+// A video file, written by the program ffmpeg (which must be installed): raw pictures in, H.264
+// out. Thread rule: one thread. Every wait is bounded: an ffmpeg that stops reading is ended.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "data/atomic_file.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class VideoWriter {
+ public:
+  // `path` is replaced; its ending chooses the container (".mp4"). Sides are even, as the format
+  // demands. kUnsupported where ffmpeg cannot be run.
+  static Result<VideoWriter> Open(const std::string& path, uint32_t width, uint32_t height,
+                                  double frames_per_second);
+  VideoWriter(VideoWriter&& other) noexcept;
+  VideoWriter& operator=(VideoWriter&&) = delete;
+  // Without Finish the file is removed.
+  ~VideoWriter();
+
+  // `frame`: height x width x (red, green, blue), top row first. kIoError when ffmpeg has given up;
+  // it has said why on stderr.
+  Status Write(std::span<const uint8_t> frame);
+  // Completes the file.
+  Status Finish();
+
+ private:
+  VideoWriter(std::string path, pid_t process_id, UniqueFd pipe);
+  Status Failed();
+
+  std::string path_;
+  pid_t process_id_;
+  UniqueFd pipe_;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,51 @@
+// A worker's b4mrl-render: started when the first picture is asked for, replaced when it has died.
+//
+// Nothing that happens to it concerns the worker's sessions: a picture that it cannot draw, or not
+// in limits::kPaintMs, is an error of that request alone. Thread rule: one thread, which waits for
+// every picture and must therefore be none that steps. That thread must outlive the object, since
+// the process dies with the thread that started it.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <span>
+#include <string>
+
+#include "data/atomic_file.h"
+#include "proto/base/clock.h"
+#include "proto/base/status.h"
+#include "server/render/paint_messages.h"
+
+namespace b4mrl {
+
+class PainterProcess {
+ public:
+  // `program`: the executable; "" is b4mrl-render beside the running one.
+  explicit PainterProcess(std::string program = "") : program_(std::move(program)) {}
+  ~PainterProcess();
+  PainterProcess(const PainterProcess&) = delete;
+  PainterProcess& operator=(const PainterProcess&) = delete;
+
+  // Draws into `picture`, which has PictureBytes(width, height). kUnsupported without the program
+  // or where Mesa cannot draw; kInternal when drawing ended the process or did not end; else what
+  // the painter says.
+  Status Paint(const PaintRequest& request, std::span<std::byte> picture);
+
+  // 0: none runs.
+  pid_t process_id() const { return process_id_; }
+
+ private:
+  Status Start();
+  // True if the process runs; reaps one that has ended.
+  bool Alive();
+  Status Exchange(const PaintRequest& request, std::span<std::byte> picture, bool* conversing);
+  // Ends what is left of the process and says how it ended, as waitpid does.
+  int End();
+
+  std::string program_;
+  pid_t process_id_ = 0;
+  UniqueFd socket_;
+};
+
+}  // namespace b4mrl

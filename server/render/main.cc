@@ -1,0 +1,3 @@
+#include "server/render/painter.h"
+
+int main() { return b4mrl::RunPainter(); }

@@ -1,0 +1,195 @@
+#include "server/render/paint_messages.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <type_traits>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kRequestMagic = 0xb4301dea;
+constexpr uint32_t kAnswerMagic = 0xb4301deb;
+constexpr uint32_t kMaxTextBytes = 64 * 1024;
+constexpr size_t kTexts = 6;
+
+struct RequestHeader {
+  uint32_t magic;
+  uint32_t width;
+  uint32_t height;
+  uint32_t state_doubles;
+  uint64_t identity;
+  std::array<uint32_t, kTexts> text_bytes;  // of SimulatorTexts, which follow one after another
+};
+
+struct AnswerHeader {
+  uint32_t magic;
+  int32_t code;
+  uint32_t message_bytes;
+  uint32_t picture_bytes;
+};
+
+Status WaitFor(int fd, short events, const Deadline& deadline) {
+  pollfd waiting{fd, events, 0};
+  while (true) {
+    const int64_t left_ms = std::min<int64_t>(deadline.remaining_ms(), INT32_MAX);
+    if (poll(&waiting, 1, static_cast<int>(left_ms)) > 0) return Status();
+    if (deadline.expired()) return Status(StatusCode::kDeadlineExceeded, "no answer in time");
+  }
+}
+
+Status Gone() { return Status(StatusCode::kUnavailable, "the other end is gone"); }
+
+Status SendAll(int fd, const void* bytes, size_t size, const Deadline& deadline) {
+  const auto* next = static_cast<const std::byte*>(bytes);
+  while (size > 0) {
+    const ssize_t sent = send(fd, next, size, MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (sent > 0) {
+      next += sent;
+      size -= static_cast<size_t>(sent);
+    } else if (errno == EAGAIN) {
+      B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLOUT, deadline));
+    } else if (errno != EINTR) {
+      return Gone();
+    }
+  }
+  return Status();
+}
+
+Status ReceiveAll(int fd, void* bytes, size_t size, const Deadline& deadline) {
+  auto* next = static_cast<std::byte*>(bytes);
+  while (size > 0) {
+    const ssize_t got = recv(fd, next, size, MSG_DONTWAIT);
+    if (got > 0) {
+      next += got;
+      size -= static_cast<size_t>(got);
+    } else if (got < 0 && errno == EAGAIN) {
+      B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLIN, deadline));
+    } else if (got == 0 || errno != EINTR) {
+      return Gone();
+    }
+  }
+  return Status();
+}
+
+template <typename Container>
+Status ReceiveInto(int fd, size_t elements, const Deadline& deadline, Container* out) {
+  out->resize(elements);
+  return ReceiveAll(fd, out->data(), elements * sizeof(*out->data()), deadline);
+}
+
+bool SideFits(uint32_t side) {
+  return side >= limits::kMinPictureSide && side <= limits::kMaxPictureSide;
+}
+
+using SimulatorTexts = std::array<std::string, kTexts>;
+
+SimulatorTexts ToTexts(const SimulatorRequest& request) {
+  return {request.environment,
+          FormatNamedArguments(request.perturbations),
+          request.config,
+          request.models_folder,
+          request.compiled_model.path,
+          request.compiled_model.hash};
+}
+
+Result<SimulatorRequest> FromTexts(SimulatorTexts texts) {
+  SimulatorRequest request;
+  B4MRL_ASSIGN_OR_RETURN(request.perturbations, ParseNamedArguments(texts[1]));
+  request.environment = std::move(texts[0]);
+  request.config = std::move(texts[2]);
+  request.models_folder = std::move(texts[3]);
+  request.compiled_model = {std::move(texts[4]), std::move(texts[5])};
+  return request;
+}
+
+Status CheckHeader(const RequestHeader& header) {
+  const bool texts_fit =
+      std::ranges::all_of(header.text_bytes, [](uint32_t bytes) { return bytes <= kMaxTextBytes; });
+  if (header.magic == kRequestMagic && texts_fit && SideFits(header.width) &&
+      SideFits(header.height) &&
+      header.state_doubles <= limits::kLaneBufferBytes / sizeof(double)) {
+    return Status();
+  }
+  return Status(StatusCode::kDataLoss, "not a request of this build's worker");
+}
+
+}  // namespace
+
+uint64_t HashIdentity(const std::string& identity) {
+  return XXH3_64bits(identity.data(), identity.size());
+}
+
+Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& deadline) {
+  const SimulatorTexts texts = ToTexts(request.simulator);
+  RequestHeader header = {kRequestMagic,    request.width,
+                          request.height,   static_cast<uint32_t>(request.state.size()),
+                          request.identity, {}};
+  static_assert(std::has_unique_object_representations_v<RequestHeader>);
+  for (size_t i = 0; i < kTexts; ++i) {
+    header.text_bytes[i] = static_cast<uint32_t>(texts[i].size());
+  }
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, &header, sizeof(header), deadline));
+  for (const std::string& text : texts) {
+    B4MRL_RETURN_IF_ERROR(SendAll(fd, text.data(), text.size(), deadline));
+  }
+  return SendAll(fd, request.state.data(), request.state.size() * sizeof(double), deadline);
+}
+
+Status ReceivePicture(int fd, std::span<std::byte> picture, const Deadline& deadline,
+                      bool* refused) {
+  *refused = false;
+  AnswerHeader header{};
+  B4MRL_RETURN_IF_ERROR(ReceiveAll(fd, &header, sizeof(header), deadline));
+  const bool ok = header.code == 0;
+  if (header.magic != kAnswerMagic || header.message_bytes > kMaxTextBytes ||
+      header.picture_bytes != (ok ? picture.size() : 0)) {
+    return Status(StatusCode::kDataLoss, "not an answer of this build's b4mrl-render");
+  }
+  if (ok) return ReceiveAll(fd, picture.data(), picture.size(), deadline);
+  std::string message;
+  B4MRL_RETURN_IF_ERROR(ReceiveInto(fd, header.message_bytes, deadline, &message));
+  *refused = true;
+  return Status(static_cast<StatusCode>(header.code), std::move(message));
+}
+
+Result<PaintRequest> ReceivePaintRequest(int fd, const Deadline& idle) {
+  B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLIN, idle));
+  const Deadline deadline = Deadline::AfterMs(limits::kPaintMs);
+  RequestHeader header{};
+  B4MRL_RETURN_IF_ERROR(ReceiveAll(fd, &header, sizeof(header), deadline));
+  B4MRL_RETURN_IF_ERROR(CheckHeader(header));
+  SimulatorTexts texts;
+  for (size_t i = 0; i < kTexts; ++i) {
+    B4MRL_RETURN_IF_ERROR(ReceiveInto(fd, header.text_bytes[i], deadline, &texts[i]));
+  }
+  PaintRequest request;
+  B4MRL_ASSIGN_OR_RETURN(request.simulator, FromTexts(std::move(texts)));
+  request.width = header.width;
+  request.height = header.height;
+  request.identity = header.identity;
+  B4MRL_RETURN_IF_ERROR(ReceiveInto(fd, header.state_doubles, deadline, &request.state));
+  return request;
+}
+
+Status SendPicture(int fd, const Status& status, std::span<const std::byte> picture) {
+  const Deadline deadline = Deadline::AfterMs(limits::kPaintMs);
+  const std::string message = status.message().substr(0, kMaxTextBytes);
+  if (!status.ok()) picture = {};
+  const AnswerHeader header = {kAnswerMagic, static_cast<int32_t>(status.code()),
+                               static_cast<uint32_t>(message.size()),
+                               static_cast<uint32_t>(picture.size())};
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, &header, sizeof(header), deadline));
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, message.data(), message.size(), deadline));
+  return SendAll(fd, picture.data(), picture.size(), deadline);
+}
+
+}  // namespace b4mrl

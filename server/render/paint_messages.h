@@ -1,0 +1,49 @@
+// What an environment worker and its b4mrl-render say to each other, over one end each of a stream
+// socket. The two programs are built together and run on one machine, so that numbers travel as
+// they lie in memory. One request, one answer, in turn.
+//
+// Thread rule: one thread an end. Errors of the conversation itself are kUnavailable (the other end
+// is gone), kDeadlineExceeded and kDataLoss (bytes that this build would not have written).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "proto/base/clock.h"
+#include "proto/base/status.h"
+#include "server/environments/simulator.h"
+
+namespace b4mrl {
+
+// One picture of one lane.
+struct PaintRequest {
+  SimulatorRequest simulator;
+  // Hash of Simulator::identity(): the model file may have changed since the session was opened.
+  uint64_t identity = 0;
+  uint32_t width = 0;  // pixels; limits::kMinPictureSide to limits::kMaxPictureSide
+  uint32_t height = 0;
+  std::vector<double> state;  // for Environment::LoadState
+};
+
+uint64_t HashIdentity(const std::string& identity);
+
+// Bytes of a picture: rows from the top, pixels from the left, red, green, blue.
+inline size_t PictureBytes(uint32_t width, uint32_t height) { return size_t{3} * width * height; }
+
+// Worker's end. `picture` has PictureBytes(width, height). A refusal of the painter is returned as
+// it said it; then, as after OK, the conversation can go on.
+Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& deadline);
+// *refused tells the painter's own errors from those of the conversation.
+Status ReceivePicture(int fd, std::span<std::byte> picture, const Deadline& deadline,
+                      bool* refused);
+
+// Painter's end. Waits for the first byte until `idle`, for the rest of it until `idle` and
+// limits::kPaintMs.
+Result<PaintRequest> ReceivePaintRequest(int fd, const Deadline& idle);
+// `picture` is looked at only if `status` is OK.
+Status SendPicture(int fd, const Status& status, std::span<const std::byte> picture);
+
+}  // namespace b4mrl

@@ -1,0 +1,16 @@
+// The program b4mrl-render: draws lanes for one environment worker, which started it and speaks to
+// it over the socket that is its stdin (paint_messages.h).
+//
+// It is a process of its own because Mesa must not be able to end, block or slow down a worker: it
+// brings LLVM along, its contexts are bound to a thread, a picture takes a thousand times as long
+// as a step, and it runs at lower priority. It keeps nothing that matters: simulators and OpenGL
+// contexts of the last few kinds of picture. It ends when its worker does, or when nobody has asked
+// for a picture for limits::kPainterIdleMs.
+#pragma once
+
+namespace b4mrl {
+
+// The program's main function; an exit code. 0: the worker is gone, or nothing was to be done.
+int RunPainter();
+
+}  // namespace b4mrl

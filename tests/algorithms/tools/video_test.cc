@@ -1,0 +1,88 @@
+// `b4mrl evaluate --video`: a film of the first episode, and what happens where there can be none.
+#include <catch2/catch.hpp>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "data/agent_file.h"
+#include "tests/algorithms/tools/tool.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+// A Hopper agent that pushes all joints one way, and so falls within a hundred steps.
+std::string WriteFallingAgent(const TemporaryFolder& folder) {
+  Agent agent;
+  agent.observation_dimensions = 11;
+  agent.action_dimensions = 3;
+  agent.hidden = {{11, 1, std::vector<float>(11), {1}}};
+  agent.last_fc = {1, 3, {1, 1, 1}, {0, 0, 0}};
+  agent.output_distribution = OutputDistribution::kTanh;
+  const std::string path = folder.File("falls.h5");
+  REQUIRE(WriteAgent(path, agent).ok());
+  return path;
+}
+
+Words Evaluate(const std::string& agent, const std::string& video) {
+  return {"evaluate",   "--agent", agent,    "--environment", "Hopper",
+          "--episodes", "2",       "--json", "--video",       video};
+}
+
+// What ffprobe says of the film: "width,height,frames a second as a fraction,frames".
+std::string Probe(const std::string& path) {
+  const std::string command =
+      "ffprobe -v error -count_frames -select_streams v -of csv=p=0 -show_entries "
+      "stream=width,height,r_frame_rate,nb_read_frames '" +
+      path + "'";
+  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
+  REQUIRE(pipe != nullptr);
+  std::string text;
+  for (int c = 0; (c = std::fgetc(pipe.get())) != EOF && c != '\n';) text += static_cast<char>(c);
+  return text;
+}
+
+TEST_CASE("A film has one picture for the start and one for each step of the first episode") {
+  if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) {
+    WARN("skipped: ffmpeg is not installed");
+    return;
+  }
+  TemporaryFolder folder;
+  const std::string video = folder.File("hopper.mp4");
+  const Outcome outcome = Run(Evaluate(WriteFallingAgent(folder), video));
+  INFO(outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  const auto result = nlohmann::json::parse(outcome.out, nullptr, false);
+  REQUIRE(result.is_object());
+  const int length = result["lengths"][0].get<int>();
+  CHECK(length < 200);
+  CHECK(Probe(video) == "480,480,125/1," + std::to_string(length + 1));
+}
+
+TEST_CASE("A film does not change the scores") {
+  if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) return;
+  TemporaryFolder folder;
+  const std::string agent = WriteFallingAgent(folder);
+  const Outcome filmed = Run(Evaluate(agent, folder.File("hopper.mp4")));
+  Words plain = Evaluate(agent, "");
+  plain.resize(plain.size() - 2);
+  CHECK(filmed.out == Run(plain).out);
+}
+
+TEST_CASE("A film that cannot be made is bad input and leaves no file") {
+  TemporaryFolder folder;
+  const std::string agent = WriteFallingAgent(folder);
+  const std::string video = folder.File("missing/hopper.mp4");
+  const Outcome nowhere = Run(Evaluate(agent, video));
+  CHECK(nowhere.exit_code == 3);
+  CHECK_FALSE(std::filesystem::exists(video));
+  const Outcome without = Run(Evaluate(agent, folder.File("hopper.mp4")), {"PATH=/nowhere"});
+  CHECK(without.exit_code == 3);
+  CHECK(without.err.find("apt install ffmpeg") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,146 @@
+// The program that draws, from the worker's side: what it draws, and what its misfortunes cost.
+#include "server/painter_process.h"
+
+#include <sys/wait.h>
+
+#include <catch2/catch.hpp>
+#include <csignal>
+#include <filesystem>
+#include <set>
+#include <vector>
+
+#include "proto/base/rng.h"
+#include "server/environments/simulator.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kSide = 96;
+
+using Picture = std::vector<std::byte>;
+
+// A request for a picture of `environment` at the start of episode `episode`.
+PaintRequest RequestFor(const std::string& environment, uint64_t episode = 0) {
+  PaintRequest request;
+  request.simulator.environment = environment;
+  const auto simulator = Simulator::Open(request.simulator);
+  REQUIRE(simulator.ok());
+  const auto scratch = (*simulator)->Borrow();
+  REQUIRE(scratch.ok());
+  Rng rng(episode, "painter_process_test");
+  REQUIRE((*scratch)->Reset(rng).ok());
+  request.identity = HashIdentity((*simulator)->identity());
+  request.width = request.height = kSide;
+  request.state.resize((*scratch)->state_size());
+  (*scratch)->SaveState(request.state);
+  return request;
+}
+
+Picture Blank(const PaintRequest& request) {
+  return Picture(PictureBytes(request.width, request.height));
+}
+
+Picture Paint(PainterProcess& painter, const PaintRequest& request) {
+  Picture picture = Blank(request);
+  const Status status = painter.Paint(request, picture);
+  INFO(status.ToString());
+  REQUIRE(status.ok());
+  return picture;
+}
+
+size_t ColoursOf(const Picture& picture) {
+  std::set<std::vector<std::byte>> colours;
+  for (size_t at = 0; at < picture.size(); at += 3) {
+    colours.insert({picture.begin() + at, picture.begin() + at + 3});
+  }
+  return colours.size();
+}
+
+Status PaintWith(const std::string& program) {
+  PainterProcess painter(program);
+  const PaintRequest request = RequestFor("HalfCheetah");
+  Picture picture = Blank(request);
+  return painter.Paint(request, picture);
+}
+
+TEST_CASE("Equal states give equal pictures and other states others") {
+  PainterProcess painter;
+  const Picture first = Paint(painter, RequestFor("HalfCheetah"));
+  CHECK(ColoursOf(first) > 50);  // light and shade, not a filled frame
+  const Picture other = Paint(painter, RequestFor("HalfCheetah", 1));
+  CHECK(other != first);
+  CHECK(Paint(painter, RequestFor("HalfCheetah")) == first);
+  PainterProcess another;
+  CHECK(Paint(another, RequestFor("HalfCheetah")) == first);
+}
+
+TEST_CASE("A painter draws many kinds of picture in turn") {
+  PainterProcess painter;
+  std::vector<Picture> pictures;
+  // More sizes than it keeps OpenGL contexts for.
+  for (int round = 0; round < 2; ++round) {
+    for (const uint32_t side : {32u, 48u, 64u, 80u, 96u, 112u}) {
+      PaintRequest request = RequestFor("HalfCheetah");
+      request.width = side;
+      request.height = side / 2;
+      pictures.push_back(Paint(painter, request));
+    }
+  }
+  for (size_t i = 0; i < pictures.size() / 2; ++i) {
+    CHECK(pictures[i] == pictures[i + pictures.size() / 2]);
+  }
+}
+
+TEST_CASE("What a painter refuses is the request's error and no more") {
+  PainterProcess painter;
+  const Picture good = Paint(painter, RequestFor("HalfCheetah"));
+  const pid_t process = painter.process_id();
+  PaintRequest bad = RequestFor("HalfCheetah");
+  Picture picture = Blank(bad);
+  SECTION("another model than the session's") {
+    bad.identity += 1;
+    CHECK(painter.Paint(bad, picture).code() == StatusCode::kFailedPrecondition);
+  }
+  SECTION("an unknown environment") {
+    bad.simulator.environment = "HalfCheeta";
+    bad.identity += 1;  // or it would be drawn with what is open already
+    CHECK(painter.Paint(bad, picture).code() == StatusCode::kUnknownName);
+  }
+  SECTION("a state of another length") {
+    bad.state.pop_back();
+    CHECK(painter.Paint(bad, picture).code() == StatusCode::kInvalidArgument);
+  }
+  CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
+  CHECK(painter.process_id() == process);
+}
+
+TEST_CASE("A painter that has died is replaced") {
+  PainterProcess painter;
+  const Picture good = Paint(painter, RequestFor("HalfCheetah"));
+  const pid_t process = painter.process_id();
+  REQUIRE(kill(process, SIGKILL) == 0);
+  siginfo_t info{};
+  REQUIRE(waitid(P_PID, static_cast<id_t>(process), &info, WEXITED | WNOWAIT) == 0);
+  CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
+  CHECK(painter.process_id() != process);
+}
+
+TEST_CASE("A painter that ends, talks nonsense or is missing gives a typed error") {
+  const Status ends = PaintWith("/bin/false");
+  CHECK(ends.code() == StatusCode::kInternal);
+  CHECK(ends.message().find("exit code 1") != std::string::npos);
+  CHECK(PaintWith("/bin/true").code() ==
+        StatusCode::kInternal);  // as an idle one would, again and again
+  const TemporaryFolder folder;
+  const std::string echo = folder.File("echo");
+  WriteBytes(echo, "#!/bin/sh\nexec cat >&0\n");
+  std::filesystem::permissions(echo, std::filesystem::perms::owner_all);
+  const Status nonsense = PaintWith(echo);
+  CHECK(nonsense.code() == StatusCode::kInternal);
+  CHECK(nonsense.message().find("not an answer") != std::string::npos);
+  CHECK(PaintWith("/nowhere/b4mrl-render").code() == StatusCode::kUnsupported);
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,117 @@
+// Render as a worker answers it.
+#include <catch2/catch.hpp>
+#include <string>
+
+#include "tests/server/worker_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kSide = 64;
+
+pb::Request RenderRequest(uint32_t width = kSide, uint32_t height = kSide) {
+  pb::Request request;
+  request.mutable_render()->set_width(width);
+  request.mutable_render()->set_height(height);
+  return request;
+}
+
+std::string FrameOf(const Answer& answer, size_t lane) {
+  REQUIRE(answer.code() == StatusCode::kOk);
+  const size_t bytes = size_t{3} * kSide * kSide;
+  return answer.payload.substr(lane * bytes, bytes);
+}
+
+std::vector<uint64_t> ShapeOf(const Answer& answer) {
+  INFO(answer.envelope.status().message());
+  REQUIRE(answer.envelope.arrays_size() == 1);
+  const pb::Array& frames = answer.envelope.arrays(0);
+  CHECK(frames.name() == "frames");
+  CHECK(frames.dtype() == pb::UINT8);
+  return {frames.shape().begin(), frames.shape().end()};
+}
+
+TEST_CASE("Render answers with one picture a lane, in the order of the request") {
+  WorkerFixture worker;
+  worker.Open(3);
+  worker.Reset({1, 1, 1});
+  const Answer all = worker.Call(RenderRequest(), {});
+  CHECK(ShapeOf(all) == std::vector<uint64_t>{3, kSide, kSide, 3});
+  const Answer some = worker.Call(RenderRequest(), {Lanes({2, 0})});
+  CHECK(ShapeOf(some) == std::vector<uint64_t>{2, kSide, kSide, 3});
+  CHECK(FrameOf(some, 0) == FrameOf(all, 2));
+  CHECK(FrameOf(some, 1) == FrameOf(all, 0));
+  CHECK(FrameOf(all, 0) != FrameOf(all, 1));
+}
+
+TEST_CASE("A picture has the environment's own size unless another is asked for") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  CHECK(ShapeOf(worker.Call(RenderRequest(0, 0), {})) == std::vector<uint64_t>{1, 480, 480, 3});
+  CHECK(ShapeOf(worker.Call(RenderRequest(64, 32), {})) == std::vector<uint64_t>{1, 32, 64, 3});
+}
+
+TEST_CASE("A lane can be stepped while its picture is being drawn") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  const std::string before = FrameOf(worker.Call(RenderRequest(), {}), 0);
+  worker.answers.clear();
+  worker.Send(RenderRequest(), {});
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({2}), Actions(1, 1)});
+  // The step was executed at once: no BUSY, no waiting for the picture.
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kOk);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  // The picture is that of the moment when it was asked for.
+  CHECK(FrameOf(worker.answers[1], 0) == before);
+  CHECK(FrameOf(worker.Call(RenderRequest(), {}), 0) != before);
+}
+
+TEST_CASE("Render refuses what it cannot draw and names it") {
+  WorkerFixture worker;
+  worker.Open(64);
+  CHECK(worker.Call(RenderRequest(), {}).code() ==
+        StatusCode::kFailedPrecondition);  // no reset yet
+  worker.Reset(std::vector<uint64_t>(64, 1));
+  CHECK(worker.Call(RenderRequest(15, 64), {}).code() == StatusCode::kInvalidArgument);
+  CHECK(worker.Call(RenderRequest(64, 1921), {}).code() == StatusCode::kInvalidArgument);
+  CHECK(worker.Call(RenderRequest(), {Lanes({64})}).code() == StatusCode::kInvalidArgument);
+  const Answer large = worker.Call(RenderRequest(1920, 1080), {});
+  CHECK(large.code() == StatusCode::kLimitExceeded);
+  CHECK(large.envelope.status().message().find("fewer lanes") != std::string::npos);
+}
+
+TEST_CASE("Requests for pictures wait in a queue of bounded length") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  for (uint32_t i = 0; i < limits::kMaxRenderRequests; ++i) worker.Send(RenderRequest(), {});
+  CHECK(worker.answers.empty());
+  worker.Send(RenderRequest(), {});
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  CHECK(worker.answers[0].envelope.status().recoverable());
+  worker.Work();
+  CHECK(worker.answers.size() == limits::kMaxRenderRequests + 1);
+  CHECK(worker.Call(RenderRequest(), {}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A request for a picture that came too late draws nothing") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  for (uint32_t i = 0; i < 8; ++i) worker.Send(RenderRequest(0, 0), {});
+  pb::Request late = RenderRequest();
+  late.set_deadline_ms(1);  // eight pictures of 480 x 480 stand before it
+  worker.Send(late, {});
+  worker.Work();
+  CHECK(worker.answers.back().code() == StatusCode::kDeadlineExceeded);
+}
+
+}  // namespace
+}  // namespace b4mrl
