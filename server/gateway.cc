@@ -3,7 +3,6 @@
 // clients that reach no other port (server/relay.h).
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
-#include <sys/random.h>
 #include <xxhash.h>
 
 #include <memory>
@@ -13,6 +12,8 @@
 #include "server/child.h"
 #include "server/describe.h"
 #include "server/environments/list.h"
+#include "server/model_store.h"
+#include "server/open_request.h"
 #include "server/relay.h"
 #include "server/session_table.h"
 #include "server/status_report.h"
@@ -45,6 +46,10 @@ struct WorkerLink {
   uint32_t connections = 0;
 };
 
+std::string ModelsFolder(const ChildOptions& options) {
+  return options.models_folder.empty() ? DefaultModelsFolder() : options.models_folder;
+}
+
 class Gateway {
  public:
   Gateway(ChildContext& context, Context& sockets, RouterSocket socket,
@@ -54,6 +59,7 @@ class Gateway {
         links_(std::move(links)),
         table_(context.shared()),
         status_(context.shared()),
+        models_({ModelsFolder(context.options()), context.options().data_folder}),
         relay_(sockets, context.shared(),
                {context.options().worker_addresses, context.options().dataset_address},
                [this](const RoutingId& client, Message reply) {
@@ -69,12 +75,15 @@ class Gateway {
   };
   void Handle(IncomingMessage incoming);
   void HandleHello(const Envelope& from);
-  void HandleOpen(const Envelope& from, const pb::Request& request);
+  void HandleOpen(const Envelope& from, pb::Request* request);
+  // Opens once the model that a user wrote is compiled.
+  void CompileModel(const Envelope& from, const pb::Request& request, const std::string& file);
+  void StartOpen(const Envelope& from, const std::string& token, const pb::OpenRequest& open,
+                 const std::string& compiled_model, const Deadline& deadline);
   // Passes on what another process answers.
   void HandleForeign(const Envelope& from, Message message);
-  // Checks what needs no simulator and fills in what was left out.
-  Status CompleteOpen(const std::string& token, pb::OpenRequest* open) const;
-  Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open);
+  Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+                                  const std::string& compiled_model);
   void SendAttach(uint64_t id, const PendingOpen& open);
   void ReadWorker(uint32_t worker);
   void FinishOpen(uint64_t id, const pb::Reply& attach);
@@ -92,6 +101,7 @@ class Gateway {
   std::vector<WorkerLink> links_;
   SessionTable table_;
   StatusReport status_;
+  ModelStore models_;
   Relay relay_;
   std::optional<Deadline> last_words_;               // set once all other children have ended
   pb::Request request_;                              // reused
@@ -132,13 +142,13 @@ void Gateway::Handle(IncomingMessage incoming) {
     case pb::Request::kHello:
       return HandleHello(from);
     case pb::Request::kCatalogue:
-      DescribeCatalogue(reply.mutable_catalogue());
+      DescribeCatalogue(ModelsFolder(context_.options()), reply.mutable_catalogue());
       return Reply(from, std::move(reply));
     case pb::Request::kServerStatus:
       status_.Fill(reply.mutable_server_status());
       return Reply(from, std::move(reply));
     case pb::Request::kOpen:
-      return HandleOpen(from, request_);
+      return HandleOpen(from, &request_);
     case pb::Request::kAttach:
     case pb::Request::PAYLOAD_NOT_SET:
       return Reply(from, Status(StatusCode::kUnsupported,
@@ -172,39 +182,8 @@ void Gateway::HandleHello(const Envelope& from) {
   Reply(from, std::move(reply));
 }
 
-Status Gateway::CompleteOpen(const std::string& token, pb::OpenRequest* open) const {
-  if (token.size() != limits::kTokenBytes) {
-    return InvalidNumber("length of session_token", static_cast<double>(token.size()),
-                         std::to_string(limits::kTokenBytes));
-  }
-  if (open->num_envs() > limits::kMaxLanesPerSession) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("num_envs is {}, allowed: 0..{}", open->num_envs(),
-                              limits::kMaxLanesPerSession));
-  }
-  if (!pb::AutoresetMode_IsValid(open->autoreset_mode())) {
-    return InvalidNumber("autoreset_mode", open->autoreset_mode(), "0, 1 or 2");
-  }
-  if (open->observation_dtype() == pb::DTYPE_UNSPECIFIED) open->set_observation_dtype(pb::FLOAT32);
-  if (open->observation_dtype() != pb::FLOAT32 && open->observation_dtype() != pb::FLOAT64) {
-    return InvalidNumber("observation_dtype", open->observation_dtype(), "FLOAT32 or FLOAT64");
-  }
-  if (!open->has_seed()) {
-    uint64_t seed = 0;
-    if (getrandom(&seed, sizeof(seed), 0) != sizeof(seed)) {
-      return Status(StatusCode::kInternal, "the system gives no random numbers");
-    }
-    open->set_seed(seed >> 1);  // fits a signed integer everywhere
-  }
-  if (open->ByteSizeLong() > limits::kMaxOpenRequestBytes) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the Open request has {} bytes, at most {}", open->ByteSizeLong(),
-                              limits::kMaxOpenRequestBytes));
-  }
-  return Status();
-}
-
-Result<uint32_t> Gateway::FindOrAllocate(const std::string& token, const pb::OpenRequest& open) {
+Result<uint32_t> Gateway::FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+                                         const std::string& compiled_model) {
   const std::string as_sent = open.SerializeAsString();
   const uint64_t hash = XXH3_64bits(as_sent.data(), as_sent.size());
   if (const std::optional<uint32_t> index = table_.Find(token)) {
@@ -213,31 +192,52 @@ Result<uint32_t> Gateway::FindOrAllocate(const std::string& token, const pb::Ope
                   "session_token belongs to a session with other contents, allowed: a new token");
   }
   pb::OpenRequest complete = open;
+  complete.set_compiled_model(compiled_model);
   B4MRL_RETURN_IF_ERROR(CompleteOpen(token, &complete));
   const std::string bytes = complete.SerializeAsString();
   return table_.Allocate({token, bytes, hash, complete.num_envs()});
 }
 
-void Gateway::HandleOpen(const Envelope& from, const pb::Request& request) {
+void Gateway::HandleOpen(const Envelope& from, pb::Request* request) {
   if (context_.draining()) {
     return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
   }
-  const Result<uint32_t> index = FindOrAllocate(request.session_token(), request.open());
+  request->mutable_open()->clear_compiled_model();  // the gateway's own to set
+  const std::string& token = request->session_token();
+  const std::string file = ModelFileOf(request->open());
+  if (!file.empty() && !table_.Find(token)) return CompileModel(from, *request, file);
+  StartOpen(from, token, request->open(), "", DeadlineOf(*request));
+}
+
+void Gateway::CompileModel(const Envelope& from, const pb::Request& request,
+                           const std::string& file) {
+  const Deadline deadline = DeadlineOf(request);
+  const auto done = [this, from, deadline, token = request.session_token(),
+                     open = request.open()](const Result<std::string>& compiled) {
+    if (!compiled.ok()) return Reply(from, compiled.status());
+    StartOpen(from, token, open, *compiled, deadline);
+  };
+  const Status status = models_.Compile(request.open().environment(), file, deadline, done);
+  if (!status.ok()) Reply(from, status);
+}
+
+void Gateway::StartOpen(const Envelope& from, const std::string& token,
+                        const pb::OpenRequest& request, const std::string& compiled_model,
+                        const Deadline& deadline) {
+  const Result<uint32_t> index = FindOrAllocate(token, request, compiled_model);
   if (!index.ok()) return Reply(from, index.status());
   SessionRecord& record = context_.shared().session(*index);
   record.last_activity_ms.store(MonotonicMs());
   if (record.worker >= links_.size()) {
     return Reply(from, Status(StatusCode::kSessionLost, "the session's record is damaged"));
   }
-  const int64_t deadline_ms =
-      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
   const uint64_t id = next_attach_id_++;
   PendingOpen& open = opens_[id];
   open.sender = from.sender;
   open.request_id = from.request_id;
   open.session_index = *index;
   open.worker = record.worker;
-  open.deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  open.deadline = deadline;
   SendAttach(id, open);
 }
 
@@ -293,6 +293,7 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
   out->set_seed(request.seed());
   out->set_autoreset_mode(request.autoreset_mode());
   out->set_observation_dtype(request.observation_dtype());
+  out->set_with_infos(request.with_infos());
   out->set_config(attach.attach().config());
   *out->mutable_info() = attach.attach().info();
   const ChildOptions::Port& port = context_.options().worker_ports[open.worker];
@@ -337,12 +338,12 @@ void Gateway::Wait() {
   relay_.AppendSockets(&sockets);
   // Reconnections of workers show on no socket here, so look for them often while somebody waits.
   constexpr int64_t kWatchfulMs = 5;
-  const bool somebody_waits = !opens_.empty() || relay_.in_flight() > 0;
+  const bool somebody_waits = !opens_.empty() || relay_.in_flight() > 0 || !models_.idle();
   WaitAnyReadable(sockets, somebody_waits ? kWatchfulMs : kBeatIntervalMs);
 }
 
 bool Gateway::MayLeave() {
-  if (!opens_.empty()) return false;
+  if (!opens_.empty() || !models_.idle()) return false;
   if (relay_.in_flight() == 0) return true;
   for (uint32_t child = 0; child < kFirstWorkerChild + links_.size(); ++child) {
     if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
@@ -362,6 +363,7 @@ void Gateway::Run() {
     }
     for (uint32_t worker = 0; worker < links_.size(); ++worker) ReadWorker(worker);
     relay_.Pump();
+    models_.RunCompletions();
     DropExpiredOpens();
     if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
       table_.Reap(kAbandonedMs);

@@ -84,8 +84,9 @@ struct ModelStore::Cache {
     if (error) return IoError("create cache folder", folder, error.value());
     B4MRL_ASSIGN_OR_RETURN(
         std::string hash,
-        CompileModelInChild(options.program, {options.models_folder, file, environment, folder},
-                            deadline));
+        CompileModelInChild(
+            options.program, {options.models_folder, file, environment, folder},
+            Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs))));
     InCache(hash);
     MakeRoom(folder);
     if (hashes.size() >= limits::kMaxCompiledModels) hashes.clear();

@@ -169,8 +169,9 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
   hidden(app.add_option("--worker-address", line->child.worker_addresses));
   hidden(app.add_option("--dataset-port", flags->dataset_port));
   hidden(app.add_option("--dataset-address", line->child.dataset_address));
-  hidden(app.add_option("--file", line->importer_file));
-  hidden(app.add_option("--cache", line->importer_cache));
+  hidden(app.add_option("--file", line->untrusted_file));
+  hidden(app.add_option("--cache", line->cache_folder));
+  hidden(app.add_option("--environment", line->environment));
 }
 
 void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLine* line) {

@@ -32,9 +32,11 @@ struct CommandLine {
   bool is_child = false;
   int shared_memory_fd = -1;
   ChildOptions child;
-  // Of `--role importer`, which the dataset worker starts.
-  std::string importer_file;
-  std::string importer_cache;
+  // Of the roles that read untrusted files: `importer`, which the dataset worker starts, and
+  // `model-compiler`, which the gateway starts.
+  std::string untrusted_file;
+  std::string cache_folder;
+  std::string environment;
 };
 
 // Parses and completes. Errors, help and version are printed here; then the exit code is in
