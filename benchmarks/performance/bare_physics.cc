@@ -2,12 +2,11 @@
 
 #include <mujoco/mujoco.h>
 
-#include <atomic>
+#include <algorithm>
+#include <cmath>
 #include <functional>
-#include <thread>
 
-#include "proto/base/clock.h"
-#include "proto/base/cores.h"
+#include "benchmarks/performance/parallel_rate.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
@@ -27,10 +26,10 @@ class BareLane {
   }
 
   void Step(const double* action) {
-    if (steps_ == task_.episode_steps) Reset();
+    if (ended_) Reset();
     mju_copy(data_->ctrl, action, model_->nu);
     for (int i = 0; i < task_.frame_skip; ++i) mj_step(model_, data_.get());
-    ++steps_;
+    ended_ = ++steps_ == task_.episode_steps || !task_.healthy(*model_, *data_);
   }
 
   void Query(const PhysicsRow& row) {
@@ -44,14 +43,15 @@ class BareLane {
  private:
   void Reset() {
     mj_resetData(model_, data_.get());
-    for (int i = 0; i < model_->nq; ++i) {
-      data_->qpos[i] += rng_.Uniform(-task_.reset_position_noise, task_.reset_position_noise);
-    }
+    const double noise = task_.reset_noise;
+    for (int i = 0; i < model_->nq; ++i) data_->qpos[i] += rng_.Uniform(-noise, noise);
     for (int i = 0; i < model_->nv; ++i) {
-      data_->qvel[i] = task_.reset_velocity_noise * rng_.Normal();
+      data_->qvel[i] =
+          task_.normal_velocities ? noise * rng_.Normal() : rng_.Uniform(-noise, noise);
     }
     mj_forward(model_, data_.get());
     steps_ = 0;
+    ended_ = false;
   }
 
   const PhysicsTask& task_;
@@ -59,41 +59,38 @@ class BareLane {
   DataPointer data_;
   Rng rng_;
   int steps_ = 0;
+  bool ended_ = false;
 };
 
-// Calls one(thread, iteration) on a pinned thread a core until the time is over; calls a second.
-double RateOnAllCores(double seconds,
-                      const std::function<std::function<void(size_t)>(size_t)>& make) {
-  const std::vector<int> cores = AvailableCores();
-  std::atomic<size_t> ready{0};
-  std::atomic<bool> stop{false};
-  std::atomic<size_t> total{0};
-  std::vector<std::thread> threads;
-  for (size_t t = 0; t < cores.size(); ++t) {
-    threads.emplace_back([&, t] {
-      PinThisThread({cores[t]});
-      const std::function<void(size_t)> one = make(t);
-      ready.fetch_add(1);
-      while (ready.load() < cores.size()) std::this_thread::yield();
-      size_t count = 0;
-      while (!stop.load(std::memory_order_relaxed)) one(count++);
-      total.fetch_add(count);
-    });
-  }
-  while (ready.load() < cores.size()) std::this_thread::yield();
-  const Clock::time_point start = Clock::now();
-  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-  stop.store(true);
-  for (std::thread& thread : threads) thread.join();
-  return static_cast<double>(total.load()) / SecondsSince(start);
+bool NeverFalls(const mjModel& /*model*/, const mjData& /*data*/) { return true; }
+
+bool HopperStands(const mjModel& model, const mjData& data) {
+  const auto bounded = [](double x) { return std::abs(x) < 100; };
+  return data.qpos[1] > 0.7 && std::abs(data.qpos[2]) < 0.2 &&
+         std::all_of(data.qpos + 2, data.qpos + model.nq, bounded) &&
+         std::all_of(data.qvel, data.qvel + model.nv, bounded);
+}
+
+bool Walker2dStands(const mjModel& /*model*/, const mjData& data) {
+  return data.qpos[1] > 0.8 && data.qpos[1] < 2 && std::abs(data.qpos[2]) < 1;
+}
+
+bool HumanoidStands(const mjModel& /*model*/, const mjData& data) {
+  return data.qpos[2] > 1 && data.qpos[2] < 2;
 }
 
 }  // namespace
 
-const PhysicsTask& HalfCheetahTask() {
-  static const PhysicsTask kTask{"HalfCheetah", "half_cheetah.xml", 5, 1000, 0.1, 0.1};
-  return kTask;
+std::span<const PhysicsTask> PhysicsTasks() {
+  static const PhysicsTask kTasks[] = {
+      {"HalfCheetah", "half_cheetah.xml", 5, 1000, 1, 0.1, true, NeverFalls},
+      {"Hopper", "hopper.xml", 4, 1000, 1, 5e-3, false, HopperStands},
+      {"Walker2d", "walker2d.xml", 4, 1000, 1, 5e-3, false, Walker2dStands},
+      {"Humanoid", "humanoid.xml", 5, 1000, 0.4, 1e-2, false, HumanoidStands}};
+  return kTasks;
 }
+
+const PhysicsTask& HalfCheetahTask() { return PhysicsTasks().front(); }
 
 Result<std::unique_ptr<BarePhysics>> BarePhysics::Load(const PhysicsTask& task) {
   const std::string path = std::string(B4MRL_MODELS_FOLDER) + "/" + task.model_file;

@@ -1,8 +1,8 @@
 // The limit for everything that simulates: MuJoCo's own mj_step and nothing else around it, on one
 // pinned thread a core, each with its own mjData of the model file's small buffers.
 //
-// Control, episode length and reset noise are those of the environment; reward and observation are
-// not computed. One thread calls; the class starts its own.
+// Control, reset noise and the ends of episodes are those of the environment; reward and
+// observation are not computed. One thread calls; the class starts its own.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +15,7 @@
 #include "proto/base/status.h"
 
 struct mjModel_;
+struct mjData_;
 
 namespace b4mrl::perf {
 
@@ -24,10 +25,13 @@ struct PhysicsTask {
   std::string model_file;   // within the models folder
   int frame_skip;
   int episode_steps;
-  double reset_position_noise;  // uniform in +-
-  double reset_velocity_noise;  // standard deviation
+  double action_bound;
+  double reset_noise;      // uniform in +-, of positions
+  bool normal_velocities;  // reset_noise is their standard deviation; else uniform as well
+  bool (*healthy)(const mjModel_& model, const mjData_& data);  // an unhealthy end resets
 };
 const PhysicsTask& HalfCheetahTask();
+std::span<const PhysicsTask> PhysicsTasks();
 
 // A state and what is done in it: one row of a query.
 struct PhysicsRow {

@@ -16,7 +16,8 @@ struct Options {
   std::string agent_file;  // whose states queries start from; "": HalfCheetah/medium's policy
 };
 
-// step-HalfCheetah: 64 lanes, one client over tcp, several requests in flight.
+// step-<Environment>, of each MuJoCo task: 64 lanes, one client over tcp, several requests in
+// flight.
 Status MeasureStep(const Options& options, Reporter& reporter);
 // latency-tcp, latency-ipc: one lane, one request at a time.
 Status MeasureLatency(const Options& options, Reporter& reporter);
@@ -24,6 +25,8 @@ Status MeasureLatency(const Options& options, Reporter& reporter);
 Status MeasureQuery(const Options& options, Reporter& reporter);
 // batch-cold, batch-stream: 256 rows of HalfCheetah data.
 Status MeasureBatch(const Options& options, Reporter& reporter);
+// highway-bare, highway-socket: steps of Highway with 15 other cars.
+Status MeasureHighway(const Options& options, Reporter& reporter);
 // update-sac, update-td3, update-td3-bc, update-ensemble: gradient steps on one thread.
 Status MeasureUpdate(const Options& options, Reporter& reporter);
 

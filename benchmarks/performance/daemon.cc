@@ -25,10 +25,10 @@ Result<Daemon> Daemon::Open(const Options& options, const DaemonSetup& setup) {
   return daemon;
 }
 
-std::vector<float> RandomActions(size_t rows) {
-  std::vector<float> actions(rows * kCheetahActionSize);
+std::vector<float> RandomActions(size_t rows, size_t width, double bound) {
+  std::vector<float> actions(rows * width);
   Rng rng(0, "perf-actions");
-  for (float& action : actions) action = static_cast<float>(rng.Uniform(-1, 1));
+  for (float& action : actions) action = static_cast<float>(rng.Uniform(-bound, bound));
   return actions;
 }
 

@@ -36,7 +36,8 @@ class Daemon {
 // Uniform random actions for HalfCheetah, row-major; the same for everything that is measured.
 inline constexpr size_t kCheetahActionSize = 6;
 inline constexpr size_t kCheetahObservationSize = 17;
-std::vector<float> RandomActions(size_t rows);
+// Uniform in +-bound, row after row; the same at every call.
+std::vector<float> RandomActions(size_t rows, size_t width = kCheetahActionSize, double bound = 1);
 std::vector<double> AsDoubles(const std::vector<float>& values);
 
 }  // namespace b4mrl::perf

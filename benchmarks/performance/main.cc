@@ -1,6 +1,7 @@
 // b4mrl-perf: what the daemon and the learners reach, each beside a limit measured in the same run.
 //
-//   b4mrl perf [step|latency|query|batch|update|all] [--json] [--endpoint ADDRESS] [--turns N]
+//   b4mrl perf [step|latency|query|batch|update|highway|all] [--json] [--endpoint ADDRESS]
+//              [--turns N]
 //
 // Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
 // be reached; 5: it refused.
@@ -23,11 +24,9 @@ struct Entry {
 };
 
 const std::vector<Entry>& Entries() {
-  static const std::vector<Entry> kEntries = {{"step", MeasureStep},
-                                              {"latency", MeasureLatency},
-                                              {"query", MeasureQuery},
-                                              {"batch", MeasureBatch},
-                                              {"update", MeasureUpdate}};
+  static const std::vector<Entry> kEntries = {
+      {"step", MeasureStep},   {"latency", MeasureLatency}, {"query", MeasureQuery},
+      {"batch", MeasureBatch}, {"update", MeasureUpdate},   {"highway", MeasureHighway}};
   return kEntries;
 }
 
@@ -74,7 +73,8 @@ int Main(int argc, char** argv) {
   std::string what = "all";
   Options options;
   bool json = false;
-  app.add_option("what", what, "step, latency, query, batch, update or all")->capture_default_str();
+  app.add_option("what", what, "step, latency, query, batch, update, highway or all")
+      ->capture_default_str();
   app.add_option("--endpoint", options.endpoint, "a running daemon (default: a private one)")
       ->envname("B4MRL_ENDPOINT");
   app.add_option("--turns", options.turns, "how often value and limit are measured in turns")
