@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
+from pathlib import Path
 
 import b4mrl
 import pytest
 
+# Compared with other people's programs in the long form alone, whatever is installed.
+LONG_FILES = ("test_sb3.py", "test_highway_original.py")
 MODES = ("next_step", "same_step", "disabled")
 
 
@@ -31,6 +34,10 @@ def simulators() -> list[tuple[str, str]]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run the long proofs in full length")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    return True if collection_path.name in LONG_FILES and not config.getoption("--long") else None
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

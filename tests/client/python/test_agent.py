@@ -137,7 +137,7 @@ def test_an_observation_of_another_size_is_refused(tmp_path: Path, shape: tuple)
 
 def test_the_agent_that_the_project_carries_runs(client: b4mrl.Client) -> None:
     policy = b4mrl.load_agent(CARRIED)
-    lanes = 8
+    lanes = 4
     with client.make_vec("HalfCheetah", lanes) as vec:
         observations = vec.reset(seed=0)[0]
         returns = np.zeros(lanes)

@@ -81,10 +81,11 @@ def test_float64_observations_round_to_the_float32_ones(client: b4mrl.Client) ->
 
 
 def test_an_environment_that_has_ended_may_be_stepped_on(client: b4mrl.Client) -> None:
-    with client.make("HalfCheetah") as env:
+    with client.make("HalfCheetah", config={"max_episode_steps": 30}) as env:
         env.reset(seed=0)
         limit = env.session.spec.max_episode_steps
         flags = [env.step(np.zeros(6))[2:] for _ in range(limit + 3)]
+    assert limit == 30
     assert [truncated for _, truncated, _ in flags] == [False] * (limit - 1) + [True] * 4
     assert flags[limit - 1][2]["cause"] == "limit"
 

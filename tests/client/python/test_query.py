@@ -20,10 +20,10 @@ def rows(client: b4mrl.Client, environment: str, count: int) -> tuple[np.ndarray
 
 
 def test_a_long_query_may_be_cut_anywhere(client: b4mrl.Client, environment: str) -> None:
-    observations, actions = rows(client, environment, 10_000)
+    observations, actions = rows(client, environment, 5_000)
     options = {"simulator": "obs-noise=0.1", "seed": 3, "draw": 2}
     whole = client.query(environment, observations, actions, **options)
-    cut = 4321
+    cut = 321  # and requests hold 4,096 rows
     first = client.query(environment, observations[:cut], actions[:cut], **options)
     second = client.query(environment, observations[cut:], actions[cut:], first_row=cut, **options)
     assert whole[0].shape == observations.shape and whole[0].dtype == np.float64

@@ -11,14 +11,18 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from equality import assert_same
 
 LANES = 3
-SHORT, LONG = 150, 10_000  # steps
+
+# Steps of a comparison: of the short form, of the true environments, and of perturbed ones.
+SHORT, LONG, LONG_PERTURBED = 150, 10_000, 2_000
+
+
+# Episodes that end soon, where the environment has that setting.
+BRIEF = {"max_episode_steps": 37}
 
 
 def pair(client: b4mrl.Client, environment: str, simulator: str, mode: str, dtype: str):
     """The batch, and the same by Gymnasium over single environments."""
-    # Short episodes: many ends in a short test. Environments end by their own rules as well.
-    options = {"dtype": dtype, "config": {"max_episode_steps": 37}}
-    options = {"dtype": dtype} if not shortens(client, environment) else options
+    options = {"dtype": dtype, "config": BRIEF if shortens(client, environment) else None}
     batch = client.make_vec(environment, LANES, simulator, autoreset_mode=mode, **options)
     singles = [lambda: client.make(environment, simulator, **options)] * LANES
     return batch, SyncVectorEnv(singles, autoreset_mode=AutoresetMode[mode.upper()])
@@ -26,7 +30,7 @@ def pair(client: b4mrl.Client, environment: str, simulator: str, mode: str, dtyp
 
 def shortens(client: b4mrl.Client, environment: str) -> bool:
     try:
-        client.make(environment, config={"max_episode_steps": 37}).close()
+        client.make(environment, config=BRIEF).close()
     except errors.UnknownNameError:
         return False
     return True
@@ -43,7 +47,8 @@ def test_a_batch_equals_gymnasiums_over_single_environments(
     assert_same(batch.reset(seed=11), singles.reset(seed=11), "reset")
     batch.action_space.seed(0)
     ends = 0
-    for i in range(LONG if long else SHORT):
+    steps = (LONG_PERTURBED if simulator else LONG) if long else SHORT
+    for i in range(steps):
         actions = batch.action_space.sample()
         result = batch.step(actions)
         assert_same(result, singles.step(actions), f"step {i}")
@@ -92,7 +97,7 @@ def test_a_mask_that_is_none_is_refused(client: b4mrl.Client, mask) -> None:
 
 
 def test_stepping_a_finished_environment_is_refused_in_mode_disabled(client: b4mrl.Client) -> None:
-    with client.make_vec("HalfCheetah", 2, autoreset_mode="disabled") as vec:
+    with client.make_vec("HalfCheetah", 2, autoreset_mode="disabled", config=BRIEF) as vec:
         vec.reset(seed=0)
         actions = np.zeros((2, 6), np.float32)
         for _ in range(vec.session.spec.max_episode_steps):
@@ -107,7 +112,7 @@ def test_stepping_a_finished_environment_is_refused_in_mode_disabled(client: b4m
 
 
 def test_step_past_end_lets_finished_environments_go_on(client: b4mrl.Client) -> None:
-    options = {"autoreset_mode": AutoresetMode.DISABLED, "step_past_end": True}
+    options = {"autoreset_mode": AutoresetMode.DISABLED, "step_past_end": True, "config": BRIEF}
     with client.make_vec("HalfCheetah", 2, **options) as vec:
         vec.reset(seed=0)
         for _ in range(vec.session.spec.max_episode_steps + 2):
@@ -116,7 +121,7 @@ def test_step_past_end_lets_finished_environments_go_on(client: b4mrl.Client) ->
 
 
 def test_a_restored_state_is_as_finished_as_it_was(client: b4mrl.Client) -> None:
-    with client.make_vec("HalfCheetah", 2, autoreset_mode="disabled") as vec:
+    with client.make_vec("HalfCheetah", 2, autoreset_mode="disabled", config=BRIEF) as vec:
         vec.reset(seed=0)
         running = vec.get_state()
         for _ in range(vec.session.spec.max_episode_steps):
@@ -157,7 +162,7 @@ def test_sends_for_different_environments_are_under_way_together(client: b4mrl.C
 
 
 def test_infos_of_recv_have_one_entry_for_each_of_its_environments(client: b4mrl.Client) -> None:
-    with client.make_vec("HalfCheetah", 3, autoreset_mode="same_step") as vec:
+    with client.make_vec("HalfCheetah", 3, autoreset_mode="same_step", config=BRIEF) as vec:
         vec.reset(seed=0)
         limit = vec.session.spec.max_episode_steps
         for _ in range(limit - 1):
