@@ -60,6 +60,21 @@ TEST_CASE("a dimension is found by name or index") {
   CHECK(SpaceSpec().FindDimension("0").status().code() == StatusCode::kUnknownName);
 }
 
+TEST_CASE("a feature names its dimension in every row, before any index") {
+  SpaceSpec space;
+  for (const char* row : {"ego", "car1", "car2"}) {
+    for (const char* feature : {"x", "vx"}) {
+      space.dimensions.push_back({std::string(row) + "-" + feature, "", -1, 1, feature});
+    }
+  }
+  CHECK(*space.FindDimensions("vx") == std::vector<uint32_t>{1, 3, 5});
+  CHECK(*space.FindDimensions("car1-vx") == std::vector<uint32_t>{3});
+  CHECK(*space.FindDimensions("4") == std::vector<uint32_t>{4});
+  for (const char* unknown : {"", "vy", "6"}) CHECK_FALSE(space.FindDimensions(unknown).ok());
+  const std::string message = space.FindDimensions("vxx").status().message();
+  CHECK(message.find("did you mean 'vx'") != std::string::npos);
+}
+
 TEST_CASE("normalised scores map the reference returns to 0 and 100") {
   EnvironmentSpec spec;
   CHECK_FALSE(spec.NormalisedScore(1).has_value());

@@ -172,6 +172,23 @@ TEST_CASE("A delay executes zeros, then each action some steps late, in every en
   }
 }
 
+TEST_CASE(
+    "A state that is set into an ended episode starts with an empty queue; in a running one not") {
+  TestLane lane(OpenHalfCheetah("action-delay=1", R"({"max_episode_steps": 2})"),
+                AutoresetMode::kDisabled);
+  lane.Reset(5);
+  const NamedState state = lane.GetState();
+  lane.StepRandomly(0);
+  const std::vector<double> waiting = ToVector(lane.record().perturbation_state());
+  REQUIRE(waiting == RandomAction(kActions, 1, 0));
+  RequireOk(lane.TrySetState(state));
+  CHECK(ToVector(lane.record().perturbation_state()) == waiting);
+  lane.StepRandomly(1);
+  REQUIRE(lane.header().truncated == 1);
+  RequireOk(lane.TrySetState(state));
+  CHECK(ToVector(lane.record().perturbation_state()) == std::vector<double>(kActions, 0.0));
+}
+
 TEST_CASE("Noise before a delay and noise behind it are what they are written to be") {
   const EnvironmentSpec spec = Unbounded();
   std::vector<double> queue(kActions, 0.0);
