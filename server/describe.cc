@@ -50,7 +50,8 @@ void DescribeServer(int64_t lease_ms, pb::HelloReply* out) {
   out->set_server_version(std::string(ServerVersion()));
   out->set_engine_version(EngineVersion());
   out->set_architecture("x86_64");
-  for (const char* capability : {"step", "query", "snapshot", "datasets", "status", "relay"}) {
+  for (const char* capability :
+       {"step", "query", "snapshot", "render", "datasets", "status", "relay"}) {
     out->add_capabilities(capability);
   }
   pb::Limits* bounds = out->mutable_limits();
