@@ -67,8 +67,10 @@ class Environment(gym.Env[Array, Array]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Starts the next episode, or with `seed` the environment anew. No options are known."""
-        super().reset(seed=seed)
-        seeds = None if seed is None else np.array([checks.unsigned("seed", seed)], np.uint64)
+        number = None if seed is None else checks.unsigned("seed", seed)
+        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
+        super().reset(seed=number)
+        seeds = None if number is None else np.array([number], np.uint64)
         outcome = self.session.reset(seeds=seeds)
         return self._observation(outcome), self._info(outcome, is_reset=True)
 

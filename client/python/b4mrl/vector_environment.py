@@ -90,10 +90,11 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
             options: `reset_mask`, bool (n,): only these are reset, the others' observations are
                 their latest ones. No other option is known.
         """
-        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
-        super().reset(seed=seed if isinstance(seed, int) else None)
         chosen = self._reset_lanes((options or {}).get("reset_mask"))
+        seed = seed.tolist() if isinstance(seed, np.ndarray) else seed
         seeds = self._seeds(seed)
+        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
+        super().reset(seed=None if isinstance(seed, Sequence) else seeds[0])
         given = np.array([s is not None for s in seeds])[chosen]
         outcomes = []
         for lanes in (chosen[given], chosen[~given]):
@@ -219,8 +220,9 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [checks.unsigned("seed", int(seed) + i) for i in range(self.num_envs)]
+        if not isinstance(seed, Sequence):
+            first = checks.unsigned("seed", seed)
+            return [checks.unsigned("seed", first + i) for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise errors.InvalidArgumentError(
                 f"there are {len(seed)} seeds, allowed: {self.num_envs}, one an environment"

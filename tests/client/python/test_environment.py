@@ -107,6 +107,19 @@ def test_a_malformed_action_is_refused_and_changes_nothing(client: b4mrl.Client,
         assert_same(env.step(np.ones(6)), twin.step(np.ones(6)))
 
 
+@pytest.mark.parametrize("seed", [-1, 2**64, 0.5, "1"])
+def test_a_seed_that_cannot_be_is_refused(client: b4mrl.Client, seed: object) -> None:
+    with client.make("HalfCheetah") as env, client.make_vec("HalfCheetah", 2) as vec:
+        with pytest.raises(errors.InvalidArgumentError, match="seed"):
+            env.reset(seed=seed)
+        with pytest.raises(errors.InvalidArgumentError, match="seed"):
+            vec.reset(seed=[seed, 1])
+        with pytest.raises(errors.InvalidArgumentError, match="seed"):
+            vec.reset(seed=seed)
+        env.reset(seed=np.int64(3))
+        vec.reset(seed=np.int64(3))
+
+
 def test_a_list_is_an_action(client: b4mrl.Client) -> None:
     with client.make("HalfCheetah") as env:
         env.reset(seed=3)

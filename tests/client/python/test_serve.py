@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import b4mrl
+import gymnasium as gym
 import pytest
 from b4mrl import errors
 from b4mrl.serve import find_server
@@ -51,8 +53,6 @@ def test_it_dies_with_the_program_that_started_it() -> None:
         daemon = int(program.stdout.readline())
         watched = os.pidfd_open(daemon)
         program.send_signal(signal.SIGKILL)
-    import select
-
     assert select.select([watched], [], [], 20)[0], "the daemon outlived its program"
 
 
@@ -97,6 +97,13 @@ print(b4mrl.connect().server_status().session_count, end="")
         [sys.executable, "-c", code], env=clean, capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "2", "")
+
+
+def test_every_environment_of_the_catalogue_is_registered(client: b4mrl.Client) -> None:
+    ids = {name for name in gym.registry if name.startswith("b4mrl/")}
+    assert ids == {f"b4mrl/{name}-v0" for name in client.environments()}
+    b4mrl.register(["Own"])
+    assert gym.registry.pop("b4mrl/Own-v0").kwargs == {"environment": "Own"}
 
 
 def test_the_endpoint_of_the_environment_is_taken(
