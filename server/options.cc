@@ -206,7 +206,8 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
       "keep each of these threads on one core: faster where the daemon has them to itself");
   app.add_option("--data", serve.data_folder,
                  "folder of the datasets (default $B4MRL_DATA or ~/.local/share/b4mrl)");
-  app.add_option("--models", serve.models_folder, "folder of the MJCF models");
+  app.add_option("--models", serve.models_folder,
+                 "folder of MJCF models for model=FILE.xml (default: data/models)");
   app.add_option("--config", flags.config_file, "TOML file with the same keys; flags win");
   app.add_flag("--insecure", serve.insecure,
                "allow addresses that other machines can reach (nothing authenticates them yet)");

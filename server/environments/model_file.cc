@@ -9,6 +9,9 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <new>
+#include <string_view>
+#include <utility>
 
 #include "proto/base/limits.h"
 #include "server/environments/mujoco_guard.h"
@@ -39,6 +42,25 @@ Status CheckSizes(const mjModel& model) {
                             bytes, limits::kMaxSimulationBytes));
 }
 
+// MuJoCo's message on one line: "Schema violation: unrecognized attribute: 'sise', Element 'geom',
+// line 31". That memory was refused says more with the limit.
+Status Refusal(std::string_view message) {
+  std::string line;
+  for (const char c : message) {
+    if (c != '\n') {
+      line += c;
+    } else if (!line.empty() && !line.ends_with(", ")) {
+      line += ", ";
+    }
+  }
+  if (line.ends_with(", ")) line.resize(line.size() - 2);
+  if (line.find("allocate memory") == std::string::npos) {
+    return Status(StatusCode::kInvalidArgument, std::move(line));
+  }
+  return Status(StatusCode::kLimitExceeded, fmt::format("{}; a model is compiled within {} bytes",
+                                                        line, limits::kMaxModelCompilerBytes));
+}
+
 struct CompileCall {
   const char* path;
   mjModel* model;
@@ -57,13 +79,13 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
           c->model = mj_loadXML(c->path, nullptr, c->error, sizeof(c->error));
         },
         &call);
-    if (!finished) return Status(StatusCode::kInvalidArgument, LastMujocoError());
-  } catch (const std::exception& error) {  // the compiler is C++ behind a C interface
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the model cannot be compiled within {} bytes of memory ({})",
-                              limits::kMaxModelCompilerBytes, error.what()));
+    if (!finished) return Refusal(LastMujocoError());
+  } catch (const std::bad_alloc&) {  // the compiler is C++ behind a C interface
+    return Refusal("cannot allocate memory");
+  } catch (const std::exception& error) {
+    return Refusal(error.what());
   }
-  if (call.model == nullptr) return Status(StatusCode::kInvalidArgument, call.error);
+  if (call.model == nullptr) return Refusal(call.error);
   const MjModelPtr model(call.model);
   B4MRL_RETURN_IF_ERROR(CheckState(*model));
   B4MRL_RETURN_IF_ERROR(CheckSizes(*model));

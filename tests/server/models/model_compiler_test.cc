@@ -182,7 +182,7 @@ std::vector<BadModel> BadModels() {
   const std::string size = "<size njmax=\"120\" nconmax=\"40\" nstack=\"40000\"/>";
   const std::string world = "<worldbody>";
   return {
-      {"a giant stack", EditedHopper(size, "<size nstack=\"2000000000\"/>"), ""},
+      {"a giant stack", EditedHopper(size, "<size nstack=\"2000000000\"/>"), "536870912 bytes"},
       {"a large stack", EditedHopper(size, "<size nstack=\"20000000\"/>"), "nstack"},
       {"many constraints", EditedHopper(size, "<size njmax=\"50000\"/>"), ""},
       {"a giant texture",
