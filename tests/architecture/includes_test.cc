@@ -75,6 +75,20 @@ TEST_CASE("Quoted includes are files of this project, named from its root") {
   }
 }
 
+TEST_CASE("The highway simulator includes nothing but itself and the standard library") {
+  size_t files = 0;
+  for (const SourceFile& file : ReadTree({".h", ".cc"})) {
+    if (!file.In("server/highway/")) continue;
+    ++files;
+    for (const Include& include : IncludesOf(file)) {
+      INFO(At(file, include));
+      CHECK((include.quoted ? include.path.starts_with("server/highway/")
+                            : include.path.find_first_of("./") == std::string::npos));
+    }
+  }
+  CHECK(files > 10);
+}
+
 TEST_CASE("Each third-party library has one door") {
   std::set<std::string> seen;
   for (const SourceFile& file : ReadTree({".h", ".cc"})) {
