@@ -28,25 +28,21 @@ constexpr int64_t kFinishMs = 120'000;  // to encode what it holds back
 
 std::vector<std::string> CommandLine(const std::string& path, uint32_t width, uint32_t height,
                                      double frames_per_second) {
-  // "file:" keeps a path from being read as an option or a protocol; players want yuv420p.
-  return {"ffmpeg",
-          "-hide_banner",
-          "-loglevel",
-          "error",
-          "-y",
-          "-f",
-          "rawvideo",
-          "-pixel_format",
-          "rgb24",
-          "-video_size",
-          fmt::format("{}x{}", width, height),
-          "-framerate",
-          fmt::format("{:.6f}", frames_per_second),
-          "-i",
-          "pipe:0",
-          "-pix_fmt",
-          "yuv420p",
-          "file:" + path};
+  const std::string rate = fmt::format("{:.6f}", frames_per_second);
+  std::vector<std::string> words = {"ffmpeg", "-hide_banner", "-loglevel", "error", "-y"};
+  const auto add = [&words](const char* option, std::string value) {
+    words.emplace_back(option);
+    words.push_back(std::move(value));
+  };
+  add("-f", "rawvideo");
+  add("-pixel_format", "rgb24");
+  add("-video_size", fmt::format("{}x{}", width, height));
+  add("-framerate", rate);
+  add("-i", "pipe:0");
+  add("-r", rate);  // or ffmpeg takes 125 for a slip of 120
+  add("-pix_fmt", "yuv420p");
+  words.push_back("file:" + path);  // so that no path is read as an option or a protocol
+  return words;
 }
 
 // The exit code; -1 when a signal ended it or it had to be ended.

@@ -36,7 +36,7 @@ Words Evaluate(const std::string& agent, const std::string& video) {
 std::string Probe(const std::string& path) {
   const std::string command =
       "ffprobe -v error -count_frames -select_streams v -of csv=p=0 -show_entries "
-      "stream=width,height,r_frame_rate,nb_read_frames '" +
+      "stream=width,height,avg_frame_rate,nb_read_frames '" +
       path + "'";
   const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   REQUIRE(pipe != nullptr);
