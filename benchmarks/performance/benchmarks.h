@@ -21,6 +21,8 @@ struct Options {
 Status MeasureStep(const Options& options, Reporter& reporter);
 // latency-tcp, latency-ipc: one lane, one request at a time.
 Status MeasureLatency(const Options& options, Reporter& reporter);
+// latency-beside-queries: the same, while another client asks for 50,000 rows at a time.
+Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter);
 // query-HalfCheetah: rows from recorded on-policy states, requests in flight.
 Status MeasureQuery(const Options& options, Reporter& reporter);
 // batch-cold, batch-stream: 256 rows of HalfCheetah data.

@@ -22,6 +22,7 @@ Result<Daemon> Daemon::Open(const Options& options, const DaemonSetup& setup) {
   if (setup.pinned) pin.emplace(AvailableCores().front());
   B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
   daemon.client_ = std::make_unique<Client>(std::move(client));
+  daemon.endpoint_ = endpoint;
   return daemon;
 }
 

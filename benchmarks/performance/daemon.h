@@ -27,10 +27,12 @@ class Daemon {
  public:
   static Result<Daemon> Open(const Options& options, const DaemonSetup& setup);
   Client& client() { return *client_; }
+  const std::string& endpoint() const { return endpoint_; }
 
  private:
   std::optional<PrivateDaemon> process_;  // outlives the client
   std::unique_ptr<Client> client_;
+  std::string endpoint_;
 };
 
 // Uniform random actions for HalfCheetah, row-major; the same for everything that is measured.

@@ -103,7 +103,8 @@ Status MeasureLatency(const Options& options, Reporter& reporter) {
     return MeasureTransport(options, ipc ? Transport::kIpc : Transport::kTcp, reporter);
   }
   B4MRL_RETURN_IF_ERROR(MeasureTransport(options, Transport::kTcp, reporter));
-  return MeasureTransport(options, Transport::kIpc, reporter);
+  B4MRL_RETURN_IF_ERROR(MeasureTransport(options, Transport::kIpc, reporter));
+  return MeasureLatencyBesideQueries(options, reporter);
 }
 
 }  // namespace b4mrl::perf

@@ -1,0 +1,111 @@
+// Whether a client with one lane notices another one that keeps every core busy with large queries:
+// the 99th percentile of its steps, beside that of the same steps alone.
+#include <algorithm>
+#include <atomic>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "benchmarks/performance/benchmarks.h"
+#include "benchmarks/performance/daemon.h"
+#include "proto/base/clock.h"
+
+namespace b4mrl::perf {
+namespace {
+
+constexpr int kStepsPerTurn = 2000;
+constexpr size_t kActionRows = 4096;
+constexpr size_t kRowsPerQuery = 50'000;
+
+// Another client, on a thread of its own, which asks until the object goes.
+class QueryLoad {
+ public:
+  // Returns when the first rows have been asked for.
+  explicit QueryLoad(const std::string& endpoint) : thread_([this, endpoint] { Run(endpoint); }) {
+    started_.wait(false);
+  }
+  ~QueryLoad() { (void)Stop(); }
+
+  // The first error, after the query that is under way.
+  Status Stop() {
+    stop_.store(true);
+    if (thread_.joinable()) thread_.join();
+    return status_;
+  }
+
+ private:
+  void Run(const std::string& endpoint) {
+    status_ = Ask(endpoint);
+    Started();  // also when it failed before it began
+  }
+  void Started() {
+    started_.store(true);
+    started_.notify_one();
+  }
+  Status Ask(const std::string& endpoint);
+
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> started_{false};
+  Status status_;
+  std::thread thread_;  // the last member: it uses the others
+};
+
+Status QueryLoad::Ask(const std::string& endpoint) {
+  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
+  EnvironmentOptions queries_alone;
+  queries_alone.num_envs = 0;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", queries_alone));
+  const std::vector<float> observations(kRowsPerQuery * kCheetahObservationSize);
+  const std::vector<float> actions = RandomActions(kRowsPerQuery);
+  std::vector<float> next_observations(observations.size());
+  std::vector<double> rewards(kRowsPerQuery);
+  std::vector<uint8_t> terminated(kRowsPerQuery), valid(kRowsPerQuery);
+  while (!stop_.load()) {
+    Started();
+    B4MRL_RETURN_IF_ERROR(environment.Query(std::span<const float>(observations),
+                                            std::span<const float>(actions),
+                                            {next_observations, rewards, terminated, valid}));
+  }
+  return Status();
+}
+
+// Microseconds.
+Result<double> Percentile99(RemoteEnvironment& environment, const std::vector<float>& actions) {
+  std::vector<double> times;
+  for (int i = 0; i < kStepsPerTurn; ++i) {
+    const std::span<const float> action(&actions[i % kActionRows * kCheetahActionSize],
+                                        kCheetahActionSize);
+    const Clock::time_point start = Clock::now();
+    B4MRL_RETURN_IF_ERROR(environment.Step(action).status());
+    times.push_back(SecondsSince(start) * 1e6);
+  }
+  const auto place = times.begin() + kStepsPerTurn * 99 / 100;
+  std::nth_element(times.begin(), place, times.end());
+  return *place;
+}
+
+}  // namespace
+
+Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {}));
+  EnvironmentOptions one_lane;
+  one_lane.seed = 0;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
+                         daemon.client().Make("HalfCheetah", one_lane));
+  B4MRL_RETURN_IF_ERROR(environment.Reset().status());
+  const std::vector<float> actions = RandomActions(kActionRows);
+  const auto beside_queries = [&]() -> Result<double> {
+    QueryLoad load(daemon.endpoint());
+    Result<double> time = Percentile99(environment, actions);
+    B4MRL_RETURN_IF_ERROR(load.Stop());
+    return time;
+  };
+  const auto alone = [&] { return Percentile99(environment, actions); };
+  B4MRL_ASSIGN_OR_RETURN(const Medians medians,
+                         MeasureInTurns(options.turns, beside_queries, alone));
+  reporter.Report({"latency-beside-queries", medians.value, "us", medians.limit,
+                   "the same step alone, p99", 3, true});
+  return Status();
+}
+
+}  // namespace b4mrl::perf
