@@ -68,7 +68,7 @@ std::string Normalised(pb::Request request) {
   request.set_request_id(kRequestId);
   request.set_deadline_ms(kDeadlineMs);
   if (!request.session_token().empty()) request.set_session_token(kToken);
-  if (request.has_sample()) request.mutable_sample()->set_fingerprint(std::string(64, 'f'));
+  if (request.has_sample()) request.mutable_sample()->set_fingerprint(std::string(32, 'f'));
   return request.SerializeAsString();
 }
 std::string Normalised(pb::Reply reply) {
