@@ -194,7 +194,8 @@ bool MessageMutator::WrongPeer() {
   const uint64_t id = request_.request_id();
   request_ = foreign_;
   request_.set_request_id(id);
-  Allow({StatusCode::kUnsupported});
+  // The gateway carries on what is not for it; the right peer then misses the payload.
+  Allow({StatusCode::kUnsupported, StatusCode::kInvalidArgument});
   return true;
 }
 

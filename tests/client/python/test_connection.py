@@ -103,7 +103,7 @@ def test_a_request_carries_version_token_id_and_remaining_time(start, connect) -
 def test_silence_makes_it_ask_again_with_the_same_id_and_less_time(start, connect) -> None:
     server = start(lambda request, count: [done(request)] if count == 2 else [])
     connect(server.address).call(hello(), bytearray(), 1000)
-    first, second = server.requests
+    first, second = server.requests[:2]  # a slow machine may have asked once more
     assert second.request_id == first.request_id
     assert second.deadline_ms < first.deadline_ms
 
