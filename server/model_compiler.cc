@@ -52,7 +52,9 @@ Status TryOut(const ModelCompilerOptions& options, const CompiledModel& compiled
   const SpaceSpec& space = simulator->spec().action;
   std::vector<double> action(space.size(), 0.0);
   Rng rng(0, "model-trial");
-  B4MRL_RETURN_IF_ERROR(environment->Reset(rng));
+  if (!environment->Reset(rng).ok()) {
+    return Status(StatusCode::kInvalidArgument, "the physics engine fails at the start");
+  }
   for (int step = 0; step < kTrialSteps; ++step) {
     if (environment->Step(action).cause == Cause::kNumericalError) {
       if (step > 0) break;
