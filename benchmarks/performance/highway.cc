@@ -68,7 +68,7 @@ Status MeasureSocket(const Options& options, const HighwaySettings& settings,
   const std::vector<int> cores = AvailableCores();
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.pinned = true}));
   B4MRL_ASSIGN_OR_RETURN(StepLoop loop,
-                         StepLoop::Open(daemon.client(), "Highway", {{"cars", "15"}}));
+                         StepLoop::Open(daemon.client(), "Highway", {{"cars", "15"}}, 1));
   loop.UseActions(actions);
   const auto bare_rate = [&](size_t thread) -> std::function<void(size_t)> {
     auto bare = std::make_shared<BareHighway>(settings, thread);

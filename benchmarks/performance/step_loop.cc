@@ -5,14 +5,9 @@
 #include "proto/base/clock.h"
 
 namespace b4mrl::perf {
-namespace {
-
-constexpr uint32_t kLanesPerGroup = StepLoop::kLanes / StepLoop::kRequestsInFlight;
-
-}  // namespace
 
 Result<StepLoop> StepLoop::Open(Client& client, const std::string& environment,
-                                const std::vector<NamedArgument>& simulator) {
+                                const std::vector<NamedArgument>& simulator, uint32_t requests) {
   EnvironmentOptions options;
   options.simulator = simulator;
   options.num_envs = kLanes;
@@ -20,17 +15,17 @@ Result<StepLoop> StepLoop::Open(Client& client, const std::string& environment,
   options.autoreset_mode = AutoresetMode::kSameStep;  // a reset is no step, as in the limit
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment opened, client.Make(environment, options));
   B4MRL_RETURN_IF_ERROR(opened.Reset().status());
-  return StepLoop(std::move(opened));
+  return StepLoop(std::move(opened), requests);
 }
 
-StepLoop::StepLoop(RemoteEnvironment environment)
-    : environment_(std::move(environment)), lanes_(kLanes) {
+StepLoop::StepLoop(RemoteEnvironment environment, uint32_t requests)
+    : environment_(std::move(environment)), lanes_(kLanes), requests_(requests) {
   std::iota(lanes_.begin(), lanes_.end(), 0u);
 }
 
 Result<double> StepLoop::Rate(double seconds) {
   const Clock::time_point start = Clock::now();
-  for (uint32_t group = 0; group < kRequestsInFlight; ++group) B4MRL_RETURN_IF_ERROR(Send(group));
+  for (uint32_t group = 0; group < requests_; ++group) B4MRL_RETURN_IF_ERROR(Send(group));
   uint64_t steps = 0;
   double elapsed = 0;
   while (environment_.in_flight() > 0) {
@@ -38,7 +33,7 @@ Result<double> StepLoop::Rate(double seconds) {
     const auto entry = group_of_.find(outcome.request_id);
     const uint32_t group = entry->second;
     group_of_.erase(entry);
-    steps += kLanesPerGroup;
+    steps += kLanes / requests_;
     elapsed = SecondsSince(start);
     if (elapsed < seconds) B4MRL_RETURN_IF_ERROR(Send(group));
   }
@@ -46,8 +41,9 @@ Result<double> StepLoop::Rate(double seconds) {
 }
 
 Status StepLoop::Send(uint32_t group) {
-  const std::span<const uint32_t> lanes(&lanes_[group * kLanesPerGroup], kLanesPerGroup);
-  const size_t count = kLanesPerGroup * action_size();
+  const uint32_t share = kLanes / requests_;
+  const std::span<const uint32_t> lanes(&lanes_[group * share], share);
+  const size_t count = share * action_size();
   const std::span<const float> actions = std::span<const float>(actions_).subspan(next_, count);
   next_ = (next_ + count) % actions_.size();
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, environment_.Send(actions, lanes));

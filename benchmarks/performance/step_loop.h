@@ -1,4 +1,4 @@
-// 64 lanes stepped through the daemon by one client thread that keeps two requests in flight. One
+// 64 lanes stepped through the daemon by one client thread that keeps some requests in flight. One
 // thread.
 #pragma once
 
@@ -15,10 +15,12 @@ namespace b4mrl::perf {
 class StepLoop {
  public:
   static constexpr uint32_t kLanes = 64;
-  static constexpr uint32_t kRequestsInFlight = 2;
 
+  // The lanes are split over `requests`, a divisor of their number. More requests hide the client's
+  // work behind the daemon's, fewer cost less of it.
   static Result<StepLoop> Open(Client& client, const std::string& environment,
-                               const std::vector<NamedArgument>& simulator = {});
+                               const std::vector<NamedArgument>& simulator = {},
+                               uint32_t requests = 2);
 
   size_t action_size() const { return environment_.spec().action.size(); }
   // Rows of action_size(), used in turn; at least kLanes of them, in multiples of that.
@@ -27,12 +29,13 @@ class StepLoop {
   Result<double> Rate(double seconds);
 
  private:
-  explicit StepLoop(RemoteEnvironment environment);
+  StepLoop(RemoteEnvironment environment, uint32_t requests);
   Status Send(uint32_t group);
 
   RemoteEnvironment environment_;
   std::vector<float> actions_;
   std::vector<uint32_t> lanes_;
+  uint32_t requests_;
   std::unordered_map<uint64_t, uint32_t> group_of_;  // by request id
   size_t next_ = 0;                                  // in actions_
 };

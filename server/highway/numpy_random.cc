@@ -47,10 +47,6 @@ std::array<uint64_t, 4> GenerateState(uint64_t seed) {
   return state;
 }
 
-}  // namespace
-
-namespace {
-
 __extension__ using Uint128 = unsigned __int128;
 constexpr Uint128 kMultiplier =
     Uint128{2549297995355413924ull} << 64 | Uint128{4865540595714422341ull};

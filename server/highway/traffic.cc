@@ -26,7 +26,7 @@ void ForEachColumn(AnyTraffic& traffic, Visit visit) {
   visit(traffic.delta);
 }
 
-// The nearest integer type of number, for numbers of any size.
+// Truncated, but within -1 and a million; -1 for what is no number.
 int SafeInteger(double value) {
   constexpr double kLargest = 1e6;
   return value > -1 ? static_cast<int>(std::min(value, kLargest)) : -1;
