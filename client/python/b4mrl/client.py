@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import secrets
-import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
@@ -18,6 +17,7 @@ from b4mrl.connection import Connection
 from b4mrl.dataset import Dataset
 from b4mrl.environment import Environment
 from b4mrl.messages import AUTORESET_MODES, Request
+from b4mrl.routes import Routes
 from b4mrl.session import Session
 from b4mrl.spec import EnvironmentSpec, parse_named, spec_of
 from b4mrl.vector_environment import VectorEnvironment
@@ -49,8 +49,6 @@ class Client:
         self.deadline_ms = deadline_ms
         self._process_id = os.getpid()
         self._query_sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
-        self._unreachable: set[str] = set()  # addresses that did not answer; not tried again
-        self._relayed = False
         self._connect()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -65,6 +63,7 @@ class Client:
         except errors.UnavailableError as error:
             raise errors.UnavailableError(f"{self.endpoint}: {error}", recoverable=True) from None
         self.hello = reply.hello
+        self._routes = Routes(self.endpoint, self.hello.capabilities)
         if self.hello.protocol_version != limits.PROTOCOL_VERSION:
             raise errors.VersionMismatchError(
                 f"the server speaks protocol {self.hello.protocol_version}, "
@@ -301,7 +300,7 @@ class Client:
         asked = request.open
         if (reply.num_envs, reply.observation_dtype) != (asked.num_envs, asked.observation_dtype):
             raise errors.InternalError("the server's reply does not fit what was opened")
-        worker = self._reach(reply.port, token)
+        worker = self._routes.reach(reply.port, token)
         return Session(worker, reply, spec_of(reply.info), deadline_ms)
 
     def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:
@@ -316,52 +315,7 @@ class Client:
         return session
 
     def _connect_datasets(self) -> Connection:
-        return self._reach(self.hello.dataset_port)
-
-    def _address_of(self, port: Any) -> str:
-        """Where a process of the daemon listens, on the host by which the gateway was reached.
-
-        "" if it does not.
-        """
-        kind, _, place = self.endpoint.partition("://")
-        if not (port.ipc if kind == "ipc" else port.tcp):
-            return ""
-        return (
-            f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
-        )
-
-    def _reach(self, port: Any, token: bytes = b"") -> Connection:
-        """A connection to the process behind a port, directly or through the gateway."""
-        address = self._address_of(port)
-        can_relay = "relay" in self.hello.capabilities
-        if address and address not in self._unreachable:
-            direct = Connection(address, token)
-            # Without a relay, the first request waits as long as its deadline allows.
-            if not can_relay or direct.await_handshake(limits.DIRECT_CONNECT_MS):
-                return direct
-            direct.close()
-            self._unreachable.add(address)
-        if not can_relay:
-            raise errors.UnavailableError(
-                "the server offers no port for this; is that part of it running?"
-            )
-        self._report_relay(address)
-        return Connection(self.endpoint, token)
-
-    def _report_relay(self, address: str) -> None:
-        if self._relayed:
-            return
-        self._relayed = True
-        reason = (
-            f"{address} does not answer within {limits.DIRECT_CONNECT_MS} ms"
-            if address
-            else "the server has no port of its own for this"
-        )
-        warnings.warn(
-            f"{reason}; requests go through {self.endpoint}, which makes each of them slower",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        return self._routes.reach(self.hello.dataset_port)
 
 
 def _float_dtype(dtype: DTypeLike) -> int:
