@@ -13,8 +13,8 @@ namespace {
 // Replies taken from one route before the next one has its turn.
 constexpr int kReplyBurst = 64;
 constexpr auto kSweepInterval = std::chrono::milliseconds(100);
-// A reply that was sent at the last moment of a deadline may take so long to arrive.
-constexpr int64_t kGraceMs = 1'000;
+// A reply may come so long after the deadline: its process may have been frozen and replaced.
+constexpr int64_t kGraceMs = 5'000;
 
 bool IsForDatasets(pb::Request::PayloadCase kind) {
   switch (kind) {

@@ -22,6 +22,7 @@ namespace {
 constexpr int kGatewayMutants = 35'000;
 constexpr int kWorkerMutants = 43'000;
 constexpr int kDatasetMutants = 20'000;
+constexpr int kRelayedMutants = 3'000;  // to a worker, and as many to the dataset worker
 // A session may have 64 requests in flight; more would be refused for that reason alone.
 constexpr int kBatch = 48;
 constexpr int64_t kPatienceMs = 30'000;
@@ -344,6 +345,9 @@ TEST_CASE("Spoilt messages by the thousand change, stop and grow nothing") {
       WorkerCorpus(stepped, reset, restored, snapshot->snapshot);
   const std::vector<RequestTemplate> datasets = DatasetCorpus(dataset->fingerprint());
 
+  pb::Request attach = worker[0].request;  // what the gateway neither answers nor passes on
+  attach.mutable_attach();
+
   Bystander bystander(daemon.endpoint());
   std::map<std::string, int64_t> before;
   // The first tenth fills caches and pools.
@@ -355,6 +359,10 @@ TEST_CASE("Spoilt messages by the thousand change, stop and grow nothing") {
           kWorkerMutants * tenths / 10);
     Flood(context, dataset_address, MessageMutator(datasets, gateway[0].request, seed),
           kDatasetMutants * tenths / 10);
+    for (const auto& relayed : {worker, datasets}) {
+      Flood(context, daemon.endpoint(), MessageMutator(relayed, attach, seed + 100),
+            kRelayedMutants * tenths / 10);
+    }
     if (before.empty()) before = PrivateBytes(*client);
   }
   const std::map<std::string, int64_t> after = PrivateBytes(*client);
