@@ -33,7 +33,7 @@ RemoteEnvironment Open(Client& client, uint32_t lanes) {
   EnvironmentOptions options;
   options.num_envs = lanes;
   options.seed = 3;
-  options.deadline_ms = 60'000;
+  options.deadline_ms = 120'000;
   Result<RemoteEnvironment> session = client.Make("HalfCheetah", options);
   INFO(session.status().ToString());
   REQUIRE(session.ok());

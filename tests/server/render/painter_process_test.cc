@@ -49,6 +49,12 @@ Picture Paint(PainterProcess& painter, const PaintRequest& request) {
   return picture;
 }
 
+// One for all tests that do not hurt it: starting one takes much longer than drawing.
+PainterProcess& SharedPainter() {
+  static PainterProcess painter;
+  return painter;
+}
+
 size_t ColoursOf(const Picture& picture) {
   std::set<std::vector<std::byte>> colours;
   for (size_t at = 0; at < picture.size(); at += 3) {
@@ -65,7 +71,7 @@ Status PaintWith(const std::string& program) {
 }
 
 TEST_CASE("Equal states give equal pictures and other states others") {
-  PainterProcess painter;
+  PainterProcess& painter = SharedPainter();
   const Picture first = Paint(painter, RequestFor("HalfCheetah"));
   CHECK(ColoursOf(first) > 50);  // light and shade, not a filled frame
   const Picture other = Paint(painter, RequestFor("HalfCheetah", 1));
@@ -76,7 +82,7 @@ TEST_CASE("Equal states give equal pictures and other states others") {
 }
 
 TEST_CASE("A painter draws many kinds of picture in turn") {
-  PainterProcess painter;
+  PainterProcess& painter = SharedPainter();
   std::vector<Picture> pictures;
   // More sizes than it keeps OpenGL contexts for.
   for (int round = 0; round < 2; ++round) {
@@ -93,7 +99,7 @@ TEST_CASE("A painter draws many kinds of picture in turn") {
 }
 
 TEST_CASE("What a painter refuses is the request's error and no more") {
-  PainterProcess painter;
+  PainterProcess& painter = SharedPainter();
   const Picture good = Paint(painter, RequestFor("HalfCheetah"));
   const pid_t process = painter.process_id();
   PaintRequest bad = RequestFor("HalfCheetah");

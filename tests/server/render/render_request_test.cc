@@ -8,9 +8,12 @@ namespace b4mrl {
 namespace {
 
 constexpr uint32_t kSide = 64;
+// A painter that starts on a busy machine takes its time.
+constexpr uint32_t kPatientMs = 120'000;
 
 pb::Request RenderRequest(uint32_t width = kSide, uint32_t height = kSide) {
   pb::Request request;
+  request.set_deadline_ms(kPatientMs);
   request.mutable_render()->set_width(width);
   request.mutable_render()->set_height(height);
   return request;
