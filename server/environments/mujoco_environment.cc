@@ -33,6 +33,15 @@ Status CheckPart(const std::string& name, std::span<const double> values, size_t
   return Status();
 }
 
+// mj_forward normalises the quaternions of `positions`, once more than mj_step had when the state
+// was read. What it changed by rounding alone gets its `given` bits back: the next step is then the
+// same.
+void KeepUnitQuaternions(std::span<const double> given, std::span<double> positions) {
+  for (size_t i = 0; i < positions.size(); ++i) {
+    if (std::abs(given[i] - positions[i]) < 1e-12) positions[i] = given[i];
+  }
+}
+
 }  // namespace
 
 MujocoEnvironment::MujocoEnvironment(const mjModel& model, MjDataPtr data, int frame_skip)
@@ -151,6 +160,7 @@ Status MujocoEnvironment::SetNamedState(const NamedState& state) {
     return Status(StatusCode::kInvalidArgument, "the physics engine refuses the state");
   }
   copy_parts(false);  // only now: mj_forward writes its own warm start and derived numbers
+  KeepUnitQuaternions(state.at("qpos"), qpos());
   return Status();
 }
 

@@ -62,6 +62,21 @@ TEST_CASE("The contact cost is weighted and clipped as set") {
   CHECK(contact_cost(R"("contact_cost_weight": 0, "contact_cost_range": [1.5, null])") == 1.5);
 }
 
+TEST_CASE("A state put back at any step of an episode continues with the same bits") {
+  const auto simulator = Open();
+  TestLane copy(simulator, AutoresetMode::kDisabled);
+  for (uint64_t seed = 0; seed < 8; ++seed) {
+    TestLane original(simulator, AutoresetMode::kDisabled);
+    original.Reset(seed);
+    for (uint64_t k = 0; k < 20; ++k) {
+      RequireOk(copy.TrySetState(original.GetState()));
+      original.StepRandomly(k);
+      copy.StepRandomly(k);
+      REQUIRE(copy.state() == original.state());
+    }
+  }
+}
+
 TEST_CASE("A state read from a lane and put into another shows and continues the same bits") {
   const auto simulator = Open();
   TestLane original(simulator, AutoresetMode::kDisabled);
