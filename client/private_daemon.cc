@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "proto/base/child_program.h"
 #include "proto/base/clock.h"
 
 namespace b4mrl {
@@ -24,17 +25,7 @@ namespace fs = std::filesystem;
 std::string FindBinary(const PrivateDaemonOptions& options) {
   if (!options.binary.empty()) return options.binary;
   if (const char* path = std::getenv("B4MRL_SERVER"); path != nullptr && *path != '\0') return path;
-  std::error_code error;
-  const fs::path self = fs::read_symlink("/proc/self/exe", error);
-  return error ? "b4mrl-serve" : (self.parent_path() / "b4mrl-serve").string();
-}
-
-Result<std::string> MakeFolder() {
-  const char* base = std::getenv("TMPDIR");
-  std::string path =
-      fmt::format("{}/b4mrl-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp");
-  if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
-  return path;
+  return ProgramBesideThisOne("b4mrl-serve");
 }
 
 std::vector<std::string> CommandLine(const PrivateDaemonOptions& options, const std::string& binary,
@@ -105,7 +96,7 @@ Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) 
   }
   PrivateDaemon daemon;
   if (!options.tcp) {
-    B4MRL_ASSIGN_OR_RETURN(daemon.folder_, MakeFolder());
+    B4MRL_ASSIGN_OR_RETURN(daemon.folder_, MakeTemporaryFolder("b4mrl"));
   }
   std::vector<std::string> words = CommandLine(options, binary, daemon.folder_);
   std::vector<std::string> variables = Environment(options);
@@ -152,18 +143,7 @@ PrivateDaemon::~PrivateDaemon() {
 int PrivateDaemon::Stop(int64_t deadline_ms) {
   if (process_id_ <= 0) return 0;
   kill(process_id_, SIGTERM);
-  const Deadline deadline = Deadline::AfterMs(deadline_ms);
-  int exit_status = 0;
-  bool killed = false;
-  while (true) {
-    const pid_t ended = waitpid(process_id_, &exit_status, WNOHANG);
-    if (ended == process_id_ || (ended < 0 && errno != EINTR)) break;
-    if (deadline.expired() && !killed) {
-      kill(process_id_, SIGKILL);
-      killed = true;
-    }
-    poll(nullptr, 0, 5);  // waitpid has no deadline of its own
-  }
+  const int exit_status = WaitForExit(process_id_, Deadline::AfterMs(deadline_ms));
   process_id_ = -1;
   return exit_status;
 }

@@ -22,21 +22,6 @@ bool StillNamed(int fd, const std::string& path) {
 
 }  // namespace
 
-UniqueFd& UniqueFd::operator=(UniqueFd&& other) noexcept {
-  if (this != &other) {
-    Reset();
-    fd_ = other.Release();
-  }
-  return *this;
-}
-
-int UniqueFd::Release() { return std::exchange(fd_, -1); }
-
-void UniqueFd::Reset() {
-  if (fd_ >= 0) close(fd_);
-  fd_ = -1;
-}
-
 AtomicFile::AtomicFile(std::string path, UniqueFd fd)
     : path_(std::move(path)), temporary_path_(path_ + ".tmp"), fd_(std::move(fd)) {}
 

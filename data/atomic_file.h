@@ -13,26 +13,9 @@
 #include <string_view>
 
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
-
-// Owns a file descriptor; -1 owns nothing.
-class UniqueFd {
- public:
-  UniqueFd() = default;
-  explicit UniqueFd(int fd) : fd_(fd) {}
-  UniqueFd(UniqueFd&& other) noexcept : fd_(other.Release()) {}
-  UniqueFd& operator=(UniqueFd&& other) noexcept;
-  ~UniqueFd() { Reset(); }
-
-  int get() const { return fd_; }
-  bool valid() const { return fd_ >= 0; }
-  int Release();
-  void Reset();
-
- private:
-  int fd_ = -1;
-};
 
 class AtomicFile {
  public:

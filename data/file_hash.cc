@@ -9,7 +9,7 @@
 #include <cerrno>
 #include <vector>
 
-#include "data/atomic_file.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 namespace {

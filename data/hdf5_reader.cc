@@ -6,10 +6,10 @@
 #include <array>
 #include <cerrno>
 
-#include "data/atomic_file.h"
 #include "data/hdf5_file.h"
 #include "data/hdf5_handle.h"
 #include "proto/base/limits.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 namespace {

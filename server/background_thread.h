@@ -14,7 +14,7 @@
 #include <thread>
 #include <vector>
 
-#include "data/atomic_file.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 

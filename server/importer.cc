@@ -12,9 +12,9 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "data/atomic_file.h"
 #include "data/column_cache.h"
 #include "data/file_hash.h"
+#include "proto/base/unique_fd.h"
 #include "server/import_dataset.h"
 #include "server/sandbox.h"
 #include "server/sandboxed_child.h"

@@ -14,6 +14,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "proto/base/child_program.h"
 #include "proto/base/spec.h"
 
 namespace b4mrl {
@@ -168,14 +169,6 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
   return Status();
 }
 
-Result<std::string> MakePrivateFolder() {
-  const char* base = std::getenv("TMPDIR");
-  std::string path =
-      fmt::format("{}/b4mrl-gateway-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp");
-  if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
-  return path;
-}
-
 // The listeners of all but the gateway.
 Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
   listeners->workers.resize(workers);
@@ -198,7 +191,7 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   if (!options.single_port) return FillWorkers(plan, options.workers, listeners);
   plan.tcp.clear();
   if (plan.ipc.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakePrivateFolder());
+    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder("b4mrl-gateway"));
     plan.ipc = {listeners->private_folder + "/relay"};
   }
   B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));

@@ -1,35 +1,22 @@
 #include "server/painter_process.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <spawn.h>
 #include <spdlog/spdlog.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
-#include <climits>
 #include <csignal>
 #include <cstring>
 #include <utility>
 
+#include "proto/base/child_program.h"
 #include "proto/base/limits.h"
-
-extern char** environ;
 
 namespace b4mrl {
 namespace {
 
 constexpr const char* kProgramName = "b4mrl-render";
-
-std::string ProgramBesideThisOne() {
-  std::array<char, PATH_MAX> path{};
-  const ssize_t length = readlink("/proc/self/exe", path.data(), path.size());
-  const std::string own(path.data(), length > 0 ? static_cast<size_t>(length) : 0);
-  return own.substr(0, own.rfind('/') + 1) + kProgramName;
-}
 
 std::string DescribeEnd(int wait_status) {
   if (WIFSIGNALED(wait_status)) {
@@ -43,30 +30,19 @@ std::string DescribeEnd(int wait_status) {
 PainterProcess::~PainterProcess() { End(); }
 
 Status PainterProcess::Start() {
-  const std::string program = program_.empty() ? ProgramBesideThisOne() : program_;
+  const std::string program = program_.empty() ? ProgramBesideThisOne(kProgramName) : program_;
   if (access(program.c_str(), X_OK) != 0) {
     return Status(StatusCode::kUnsupported,
                   fmt::format("this server draws no pictures: there is no {}", program));
   }
-  std::array<int, 2> ends{};
-  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) {
-    return IoError("make a socket for", program, errno);
+  ProgramOnSocket started;
+  // It gets none of the worker's listeners.
+  if (const int error = StartOnSocket(program, {kProgramName}, &started); error != 0) {
+    return IoError("start", program, error);
   }
-  socket_ = UniqueFd(ends[0]);
-  const UniqueFd theirs(ends[1]);
-  // Its stdin is the socket; it gets none of the worker's listeners.
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  std::array<char*, 2> argv = {const_cast<char*>(kProgramName), nullptr};
-  const int error =
-      posix_spawn(&process_id_, program.c_str(), &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error == 0) return Status();
-  process_id_ = 0;
-  return IoError("start", program, error);
+  process_id_ = started.process_id;
+  socket_ = std::move(started.socket);
+  return Status();
 }
 
 bool PainterProcess::Alive() {

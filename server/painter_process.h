@@ -12,9 +12,9 @@
 #include <span>
 #include <string>
 
-#include "data/atomic_file.h"
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 #include "server/render/paint_messages.h"
 
 namespace b4mrl {

@@ -13,7 +13,7 @@
 #include <csignal>
 #include <cstring>
 
-#include "data/atomic_file.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 namespace {

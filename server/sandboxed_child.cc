@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <poll.h>
 #include <spawn.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -15,7 +14,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "data/atomic_file.h"
+#include "proto/base/child_program.h"
 
 extern char** environ;
 
@@ -72,21 +71,6 @@ bool ReadUntilEnd(int fd, const Deadline& deadline, const std::atomic<bool>* can
     text->append(block.data(), static_cast<size_t>(got));
   }
   return false;
-}
-
-// Waits for the exit, and enforces it at the deadline. Returns what waitpid reports.
-int WaitForExit(pid_t id, const Deadline& deadline) {
-  const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, id, 0)));
-  while (!deadline.expired()) {
-    pollfd waiting{handle.get(), POLLIN, 0};
-    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
-    if (poll(&waiting, 1, wait_ms) > 0) break;
-  }
-  if (deadline.expired()) kill(id, SIGKILL);
-  int exit_status = 0;
-  while (waitpid(id, &exit_status, 0) < 0 && errno == EINTR) {
-  }
-  return exit_status;
 }
 
 Result<std::string> ParseAnswer(const std::string& text, const std::string& name) {

@@ -10,6 +10,8 @@
 #include <limits>
 #include <span>
 
+#include "data/atomic_file.h"
+
 namespace b4mrl {
 namespace {
 

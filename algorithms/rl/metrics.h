@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "algorithms/nn/checkpoint.h"
-#include "data/atomic_file.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 

@@ -18,9 +18,9 @@
 #include <string>
 
 #include "algorithms/rl/batch_buffer.h"
-#include "data/atomic_file.h"
 #include "proto/base/rng.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 

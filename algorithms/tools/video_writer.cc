@@ -1,24 +1,14 @@
 #include "algorithms/tools/video_writer.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <poll.h>
-#include <spawn.h>
-#include <sys/socket.h>
-#include <sys/syscall.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <utility>
 #include <vector>
 
-#include "proto/base/clock.h"
-
-extern char** environ;
+#include "proto/base/child_program.h"
 
 namespace b4mrl {
 namespace {
@@ -45,22 +35,6 @@ std::vector<std::string> CommandLine(const std::string& path, uint32_t width, ui
   return words;
 }
 
-// The exit code; -1 when a signal ended it or it had to be ended.
-int WaitForExit(pid_t id, const Deadline& deadline) {
-  const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, id, 0)));
-  pollfd waiting{handle.get(), POLLIN, 0};
-  while (poll(&waiting, 1, static_cast<int>(deadline.remaining_ms())) <= 0) {
-    if (deadline.expired()) {
-      kill(id, SIGKILL);
-      break;
-    }
-  }
-  int status = 0;
-  while (waitpid(id, &status, 0) < 0 && errno == EINTR) {
-  }
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
 }  // namespace
 
 VideoWriter::VideoWriter(std::string path, pid_t process_id, UniqueFd pipe)
@@ -80,31 +54,15 @@ VideoWriter::~VideoWriter() {
 
 Result<VideoWriter> VideoWriter::Open(const std::string& path, uint32_t width, uint32_t height,
                                       double frames_per_second) {
-  // A socket rather than a pipe, because writing to it can be told not to raise SIGPIPE.
-  std::array<int, 2> ends{};
-  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) {
-    return IoError("make a pipe for", "ffmpeg", errno);
-  }
-  UniqueFd ours(ends[0]);
-  const UniqueFd theirs(ends[1]);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  std::vector<std::string> words = CommandLine(path, width, height, frames_per_second);
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  pid_t process_id = 0;
-  const int error = posix_spawnp(&process_id, "ffmpeg", &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
+  ProgramOnSocket ffmpeg;
+  const int error =
+      StartOnSocket("ffmpeg", CommandLine(path, width, height, frames_per_second), &ffmpeg);
   if (error == ENOENT) {
     return Status(StatusCode::kUnsupported,
                   "a video needs the program ffmpeg (Debian: apt install ffmpeg)");
   }
   if (error != 0) return IoError("start", "ffmpeg", error);
-  return VideoWriter(path, process_id, std::move(ours));
+  return VideoWriter(path, ffmpeg.process_id, std::move(ffmpeg.socket));
 }
 
 Status VideoWriter::Failed() {
@@ -112,26 +70,15 @@ Status VideoWriter::Failed() {
 }
 
 Status VideoWriter::Write(std::span<const uint8_t> frame) {
-  const Deadline deadline = Deadline::AfterMs(kFrameMs);
-  while (!frame.empty()) {
-    const ssize_t sent = send(pipe_.get(), frame.data(), frame.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (sent > 0) {
-      frame = frame.subspan(static_cast<size_t>(sent));
-      continue;
-    }
-    if (errno != EAGAIN && errno != EINTR) return Failed();
-    pollfd waiting{pipe_.get(), POLLOUT, 0};
-    poll(&waiting, 1, static_cast<int>(deadline.remaining_ms()));
-    if (deadline.expired()) return Failed();
-  }
-  return Status();
+  const Status sent = SendAll(pipe_.get(), std::as_bytes(frame), Deadline::AfterMs(kFrameMs));
+  return sent.ok() ? sent : Failed();
 }
 
 Status VideoWriter::Finish() {
   pipe_ = UniqueFd();  // the end of its input
-  const int exit_code = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
+  const int wait_status = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
   process_id_ = 0;
-  if (exit_code == 0) return Status();
+  if (wait_status == 0) return Status();  // exit code 0, no signal
   unlink(path_.c_str());
   return Failed();
 }

@@ -8,8 +8,8 @@
 #include <span>
 #include <string>
 
-#include "data/atomic_file.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "proto/base/child_program.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -37,32 +38,7 @@ struct AnswerHeader {
   uint32_t picture_bytes;
 };
 
-Status WaitFor(int fd, short events, const Deadline& deadline) {
-  pollfd waiting{fd, events, 0};
-  while (true) {
-    const int64_t left_ms = std::min<int64_t>(deadline.remaining_ms(), INT32_MAX);
-    if (poll(&waiting, 1, static_cast<int>(left_ms)) > 0) return Status();
-    if (deadline.expired()) return Status(StatusCode::kDeadlineExceeded, "no answer in time");
-  }
-}
-
 Status Gone() { return Status(StatusCode::kUnavailable, "the other end is gone"); }
-
-Status SendAll(int fd, const void* bytes, size_t size, const Deadline& deadline) {
-  const auto* next = static_cast<const std::byte*>(bytes);
-  while (size > 0) {
-    const ssize_t sent = send(fd, next, size, MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (sent > 0) {
-      next += sent;
-      size -= static_cast<size_t>(sent);
-    } else if (errno == EAGAIN) {
-      B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLOUT, deadline));
-    } else if (errno != EINTR) {
-      return Gone();
-    }
-  }
-  return Status();
-}
 
 Status ReceiveAll(int fd, void* bytes, size_t size, const Deadline& deadline) {
   auto* next = static_cast<std::byte*>(bytes);
@@ -72,7 +48,7 @@ Status ReceiveAll(int fd, void* bytes, size_t size, const Deadline& deadline) {
       next += got;
       size -= static_cast<size_t>(got);
     } else if (got < 0 && errno == EAGAIN) {
-      B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLIN, deadline));
+      B4MRL_RETURN_IF_ERROR(WaitUntilReady(fd, POLLIN, deadline));
     } else if (got == 0 || errno != EINTR) {
       return Gone();
     }
@@ -137,11 +113,11 @@ Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& dea
   for (size_t i = 0; i < kTexts; ++i) {
     header.text_bytes[i] = static_cast<uint32_t>(texts[i].size());
   }
-  B4MRL_RETURN_IF_ERROR(SendAll(fd, &header, sizeof(header), deadline));
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, std::as_bytes(std::span(&header, 1)), deadline));
   for (const std::string& text : texts) {
-    B4MRL_RETURN_IF_ERROR(SendAll(fd, text.data(), text.size(), deadline));
+    B4MRL_RETURN_IF_ERROR(SendAll(fd, std::as_bytes(std::span(text)), deadline));
   }
-  return SendAll(fd, request.state.data(), request.state.size() * sizeof(double), deadline);
+  return SendAll(fd, std::as_bytes(std::span(request.state)), deadline);
 }
 
 Status ReceivePicture(int fd, std::span<std::byte> picture, const Deadline& deadline,
@@ -162,7 +138,7 @@ Status ReceivePicture(int fd, std::span<std::byte> picture, const Deadline& dead
 }
 
 Result<PaintRequest> ReceivePaintRequest(int fd, const Deadline& idle) {
-  B4MRL_RETURN_IF_ERROR(WaitFor(fd, POLLIN, idle));
+  B4MRL_RETURN_IF_ERROR(WaitUntilReady(fd, POLLIN, idle));
   const Deadline deadline = Deadline::AfterMs(limits::kPaintMs);
   RequestHeader header{};
   B4MRL_RETURN_IF_ERROR(ReceiveAll(fd, &header, sizeof(header), deadline));
@@ -187,9 +163,9 @@ Status SendPicture(int fd, const Status& status, std::span<const std::byte> pict
   const AnswerHeader header = {kAnswerMagic, static_cast<int32_t>(status.code()),
                                static_cast<uint32_t>(message.size()),
                                static_cast<uint32_t>(picture.size())};
-  B4MRL_RETURN_IF_ERROR(SendAll(fd, &header, sizeof(header), deadline));
-  B4MRL_RETURN_IF_ERROR(SendAll(fd, message.data(), message.size(), deadline));
-  return SendAll(fd, picture.data(), picture.size(), deadline);
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, std::as_bytes(std::span(&header, 1)), deadline));
+  B4MRL_RETURN_IF_ERROR(SendAll(fd, std::as_bytes(std::span(message)), deadline));
+  return SendAll(fd, picture, deadline);
 }
 
 }  // namespace b4mrl

@@ -1,0 +1,91 @@
+#include "proto/base/child_program.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <climits>
+#include <csignal>
+#include <cstdlib>
+
+extern char** environ;
+
+namespace b4mrl {
+
+std::string ProgramBesideThisOne(std::string_view name) {
+  std::array<char, PATH_MAX> path{};
+  const ssize_t length = readlink("/proc/self/exe", path.data(), path.size());
+  const std::string own(path.data(), length > 0 ? static_cast<size_t>(length) : 0);
+  return own.substr(0, own.rfind('/') + 1).append(name);
+}
+
+int StartOnSocket(const std::string& program, std::vector<std::string> words,
+                  ProgramOnSocket* started) {
+  std::array<int, 2> ends{};
+  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) return errno;
+  UniqueFd ours(ends[0]);
+  const UniqueFd theirs(ends[1]);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  pid_t process_id = 0;
+  const int error =
+      posix_spawnp(&process_id, program.c_str(), &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (error == 0) *started = {process_id, std::move(ours)};
+  return error;
+}
+
+Status WaitUntilReady(int fd, short events, const Deadline& deadline) {
+  pollfd waiting{fd, events, 0};
+  while (true) {
+    const int64_t left_ms = std::min<int64_t>(deadline.remaining_ms(), INT_MAX);
+    if (poll(&waiting, 1, static_cast<int>(left_ms)) > 0) return Status();
+    if (deadline.expired()) return Status(StatusCode::kDeadlineExceeded, "no answer in time");
+  }
+}
+
+Status SendAll(int socket, std::span<const std::byte> bytes, const Deadline& deadline) {
+  while (!bytes.empty()) {
+    const ssize_t sent = send(socket, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (sent > 0) {
+      bytes = bytes.subspan(static_cast<size_t>(sent));
+    } else if (errno == EAGAIN) {
+      B4MRL_RETURN_IF_ERROR(WaitUntilReady(socket, POLLOUT, deadline));
+    } else if (errno != EINTR) {
+      return Status(StatusCode::kUnavailable, "the other end is gone");
+    }
+  }
+  return Status();
+}
+
+int WaitForExit(pid_t child, const Deadline& deadline) {
+  const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, child, 0)));
+  if (!WaitUntilReady(handle.get(), POLLIN, deadline).ok()) kill(child, SIGKILL);
+  int wait_status = 0;
+  while (waitpid(child, &wait_status, 0) < 0 && errno == EINTR) {
+  }
+  return wait_status;
+}
+
+Result<std::string> MakeTemporaryFolder(std::string_view name) {
+  const char* base = std::getenv("TMPDIR");
+  std::string path =
+      fmt::format("{}/{}-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp", name);
+  if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
+  return path;
+}
+
+}  // namespace b4mrl

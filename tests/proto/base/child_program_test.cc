@@ -1,0 +1,60 @@
+#include "proto/base/child_program.h"
+
+#include <sys/stat.h>
+#include <sys/wait.h>
+
+#include <catch2/catch.hpp>
+#include <cerrno>
+#include <csignal>
+#include <filesystem>
+#include <string>
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 20'000;
+
+std::span<const std::byte> Bytes(const std::string& text) { return std::as_bytes(std::span(text)); }
+
+TEST_CASE("A program reads what is sent to it and ends when its input does") {
+  ProgramOnSocket reader;
+  REQUIRE(StartOnSocket("sh", {"sh", "-c", "read line && [ \"$line\" = hello ]"}, &reader) == 0);
+  REQUIRE(SendAll(reader.socket.get(), Bytes("hello\n"), Deadline::AfterMs(kPatienceMs)).ok());
+  reader.socket.Reset();
+  REQUIRE(WaitForExit(reader.process_id, Deadline::AfterMs(kPatienceMs)) == 0);
+}
+
+TEST_CASE("A program that does not exist is the errno of that") {
+  ProgramOnSocket none;
+  REQUIRE(StartOnSocket("b4mrl-no-such-program", {"x"}, &none) == ENOENT);
+  REQUIRE(none.process_id == 0);
+}
+
+TEST_CASE("A program that does not read or end is told from one that is gone") {
+  ProgramOnSocket sleeper;
+  REQUIRE(StartOnSocket("sleep", {"sleep", "1000"}, &sleeper) == 0);
+  const std::string much(8 << 20, 'x');  // more than a socket's buffer holds
+  const Status full = SendAll(sleeper.socket.get(), Bytes(much), Deadline::AfterMs(50));
+  REQUIRE(full.code() == StatusCode::kDeadlineExceeded);
+  const int wait_status = WaitForExit(sleeper.process_id, Deadline::AfterMs(50));
+  REQUIRE(WIFSIGNALED(wait_status));
+  REQUIRE(WTERMSIG(wait_status) == SIGKILL);
+  const Status gone = SendAll(sleeper.socket.get(), Bytes(much), Deadline::AfterMs(kPatienceMs));
+  REQUIRE(gone.code() == StatusCode::kUnavailable);
+}
+
+TEST_CASE("A temporary folder is new and nobody else's") {
+  const Result<std::string> one = MakeTemporaryFolder("b4mrl-test");
+  const Result<std::string> other = MakeTemporaryFolder("b4mrl-test");
+  REQUIRE(one.ok());
+  REQUIRE(other.ok());
+  REQUIRE(*one != *other);
+  struct stat info {};
+  REQUIRE(stat(one->c_str(), &info) == 0);
+  REQUIRE((info.st_mode & 0777) == 0700);
+  std::filesystem::remove(*one);
+  std::filesystem::remove(*other);
+}
+
+}  // namespace
+}  // namespace b4mrl
