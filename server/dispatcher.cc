@@ -17,11 +17,8 @@ constexpr uint32_t kMaxAdoptionAttempts = 3;
 
 using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
 
-pb::Reply ClosedReply(uint64_t request_id) {
+pb::Reply Closed() {
   pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(request_id);
-  reply.mutable_status();
   reply.mutable_close();
   return reply;
 }
@@ -46,10 +43,6 @@ JobFactory FactoryFor(pb::Request::PayloadCase kind) {
 }
 
 bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
-
-// At most what one request may carry in flight times a few; keeps a worker's memory bounded
-// whatever its clients pipeline.
-constexpr size_t kMaxQueuedBytes = 16 * limits::kMaxPayloadBytes;
 
 }  // namespace
 
@@ -86,7 +79,10 @@ void Dispatcher::Reply(const Envelope& to, const Status& error) {
   send_(to.sender, ErrorReply(to.request_id, error));
 }
 
-void Dispatcher::Reply(const Envelope& to, const pb::Reply& reply) {
+void Dispatcher::Reply(const Envelope& to, pb::Reply reply) {
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(to.request_id);
+  reply.mutable_status();
   Result<Frame> envelope = SerializeEnvelope(reply);
   if (!envelope.ok()) return Reply(to, envelope.status());
   send_(to.sender, Message{std::move(*envelope), Frame()});
@@ -120,11 +116,8 @@ void Dispatcher::HandleAttach(const Envelope& from, const pb::AttachRequest& req
   const Result<Session*> session = Attach(request.session_index());
   if (!session.ok()) return Reply(from, session.status());
   pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(from.request_id);
-  reply.mutable_status();
   DescribeSession(**session, reply.mutable_attach());
-  Reply(from, reply);
+  Reply(from, std::move(reply));
 }
 
 Result<Session*> Dispatcher::Attach(uint32_t index) {
@@ -147,7 +140,7 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
 
 void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
   const auto found = sessions_.find(token);
-  if (found == sessions_.end()) return Reply(from, ClosedReply(from.request_id));  // closed already
+  if (found == sessions_.end()) return Reply(from, Closed());  // closed already
   Session* session = found->second.get();
   if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
     return Reply(from, Status(StatusCode::kLimitExceeded, "the session is closing already"));
@@ -208,7 +201,7 @@ Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                               limits::kMaxRequestsInFlight));
   }
   if (jobs_.size() >= limits::kMaxQueuedRequests ||
-      queued_bytes_ + payload.size() > kMaxQueuedBytes) {
+      queued_bytes_ + payload.size() > limits::kMaxQueuedBytes) {
     return Status(
         StatusCode::kLimitExceeded,
         fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
@@ -271,7 +264,7 @@ void Dispatcher::EndSession(Session* session) {
   const std::string token = session->token();
   sessions_.erase(token);
   for (const Session::PendingClose& close : closes) {
-    Reply({close.sender, close.request_id}, ClosedReply(close.request_id));
+    Reply({close.sender, close.request_id}, Closed());
   }
 }
 

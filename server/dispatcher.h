@@ -47,7 +47,8 @@ class Dispatcher {
     uint64_t request_id = 0;
   };
   void Reply(const Envelope& to, const Status& error);
-  void Reply(const Envelope& to, const pb::Reply& reply);
+  // Fills in what every reply says.
+  void Reply(const Envelope& to, pb::Reply reply);
 
   void HandleAttach(const Envelope& from, const pb::AttachRequest& request);
   // Builds the session of record `index`, or finds it built.
