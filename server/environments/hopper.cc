@@ -27,19 +27,8 @@ class Hopper final : public PlanarRunner {
       : PlanarRunner(spec, settings, infos, model, std::move(data), kVelocityLimit) {}
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
-    LocomotionSettings settings;
-    settings.forward_reward_weight = 1;
-    settings.ctrl_cost_weight = 1e-3;
-    settings.reset_noise_scale = 5e-3;
-    settings.frame_skip = 4;
-    settings.healthy_reward = 1;
-    settings.healthy_z = {0.7, kInfinity};
-    settings.healthy_angle = {-0.2, 0.2};
-    settings.healthy_state = {-100, 100};
-    ReadCommonSettings(reader, &settings);
-    ReadHealthSettings(reader, &settings);
-    settings.healthy_angle = reader.Range("healthy_angle_range", settings.healthy_angle);
-    settings.healthy_state = reader.Range("healthy_state_range", settings.healthy_state);
+    LocomotionSettings settings = ReadPlanarWalkerSettings(reader, {0.7, kInfinity}, {-0.2, 0.2});
+    settings.healthy_state = reader.Range("healthy_state_range", {-100, 100});
     return settings;
   }
 

@@ -44,6 +44,21 @@ EnvironmentSpec DescribePlanarRunner(const char* name, std::span<const char* con
   return spec;
 }
 
+LocomotionSettings ReadPlanarWalkerSettings(ConfigReader& reader, Interval healthy_z,
+                                            Interval healthy_angle) {
+  LocomotionSettings settings;
+  settings.forward_reward_weight = 1;
+  settings.ctrl_cost_weight = 1e-3;
+  settings.reset_noise_scale = 5e-3;
+  settings.frame_skip = 4;
+  settings.healthy_reward = 1;
+  settings.healthy_z = healthy_z;
+  ReadCommonSettings(reader, &settings);
+  ReadHealthSettings(reader, &settings);
+  settings.healthy_angle = reader.Range("healthy_angle_range", healthy_angle);
+  return settings;
+}
+
 std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings) {
   static constexpr InfoColumn kV4[] = {{"x_position", Info::kX}, {"x_velocity", Info::kXVelocity}};
   static constexpr InfoColumn kV5[] = {

@@ -38,7 +38,11 @@ class PlanarRunner : public Locomotion {
 EnvironmentSpec DescribePlanarRunner(const char* name, std::span<const char* const> joints,
                                      const LocomotionSettings& settings);
 
-// Infos of the runners that can fall.
+// The settings of the runners that can fall, Hopper and Walker2d; their healthy ranges differ.
+LocomotionSettings ReadPlanarWalkerSettings(ConfigReader& reader, Interval healthy_z,
+                                            Interval healthy_angle);
+
+// Infos of those runners.
 std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings);
 
 // Their reward in words, for the catalogue.

@@ -23,18 +23,7 @@ class Walker2d final : public PlanarRunner {
       : PlanarRunner(spec, settings, infos, model, std::move(data), kVelocityLimit) {}
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
-    LocomotionSettings settings;
-    settings.forward_reward_weight = 1;
-    settings.ctrl_cost_weight = 1e-3;
-    settings.reset_noise_scale = 5e-3;
-    settings.frame_skip = 4;
-    settings.healthy_reward = 1;
-    settings.healthy_z = {0.8, 2.0};
-    settings.healthy_angle = {-1, 1};
-    ReadCommonSettings(reader, &settings);
-    ReadHealthSettings(reader, &settings);
-    settings.healthy_angle = reader.Range("healthy_angle_range", settings.healthy_angle);
-    return settings;
+    return ReadPlanarWalkerSettings(reader, {0.8, 2.0}, {-1, 1});
   }
 
   static EnvironmentSpec Describe(const LocomotionSettings& settings) {
