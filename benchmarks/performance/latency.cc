@@ -9,6 +9,7 @@
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/daemon.h"
 #include "benchmarks/performance/ping_pong.h"
+#include "benchmarks/performance/single_lane.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
 
@@ -43,15 +44,8 @@ std::string BareAddress(Transport transport) {
   return "ipc:///tmp/b4mrl-perf-" + std::to_string(getpid()) + ".sock";
 }
 
-Result<double> MedianStep(RemoteEnvironment& environment, const std::vector<float>& actions) {
-  std::vector<double> times;
-  for (int i = 0; i < kStepsPerTurn; ++i) {
-    const std::span<const float> action(&actions[i % kActionRows * kCheetahActionSize],
-                                        kCheetahActionSize);
-    const Clock::time_point start = Clock::now();
-    B4MRL_RETURN_IF_ERROR(environment.Step(action).status());
-    times.push_back(SecondsSince(start) * 1e6);
-  }
+Result<double> MedianStep(SingleLane& lane) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, lane.StepTimes(kStepsPerTurn));
   return Median(std::move(times));
 }
 
@@ -70,23 +64,17 @@ Result<double> MedianBareStep(PingPong& bare, const std::function<void()>& step)
 
 Status MeasureTransport(const Options& options, Transport transport, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.transport = transport}));
-  EnvironmentOptions one_lane;
-  one_lane.seed = 0;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
-                         daemon.client().Make("HalfCheetah", one_lane));
-  B4MRL_RETURN_IF_ERROR(environment.Reset().status());
-  const std::vector<float> actions = RandomActions(kActionRows);
-  const std::span<const float> first_action(actions.data(), kCheetahActionSize);
-  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, environment.Step(first_action));
+  B4MRL_ASSIGN_OR_RETURN(SingleLane lane, SingleLane::Open(daemon.client()));
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, lane.Step());
   const ExchangeSizes sizes = SizesOf(outcome);
   B4MRL_ASSIGN_OR_RETURN(const auto bare,
                          PingPong::Start(BareAddress(transport), sizes.request, sizes.reply));
   B4MRL_ASSIGN_OR_RETURN(const auto physics, BarePhysics::Load(HalfCheetahTask()));
-  const std::vector<double> bare_actions = AsDoubles(actions);
+  const std::vector<double> bare_actions = AsDoubles(RandomActions(kActionRows));
   const std::function<void()> bare_step = physics->Stepper(bare_actions);
   B4MRL_ASSIGN_OR_RETURN(const Medians medians,
                          MeasureInTurns(
-                             2 * options.turns, [&] { return MedianStep(environment, actions); },
+                             2 * options.turns, [&] { return MedianStep(lane); },
                              [&] { return MedianBareStep(*bare, bare_step); }));
   const bool tcp = transport == Transport::kTcp;
   reporter.Report({tcp ? "latency-tcp" : "latency-ipc", medians.value, "us", medians.limit,

@@ -8,13 +8,12 @@
 
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/daemon.h"
-#include "proto/base/clock.h"
+#include "benchmarks/performance/single_lane.h"
 
 namespace b4mrl::perf {
 namespace {
 
 constexpr int kStepsPerTurn = 2000;
-constexpr size_t kActionRows = 4096;
 constexpr size_t kRowsPerQuery = 50'000;
 
 // Another client, on a thread of its own, which asks until the object goes.
@@ -70,15 +69,8 @@ Status QueryLoad::Ask(const std::string& endpoint) {
 }
 
 // Microseconds.
-Result<double> Percentile99(RemoteEnvironment& environment, const std::vector<float>& actions) {
-  std::vector<double> times;
-  for (int i = 0; i < kStepsPerTurn; ++i) {
-    const std::span<const float> action(&actions[i % kActionRows * kCheetahActionSize],
-                                        kCheetahActionSize);
-    const Clock::time_point start = Clock::now();
-    B4MRL_RETURN_IF_ERROR(environment.Step(action).status());
-    times.push_back(SecondsSince(start) * 1e6);
-  }
+Result<double> Percentile99(SingleLane& lane) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, lane.StepTimes(kStepsPerTurn));
   const auto place = times.begin() + kStepsPerTurn * 99 / 100;
   std::nth_element(times.begin(), place, times.end());
   return *place;
@@ -88,19 +80,14 @@ Result<double> Percentile99(RemoteEnvironment& environment, const std::vector<fl
 
 Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {}));
-  EnvironmentOptions one_lane;
-  one_lane.seed = 0;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
-                         daemon.client().Make("HalfCheetah", one_lane));
-  B4MRL_RETURN_IF_ERROR(environment.Reset().status());
-  const std::vector<float> actions = RandomActions(kActionRows);
+  B4MRL_ASSIGN_OR_RETURN(SingleLane lane, SingleLane::Open(daemon.client()));
   const auto beside_queries = [&]() -> Result<double> {
     QueryLoad load(daemon.endpoint());
-    Result<double> time = Percentile99(environment, actions);
+    Result<double> time = Percentile99(lane);
     B4MRL_RETURN_IF_ERROR(load.Stop());
     return time;
   };
-  const auto alone = [&] { return Percentile99(environment, actions); };
+  const auto alone = [&] { return Percentile99(lane); };
   B4MRL_ASSIGN_OR_RETURN(const Medians medians,
                          MeasureInTurns(options.turns, beside_queries, alone));
   reporter.Report({"latency-beside-queries", medians.value, "us", medians.limit,
