@@ -11,9 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -89,23 +88,12 @@ class TakenPort {
 class Daemon {
  public:
   explicit Daemon(std::vector<std::string> arguments = {}) {
-    PrivateDaemonOptions options;
-    options.binary = kServe;
-    options.data_folder = data_.path();
-    options.arguments = {"--workers", "1", "--threads", "1"};
-    options.arguments.insert(options.arguments.end(), arguments.begin(), arguments.end());
-    Result<PrivateDaemon> started = PrivateDaemon::Start(options);
-    INFO(started.status().ToString());
-    REQUIRE(started.ok());
-    daemon_ = std::make_unique<PrivateDaemon>(std::move(*started));
+    arguments.insert(arguments.begin(), {"--workers", "1", "--threads", "1"});
+    daemon_ = std::make_unique<PrivateDaemon>(
+        StartDaemon({.data_folder = data_.path(), .arguments = std::move(arguments)}));
   }
   const std::string& endpoint() const { return daemon_->endpoint(); }
-  Client Connect() const {
-    Result<Client> client = Client::Connect(endpoint());
-    INFO(client.status().ToString());
-    REQUIRE(client.ok());
-    return std::move(*client);
-  }
+  Client Connect() const { return b4mrl::Connect(endpoint()); }
 
  private:
   TemporaryFolder data_;

@@ -4,11 +4,10 @@
 #include <thread>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "proto/base/rng.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -26,20 +25,10 @@ struct Setup {
   uint32_t clients;
 };
 
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-PrivateDaemon StartDaemon(const Setup& setup, const std::string& data_folder) {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = data_folder;
-  options.arguments = {"--workers", std::to_string(setup.workers), "--threads",
-                       std::to_string(setup.threads)};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  RequireOk(daemon.status());
-  return std::move(*daemon);
+PrivateDaemon StartWith(const Setup& setup, const std::string& data_folder) {
+  return StartDaemon({.data_folder = data_folder,
+                      .arguments = {"--workers", std::to_string(setup.workers), "--threads",
+                                    std::to_string(setup.threads)}});
 }
 
 template <typename T>
@@ -154,7 +143,7 @@ TEST_CASE("Equal seeds give equal bytes whatever the workers, threads and client
     CAPTURE(setup.workers, setup.threads, setup.clients);
     // A folder for each, so that every daemon imports and corrupts for itself.
     const std::string name = std::to_string(setup.workers * 100 + setup.threads);
-    PrivateDaemon daemon = StartDaemon(setup, MakeDataFolder(folder, name));
+    PrivateDaemon daemon = StartWith(setup, MakeDataFolder(folder, name));
     Result<Client> client = Client::Connect(daemon.endpoint());
     RequireOk(client.status());
     const std::vector<std::string> walk = Walk(daemon.endpoint(), setup.clients, kSeed);
@@ -176,7 +165,7 @@ TEST_CASE("Equal seeds give equal bytes whatever the workers, threads and client
 
 TEST_CASE("Another seed gives other bytes") {
   const TemporaryFolder folder;
-  PrivateDaemon daemon = StartDaemon({1, 1, 1}, MakeDataFolder(folder, "data"));
+  PrivateDaemon daemon = StartWith({1, 1, 1}, MakeDataFolder(folder, "data"));
   Result<Client> client = Client::Connect(daemon.endpoint());
   RequireOk(client.status());
   const std::vector<std::string> first = Walk(daemon.endpoint(), 1, kSeed);
@@ -189,7 +178,7 @@ TEST_CASE("Another seed gives other bytes") {
 
 TEST_CASE("The experiment id is equal for equal contents and differs for each that differs") {
   const TemporaryFolder folder;
-  PrivateDaemon daemon = StartDaemon({2, 1, 1}, MakeDataFolder(folder, "data"));
+  PrivateDaemon daemon = StartWith({2, 1, 1}, MakeDataFolder(folder, "data"));
   Result<Client> client = Client::Connect(daemon.endpoint());
   RequireOk(client.status());
   const auto id = [&client](const EnvironmentOptions& options) {

@@ -9,9 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "proto/base/rng.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -20,17 +19,6 @@ constexpr uint32_t kLanes = 32;
 // The motors clip what they execute, but the cost counts the action as it came: beyond this its
 // square, and so the reward, is infinite.
 constexpr double kOverflowingAction = 1e155;
-
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-template <typename T>
-T Take(Result<T> result) {
-  RequireOk(result.status());
-  return std::move(result).value();
-}
 
 bool AllFinite(std::span<const double> values) {
   return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
@@ -168,10 +156,8 @@ uint64_t Walk(Client& client, const Combination& combination, uint64_t steps) {
 }
 
 void WalkAll(uint64_t total_steps) {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
-  Client client = Take(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = StartDaemon();
+  Client client = Connect(daemon.endpoint());
   const std::vector<Combination> combinations = AllCombinations(client);
   uint64_t shares = 0;
   for (const Combination& combination : combinations) shares += combination.share;
@@ -190,10 +176,8 @@ void WalkAll(uint64_t total_steps) {
 
 TEST_CASE(
     "Each warning of the engine ends exactly one episode, with its cause, and no other lane") {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
-  Client client = Take(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = StartDaemon();
+  Client client = Connect(daemon.endpoint());
   for (const char* name : {"HalfCheetah", "Hopper", "Walker2d", "Humanoid"}) {
     INFO(name);
     EnvironmentOptions two_lanes;

@@ -3,23 +3,13 @@
 #include <filesystem>
 #include <string>
 
-#include "client/client.h"
 #include "client/connection.h"
-#include "client/private_daemon.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
 
-PrivateDaemon Start() {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = std::filesystem::temp_directory_path();
-  options.arguments = {"--workers", "2", "--threads", "2"};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
-}
+PrivateDaemon Start() { return StartDaemon({.arguments = {"--workers", "2", "--threads", "2"}}); }
 
 pb::Request OpenRequest(const std::string& environment, uint32_t lanes) {
   pb::Request request;

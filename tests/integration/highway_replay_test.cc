@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
+#include "tests/integration/daemon.h"
 #include "tests/server/highway/highway_reference.h"
 
 namespace b4mrl {
@@ -15,13 +14,6 @@ namespace {
 // float32 numbers and differ only where that rounding does.
 constexpr double kMargin = 1e-9;
 constexpr double kObservationMargin = 1e-6;
-
-template <typename T>
-T Take(Result<T> result) {
-  INFO(result.status().ToString());
-  REQUIRE(result.ok());
-  return std::move(result).value();
-}
 
 RemoteEnvironment OpenAtStart(Client& client, const HighwayTrajectory& t) {
   EnvironmentOptions options;
@@ -59,10 +51,8 @@ void CheckStates(RemoteEnvironment& environment, const HighwayTrajectory& t,
 }
 
 TEST_CASE("Every recording of highway-env replays through the socket, past the ends too") {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
-  Client client = Take(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = StartDaemon();
+  Client client = Connect(daemon.endpoint());
   for (const HighwayTrajectory& t : ReadHighwayTrajectories()) {
     INFO(t.name);
     RemoteEnvironment environment = OpenAtStart(client, t);

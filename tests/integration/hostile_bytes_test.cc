@@ -8,11 +8,10 @@
 #include <map>
 #include <thread>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "proto/base/limits.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/message_mutator.h"
 
@@ -37,20 +36,9 @@ constexpr int64_t kMaxGrowthBytes = 512 << 20;
 constexpr int64_t kMaxGrowthBytes = 96 << 20;
 #endif
 
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-PrivateDaemon StartDaemon(const std::string& data_folder) {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.tcp = true;
-  options.data_folder = data_folder;
-  options.arguments = {"--workers", "1", "--threads", "2"};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  RequireOk(daemon.status());
-  return std::move(*daemon);
+PrivateDaemon StartVictim(const std::string& data_folder) {
+  return StartDaemon(
+      {.tcp = true, .data_folder = data_folder, .arguments = {"--workers", "1", "--threads", "2"}});
 }
 
 // ---- The corpora: what is well-formed -----------------------------------------------------------
@@ -308,7 +296,7 @@ void RequireUndisturbed(Bystander& bystander, const std::string& data_folder) {
   RequireOk(bystander.status());
   const uint64_t steps = bystander.walk().FinishedSteps();
   REQUIRE(steps > 50);
-  PrivateDaemon quiet = StartDaemon(data_folder);
+  PrivateDaemon quiet = StartVictim(data_folder);
   Result<Client> client = Client::Connect(quiet.endpoint());
   RequireOk(client.status());
   LaneWalk reference = Bystander::Open(*client);
@@ -322,7 +310,7 @@ TEST_CASE("Spoilt messages by the thousand change, stop and grow nothing") {
   const TemporaryFolder data;
   std::filesystem::create_directories(data.File("Example"));
   RequireOk(WriteExample(data.File("Example/small.h5"), MakeExampleDataset({40, 50, 60})));
-  PrivateDaemon daemon = StartDaemon(data.path());
+  PrivateDaemon daemon = StartVictim(data.path());
   Result<Client> client = Client::Connect(daemon.endpoint());
   RequireOk(client.status());
   Result<RemoteDataset> dataset = client->OpenDataset("Example/small");

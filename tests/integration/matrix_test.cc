@@ -4,31 +4,19 @@
 #include <catch2/catch.hpp>
 #include <thread>
 
-#include "client/private_daemon.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/cells.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
 
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-template <typename T>
-T Take(Result<T> result) {
-  RequireOk(result.status());
-  return std::move(result).value();
-}
-
 // A daemon with a data folder of its own.
 struct Daemon {
   Daemon(uint32_t workers, uint32_t threads)
-      : daemon(Take(PrivateDaemon::Start({.binary = B4MRL_BINARY_DIR "/b4mrl-serve",
-                                          .data_folder = folder.path(),
-                                          .arguments = {"--workers", std::to_string(workers),
-                                                        "--threads", std::to_string(threads)}}))) {}
+      : daemon(StartDaemon({.data_folder = folder.path(),
+                            .arguments = {"--workers", std::to_string(workers), "--threads",
+                                          std::to_string(threads)}})) {}
 
   TemporaryFolder folder;
   PrivateDaemon daemon;
@@ -96,8 +84,8 @@ void CheckSnapshots(Client& first, Client& second, const Cell& cell, const Snaps
 
 void CheckAllSnapshots(const SnapshotPlan& plan) {
   const Daemon one(1, 2), other(1, 2);
-  Client first = Take(Client::Connect(one.daemon.endpoint()));
-  Client second = Take(Client::Connect(other.daemon.endpoint()));
+  Client first = Connect(one.daemon.endpoint());
+  Client second = Connect(other.daemon.endpoint());
   for (const Cell& cell : Take(CellsOf(Take(first.Catalogue())))) {
     INFO(cell.Name());
     CheckSnapshots(first, second, cell, plan);

@@ -5,23 +5,12 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "client/private_daemon.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/cells.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
-
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-template <typename T>
-T Take(Result<T> result) {
-  RequireOk(result.status());
-  return std::move(result).value();
-}
 
 // HalfCheetah's own model under another gravity.
 std::string ModelWithGravity(const std::string& gravity) {
@@ -34,11 +23,10 @@ std::string ModelWithGravity(const std::string& gravity) {
 struct Daemon {
   Daemon() : models(folder.File("models")) {
     std::filesystem::create_directories(models);
-    daemon.emplace(Take(PrivateDaemon::Start(
-        {.binary = B4MRL_BINARY_DIR "/b4mrl-serve",
-         .data_folder = folder.path(),
-         .arguments = {"--workers", "1", "--threads", "1", "--models", models}})));
-    client.emplace(Take(Client::Connect(daemon->endpoint())));
+    daemon.emplace(
+        StartDaemon({.data_folder = folder.path(),
+                     .arguments = {"--workers", "1", "--threads", "1", "--models", models}}));
+    client.emplace(Connect(daemon->endpoint()));
   }
   void Drop(const std::string& file, const std::string& text) const {
     WriteBytes(models + "/" + file, text);

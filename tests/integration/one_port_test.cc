@@ -6,9 +6,8 @@
 #include <filesystem>
 #include <memory>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/network_namespace.h"
 #include "tests/integration/port_forwarder.h"
@@ -21,16 +20,8 @@ constexpr uint32_t kLanesPerGroup = 2;
 constexpr uint64_t kSteps = 60;  // an end and a reset of every lane among them
 constexpr uint64_t kSeed = 9;
 
-PrivateDaemon StartDaemon() {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.tcp = true;
-  options.data_folder = std::filesystem::temp_directory_path();
-  options.arguments = {"--workers", "2", "--threads", "1"};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
+PrivateDaemon Start() {
+  return StartDaemon({.tcp = true, .arguments = {"--workers", "2", "--threads", "1"}});
 }
 
 // Two sessions and a question about datasets; writes all bytes of the first session to `file`.
@@ -78,7 +69,7 @@ TEST_CASE("A client that reaches only the gateway's port goes through the relay 
   const Wall wall = GENERATE(Wall::kRefuses, Wall::kSilent);
   CAPTURE(static_cast<int>(wall));
   const TemporaryFolder folder;
-  PrivateDaemon daemon = StartDaemon();
+  PrivateDaemon daemon = Start();
   const Result<TcpAddress> address = ParseTcpAddress(daemon.endpoint());
   REQUIRE(address.ok());
   std::set<uint16_t> others = ListeningPorts(daemon.process_id());

@@ -6,8 +6,7 @@
 #include <filesystem>
 #include <thread>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
+#include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/under_fire.h"
 
@@ -21,17 +20,13 @@ constexpr uint64_t kSeed = 11;
 constexpr uint8_t kLimit = 2;
 constexpr uint8_t kCrash = 3;
 
-PrivateDaemon StartDaemon(const std::string& fault = "", uint32_t workers = 1) {
+PrivateDaemon StartFaulty(const std::string& fault = "", uint32_t workers = 1) {
   PrivateDaemonOptions options;
   options.binary = B4MRL_BINARY_DIR "/b4mrl-serve-faulty";
   options.tcp = true;
-  options.data_folder = std::filesystem::temp_directory_path();
   options.arguments = {"--workers", std::to_string(workers), "--threads", "2"};
   if (!fault.empty()) options.environment = {"B4MRL_FAULT=" + fault};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
+  return StartDaemon(std::move(options));
 }
 
 // A file name that nothing has yet, for faults that are to happen once.
@@ -45,11 +40,6 @@ std::string FreshFile() {
   return path;
 }
 
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
 LaneWalk OpenWalk(Client& client, uint64_t seed = kSeed) {
   Result<LaneWalk> walk = LaneWalk::Open(client, kGroups, kLanesPerGroup, seed);
   INFO(walk.status().ToString());
@@ -60,7 +50,7 @@ LaneWalk OpenWalk(Client& client, uint64_t seed = kSeed) {
 
 // The undisturbed walk, to compare with.
 LaneWalk ReferenceWalk(uint64_t steps, uint64_t seed = kSeed) {
-  static PrivateDaemon daemon = StartDaemon();
+  static PrivateDaemon daemon = StartFaulty();
   static Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client, seed);
@@ -78,7 +68,7 @@ void RequireSameBytes(const LaneWalk& walk, const LaneWalk& reference, uint64_t 
 }
 
 TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
-  PrivateDaemon daemon = StartDaemon();
+  PrivateDaemon daemon = StartFaulty();
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -90,7 +80,7 @@ TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
 }
 
 TEST_CASE("Kills of the gateway do not touch a stepping client") {
-  PrivateDaemon daemon = StartDaemon();
+  PrivateDaemon daemon = StartFaulty();
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -105,7 +95,7 @@ TEST_CASE("Kills of the gateway do not touch a stepping client") {
 }
 
 TEST_CASE("A frozen worker is replaced and changes no byte") {
-  PrivateDaemon daemon = StartDaemon();
+  PrivateDaemon daemon = StartFaulty();
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -119,7 +109,7 @@ TEST_CASE("A worker killed at a chosen point of one operation repeats it exactly
   const std::string kind = GENERATE("tear-once", "kill-after-once", "hang-once");
   // Lane 4, operation 30; the session's lanes are the daemon's first.
   const std::string file = FreshFile();
-  PrivateDaemon daemon = StartDaemon(kind + ":4:30:" + file);
+  PrivateDaemon daemon = StartFaulty(kind + ":4:30:" + file);
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -132,7 +122,7 @@ TEST_CASE("A worker killed at a chosen point of one operation repeats it exactly
 
 TEST_CASE("A step that always ends its process ends only its own lane's episode") {
   const std::string kind = GENERATE("crash", "exit", "hang");
-  PrivateDaemon daemon = StartDaemon(kind + ":4:30");
+  PrivateDaemon daemon = StartFaulty(kind + ":4:30");
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -151,7 +141,7 @@ TEST_CASE("A step that always ends its process ends only its own lane's episode"
 }
 
 TEST_CASE("A query that always ends its process is refused, and the session's steps go on") {
-  PrivateDaemon daemon = StartDaemon("crash-query:7");
+  PrivateDaemon daemon = StartFaulty("crash-query:7");
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -168,7 +158,7 @@ TEST_CASE("A query that always ends its process is refused, and the session's st
 }
 
 TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobody left") {
-  PrivateDaemon daemon = StartDaemon("", 2);
+  PrivateDaemon daemon = StartFaulty("", 2);
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
@@ -185,7 +175,7 @@ TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobo
 }
 
 TEST_CASE("No process survives a supervisor that is killed") {
-  PrivateDaemon daemon = StartDaemon("", 2);
+  PrivateDaemon daemon = StartFaulty("", 2);
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   std::vector<pid_t> children;

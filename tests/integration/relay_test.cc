@@ -5,9 +5,8 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/network_namespace.h"
 #include "tests/integration/under_fire.h"
@@ -20,26 +19,11 @@ constexpr uint32_t kLanesPerGroup = 2;
 constexpr uint64_t kSeed = 5;
 
 PrivateDaemon Start(std::vector<std::string> flags, bool tcp = true) {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.tcp = tcp;
-  options.data_folder = std::filesystem::temp_directory_path();
-  options.arguments = {"--workers", "2", "--threads", "2"};
-  options.arguments.insert(options.arguments.end(), flags.begin(), flags.end());
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
+  flags.insert(flags.begin(), {"--workers", "2", "--threads", "2"});
+  return StartDaemon({.tcp = tcp, .arguments = std::move(flags)});
 }
 
 PrivateDaemon StartSinglePort(bool tcp = true) { return Start({"--single-port"}, tcp); }
-
-Client Connect(const std::string& endpoint) {
-  Result<Client> client = Client::Connect(endpoint);
-  INFO(client.status().ToString());
-  REQUIRE(client.ok());
-  return std::move(*client);
-}
 
 LaneWalk OpenWalk(Client& client) {
   Result<LaneWalk> walk = LaneWalk::Open(client, kGroups, kLanesPerGroup, kSeed);
@@ -96,14 +80,11 @@ TEST_CASE("With --single-port the daemon listens on one port, and everything wor
 
 TEST_CASE("A single port leaves no files behind") {
   const TemporaryFolder folder;
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.tcp = true;
-  options.data_folder = folder.path();
-  options.arguments = {"--workers", "1", "--threads", "1", "--single-port"};
-  options.environment = {"TMPDIR=" + folder.path()};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  REQUIRE(daemon.ok());
+  PrivateDaemon daemon =
+      StartDaemon({.tcp = true,
+                   .data_folder = folder.path(),
+                   .arguments = {"--workers", "1", "--threads", "1", "--single-port"},
+                   .environment = {"TMPDIR=" + folder.path()}});
   const auto sockets = [&folder] {
     size_t count = 0;
     for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path())) {
@@ -117,7 +98,7 @@ TEST_CASE("A single port leaves no files behind") {
       REQUIRE(entry.status().permissions() == std::filesystem::perms::owner_all);
     }
   }
-  daemon->Stop();
+  daemon.Stop();
   REQUIRE(sockets() == 0);
 }
 

@@ -11,23 +11,13 @@
 #include <thread>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
 
-PrivateDaemon Start() {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  options.data_folder = std::filesystem::temp_directory_path();
-  // One thread, that of the socket: whatever it waits for, everybody would wait for.
-  options.arguments = {"--workers", "1", "--threads", "1"};
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
-}
+// One thread, that of the socket: whatever it waits for, everybody would wait for.
+PrivateDaemon Start() { return StartDaemon({.arguments = {"--workers", "1", "--threads", "1"}}); }
 
 RemoteEnvironment Open(Client& client, uint32_t lanes) {
   EnvironmentOptions options;

@@ -6,23 +6,11 @@
 #include <string>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
+#include "tests/integration/daemon.h"
 #include "tests/reference/mujoco_reference.h"
 
 namespace b4mrl {
 namespace {
-
-void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-template <typename T>
-T Take(Result<T> result) {
-  RequireOk(result.status());
-  return std::move(result).value();
-}
 
 void Append(std::vector<double>* to, std::span<const double> values) {
   to->insert(to->end(), values.begin(), values.end());
@@ -60,10 +48,8 @@ RemoteEnvironment OpenLanes(Client& client, const MujocoRecording& recording,
 }
 
 TEST_CASE("Every recording replays through the socket bit by bit, past the ends of episodes too") {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
-  Client client = Take(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = StartDaemon();
+  Client client = Connect(daemon.endpoint());
   for (const MujocoRecording& recording : kMujocoRecordings) {
     INFO(recording.file << " " << recording.config);
     const MujocoReference reference(recording);
@@ -101,10 +87,8 @@ TEST_CASE("Every recording replays through the socket bit by bit, past the ends 
 }
 
 TEST_CASE("float32 actions and observations are the float64 ones, rounded") {
-  PrivateDaemonOptions options;
-  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
-  Client client = Take(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = StartDaemon();
+  Client client = Connect(daemon.endpoint());
   const MujocoReference reference("hopper", kHopperShape);
   EnvironmentOptions small;
   small.autoreset_mode = AutoresetMode::kDisabled;

@@ -11,9 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "proto/base/clock.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -61,15 +60,7 @@ bool Mentions(const Outcome& outcome, const std::string& text) {
 }
 
 PrivateDaemon Start(std::vector<std::string> arguments) {
-  PrivateDaemonOptions options;
-  options.binary = kServe;
-  options.tcp = true;
-  options.data_folder = fs::temp_directory_path();
-  options.arguments = std::move(arguments);
-  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-  INFO(daemon.status().ToString());
-  REQUIRE(daemon.ok());
-  return std::move(*daemon);
+  return StartDaemon({.tcp = true, .arguments = std::move(arguments)});
 }
 
 TEST_CASE("Bad flags end with code 2 and a message that names them") {

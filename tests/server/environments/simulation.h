@@ -12,20 +12,9 @@
 
 #include "proto/base/rng.h"
 #include "server/environments/lane_stepper.h"
+#include "tests/results.h"
 
 namespace b4mrl {
-
-// REQUIREs an OK status and shows its text otherwise.
-inline void RequireOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
-
-template <typename T>
-T Take(Result<T> result) {
-  RequireOk(result.status());
-  return std::move(result).value();
-}
 
 // `perturbations` as on the command line.
 inline Result<std::shared_ptr<const Simulator>> TryOpen(const std::string& environment,
