@@ -204,6 +204,7 @@ Result<std::shared_ptr<const EnvironmentModel>> LocomotionModel<Task>::Open(
                            Task::AdaptModel(settings, model);
                          }));
   B4MRL_RETURN_IF_ERROR(CheckModelShape(*loaded.model, Task::kModelFile, Task::kShape));
+  loaded.pairs = ListCollisionPairs(loaded.model.get());
   return std::shared_ptr<const EnvironmentModel>(
       std::make_shared<LocomotionModel<Task>>(settings, std::move(loaded)));
 }

@@ -12,6 +12,7 @@
 #include <string>
 
 #include "proto/base/status.h"
+#include "server/environments/collision_pairs.h"
 #include "server/environments/list.h"
 
 namespace b4mrl {
@@ -29,6 +30,7 @@ using MjDataPtr = std::unique_ptr<mjData, MjDataDeleter>;
 struct LoadedModel {
   MjModelPtr model;
   std::string identity;  // "half_cheetah.xml:<64-bit hash of the file, hexadecimal>"
+  CollisionPairs pairs;  // once listed: memory of the model's
 };
 
 // The task's own model is models_folder/file_name, or that file of DefaultModelsFolder() where the

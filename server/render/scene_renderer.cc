@@ -7,8 +7,6 @@
 #include <array>
 #include <vector>
 
-#include "server/environments/mujoco_model.h"
-
 namespace b4mrl {
 namespace {
 
@@ -84,16 +82,15 @@ SceneRenderer::~SceneRenderer() {
 Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& model, uint32_t width,
                                                              uint32_t height) {
   B4MRL_RETURN_IF_ERROR(OffscreenContext::MakeCurrent());
-  // The frame's size and quality are properties of the model.
-  const MjModelPtr sized(mj_copyModel(nullptr, &model));
-  if (sized == nullptr) return Status(StatusCode::kUnavailable, "no memory for a model's copy");
-  sized->vis.global.offwidth = static_cast<int>(width);
-  sized->vis.global.offheight = static_cast<int>(height);
-  sized->vis.quality.offsamples = kSamples;
-  sized->vis.quality.shadowsize = std::min(sized->vis.quality.shadowsize, kShadowSize);
+  // The frame's size and quality are properties of the model. Its arrays are shared, not copied.
+  mjModel sized = model;
+  sized.vis.global.offwidth = static_cast<int>(width);
+  sized.vis.global.offheight = static_cast<int>(height);
+  sized.vis.quality.offsamples = kSamples;
+  sized.vis.quality.shadowsize = std::min(sized.vis.quality.shadowsize, kShadowSize);
   std::unique_ptr<SceneRenderer> renderer(new SceneRenderer(width, height));
-  mjv_makeScene(sized.get(), &renderer->scene_, kMaxShapes);
-  mjr_makeContext(sized.get(), &renderer->context_, mjFONTSCALE_100);
+  mjv_makeScene(&sized, &renderer->scene_, kMaxShapes);
+  mjr_makeContext(&sized, &renderer->context_, mjFONTSCALE_100);
   mjr_setBuffer(mjFB_OFFSCREEN, &renderer->context_);
   if (renderer->context_.currentBuffer != mjFB_OFFSCREEN) {
     return Status(StatusCode::kUnsupported,
