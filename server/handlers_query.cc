@@ -7,6 +7,7 @@
 #include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/lane_selection.h"
+#include "server/throughput_slice.h"
 
 namespace b4mrl {
 namespace {
@@ -85,6 +86,7 @@ void QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   thread.action.resize(spec.action.size());
   const std::span<double> next(thread.observation.data() + spec.observation.size(),
                                spec.observation.size());
+  const ScopedThroughputSlice lanes_go_first;
   const Clock::time_point start = Clock::now();
   const ScopedMark mark(thread.mark, MarkKind::kQuery, owner().index(), request_id());
   for (uint32_t row = first; row < first + count; ++row) {
