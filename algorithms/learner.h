@@ -43,6 +43,9 @@ struct Hyperparameter {
   double high;
   bool whole;  // takes whole numbers only
   std::string_view meaning;
+  std::string_view unit = {};     // "updates", "rows", "steps"; none: a pure number
+  std::string_view source = {};   // who chose the default, and why where sources disagree
+  std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
 };
 
 // The values in force: a learner's table with the user's changes.

@@ -27,7 +27,7 @@ Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter);
 Status MeasureQuery(const Options& options, Reporter& reporter);
 // batch-cold, batch-stream: 256 rows of HalfCheetah data.
 Status MeasureBatch(const Options& options, Reporter& reporter);
-// highway-bare, highway-socket: steps of Highway with 15 other cars.
+// highway-bare, highway-socket, highway-socket-cpu: steps of Highway with 15 other cars.
 Status MeasureHighway(const Options& options, Reporter& reporter);
 // update-sac, update-td3, update-td3-bc, update-ensemble: gradient steps on one thread.
 Status MeasureUpdate(const Options& options, Reporter& reporter);

@@ -28,6 +28,8 @@ class Daemon {
   static Result<Daemon> Open(const Options& options, const DaemonSetup& setup);
   Client& client() { return *client_; }
   const std::string& endpoint() const { return endpoint_; }
+  // Of a private daemon's processes; 0 for a daemon that was named.
+  pid_t process_group() const { return process_ ? process_->process_id() : 0; }
 
  private:
   std::optional<PrivateDaemon> process_;  // outlives the client
