@@ -28,6 +28,7 @@
 #include "algorithms/learners/learners.h"
 #include "algorithms/rl/batch_buffer.h"
 #include "algorithms/rl/core_metrics.h"
+#include "algorithms/rl/core_options.h"
 #include "algorithms/rl/correction_data.h"
 #include "algorithms/rl/dynamics_ensemble.h"
 #include "algorithms/rl/hidden_dimensions.h"
@@ -67,23 +68,6 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"ensemble-max-updates", 800'000, 1, 1e12, true, "at most so many, tested after each epoch"},
     {"ensemble-patience", 5, 1, 1e6, true, "epochs without an improvement that end the training"},
 };
-
-SacOptions CoreOptions(const LearnerContext& context) {
-  const Hyperparameters& values = context.hyperparameters;
-  SacOptions options;
-  options.observation_size = context.observation_size();
-  options.action_size = context.action_size();
-  options.hidden = {values.Integer("hidden-width"), values.Integer("hidden-width")};
-  options.batch_max = values.Integer("batch-size");
-  options.actor_learning_rate = values.Number("learning-rate");
-  options.critic_learning_rate = values.Number("learning-rate");
-  options.alpha_learning_rate = values.Number("learning-rate");
-  options.gamma = values.Number("gamma");
-  options.tau = values.Number("tau");
-  options.target_entropy = values.Number("target-entropy");
-  options.seed = RoleSeed(context.seed, "core");
-  return options;
-}
 
 DynamicsEnsembleOptions EnsembleOptions(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
@@ -364,7 +348,8 @@ Status Hymopo::Load(CheckpointReader& reader) {
 std::span<const Hyperparameter> HymopoHyperparameters() { return kHyperparameters; }
 
 Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context) {
-  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions(context)));
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core,
+                         SacCore<float>::Create(SacOptionsOf(context, context.observation_size())));
   B4MRL_ASSIGN_OR_RETURN(DynamicsEnsemble<float> ensemble,
                          DynamicsEnsemble<float>::Create(EnsembleOptions(context)));
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));

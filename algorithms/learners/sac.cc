@@ -18,6 +18,7 @@
 #include "algorithms/learners/learners.h"
 #include "algorithms/rl/batch_buffer.h"
 #include "algorithms/rl/core_metrics.h"
+#include "algorithms/rl/core_options.h"
 #include "algorithms/rl/hidden_dimensions.h"
 #include "algorithms/rl/observation_history.h"
 #include "algorithms/rl/replay_buffer.h"
@@ -40,23 +41,6 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"tau", 0.005, 0, 1, false, "how far the targets follow in one update"},
     {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start"},
 };
-
-SacOptions CoreOptions(const LearnerContext& context, int observation_size) {
-  const Hyperparameters& values = context.hyperparameters;
-  SacOptions options;
-  options.observation_size = observation_size;
-  options.action_size = context.action_size();
-  options.hidden = {values.Integer("hidden-width"), values.Integer("hidden-width")};
-  options.batch_max = values.Integer("batch-size");
-  options.actor_learning_rate = values.Number("learning-rate");
-  options.critic_learning_rate = values.Number("learning-rate");
-  options.alpha_learning_rate = values.Number("learning-rate");
-  options.gamma = values.Number("gamma");
-  options.tau = values.Number("tau");
-  options.initial_alpha = values.Number("initial-alpha");
-  options.seed = RoleSeed(context.seed, "core");
-  return options;
-}
 
 class Sac : public Learner {
  public:
@@ -255,7 +239,7 @@ std::span<const Hyperparameter> SacHyperparameters() { return kHyperparameters; 
 
 Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context) {
   const auto history = static_cast<int>(context.history_length);
-  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions(
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(SacOptionsOf(
                                                   context, history * context.observation_size())));
   EnvironmentOptions options;
   options.simulator = context.simulator;

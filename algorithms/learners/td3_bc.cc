@@ -16,6 +16,7 @@
 #include "algorithms/learners/learners.h"
 #include "algorithms/rl/batch_buffer.h"
 #include "algorithms/rl/core_metrics.h"
+#include "algorithms/rl/core_options.h"
 #include "algorithms/rl/hidden_dimensions.h"
 #include "algorithms/rl/normaliser.h"
 #include "algorithms/rl/td3_core.h"
@@ -40,25 +41,6 @@ constexpr Hyperparameter kHyperparameters[] = {
 };
 
 constexpr double kStdEpsilon = 1e-3;
-
-Td3Options CoreOptions(const LearnerContext& context) {
-  const Hyperparameters& values = context.hyperparameters;
-  Td3Options options;
-  options.observation_size = context.observation_size();
-  options.action_size = context.action_size();
-  options.hidden = {values.Integer("hidden-width"), values.Integer("hidden-width")};
-  options.batch_max = values.Integer("batch-size");
-  options.actor_learning_rate = values.Number("learning-rate");
-  options.critic_learning_rate = values.Number("learning-rate");
-  options.gamma = values.Number("gamma");
-  options.tau = values.Number("tau");
-  options.policy_noise = values.Number("policy-noise");
-  options.noise_clip = values.Number("noise-clip");
-  options.policy_frequency = values.Integer("policy-frequency");
-  options.bc_alpha = values.Number("bc-alpha");
-  options.seed = RoleSeed(context.seed, "core");
-  return options;
-}
 
 class Td3Bc : public Learner {
  public:
@@ -151,7 +133,8 @@ Status Td3Bc::Load(CheckpointReader& reader) {
 std::span<const Hyperparameter> Td3BcHyperparameters() { return kHyperparameters; }
 
 Result<std::unique_ptr<Learner>> CreateTd3Bc(const LearnerContext& context) {
-  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(CoreOptions(context)));
+  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core,
+                         Td3Core<float>::Create(Td3OptionsOf(context, context.observation_size())));
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
   B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset->Stats());
   Normaliser normaliser = Normaliser::Of(stats, kStdEpsilon);

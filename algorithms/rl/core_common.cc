@@ -48,6 +48,15 @@ Status ValidateSizes(int observation_size, int action_size, const std::vector<in
   return {};
 }
 
+Status ValidateActorCritic(const ActorCriticOptions& options) {
+  B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
+                                      options.batch_max));
+  B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));
+  return ValidateUnitInterval("tau", options.tau);
+}
+
 Status ValidateRate(std::string_view name, double value) {
   if (std::isfinite(value) && value >= 0) return {};
   return InvalidNumber(name, value, "a finite number of at least 0");
@@ -56,6 +65,20 @@ Status ValidateRate(std::string_view name, double value) {
 Status ValidateUnitInterval(std::string_view name, double value) {
   if (value >= 0 && value <= 1) return {};
   return InvalidNumber(name, value, "0..1");
+}
+
+MlpLayout ActorLayout(const ActorCriticOptions& options, int outputs) {
+  return MlpLayout({.members = 1,
+                    .inputs = options.observation_size,
+                    .hidden = options.hidden,
+                    .outputs = outputs});
+}
+
+MlpLayout TwinCriticLayout(const ActorCriticOptions& options) {
+  return MlpLayout({.members = 2,
+                    .inputs = options.observation_size + options.action_size,
+                    .hidden = options.hidden,
+                    .outputs = 1});
 }
 
 template <typename Scalar>

@@ -5,26 +5,18 @@
 
 #include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/losses.h"
-#include "algorithms/rl/core_common.h"
 
 namespace b4mrl {
 namespace {
 
 Status Validate(const SacOptions& options) {
-  B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
-                                      options.batch_max));
-  B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
-  B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
+  B4MRL_RETURN_IF_ERROR(ValidateActorCritic(options));
   B4MRL_RETURN_IF_ERROR(ValidateRate("alpha_learning_rate", options.alpha_learning_rate));
-  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));
-  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("tau", options.tau));
   if (!(options.initial_alpha > 0) || !std::isfinite(options.initial_alpha)) {
     return InvalidNumber("initial_alpha", options.initial_alpha, "a finite number above 0");
   }
   return {};
 }
-
-AdamOptions Rate(double learning_rate) { return {.learning_rate = learning_rate}; }
 
 }  // namespace
 
@@ -37,23 +29,17 @@ Result<SacCore<Scalar>> SacCore<Scalar>::Create(const SacOptions& options) {
 template <typename Scalar>
 SacCore<Scalar>::SacCore(const SacOptions& options)
     : options_(options),
-      actor_layout_({.members = 1,
-                     .inputs = options.observation_size,
-                     .hidden = options.hidden,
-                     .outputs = 2 * options.action_size}),
-      critic_layout_({.members = 2,
-                      .inputs = options.observation_size + options.action_size,
-                      .hidden = options.hidden,
-                      .outputs = 1}),
+      actor_layout_(ActorLayout(options, 2 * options.action_size)),
+      critic_layout_(TwinCriticLayout(options)),
       actor_(actor_layout_.size()),
       actor_gradient_(actor_layout_.size()),
       critic_(critic_layout_.size()),
       critic_gradient_(critic_layout_.size()),
       log_alpha_(1, static_cast<Scalar>(std::log(options.initial_alpha))),
       log_alpha_gradient_(1),
-      actor_adam_(Rate(options.actor_learning_rate), actor_layout_.size()),
-      critic_adam_(Rate(options.critic_learning_rate), critic_layout_.size()),
-      alpha_adam_(Rate(options.alpha_learning_rate), 1),
+      actor_adam_({.learning_rate = options.actor_learning_rate}, actor_layout_.size()),
+      critic_adam_({.learning_rate = options.critic_learning_rate}, critic_layout_.size()),
+      alpha_adam_({.learning_rate = options.alpha_learning_rate}, 1),
       actor_workspace_(actor_layout_, 1, 2 * options.batch_max),
       critic_workspace_(critic_layout_, 2, options.batch_max),
       actor_input_(options.observation_size, 2 * options.batch_max),

@@ -24,28 +24,20 @@
 #include "algorithms/nn/inference.h"
 #include "algorithms/nn/mlp.h"
 #include "algorithms/nn/squashed_gaussian.h"
+#include "algorithms/rl/core_common.h"
 #include "algorithms/rl/transition_batch.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
-struct SacOptions {
-  int observation_size = 0;
-  int action_size = 0;
-  std::vector<int> hidden = {256, 256};  // of the actor and of each critic
-  int batch_max = 256;
-  double actor_learning_rate = 3e-4;
-  double critic_learning_rate = 3e-4;
+struct SacOptions : ActorCriticOptions {
   double alpha_learning_rate = 3e-4;
-  double gamma = 0.99;
-  double tau = 0.005;
   double initial_alpha = 1.0;
   bool learn_alpha = true;
   std::optional<double> target_entropy;  // nothing: -action_size
   double critic_loss_scale = 0.5;
   bool entropy_in_target = true;
   SquashedGaussianOptions policy;
-  uint64_t seed = 0;  // of the initial weights and of the updates' noise
 };
 
 struct SacMetrics {

@@ -6,18 +6,12 @@
 #include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/squashed_gaussian.h"
-#include "algorithms/rl/core_common.h"
 
 namespace b4mrl {
 namespace {
 
 Status Validate(const Td3Options& options) {
-  B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
-                                      options.batch_max));
-  B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
-  B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
-  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));
-  B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("tau", options.tau));
+  B4MRL_RETURN_IF_ERROR(ValidateActorCritic(options));
   B4MRL_RETURN_IF_ERROR(ValidateRate("policy_noise", options.policy_noise));
   B4MRL_RETURN_IF_ERROR(ValidateRate("noise_clip", options.noise_clip));
   if (options.policy_frequency < 1) {
@@ -26,8 +20,6 @@ Status Validate(const Td3Options& options) {
   if (options.bc_alpha) return ValidateRate("bc_alpha", *options.bc_alpha);
   return {};
 }
-
-AdamOptions Rate(double learning_rate) { return {.learning_rate = learning_rate}; }
 
 }  // namespace
 
@@ -40,20 +32,14 @@ Result<Td3Core<Scalar>> Td3Core<Scalar>::Create(const Td3Options& options) {
 template <typename Scalar>
 Td3Core<Scalar>::Td3Core(const Td3Options& options)
     : options_(options),
-      actor_layout_({.members = 1,
-                     .inputs = options.observation_size,
-                     .hidden = options.hidden,
-                     .outputs = options.action_size}),
-      critic_layout_({.members = 2,
-                      .inputs = options.observation_size + options.action_size,
-                      .hidden = options.hidden,
-                      .outputs = 1}),
+      actor_layout_(ActorLayout(options, options.action_size)),
+      critic_layout_(TwinCriticLayout(options)),
       actor_(actor_layout_.size()),
       actor_gradient_(actor_layout_.size()),
       critic_(critic_layout_.size()),
       critic_gradient_(critic_layout_.size()),
-      actor_adam_(Rate(options.actor_learning_rate), actor_layout_.size()),
-      critic_adam_(Rate(options.critic_learning_rate), critic_layout_.size()),
+      actor_adam_({.learning_rate = options.actor_learning_rate}, actor_layout_.size()),
+      critic_adam_({.learning_rate = options.critic_learning_rate}, critic_layout_.size()),
       actor_workspace_(actor_layout_, 1, options.batch_max),
       critic_workspace_(critic_layout_, 2, options.batch_max),
       first_critic_workspace_(critic_layout_, 1, options.batch_max),

@@ -22,25 +22,17 @@
 #include "algorithms/nn/adam.h"
 #include "algorithms/nn/inference.h"
 #include "algorithms/nn/mlp.h"
+#include "algorithms/rl/core_common.h"
 #include "algorithms/rl/transition_batch.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
-struct Td3Options {
-  int observation_size = 0;
-  int action_size = 0;
-  std::vector<int> hidden = {256, 256};  // of the actor and of each critic
-  int batch_max = 256;
-  double actor_learning_rate = 3e-4;
-  double critic_learning_rate = 3e-4;
-  double gamma = 0.99;
-  double tau = 0.005;
+struct Td3Options : ActorCriticOptions {
   double policy_noise = 0.2;
   double noise_clip = 0.5;
   int policy_frequency = 2;
   std::optional<double> bc_alpha;  // 2.5 for TD3-BC; nothing: TD3
-  uint64_t seed = 0;               // of the initial weights and of the updates' noise
 };
 
 struct Td3Metrics {

@@ -1,0 +1,27 @@
+// A core's options from a learner's hyperparameters. Names mean the same in every learner's table;
+// where a table lacks one, the core's own default holds.
+//
+//   all cores   hidden-width, batch-size, learning-rate, gamma, tau
+//   SAC         initial-alpha, target-entropy
+//   TD3         policy-noise, noise-clip, policy-frequency, bc-alpha
+#pragma once
+
+#include <string_view>
+
+#include "algorithms/learner.h"
+#include "algorithms/rl/core_common.h"
+#include "algorithms/rl/sac_core.h"
+#include "algorithms/rl/td3_core.h"
+
+namespace b4mrl {
+
+double NumberOr(const Hyperparameters& values, std::string_view name, double fallback);
+
+// `observation_size`: what the policy sees, all observations of a history together.
+SacOptions SacOptionsOf(const LearnerContext& context, int observation_size);
+Td3Options Td3OptionsOf(const LearnerContext& context, int observation_size);
+// The part that all cores share, for the options of another core.
+void SetActorCriticOptions(const LearnerContext& context, int observation_size,
+                           ActorCriticOptions& options);
+
+}  // namespace b4mrl
