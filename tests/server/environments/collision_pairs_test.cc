@@ -90,8 +90,12 @@ constexpr const char* kPile = R"(
     </body>
   </body>
   <body pos="0 0 1"><freejoint/><geom type="cylinder" size="0.2 0.2" solmix="0"/></body>
-  <body pos="0.1 0 1.6"><freejoint/><geom type="sphere" size="0.3" contype="2" conaffinity="3"/></body>
-  <body pos="0.3 0.1 2.3"><freejoint/><geom type="capsule" size="0.1 0.2" contype="4" conaffinity="1"/></body>
+  <body pos="0.1 0 1.6"><freejoint/>
+    <geom type="sphere" size="0.3" contype="2" conaffinity="3"/>
+  </body>
+  <body pos="0.3 0.1 2.3"><freejoint/>
+    <geom type="capsule" size="0.1 0.2" contype="4" conaffinity="1"/>
+  </body>
 )";
 
 TEST_CASE("Contact parameters are mixed as the engine mixes them") {
