@@ -16,6 +16,8 @@ RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t r
 }
 
 bool RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
+  // Read now: as soon as this piece counts as done, another thread may end the job and its life.
+  const uint32_t all_items = items;
   const Clock::time_point start = Clock::now();
   int64_t unset = -1;
   started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
@@ -24,7 +26,7 @@ bool RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
   } else {
     RunItems(piece.first, piece.count, thread);
   }
-  return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == items;
+  return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
 }
 
 void RequestJob::Fail(Status status) {
