@@ -11,6 +11,9 @@ namespace b4mrl {
 std::span<const Hyperparameter> SacHyperparameters();
 Result<std::unique_ptr<Learner>> CreateSac(const LearnerContext& context);
 
+std::span<const Hyperparameter> Td3Hyperparameters();
+Result<std::unique_ptr<Learner>> CreateTd3(const LearnerContext& context);
+
 std::span<const Hyperparameter> Td3BcHyperparameters();
 Result<std::unique_ptr<Learner>> CreateTd3Bc(const LearnerContext& context);
 

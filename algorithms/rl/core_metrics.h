@@ -19,9 +19,9 @@ inline void AddMetrics(const SacMetrics& values, MetricMeans& metrics) {
 inline void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
   metrics.Add("critic_loss", values.critic_loss);
   metrics.Add("actor_loss", values.actor_loss);
-  metrics.Add("bc_loss", values.bc_loss);
-  metrics.Add("lambda", values.lambda);
   metrics.Add("mean_q", values.mean_q);
+  if (values.bc_loss) metrics.Add("bc_loss", *values.bc_loss);
+  if (values.lambda) metrics.Add("lambda", *values.lambda);
 }
 
 }  // namespace b4mrl

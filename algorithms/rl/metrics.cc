@@ -46,12 +46,21 @@ std::string FormatValue(double value) {
 
 }  // namespace
 
-void MetricMeans::Add(std::string_view name, double value) {
-  if (!std::isfinite(value) && !first_nonfinite_) first_nonfinite_ = {std::string(name), value};
+MetricMeans::Sum& MetricMeans::SumOf(std::string_view name) {
   auto sum = std::find_if(sums_.begin(), sums_.end(), [&](const Sum& s) { return s.name == name; });
   if (sum == sums_.end()) sum = sums_.insert(sums_.end(), {std::string(name)});
-  sum->sum += value;
-  ++sum->count;
+  return *sum;
+}
+
+void MetricMeans::Add(std::string_view name, double value) { AddAll(name, {&value, 1}); }
+
+void MetricMeans::AddAll(std::string_view name, std::span<const double> values) {
+  Sum& sum = SumOf(name);
+  for (const double value : values) {
+    if (!std::isfinite(value) && !first_nonfinite_) first_nonfinite_ = {std::string(name), value};
+    sum.sum += value;
+    ++sum.count;
+  }
 }
 
 MetricRow MetricMeans::Take() {

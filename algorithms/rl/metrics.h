@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -29,6 +30,8 @@ using MetricRow = std::vector<Metric>;
 class MetricMeans {
  public:
   void Add(std::string_view name, double value);
+  // None, one or several values. Gives the name its place in the order even without a value.
+  void AddAll(std::string_view name, std::span<const double> values);
   MetricRow Take();
   // The first value that was not finite since construction: a learner that diverged.
   const std::optional<Metric>& first_nonfinite() const { return first_nonfinite_; }
@@ -42,6 +45,8 @@ class MetricMeans {
     double sum = 0;
     int64_t count = 0;
   };
+  Sum& SumOf(std::string_view name);
+
   std::vector<Sum> sums_;
   std::optional<Metric> first_nonfinite_;
 };

@@ -53,6 +53,7 @@ Td3Core<Scalar>::Td3Core(const Td3Options& options)
   critic_layout_.Initialize<Scalar>(Initialization::kTorchUniform, critic_rng, critic_);
   actor_target_ = actor_;
   critic_target_ = critic_;
+  if (options.bc_alpha) metrics_.bc_loss = metrics_.lambda = 0;
 }
 
 template <typename Scalar>
@@ -131,16 +132,17 @@ void Td3Core<Scalar>::UpdateActor(const TransitionBatch<Scalar>& batch) {
       MlpForward<Scalar>(critic_layout_, critic_, input, first_critic_workspace_);
   const std::span<const Scalar> values(q.data, n);  // one row
   const double mean_q = Mean<Scalar>(values);
-  metrics_.lambda = options_.bc_alpha ? *options_.bc_alpha / MeanMagnitude<Scalar>(values) : 1.0;
-  ToEigen(first_critic_workspace_.output_gradient())
-      .setConstant(static_cast<Scalar>(-metrics_.lambda / n));
+  if (options_.bc_alpha) metrics_.lambda = *options_.bc_alpha / MeanMagnitude<Scalar>(values);
+  const double lambda = metrics_.lambda.value_or(1);
+  ToEigen(first_critic_workspace_.output_gradient()).setConstant(static_cast<Scalar>(-lambda / n));
   MlpBackward<Scalar>(critic_layout_, critic_, input, first_critic_workspace_, {});
   const MatrixView<Scalar> gradient = action_gradient_.view(n);
   MlpInputGradient<Scalar>(critic_layout_, critic_, options_.observation_size,
                            first_critic_workspace_, gradient);
-  metrics_.bc_loss =
-      options_.bc_alpha ? AddMeanSquaredError<Scalar>(actions, batch.actions, gradient) : 0;
-  metrics_.actor_loss = -metrics_.lambda * mean_q + metrics_.bc_loss;
+  if (options_.bc_alpha) {
+    metrics_.bc_loss = AddMeanSquaredError<Scalar>(actions, batch.actions, gradient);
+  }
+  metrics_.actor_loss = -lambda * mean_q + metrics_.bc_loss.value_or(0);
   TanhBackward<Scalar>(actions, gradient, actor_workspace_.output_gradient());
   MlpBackward<Scalar>(actor_layout_, actor_, batch.observations, actor_workspace_, actor_gradient_);
   actor_adam_.StepWithPolyak(actor_, actor_gradient_, options_.tau, actor_target_);

@@ -41,8 +41,9 @@ struct Td3Metrics {
   double mean_target = 0;
   // Of the last delayed step; unchanged in between.
   double actor_loss = 0;
-  double bc_loss = 0;  // mean (pi(s) - a)^2; 0 for TD3
-  double lambda = 0;   // 1 for TD3
+  // Of TD3-BC alone.
+  std::optional<double> bc_loss;  // mean (pi(s) - a)^2
+  std::optional<double> lambda;
 };
 
 template <typename Scalar>

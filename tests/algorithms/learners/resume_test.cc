@@ -34,7 +34,8 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
   };
   set("hidden-width", 16);
   set("batch-size", 32);
-  if (algorithm == "sac") {
+  if (algorithm == "sac" || algorithm == "td3") {
+    options.history_length = 2;
     set("lanes", 2);
     set("warm-up", 100);
   }
@@ -79,8 +80,8 @@ size_t Lines(const std::string& path) {
 
 void CheckResume(const std::string& algorithm, bool lag = false) {
   TestDaemon daemon;
-  if (algorithm != "sac") daemon.MakeDataset("small", 500);
   TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
+  if (!straight.dataset.empty()) daemon.MakeDataset("small", 500);
   if (lag) NeedOk(straight.hyperparameters.Set("rollout-lag", 1));
   const TrainSummary expected = RunTraining(straight, daemon.client());
 
@@ -106,6 +107,7 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
 }  // namespace
 
 TEST_CASE("A resumed SAC run ends with the bits of an undisturbed one") { CheckResume("sac"); }
+TEST_CASE("A resumed TD3 run ends with the bits of an undisturbed one") { CheckResume("td3"); }
 TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
   CheckResume("td3-bc");
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes the reference files beside this script: updates of SAC, TD3-BC and a dynamics ensemble.
+"""Writes the reference files beside this script: updates of SAC, TD3, TD3-BC and an ensemble.
 
     pip install torch==2.13.0 numpy && python dump_pytorch.py
 
@@ -165,8 +165,9 @@ def sac():
     file.write(FOLDER / "sac.ref")
 
 
-def td3_bc():
-    torch.manual_seed(2)
+def td3(name, seed, bc_alpha=None):
+    """TD3, or with `bc_alpha` TD3-BC."""
+    torch.manual_seed(seed)
     file = File()
     batch = make_batch(file)
     actor = network(OBSERVATION, *HIDDEN, ACTION)
@@ -203,21 +204,26 @@ def td3_bc():
         if step % 2 == 0:
             pi = act(actor, batch["observations"])
             q = q_value(critics[0], batch["observations"], pi)
-            weight = 2.5 / q.abs().mean().detach()
-            bc_loss = F.mse_loss(pi, batch["actions"])
-            actor_loss = -weight * q.mean() + bc_loss
+            if bc_alpha is None:
+                actor_loss = -q.mean()
+                losses += [actor_loss]
+            else:
+                weight = bc_alpha / q.abs().mean().detach()
+                bc_loss = F.mse_loss(pi, batch["actions"])
+                actor_loss = -weight * q.mean() + bc_loss
+                losses += [actor_loss, bc_loss, weight]
             actor_adam.zero_grad()
             actor_loss.backward()
             add_networks(file, f"step{step}/gradient/actor", [actor], gradient)
             actor_adam.step()
             polyak(critics, targets)
             polyak(actor, actor_target)
-            losses += [actor_loss, bc_loss, weight]
-        file.add(f"step{step}/critic_actor_bc_losses_and_lambda", torch.stack(losses))
-    for name, members in (("actor", [actor]), ("actor_target", [actor_target]),
-                          ("critic", critics), ("critic_target", targets)):
-        add_networks(file, f"final/{name}", members, value)
-    file.write(FOLDER / "td3_bc.ref")
+        kinds = "critic_actor_losses" if bc_alpha is None else "critic_actor_bc_losses_and_lambda"
+        file.add(f"step{step}/{kinds}", torch.stack(losses))
+    for network_name, members in (("actor", [actor]), ("actor_target", [actor_target]),
+                                  ("critic", critics), ("critic_target", targets)):
+        add_networks(file, f"final/{network_name}", members, value)
+    file.write(FOLDER / f"{name}.ref")
 
 
 def ensemble():
@@ -260,5 +266,6 @@ def ensemble():
 
 if __name__ == "__main__":
     sac()
-    td3_bc()
+    td3("td3", seed=4)
+    td3("td3_bc", seed=2, bc_alpha=2.5)
     ensemble()

@@ -81,12 +81,13 @@ TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differen
   const MatrixBuffer<double> noise = Normals(kActions, 2);
   const auto update = [&] { return core->UpdateWithNoise(batch.Views(), noise.view()); };
   CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
-  const double lambda = update().lambda;
+  const double lambda = update().lambda.value_or(1);
   CheckGradientsOf("actor/", *core, [&] {
     // Lambda is a constant of the loss: replace the perturbed one by the unperturbed.
     const Td3Metrics metrics = update();
-    const double mean_q = (metrics.bc_loss - metrics.actor_loss) / metrics.lambda;
-    return -lambda * mean_q + metrics.bc_loss;
+    const double bc_loss = metrics.bc_loss.value_or(0);
+    const double mean_q = (bc_loss - metrics.actor_loss) / metrics.lambda.value_or(1);
+    return -lambda * mean_q + bc_loss;
   });
 }
 

@@ -1,6 +1,7 @@
 #include "algorithms/rl/td3_core.h"
 
 #include <catch2/catch.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,21 +10,22 @@
 namespace b4mrl {
 namespace {
 
-Td3Options ReferenceOptions(const ReferenceFile& file) {
+// With `bc_alpha` TD3-BC, without it TD3.
+Td3Options ReferenceOptions(const ReferenceFile& file, std::optional<double> bc_alpha) {
   Td3Options options;
   options.observation_size = file.Get("batch/observations").shape[1];
   options.action_size = file.Get("batch/actions").shape[1];
   options.hidden = {file.Get("initial/actor/layer0/bias").shape[0],
                     file.Get("initial/actor/layer1/bias").shape[0]};
   options.batch_max = file.Get("batch/observations").shape[0];
-  options.bc_alpha = 2.5;
+  options.bc_alpha = bc_alpha;
   return options;
 }
 
 // A core with the file's initial weights, for the targets too.
 template <typename Scalar>
-Td3Core<Scalar> ReferenceCore(const ReferenceFile& file) {
-  Result<Td3Core<Scalar>> core = Td3Core<Scalar>::Create(ReferenceOptions(file));
+Td3Core<Scalar> ReferenceCore(const ReferenceFile& file, std::optional<double> bc_alpha) {
+  Result<Td3Core<Scalar>> core = Td3Core<Scalar>::Create(ReferenceOptions(file, bc_alpha));
   REQUIRE(core.ok());
   core->VisitArrays([&](const NamedArray<Scalar>& array) {
     if (array.name.find("/layer") == std::string::npos) return;
@@ -52,39 +54,62 @@ void CheckGradients(const ReferenceFile& file, const std::string& step, bool wit
   });
 }
 
-TEST_CASE("four TD3-BC updates in double equal PyTorch's") {
-  const ReferenceFile file("td3_bc.ref");
-  Td3Core<double> core = ReferenceCore<double>(file);
-  // Both compute in double; 1e-9 leaves room for the order of sums, not for a wrong term.
-  constexpr double kTolerance = 1e-9;
+// Both compute in double; 1e-9 leaves room for the order of sums, not for a wrong term.
+constexpr double kDoubleTolerance = 1e-9;
+// Sums of at most a few dozen float terms: about a hundred roundings of 6e-8.
+constexpr double kFloatTolerance = 1e-5;
+
+// `losses`: the critics', the actor's, then TD3-BC's cloning loss and lambda.
+void CheckMetrics(const Td3Metrics& metrics, const std::vector<double>& losses) {
+  CHECK(metrics.critic_loss == Approx(losses[0]).epsilon(kDoubleTolerance));
+  if (losses.size() == 1) return;  // no delayed step
+  CHECK(metrics.actor_loss == Approx(losses[1]).epsilon(kDoubleTolerance));
+  REQUIRE(metrics.bc_loss.has_value() == (losses.size() == 4));
+  if (losses.size() == 2) return;
+  CHECK(metrics.bc_loss.value() == Approx(losses[2]).epsilon(kDoubleTolerance));
+  CHECK(metrics.lambda.value() == Approx(losses[3]).epsilon(kDoubleTolerance));
+}
+
+// Four updates of the critics, two of the actor.
+void CheckDoubleUpdates(const ReferenceFile& file, std::optional<double> bc_alpha) {
+  Td3Core<double> core = ReferenceCore<double>(file, bc_alpha);
+  const std::string losses =
+      bc_alpha ? "/critic_actor_bc_losses_and_lambda" : "/critic_actor_losses";
   for (int step = 1; step <= 4; ++step) {
     const std::string name = "step" + std::to_string(step);
-    const bool delayed_step = step % 2 == 0;
     const Td3Metrics metrics = ReferenceStep(file, name, core);
-    CheckGradients(file, name, delayed_step, kTolerance, core);
-    const std::vector<double> expected =
-        file.Vector<double>(name + "/critic_actor_bc_losses_and_lambda");
-    CHECK(metrics.critic_loss == Approx(expected[0]).epsilon(kTolerance));
-    if (!delayed_step) continue;
-    CHECK(metrics.actor_loss == Approx(expected[1]).epsilon(kTolerance));
-    CHECK(metrics.bc_loss == Approx(expected[2]).epsilon(kTolerance));
-    CHECK(metrics.lambda == Approx(expected[3]).epsilon(kTolerance));
+    CheckGradients(file, name, /*with_actor=*/step % 2 == 0, kDoubleTolerance, core);
+    CheckMetrics(metrics, file.Vector<double>(name + losses));
   }
   core.VisitArrays([&](const NamedArray<double>& array) {
     if (array.name.find("/layer") == std::string::npos) return;
     INFO(array.name);
-    CHECK(file.Difference("final", array) < kTolerance);
+    CHECK(file.Difference("final", array) < kDoubleTolerance);
   });
 }
 
-TEST_CASE("TD3-BC updates in float have PyTorch's gradients to float's precision") {
-  const ReferenceFile file("td3_bc.ref");
-  Td3Core<float> core = ReferenceCore<float>(file);
-  // Sums of at most a few dozen float terms: about a hundred roundings of 6e-8.
+void CheckFloatGradients(const ReferenceFile& file, std::optional<double> bc_alpha) {
+  Td3Core<float> core = ReferenceCore<float>(file, bc_alpha);
   ReferenceStep(file, "step1", core);
-  CheckGradients(file, "step1", /*with_actor=*/false, 1e-5, core);
+  CheckGradients(file, "step1", /*with_actor=*/false, kFloatTolerance, core);
   ReferenceStep(file, "step2", core);
-  CheckGradients(file, "step2", /*with_actor=*/true, 1e-5, core);
+  CheckGradients(file, "step2", /*with_actor=*/true, kFloatTolerance, core);
+}
+
+TEST_CASE("four TD3 updates in double equal PyTorch's") {
+  CheckDoubleUpdates(ReferenceFile("td3.ref"), {});
+}
+
+TEST_CASE("four TD3-BC updates in double equal PyTorch's") {
+  CheckDoubleUpdates(ReferenceFile("td3_bc.ref"), 2.5);
+}
+
+TEST_CASE("TD3 updates in float have PyTorch's gradients to float's precision") {
+  CheckFloatGradients(ReferenceFile("td3.ref"), {});
+}
+
+TEST_CASE("TD3-BC updates in float have PyTorch's gradients to float's precision") {
+  CheckFloatGradients(ReferenceFile("td3_bc.ref"), 2.5);
 }
 
 }  // namespace

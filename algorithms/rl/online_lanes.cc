@@ -1,0 +1,192 @@
+#include "algorithms/rl/online_lanes.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "algorithms/rl/core_options.h"
+#include "algorithms/rl/hidden_dimensions.h"
+#include "algorithms/rl/tensor_rows.h"
+#include "client/client.h"
+
+namespace b4mrl {
+namespace {
+
+Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
+  EnvironmentOptions options;
+  options.simulator = context.simulator;
+  options.num_envs = static_cast<uint32_t>(NumberOr(context.hyperparameters, "lanes", 1));
+  options.seed = context.seed;  // the lanes get their own seeds at the first reset
+  options.autoreset_mode = AutoresetMode::kSameStep;
+  options.deadline_ms = kLearnerDeadlineMs;
+  return context.client->Make(context.environment.name, options);
+}
+
+ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
+  ReplayBuffer::Options options;
+  options.observation_size = static_cast<int>(context.history_length) * context.observation_size();
+  options.action_size = context.action_size();
+  options.capacity = static_cast<uint64_t>(
+      NumberOr(context.hyperparameters, "replay-capacity", static_cast<double>(options.capacity)));
+  return options;
+}
+
+}  // namespace
+
+Result<OnlineLanes> OnlineLanes::Open(const LearnerContext& context,
+                                      std::optional<std::vector<float>> mask) {
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenSimulator(context));
+  if (!mask) {
+    B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
+                                                     simulator.in_force().perturbations()));
+  }
+  return OnlineLanes(context, std::move(simulator), *std::move(mask));
+}
+
+OnlineLanes::OnlineLanes(const LearnerContext& context, RemoteEnvironment simulator,
+                         std::vector<float> mask)
+    : context_(&context),
+      simulator_(std::move(simulator)),
+      mask_(std::move(mask)),
+      action_scale_(context.ActionScale()),
+      count_(simulator_.num_envs()),
+      exploration_noise_(
+          static_cast<float>(NumberOr(context.hyperparameters, "exploration-noise", 0))),
+      replay_options_(ReplayOptions(context)),
+      histories_(static_cast<int>(context.history_length), context.observation_size(),
+                 static_cast<int>(count_)),
+      previous_(replay_options_.observation_size),
+      visible_(context.observation_size()),
+      actions_(context.action_size(), static_cast<int>(count_)),
+      scaled_actions_(context.action_size(), static_cast<int>(count_)),
+      noise_(context.action_size(), static_cast<int>(count_)) {}
+
+Status OnlineLanes::Start() {
+  B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
+                         ReplayBuffer::CreateFile(ReplayPath(), replay_options_));
+  replay_.emplace(std::move(replay));
+  std::vector<uint64_t> seeds;
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    seeds.push_back(RoleSeed(context_->seed, "train-lane", lane));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, simulator_.Reset({}, seeds));
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    histories_.Reset(static_cast<int>(lane), Visible(RowOf(first.observations, lane)));
+  }
+  return Status();
+}
+
+Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
+  progress.Start("warm up", "transitions", transitions);
+  while (replay_->length() < transitions) {
+    Rng rng(RoleSeed(context_->seed, "warm-up"), "actions", vector_steps_);
+    for (float& action : actions_.values()) action = static_cast<float>(rng.Uniform(-1, 1));
+    B4MRL_RETURN_IF_ERROR(StepAndStore(nullptr));
+    progress.Update(replay_->length());
+  }
+  progress.Finish();
+  return Status();
+}
+
+Status OnlineLanes::Step(const PolicyWeights& policy, MetricMeans& metrics) {
+  B4MRL_RETURN_IF_ERROR(Explore(policy));
+  return StepAndStore(&metrics);
+}
+
+Status OnlineLanes::Explore(const PolicyWeights& policy) {
+  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy network, FixedOrderPolicy::Create(policy));
+  Rng rng(RoleSeed(context_->seed, "explore"), "actions", vector_steps_);
+  rng.FillNormal(noise_.values());
+  if (network.stochastic()) {
+    network.Sample(histories_.view(), noise_.view(), actions_.view());
+    return Status();
+  }
+  network.Act(histories_.view(), actions_.view());
+  std::transform(actions_.values().begin(), actions_.values().end(), noise_.values().begin(),
+                 actions_.values().begin(), [&](float action, float noise) {
+                   return std::clamp(action + exploration_noise_ * noise, -1.0f, 1.0f);
+                 });
+  return Status();
+}
+
+Status OnlineLanes::StepAndStore(MetricMeans* metrics) {
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    for (int i = 0; i < context_->action_size(); ++i) {
+      scaled_actions_.view()(i, lane) = actions_.view()(i, lane) * action_scale_[i];
+    }
+  }
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
+  ++vector_steps_;
+  size_t ended = 0;  // position in final_lanes, which are in order
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    std::span<const float> final_observation;
+    if (ended < outcome.final_lanes.size() && outcome.final_lanes[ended] == lane) {
+      final_observation = RowOf(outcome.final_observations, ended++);
+    }
+    B4MRL_RETURN_IF_ERROR(Store(static_cast<int>(lane), outcome, final_observation));
+  }
+  if (metrics != nullptr) metrics->AddAll("episodic_return", outcome.final_returns);
+  return Status();
+}
+
+Status OnlineLanes::Store(int lane, const StepOutcome& outcome,
+                          std::span<const float> final_observation) {
+  const std::span<const float> observation = RowOf(outcome.observations, lane);
+  const bool ended = !final_observation.empty();
+  const std::span<const float> stacked = histories_.lane(lane);
+  std::copy(stacked.begin(), stacked.end(), previous_.begin());
+  histories_.Push(lane, Visible(ended ? final_observation : observation));
+
+  const auto cause = static_cast<Cause>(outcome.causes[lane]);
+  if (cause != Cause::kCrash && cause != Cause::kNumericalError) {
+    const float* action = actions_.view().column(lane);
+    B4MRL_RETURN_IF_ERROR(
+        replay_->Append({.observation = previous_,
+                         .action = {action, static_cast<size_t>(context_->action_size())},
+                         .next_observation = histories_.lane(lane),
+                         .reward = static_cast<float>(outcome.rewards[lane]),
+                         .terminated = outcome.terminated[lane] != 0}));
+  }
+  if (ended) histories_.Reset(lane, Visible(observation));
+  return Status();
+}
+
+std::span<const float> OnlineLanes::Visible(std::span<const float> observation) {
+  if (mask_.empty()) return observation;
+  std::transform(observation.begin(), observation.end(), mask_.begin(), visible_.begin(),
+                 [](float value, float seen) { return seen == 0 ? 0 : value; });
+  return visible_;
+}
+
+std::vector<float> OnlineLanes::policy_mask() const {
+  std::vector<float> stacked;
+  for (uint32_t i = 0; i < context_->history_length; ++i) {
+    stacked.insert(stacked.end(), mask_.begin(), mask_.end());
+  }
+  return stacked;
+}
+
+Status OnlineLanes::Save(CheckpointWriter& writer) {
+  B4MRL_RETURN_IF_ERROR(replay_->Sync());
+  B4MRL_ASSIGN_OR_RETURN(const LaneStates states, simulator_.Snapshot());
+  writer.Bytes("lanes/snapshot", states.snapshot);
+  writer.Floats("lanes/histories", histories_.values());
+  writer.Unsigned("lanes/vector_steps", vector_steps_);
+  writer.Unsigned("lanes/replay_length", replay_->length());
+  return Status();
+}
+
+Status OnlineLanes::Load(CheckpointReader& reader) {
+  LaneStates states;
+  states.lanes = count_;
+  states.snapshot = reader.Bytes("lanes/snapshot");
+  reader.FloatsInto("lanes/histories", histories_.values());
+  vector_steps_ = reader.Unsigned("lanes/vector_steps");
+  const uint64_t length = reader.Unsigned("lanes/replay_length");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
+                         ReplayBuffer::ResumeFile(ReplayPath(), replay_options_, length));
+  replay_.emplace(std::move(replay));
+  return simulator_.Restore(states).status();
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,210 @@
+// What an online learner's lanes store, against a real daemon.
+#include "algorithms/rl/online_lanes.h"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "algorithms/learners/learners.h"
+#include "algorithms/rl/td3_core.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kLanes = 2;
+
+LearnerContext ContextOf(TestDaemon& daemon, const std::string& environment) {
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment(environment));
+  context.seed = 7;
+  context.folder = daemon.folder("");
+  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
+  NeedOk(context.hyperparameters.Set("lanes", kLanes));
+  return context;
+}
+
+// Lanes of `context` that took uniform actions until they had `transitions`.
+OnlineLanes WarmLanes(const LearnerContext& context, uint64_t transitions) {
+  OnlineLanes lanes = Need(OnlineLanes::Open(context));
+  NeedOk(lanes.Start());
+  Progress quiet(true);
+  NeedOk(lanes.WarmUp(transitions, quiet));
+  return lanes;
+}
+
+PolicyWeights RandomPolicy(const OnlineLanes& lanes, int action_size) {
+  Td3Options options;
+  options.observation_size = lanes.observation_size();
+  options.action_size = action_size;
+  options.hidden = {16, 16};
+  return Need(Td3Core<float>::Create(options)).Policy();
+}
+
+// Every transition that one lane took, in order: column i is its i-th.
+BatchBuffer TransitionsOf(const OnlineLanes& lanes, int lane, int action_size) {
+  const auto steps = static_cast<int>(lanes.replay().length()) / kLanes;
+  BatchBuffer rows(lanes.observation_size(), action_size, steps);
+  for (int i = 0; i < steps; ++i) {
+    lanes.replay().Get(static_cast<uint64_t>(i) * kLanes + lane, i, rows);
+  }
+  return rows;
+}
+
+bool LeadsToNext(const BatchBuffer& rows, int step) {
+  const float* next = rows.next_observations.view().column(step);
+  const int size = rows.observations.rows();
+  return std::equal(next, next + size, rows.observations.view().column(step + 1));
+}
+
+}  // namespace
+
+TEST_CASE("An episode that ends by the step limit bootstraps from the observation it ended in") {
+  TestDaemon daemon;
+  const LearnerContext context = ContextOf(daemon, "HalfCheetah");
+  const OnlineLanes lanes = WarmLanes(context, 1002 * kLanes);
+  CHECK(lanes.environment_steps() == 1002 * kLanes);
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
+    for (int step = 0; step < 1001; ++step) {
+      INFO(step);
+      CHECK(rows.not_terminated[step] == 1);
+      // Step 999 is the last of the episode; what follows it starts from the reset.
+      CHECK(LeadsToNext(rows, step) == (step != 999));
+    }
+    // A step moves the body by centimetres; the reset puts it back up.
+    const float* last = rows.observations.view().column(999);
+    const float* final = rows.next_observations.view().column(999);
+    CHECK(std::abs(final[1] - last[1]) < 1);
+  }
+}
+
+TEST_CASE("A fall is stored as terminated, and returns are those of whole episodes") {
+  TestDaemon daemon;
+  const LearnerContext context = ContextOf(daemon, "Hopper");
+  OnlineLanes lanes = Need(OnlineLanes::Open(context));
+  NeedOk(lanes.Start());
+  const PolicyWeights policy = RandomPolicy(lanes, context.action_size());
+  MetricMeans metrics;
+  for (int step = 0; step < 400; ++step) NeedOk(lanes.Step(policy, metrics));
+
+  int episodes = 0;
+  double sum_of_returns = 0;
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
+    double episode_return = 0;
+    for (int step = 0; step + 1 < rows.size(); ++step) {
+      const bool fell = rows.not_terminated[step] == 0;
+      INFO(step);
+      CHECK(LeadsToNext(rows, step) == !fell);
+      episode_return += rows.rewards[step];
+      if (!fell) continue;
+      ++episodes;
+      sum_of_returns += std::exchange(episode_return, 0);
+    }
+    if (rows.not_terminated[rows.size() - 1] == 0) {  // the very last step ended an episode
+      ++episodes;
+      sum_of_returns += episode_return + rows.rewards[rows.size() - 1];
+    }
+  }
+  REQUIRE(episodes > 5);
+  const MetricRow row = metrics.Take();
+  REQUIRE(row.size() == 1);
+  CHECK(row[0].name == "episodic_return");
+  // The replay file rounds each of a few dozen rewards to float.
+  CHECK(row[0].value == Approx(sum_of_returns / episodes).epsilon(1e-5));
+}
+
+TEST_CASE("Transitions hold the last observations, oldest first, and forget another episode's") {
+  TestDaemon daemon;
+  LearnerContext context = ContextOf(daemon, "Hopper");
+  context.history_length = 3;
+  const int size = context.observation_size();
+  const OnlineLanes lanes = WarmLanes(context, 200 * kLanes);
+  REQUIRE(lanes.observation_size() == 3 * size);
+  const BatchBuffer rows = TransitionsOf(lanes, 1, context.action_size());
+  bool first = true;  // of an episode
+  int resets = 0;
+  for (int step = 0; step < rows.size(); ++step) {
+    INFO(step);
+    const float* now = rows.observations.view().column(step);
+    const float* next = rows.next_observations.view().column(step);
+    CHECK(std::equal(now + size, now + 3 * size, next));
+    if (first) {
+      CHECK(std::equal(now, now + 2 * size, now + size));  // the first one in all places
+      ++resets;
+    }
+    first = rows.not_terminated[step] == 0;
+  }
+  CHECK(resets > 3);
+}
+
+TEST_CASE("Hidden dimensions are zero in what lanes store, and the policy's mask names them") {
+  TestDaemon daemon;
+  LearnerContext context = ContextOf(daemon, "HalfCheetah");
+  context.history_length = 2;
+  std::vector<float> mask(17, 1);
+  mask[3] = mask[9] = 0;
+  // Hidden by the simulator, and by a mask that a hybrid learner takes from its dataset.
+  const bool by_simulator = GENERATE(true, false);
+  if (by_simulator) context.simulator = {{"hidden", "3+9"}};
+  const std::optional<std::vector<float>> given = by_simulator ? std::nullopt : std::optional(mask);
+  OnlineLanes lanes = Need(OnlineLanes::Open(context, given));
+  NeedOk(lanes.Start());
+  Progress quiet(true);
+  NeedOk(lanes.WarmUp(20 * kLanes, quiet));
+
+  std::vector<float> stacked = mask;
+  stacked.insert(stacked.end(), mask.begin(), mask.end());
+  CHECK(lanes.policy_mask() == stacked);
+  const BatchBuffer rows = TransitionsOf(lanes, 0, context.action_size());
+  for (int step = 0; step < rows.size(); ++step) {
+    for (int i = 0; i < lanes.observation_size(); ++i) {
+      INFO(step << ", dimension " << i);
+      CHECK((rows.next_observations.view()(i, step) == 0) == (stacked[i] == 0));
+    }
+  }
+}
+
+TEST_CASE("Exploration adds noise of the given deviation to a deterministic policy's action") {
+  TestDaemon daemon;
+  LearnerContext context = ContextOf(daemon, "HalfCheetah");
+  const double deviation = GENERATE(0.0, 0.1, 5.0);
+  NeedOk(context.hyperparameters.Set("exploration-noise", deviation));
+  OnlineLanes lanes = Need(OnlineLanes::Open(context));
+  NeedOk(lanes.Start());
+  const PolicyWeights weights = RandomPolicy(lanes, context.action_size());
+  const FixedOrderPolicy policy = Need(FixedOrderPolicy::Create(weights));
+  MetricMeans metrics;
+  constexpr int kSteps = 300;
+  for (int step = 0; step < kSteps; ++step) NeedOk(lanes.Step(weights, metrics));
+  // No episode has ended yet: the name has its column in the log, and no value.
+  const MetricRow row = metrics.Take();
+  REQUIRE(row.size() == 1);
+  CHECK(row[0].name == "episodic_return");
+  CHECK(std::isnan(row[0].value));
+
+  const BatchBuffer rows = TransitionsOf(lanes, 0, context.action_size());
+  MatrixBuffer<float> expected(context.action_size(), kSteps);
+  policy.Act(rows.observations.view(), expected.view());
+  double squares = 0;
+  int at_a_bound = 0;
+  for (size_t i = 0; i < expected.values().size(); ++i) {
+    const float action = rows.actions.values()[i];
+    REQUIRE(std::abs(action) <= 1);
+    squares += std::pow(action - expected.values()[i], 2);
+    at_a_bound += std::abs(action) == 1 ? 1 : 0;
+  }
+  const double count = static_cast<double>(expected.values().size());
+  if (deviation == 0.0) CHECK(squares == 0);
+  // 1,800 draws: the deviation's own deviation is 0.1 / sqrt(3600); five of those.
+  if (deviation == 0.1) CHECK(std::sqrt(squares / count) == Approx(0.1).margin(0.0085));
+  // Most of N(0, 5) lies beyond both bounds.
+  if (deviation == 5.0) CHECK(at_a_bound > 0.7 * count);
+}
+
+}  // namespace b4mrl
