@@ -2,8 +2,27 @@
 
 #include <cblas.h>
 
+#include <algorithm>
+
 namespace b4mrl {
 namespace {
+
+// sgemm_small_matrix_permit of OpenBLAS 0.3.21 for SkylakeX and its successors: the products that
+// it hands to kernels without packing.
+constexpr int64_t kSmallProduct = 1'000'000;
+// Those kernels are fastest on whole groups of columns: of four where b is as it lies, of six where
+// it is transposed.
+constexpr int kColumnGroup = 12;
+// Wider gains nothing; narrower keeps c in the first-level cache for what follows.
+constexpr int kNarrowMax = 8 * kColumnGroup;
+
+bool HasKernelsWithoutPacking() {
+  static const bool has = [] {
+    const std::string name = BlasKernelName();
+    return name == "SkylakeX" || name == "Cooperlake" || name == "SapphireRapids";
+  }();
+  return has;
+}
 
 CBLAS_TRANSPOSE ToCblas(Transpose transpose) {
   return transpose == Transpose::kYes ? CblasTrans : CblasNoTrans;
@@ -40,6 +59,18 @@ void UseOneBlasThread() { openblas_set_num_threads(1); }
 
 std::string BlasKernelName() { return openblas_get_corename(); }
 
+template <>
+int NarrowProductColumns<float>(int rows, int inner) {
+  if (rows == 1 || !HasKernelsWithoutPacking()) return 0;  // one row is a matrix-vector product
+  const int64_t columns = kSmallProduct / (static_cast<int64_t>(rows) * inner);
+  return static_cast<int>(std::min<int64_t>(columns / kColumnGroup * kColumnGroup, kNarrowMax));
+}
+
+template <>
+int NarrowProductColumns<double>(int, int) {
+  return 0;
+}
+
 template <typename Scalar>
 void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<const Scalar> b,
               Transpose transpose_b, MatrixView<Scalar> c, bool accumulate) {
@@ -53,7 +84,15 @@ void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<cons
   } else if (c.columns == 1) {
     MatrixVector(transpose_a, a, b.data, b_flipped ? b.stride : 1, beta, c.data, 1);
   } else {
-    MatrixMatrix(a, transpose_a, b, transpose_b, a_flipped ? a.rows : a.columns, beta, c);
+    const int inner = a_flipped ? a.rows : a.columns;
+    const int narrow = a_flipped ? 0 : NarrowProductColumns<Scalar>(c.rows, inner);
+    const int step = narrow == 0 ? c.columns : narrow;
+    for (int first = 0; first < c.columns; first += step) {
+      const int count = std::min(step, c.columns - first);
+      MatrixMatrix(a, transpose_a,
+                   b_flipped ? b.RowBlock(first, count) : b.ColumnBlock(first, count), transpose_b,
+                   inner, beta, c.ColumnBlock(first, count));
+    }
   }
 }
 

@@ -80,6 +80,29 @@ void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradien
 }
 
 template <typename Scalar>
+void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
+  // Squares whose columns and rows both stay in the first-level cache.
+  constexpr int kSquare = 8;
+  for (int column = 0; column < from.columns; column += kSquare) {
+    const int columns = std::min(kSquare, from.columns - column);
+    for (int row = 0; row < from.rows; row += kSquare) {
+      const int rows = std::min(kSquare, from.rows - row);
+      const Scalar* __restrict in = from.column(column) + row;
+      Scalar* __restrict out = to.column(row) + column;
+      if (rows == kSquare && columns == kSquare) {
+        for (int i = 0; i < kSquare; ++i) {
+          for (int j = 0; j < kSquare; ++j) out[i * to.stride + j] = in[j * from.stride + i];
+        }
+      } else {
+        for (int i = 0; i < rows; ++i) {
+          for (int j = 0; j < columns; ++j) out[i * to.stride + j] = in[j * from.stride + i];
+        }
+      }
+    }
+  }
+}
+
+template <typename Scalar>
 void RowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
   // Strips of rows whose partial sums fit in registers.
   constexpr int kStrip = 64;
@@ -107,6 +130,7 @@ void RowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
   template void ReluBackwardOuter<Scalar>(MatrixView<const Scalar>, const Scalar*, const Scalar*, \
                                           int, MatrixView<Scalar>);                               \
   template void MultiplyInPlace<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);            \
+  template void TransposeInto<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);              \
   template void RowSums<Scalar>(MatrixView<const Scalar>, std::span<Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)

@@ -1,5 +1,6 @@
 #include "algorithms/nn/mlp.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -48,28 +49,57 @@ MatrixView<Scalar> MemberBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& wo
   return buffer.ColumnBlock(m * (buffer.columns / workspace.members), workspace.batch);
 }
 
+// Bias and activation of layer `index` on some columns of its output.
+template <typename Scalar>
+void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bias,
+              MatrixView<Scalar> output, MatrixView<Scalar> slopes) {
+  if (index + 1 == layout.layers().size()) {
+    AddBias<Scalar>(bias, output);
+  } else if (layout.shape().activation == Activation::kRelu) {
+    AddBiasRelu<Scalar>(bias, output);
+  } else {
+    AddBiasSwish<Scalar>(bias, output, slopes);
+  }
+}
+
+// Layer `index` of one member, as many columns at a time as one product takes, so that bias and
+// activation meet them in the cache.
+template <typename Scalar>
+void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member, int m,
+                  size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace) {
+  const MlpLayout::Layer& layer = layout.layers()[index];
+  const MatrixView<Scalar> output = MemberBlock(layout, workspace, workspace.activations, index, m);
+  const bool keeps_slopes = index < workspace.slopes.size();
+  const MatrixView<Scalar> slopes =
+      keeps_slopes ? MemberBlock(layout, workspace, workspace.slopes, index, m) : output;
+  MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
+  Transpose transpose = Transpose::kYes;
+  int step = NarrowProductColumns<Scalar>(layer.outputs, layer.inputs);
+  if (step > 0) {
+    const MatrixView<Scalar> copy(workspace.transposed.values().data(), layer.outputs,
+                                  layer.inputs);
+    TransposeInto<Scalar>(weight, copy);
+    weight = copy;
+    transpose = Transpose::kNo;
+  } else {
+    step = output.columns;
+  }
+  for (int first = 0; first < output.columns; first += step) {
+    const int count = std::min(step, output.columns - first);
+    const MatrixView<Scalar> block = output.ColumnBlock(first, count);
+    Multiply<Scalar>(weight, transpose, below.ColumnBlock(first, count), Transpose::kNo, block);
+    Activate<Scalar>(layout, index, BiasSpan(layer, parameters, member), block,
+                     keeps_slopes ? slopes.ColumnBlock(first, count) : MatrixView<Scalar>());
+  }
+}
+
 template <typename Scalar>
 void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
                    MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace) {
   MatrixView<const Scalar> below = InputBlock(layout, input, m);
-  const size_t last = layout.layers().size() - 1;
-  for (size_t i = 0; i <= last; ++i) {
-    const MlpLayout::Layer& layer = layout.layers()[i];
-    const MatrixView<Scalar> output = MemberBlock(layout, workspace, workspace.activations, i, m);
-    Multiply<Scalar>(WeightView(layer, parameters, first_member + m), Transpose::kYes, below,
-                     Transpose::kNo, output);
-    const std::span<const Scalar> bias = BiasSpan(layer, parameters, first_member + m);
-    if (i == last) {
-      AddBias<Scalar>(bias, output);
-    } else if (layout.shape().activation == Activation::kRelu) {
-      AddBiasRelu<Scalar>(bias, output);
-    } else {
-      AddBiasSwish<Scalar>(bias, output,
-                           workspace.slopes.empty()
-                               ? MatrixView<Scalar>()
-                               : MemberBlock(layout, workspace, workspace.slopes, i, m));
-    }
-    below = output;
+  for (size_t i = 0; i < layout.layers().size(); ++i) {
+    ForwardLayer(layout, parameters, first_member + m, m, i, below, workspace);
+    below = MemberBlock(layout, workspace, workspace.activations, i, m);
   }
 }
 
@@ -83,14 +113,24 @@ void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int fir
   const MatrixView<const Scalar> activation =
       MemberBlock(layout, workspace, workspace.activations, index - 1, m);
   const MatrixView<const Scalar> weight = WeightView(layer, parameters, first_member + m);
-  if (layout.shape().activation == Activation::kSwish) {
-    Multiply<Scalar>(weight, Transpose::kNo, from, Transpose::kNo, to);
-    MultiplyInPlace<Scalar>(MemberBlock(layout, workspace, workspace.slopes, index - 1, m), to);
-  } else if (layer.outputs == 1) {
+  const bool swish = layout.shape().activation == Activation::kSwish;
+  if (!swish && layer.outputs == 1) {
     ReluBackwardOuter<Scalar>(activation, weight.data, from.data, from.stride, to);
-  } else {
-    Multiply<Scalar>(weight, Transpose::kNo, from, Transpose::kNo, to);
-    ReluBackward<Scalar>(activation, to);
+    return;
+  }
+  const int narrow = NarrowProductColumns<Scalar>(layer.inputs, layer.outputs);
+  const int step = narrow > 0 ? narrow : to.columns;
+  for (int first = 0; first < to.columns; first += step) {
+    const int count = std::min(step, to.columns - first);
+    const MatrixView<Scalar> block = to.ColumnBlock(first, count);
+    Multiply<Scalar>(weight, Transpose::kNo, from.ColumnBlock(first, count), Transpose::kNo, block);
+    if (swish) {
+      MultiplyInPlace<Scalar>(
+          MemberBlock(layout, workspace, workspace.slopes, index - 1, m).ColumnBlock(first, count),
+          block);
+    } else {
+      ReluBackward<Scalar>(activation.ColumnBlock(first, count), block);
+    }
   }
 }
 
@@ -156,6 +196,16 @@ void MlpLayout::Initialize(Initialization initialization, Rng& rng,
 }
 
 template <typename Scalar>
+void MlpLayout::InitializeHead(double gain, Rng& rng, std::span<Scalar> parameters) const {
+  const Layer& head = layers_.back();
+  const double bound = gain * std::sqrt(6.0 / (head.inputs + head.outputs));
+  for (Scalar& value : parameters.subspan(head.weight, head.weight_size)) {
+    value = static_cast<Scalar>(rng.Uniform(-bound, bound));
+  }
+  for (Scalar& value : parameters.subspan(head.bias, head.bias_size)) value = 0;
+}
+
+template <typename Scalar>
 void MlpLayout::Visit(std::string_view prefix, std::span<Scalar> parameters,
                       const ArrayVisitor<Scalar>& visitor) const {
   for (size_t i = 0; i < layers_.size(); ++i) {
@@ -177,8 +227,10 @@ MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, in
                                    bool keep_gradients)
     : members(member_count) {
   const size_t last = layout.layers().size() - 1;
+  int largest = 0;
   for (size_t i = 0; i <= last; ++i) {
     const int width = layout.layers()[i].outputs;
+    largest = std::max(largest, width * layout.layers()[i].inputs);
     const int rows = i == last ? members * width : width;
     const int columns = i == last ? batch_max : members * batch_max;
     activations.emplace_back(rows, columns);
@@ -188,6 +240,7 @@ MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, in
       slopes.emplace_back(rows, columns);
     }
   }
+  transposed = MatrixBuffer<Scalar>(largest, 1);
 }
 
 template <typename Scalar>
@@ -226,6 +279,7 @@ void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameter
 
 #define B4MRL_INSTANTIATE(Scalar)                                                                 \
   template void MlpLayout::Initialize<Scalar>(Initialization, Rng&, std::span<Scalar>) const;     \
+  template void MlpLayout::InitializeHead<Scalar>(double, Rng&, std::span<Scalar>) const;         \
   template void MlpLayout::Visit<Scalar>(std::string_view, std::span<Scalar>,                     \
                                          const ArrayVisitor<Scalar>&) const;                      \
   template struct MlpWorkspace<Scalar>;                                                           \

@@ -65,6 +65,10 @@ class MlpLayout {
   // Fills `parameters`, layer by layer and member by member.
   template <typename Scalar>
   void Initialize(Initialization initialization, Rng& rng, std::span<Scalar> parameters) const;
+  // Draws the output layer again: weight ~ U(-b, b), b = gain sqrt(6 / (inputs + outputs)), and
+  // bias 0 (Glorot and Bengio 2010).
+  template <typename Scalar>
+  void InitializeHead(double gain, Rng& rng, std::span<Scalar> parameters) const;
 
   // Names "<prefix>/layer<i>/weight" and ".../bias".
   template <typename Scalar>
@@ -90,6 +94,7 @@ struct MlpWorkspace {
   std::vector<MatrixBuffer<Scalar>> activations;
   std::vector<MatrixBuffer<Scalar>> slopes;     // swish only: its derivative, per hidden layer
   std::vector<MatrixBuffer<Scalar>> gradients;  // d loss / d activation; the last: d output
+  MatrixBuffer<Scalar> transposed;              // one member's weights of one layer
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
   // To be filled between MlpForward and MlpBackward.
