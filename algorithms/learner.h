@@ -35,7 +35,8 @@ namespace b4mrl {
 
 class Client;
 
-// One number that a user may set: `--<name> value` or `<name> = value` in a TOML file.
+// What a user may set: `--<name> value` or `<name> = value` in a TOML file. A number, or one of
+// several choices, which users give by name.
 struct Hyperparameter {
   std::string_view name;
   double value;  // the default
@@ -46,6 +47,13 @@ struct Hyperparameter {
   std::string_view unit = {};     // "updates", "rows", "steps"; none: a pure number
   std::string_view source = {};   // who chose the default, and why where sources disagree
   std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
+
+  // The names in `choices`; none for a number.
+  std::vector<std::string_view> ChoiceNames() const;
+  // Takes "true" and "false" too, as TOML has them.
+  bool IsSwitch() const { return whole && low == 0 && high == 1 && choices.empty(); }
+  // The value as users write it: "0.0003", "gaussian".
+  std::string Text() const;
 };
 
 // The values in force: a learner's table with the user's changes.
@@ -57,6 +65,10 @@ class Hyperparameters {
 
   // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
   Status Set(std::string_view name, double value);
+  // The value as a user wrote it. A choice goes by its name only: its number is nobody's business.
+  Status SetText(std::string_view name, std::string_view text);
+  // nullptr when `name` does not stand in the table.
+  const Hyperparameter* Find(std::string_view name) const;
   // NaN when `name` does not stand in the table.
   double Number(std::string_view name) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
@@ -64,6 +76,8 @@ class Hyperparameters {
   const std::vector<Hyperparameter>& entries() const { return entries_; }
 
  private:
+  Result<Hyperparameter*> Need(std::string_view name);
+
   std::vector<Hyperparameter> entries_;
 };
 

@@ -48,8 +48,9 @@ bool TakeOptions(const Json& json, RunRecord& record) {
   const auto hyperparameters = json.find("hyperparameters");
   if (hyperparameters == json.end() || !hyperparameters->is_object()) return false;
   for (const auto& [name, value] : hyperparameters->items()) {
-    understood = understood && value.is_number();
-    if (value.is_number()) record.hyperparameters.emplace_back(name, value.get<double>());
+    understood = understood && (value.is_number() || value.is_string());
+    if (value.is_number()) record.hyperparameters.emplace_back(name, value.dump());
+    if (value.is_string()) record.hyperparameters.emplace_back(name, value.get<std::string>());
   }
   return understood;
 }
@@ -73,7 +74,12 @@ Status WriteRunRecord(const TrainOptions& options) {
   json["stop_at_score"] = options.stop_at_score ? Json(*options.stop_at_score) : Json(nullptr);
   json["hyperparameters"] = Json::object();
   for (const Hyperparameter& entry : options.hyperparameters.entries()) {
-    json["hyperparameters"][std::string(entry.name)] = entry.value;
+    Json& value = json["hyperparameters"][std::string(entry.name)];
+    if (entry.choices.empty()) {
+      value = entry.value;
+    } else {
+      value = entry.Text();
+    }
   }
   json["command"] = options.command;
   json["version"] = B4MRL_VERSION;

@@ -42,7 +42,7 @@ Status WriteRunRecord(const TrainOptions& options);
 
 struct RunRecord {
   TrainOptions options;  // without hyperparameters, folder and resume
-  std::vector<std::pair<std::string, double>> hyperparameters;
+  std::vector<std::pair<std::string, std::string>> hyperparameters;  // as users write them
 };
 // kIoError when the folder has none; kDataLoss when it cannot be understood.
 Result<RunRecord> ReadRunRecord(const std::string& folder);

@@ -25,7 +25,7 @@ Result<std::vector<std::string>> ReadOptions(const std::string& path) {
   for (const auto& [key, value] : parsed.table()) {
     const std::string name = fmt::format("--{}", key.str());
     if (const auto* flag = value.as_boolean()) {
-      if (flag->get()) options.push_back(name);
+      options.push_back(fmt::format("{}={}", name, flag->get()));
     } else if (const auto* string = value.as_string()) {
       options.push_back(fmt::format("{}={}", name, string->get()));
     } else if (const auto* integer = value.as_integer()) {

@@ -89,11 +89,18 @@ Json AlgorithmItem(const Algorithm& algorithm) {
                {"dataset", algorithm.needs.dataset},
                {"hyperparameters", Json::array()}};
   for (const Hyperparameter& entry : algorithm.hyperparameters) {
-    item["hyperparameters"].push_back({{"name", entry.name},
-                                       {"default", entry.value},
-                                       {"low", entry.low},
-                                       {"high", entry.high},
-                                       {"meaning", entry.meaning}});
+    Json parameter = {{"name", entry.name}, {"meaning", entry.meaning}};
+    if (entry.choices.empty()) {
+      parameter["default"] = entry.value;
+      parameter["low"] = entry.low;
+      parameter["high"] = entry.high;
+    } else {
+      parameter["default"] = entry.Text();
+      parameter["choices"] = entry.ChoiceNames();
+    }
+    parameter["unit"] = entry.unit;
+    parameter["source"] = entry.source;
+    item["hyperparameters"].push_back(std::move(parameter));
   }
   return item;
 }

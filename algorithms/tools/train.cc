@@ -25,6 +25,9 @@ void RequestStop(int signal_number) {
   std::signal(signal_number, SIG_DFL);
 }
 
+// Hyperparameters as written, in the order in which they were given.
+using NamedTexts = std::vector<std::pair<std::string, std::string>>;
+
 struct TrainCommand {
   CLI::App* app;
   TrainOptions options;
@@ -35,9 +38,8 @@ struct TrainCommand {
 
   void AddOptions();
   std::optional<Failure> Run();
-  Status MergeRecord(std::vector<std::pair<std::string, double>>& hyperparameters);
-  Status SetHyperparameters(const Algorithm& algorithm,
-                            const std::vector<std::pair<std::string, double>>& recorded);
+  Status MergeRecord(NamedTexts& hyperparameters);
+  Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
   Status CheckNeeds(const Algorithm& algorithm) const;
   Status CheckFolder() const;
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
@@ -46,20 +48,41 @@ struct TrainCommand {
   void PrintSummary(const TrainSummary& summary) const;
 };
 
-std::string HyperparameterHelp() {
-  std::string text;
+// "  --batch-size 256 rows      of one update [1..65536]" and a line for who chose the default.
+std::string HelpOf(const Hyperparameter& entry) {
+  const std::string unit = entry.unit.empty() ? "" : fmt::format(" {}", entry.unit);
+  const std::string allowed =
+      entry.choices.empty()
+          ? fmt::format("{}{}..{}", entry.whole ? "whole, " : "", entry.low, entry.high)
+          : std::string(entry.choices);
+  const std::string option = fmt::format("--{} {}{}", entry.name, entry.Text(), unit);
+  std::string text = fmt::format("  {:<34} {} [{}]\n", option, entry.meaning, allowed);
+  if (!entry.source.empty()) text += fmt::format("  {:<34} from: {}\n", "", entry.source);
+  return text;
+}
+
+std::string HelpOf(const Algorithm& algorithm) {
+  std::string text = fmt::format("Hyperparameters of {} ({}), here with their defaults:\n",
+                                 algorithm.name, algorithm.description);
+  for (const Hyperparameter& entry : algorithm.hyperparameters) text += HelpOf(entry);
+  return text;
+}
+
+// Behind the options: the chosen algorithm's hyperparameters, or what can be chosen.
+std::string AlgorithmHelp(const std::string& chosen) {
+  const auto found = FindAlgorithm(chosen);
+  if (found.ok()) return HelpOf(**found);
+  std::string text = chosen.empty() ? "" : fmt::format("{}\n\n", found.status().message());
+  text +=
+      "\nAlgorithms, whose hyperparameters are options too (b4mrl train --algorithm A --help):\n";
   for (const Algorithm& algorithm : Algorithms()) {
-    text += fmt::format("\nOptions of {} ({}):\n", algorithm.name, algorithm.description);
-    for (const Hyperparameter& entry : algorithm.hyperparameters) {
-      text += fmt::format("  {:<27} {} [{}]\n", fmt::format("--{} NUMBER", entry.name),
-                          entry.meaning, entry.value);
-    }
+    text += fmt::format("  {:<10} {}\n", algorithm.name, algorithm.description);
   }
   return text;
 }
 
 void TrainCommand::AddOptions() {
-  app->add_option("--algorithm", options.algorithm, "see `b4mrl list algorithms`");
+  app->add_option("--algorithm", options.algorithm, "one of those below");
   app->add_option("--environment", options.environment, "the true environment: \"HalfCheetah\"");
   app->add_option("--simulator", options.simulator,
                   "perturbations of the simulator to learn in: \"gravity,obs-noise-low\"");
@@ -89,7 +112,7 @@ void TrainCommand::AddOptions() {
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
   app->allow_extras();  // hyperparameters, whose names depend on the algorithm
-  app->footer(HyperparameterHelp());
+  app->footer([this] { return AlgorithmHelp(options.algorithm); });
 }
 
 // An identity option: as recorded when not given, refused when it differs.
@@ -103,7 +126,7 @@ Status TrainCommand::Merge(const std::string& name, T& given, const T& recorded)
   return Status();
 }
 
-Status TrainCommand::MergeRecord(std::vector<std::pair<std::string, double>>& hyperparameters) {
+Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_ASSIGN_OR_RETURN(RunRecord record, ReadRunRecord(options.folder));
   const TrainOptions& old = record.options;
   B4MRL_RETURN_IF_ERROR(Merge("algorithm", options.algorithm, old.algorithm));
@@ -124,8 +147,8 @@ Status TrainCommand::MergeRecord(std::vector<std::pair<std::string, double>>& hy
 }
 
 // "--gamma 0.98" and "--gamma=0.98", which CLI11 hands back because it does not know them.
-Result<std::vector<std::pair<std::string, double>>> ParseExtras(std::vector<std::string> words) {
-  std::vector<std::pair<std::string, double>> values;
+Result<NamedTexts> ParseExtras(const std::vector<std::string>& words) {
+  NamedTexts values;
   for (size_t i = 0; i < words.size(); ++i) {
     if (!words[i].starts_with("--")) {
       return InvalidArgument("argument", words[i], "options, as --name value");
@@ -137,8 +160,7 @@ Result<std::vector<std::pair<std::string, double>>> ParseExtras(std::vector<std:
     } else if (i + 1 < words.size()) {
       text = words[++i];
     }
-    B4MRL_ASSIGN_OR_RETURN(const double value, ParseFinite("--" + name, text, -HUGE_VAL, HUGE_VAL));
-    values.emplace_back(name, value);
+    values.emplace_back(name, text);
   }
   return values;
 }
@@ -151,22 +173,23 @@ std::vector<std::string> HyperparameterOptions(const Algorithm& algorithm) {
   return names;
 }
 
-Status TrainCommand::SetHyperparameters(
-    const Algorithm& algorithm, const std::vector<std::pair<std::string, double>>& recorded) {
-  options.hyperparameters = Hyperparameters(algorithm.hyperparameters);
-  for (const auto& [name, value] : recorded) {
-    B4MRL_RETURN_IF_ERROR(options.hyperparameters.Set(name, value));
-  }
-  B4MRL_ASSIGN_OR_RETURN(const auto given, ParseExtras(app->remaining()));
-  for (const auto& [name, value] : given) {
-    const double before = options.hyperparameters.Number(name);
-    if (std::isnan(before))
+Status TrainCommand::SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded) {
+  Hyperparameters& values = options.hyperparameters;
+  values = Hyperparameters(algorithm.hyperparameters);
+  for (const auto& [name, text] : recorded) B4MRL_RETURN_IF_ERROR(values.SetText(name, text));
+  const Hyperparameters before = values;
+  B4MRL_ASSIGN_OR_RETURN(const NamedTexts given, ParseExtras(app->remaining()));
+  for (const auto& [name, text] : given) {
+    if (values.Find(name) == nullptr) {
       return UnknownOption(*app, "--" + name, HyperparameterOptions(algorithm));
-    B4MRL_RETURN_IF_ERROR(options.hyperparameters.Set(name, value));
-    if (!recorded.empty() && before != value) {
-      return InvalidNumber("--" + name, value,
-                           fmt::format("{}, as in the run to be resumed", before));
     }
+    B4MRL_RETURN_IF_ERROR(values.SetText(name, text));
+  }
+  for (const Hyperparameter& entry : before.entries()) {
+    const Hyperparameter& now = *values.Find(entry.name);
+    if (recorded.empty() || now.value == entry.value) continue;
+    return InvalidArgument(fmt::format("--{}", entry.name), now.Text(),
+                           fmt::format("{}, as in the run to be resumed", entry.Text()));
   }
   return Status();
 }
@@ -215,7 +238,7 @@ std::optional<Failure> TrainCommand::Run() {
     options.folder =
         fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm, options.seed);
   }
-  std::vector<std::pair<std::string, double>> recorded;
+  NamedTexts recorded;
   if (options.resume && !ListCheckpoints(options.folder).empty()) {
     if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
   }

@@ -179,6 +179,46 @@ TEST_CASE("Hyperparameters refuse unknown names and values outside their range")
   CHECK(unknown.message().find("'gamma'") != std::string::npos);
 }
 
+TEST_CASE("Choices are set by name, never by number, and are shown by name") {
+  constexpr Hyperparameter kTable[] = {
+      {"actor", 0, 0, 1, true, "policy", {}, {}, "deterministic|gaussian"},
+      {"normalise", 1, 0, 1, true, "observations"},
+      {"gamma", 0.99, 0, 1, false, "discount"},
+  };
+  Hyperparameters values(kTable);
+  CHECK(values.Find("actor")->Text() == "deterministic");
+  NeedOk(values.SetText("actor", "gaussian"));
+  CHECK(values.Integer("actor") == 1);
+  CHECK(values.Find("actor")->Text() == "gaussian");
+  for (const char* wrong : {"0", "1", "gausian", ""}) {
+    INFO("'" << wrong << "'");
+    CHECK(values.SetText("actor", wrong).code() == StatusCode::kUnknownName);
+  }
+  CHECK(values.SetText("actor", "gausian").message().find("did you mean 'gaussian'") !=
+        std::string::npos);
+  CHECK(values.Integer("actor") == 1);
+  NeedOk(values.SetText("normalise", "false"));
+  CHECK(values.Number("normalise") == 0);
+  NeedOk(values.SetText("gamma", "0.5"));
+  CHECK(values.Find("gamma")->Text() == "0.5");
+  for (const char* wrong : {"half", "2", "nan", "0.5x", "true"}) {
+    INFO("'" << wrong << "'");
+    CHECK(values.SetText("gamma", wrong).code() == StatusCode::kInvalidArgument);
+  }
+}
+
+TEST_CASE("Every algorithm's choices are the whole numbers of their range") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    for (const Hyperparameter& entry : algorithm.hyperparameters) {
+      if (entry.choices.empty()) continue;
+      INFO(algorithm.name << " " << entry.name);
+      CHECK(entry.whole);
+      CHECK(entry.low == 0);
+      CHECK(entry.high == static_cast<double>(entry.ChoiceNames().size() - 1));
+    }
+  }
+}
+
 TEST_CASE("Every algorithm's defaults lie in their own ranges") {
   for (const Algorithm& algorithm : Algorithms()) {
     Hyperparameters values(algorithm.hyperparameters);

@@ -1,10 +1,14 @@
 // The command line as a user meets it: exit codes, what goes to stdout, and runs that are killed.
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
+#include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
 #include "data/agent_file.h"
 #include "tests/algorithms/tools/tool.h"
@@ -77,8 +81,30 @@ TEST_CASE("Bad input ends with code 3, no daemon with 4, a refusal with 5") {
 TEST_CASE("Help and the version end with code 0") {
   const Outcome help = Run({"train", "--help"});
   CHECK(help.exit_code == 0);
-  CHECK(help.out.find("--warm-up") != std::string::npos);
+  CHECK(help.out.find("hymopo") != std::string::npos);
   CHECK(Run({"--version"}).exit_code == 0);
+}
+
+TEST_CASE(
+    "The help of an algorithm lists its hyperparameters, those only, with default and source") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    const Outcome help = Run({"train", "--algorithm", std::string(algorithm.name), "--help"});
+    REQUIRE(help.exit_code == 0);
+    std::set<std::string> own;
+    for (const Hyperparameter& entry : algorithm.hyperparameters) {
+      INFO(algorithm.name << " " << entry.name);
+      own.emplace(entry.name);
+      CHECK(help.out.find(fmt::format("  --{} {}", entry.name, entry.Text())) != std::string::npos);
+      CHECK(help.out.find(entry.source) != std::string::npos);
+    }
+    for (const Algorithm& other : Algorithms()) {
+      for (const Hyperparameter& entry : other.hyperparameters) {
+        if (own.contains(std::string(entry.name))) continue;
+        INFO(algorithm.name << " lists " << entry.name << " of " << other.name);
+        CHECK(help.out.find(fmt::format("  --{} ", entry.name)) == std::string::npos);
+      }
+    }
+  }
 }
 
 TEST_CASE("Lists are JSON arrays of objects with a name") {
