@@ -29,9 +29,9 @@
 #include "algorithms/rl/batch_buffer.h"
 #include "algorithms/rl/core_metrics.h"
 #include "algorithms/rl/core_options.h"
-#include "algorithms/rl/correction_data.h"
 #include "algorithms/rl/dynamics_ensemble.h"
 #include "algorithms/rl/hidden_dimensions.h"
+#include "algorithms/rl/model_data.h"
 #include "algorithms/rl/model_rollout.h"
 #include "algorithms/rl/policy_numbers.h"
 #include "algorithms/rl/replay_buffer.h"
@@ -136,7 +136,7 @@ class Hymopo : public Learner {
   std::string dataset_sha256() const override { return dataset_->in_force().info().sha256(); }
 
  private:
-  Status TrainEnsemble(const CorrectionData& data, Progress& progress);
+  Status TrainEnsemble(const ModelData& data, Progress& progress);
   Status StartCycle(MetricMeans& metrics);
   Status BeginRollout(uint64_t cycle, const PolicyWeights& policy);
   Result<RolloutCounts> FinishRollout(Generation generation);
@@ -183,7 +183,7 @@ Hymopo::Hymopo(const LearnerContext& context, SacCore<float> core, DynamicsEnsem
 
 Status Hymopo::Prepare(Progress& progress) {
   const uint64_t query_seed = RoleSeed(context_.seed, "pre-pass");
-  B4MRL_ASSIGN_OR_RETURN(const CorrectionData data,
+  B4MRL_ASSIGN_OR_RETURN(const ModelData data,
                          QueryCorrections(context_, *dataset_, simulator_, query_seed, progress));
   if (data.invalid_rows > 0) {
     progress.Message(fmt::format("the simulator could not answer {} of {} rows: dropped",
@@ -196,7 +196,7 @@ Status Hymopo::Prepare(Progress& progress) {
   return Status();
 }
 
-Status Hymopo::TrainEnsemble(const CorrectionData& data, Progress& progress) {
+Status Hymopo::TrainEnsemble(const ModelData& data, Progress& progress) {
   constexpr int64_t kUpdatesPerCall = 100;  // between two looks at the progress bar
   B4MRL_RETURN_IF_ERROR(ensemble_.StartTraining(data.view()));
   progress.Start("train ensemble", "updates",

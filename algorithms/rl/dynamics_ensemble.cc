@@ -93,7 +93,7 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
             DecayRanges(options, layout_)),
       bounds_adam_({.learning_rate = options.learning_rate}, static_cast<int64_t>(bounds_.size())),
       holdout_mse_(options.members, std::numeric_limits<double>::quiet_NaN()),
-      workspace_(layout_, options.members, options.batch_size),
+      workspace_(layout_, 1, options.batch_size),
       member_workspace_(layout_, 1, kPredictionBlock, /*keep_gradients=*/false),
       inputs_((options.bootstrap ? options.members : 1) * layout_.shape().inputs,
               options.batch_size),
@@ -148,49 +148,44 @@ MatrixView<Scalar> DynamicsEnsemble<Scalar>::ScaledCopy(MatrixView<const Scalar>
   return block;
 }
 
+// Column i of `head` is what a member answered for column columns[i] of a batch, variances bounded.
 template <typename Scalar>
-void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> inputs,
-                                           std::span<const int> columns,
-                                           MatrixView<const Scalar> noise,
-                                           MatrixView<Scalar> outputs) {
+void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, std::span<const int> columns,
+                                          MatrixView<const Scalar> noise,
+                                          MatrixView<Scalar> outputs) {
   const int count = static_cast<int>(columns.size());
   const int size = output_size();
-  const MatrixView<Scalar> block = block_inputs_.view(count);
   const MatrixView<Scalar> block_noise = block_noise_.view(count);
   for (int i = 0; i < count; ++i) {
-    std::copy_n(inputs.column(columns[i]), inputs.rows, block.column(i));
     std::copy_n(noise.column(columns[i]), size, block_noise.column(i));
   }
-  Scale(block);
-  const MatrixView<Scalar> head =
-      MlpForward<Scalar>(layout_, parameters_, block, member_workspace_, member);
-  BoundLogVariances<Scalar>(bounds_, head.RowBlock(size, size));
   SampleGaussian<Scalar>(head.RowBlock(0, size), head.RowBlock(size, size), block_noise,
                          head.RowBlock(0, size));
   for (int i = 0; i < count; ++i) std::copy_n(head.column(i), size, outputs.column(columns[i]));
 }
 
 template <typename Scalar>
-void DynamicsEnsemble<Scalar>::AddPenalty(int member, MatrixView<const Scalar> inputs,
-                                          std::span<Scalar> penalty) {
-  const int size = output_size();
-  const MatrixView<Scalar> head =
-      MlpForward<Scalar>(layout_, parameters_, ScaledCopy(inputs), member_workspace_, member);
-  const MatrixView<Scalar> log_var = head.RowBlock(size, size);
-  BoundLogVariances<Scalar>(bounds_, log_var);
-  for (int i = 0; i < inputs.columns; ++i) {
-    const ConstEigenColumn<Scalar> column(log_var.column(i), size);
-    // The deviations' squares are the variances.
-    const Scalar norm = std::sqrt(column.exp().sum());
-    if (!(norm <= penalty[i])) penalty[i] = norm;
+void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> inputs,
+                                           std::span<const int> columns,
+                                           MatrixView<const Scalar> noise,
+                                           MatrixView<Scalar> outputs) {
+  const int count = static_cast<int>(columns.size());
+  const MatrixView<Scalar> block = block_inputs_.view(count);
+  for (int i = 0; i < count; ++i) {
+    std::copy_n(inputs.column(columns[i]), inputs.rows, block.column(i));
   }
+  Scale(block);
+  const MatrixView<Scalar> head =
+      MlpForward<Scalar>(layout_, parameters_, block, member_workspace_, member);
+  BoundLogVariances<Scalar>(bounds_, head.RowBlock(output_size(), output_size()));
+  SampleHead(head, columns, noise, outputs);
 }
 
 template <typename Scalar>
-void DynamicsEnsemble<Scalar>::Sample(MatrixView<const Scalar> inputs, std::span<const int> members,
-                                      MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
-                                      std::span<Scalar> penalty) {
-  std::fill(penalty.begin(), penalty.end(), Scalar(0));
+void DynamicsEnsemble<Scalar>::SampleDrawn(MatrixView<const Scalar> inputs,
+                                           std::span<const int> members,
+                                           MatrixView<const Scalar> noise,
+                                           MatrixView<Scalar> outputs) {
   for (int m = 0; m < options_.members; ++m) {
     group_columns_.clear();
     for (int i = 0; i < inputs.columns; ++i) {
@@ -202,11 +197,49 @@ void DynamicsEnsemble<Scalar>::Sample(MatrixView<const Scalar> inputs, std::span
         group_columns_.clear();
       }
     }
-    if (penalty.empty()) continue;
-    for (int first = 0; first < inputs.columns; first += kPredictionBlock) {
-      const int count = std::min(kPredictionBlock, inputs.columns - first);
-      AddPenalty(m, inputs.ColumnBlock(first, count), penalty.subspan(first, count));
+  }
+}
+
+// One block of columns: every member's deviations, and what it predicts where it was drawn.
+template <typename Scalar>
+void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
+                                               std::span<const int> members,
+                                               MatrixView<const Scalar> noise,
+                                               MatrixView<Scalar> outputs,
+                                               std::span<Scalar> penalty) {
+  const int size = output_size();
+  const MatrixView<Scalar> scaled = ScaledCopy(inputs);
+  for (int m = 0; m < options_.members; ++m) {
+    const MatrixView<Scalar> head =
+        MlpForward<Scalar>(layout_, parameters_, scaled, member_workspace_, m);
+    const MatrixView<Scalar> log_var = head.RowBlock(size, size);
+    BoundLogVariances<Scalar>(bounds_, log_var);
+    group_columns_.clear();
+    for (int i = 0; i < inputs.columns; ++i) {
+      const ConstEigenColumn<Scalar> column(log_var.column(i), size);
+      // The deviations' squares are the variances.
+      const Scalar norm = std::sqrt(column.exp().sum());
+      if (!(norm <= penalty[i])) penalty[i] = norm;
+      if (members[i] != m) continue;
+      std::copy_n(head.column(i), head.rows, head.column(static_cast<int>(group_columns_.size())));
+      group_columns_.push_back(i);
     }
+    const int drawn = static_cast<int>(group_columns_.size());
+    SampleHead(head.ColumnBlock(0, drawn), group_columns_, noise, outputs);
+  }
+}
+
+template <typename Scalar>
+void DynamicsEnsemble<Scalar>::Sample(MatrixView<const Scalar> inputs, std::span<const int> members,
+                                      MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
+                                      std::span<Scalar> penalty) {
+  if (penalty.empty()) return SampleDrawn(inputs, members, noise, outputs);
+  std::fill(penalty.begin(), penalty.end(), Scalar(0));
+  for (int first = 0; first < inputs.columns; first += kPredictionBlock) {
+    const int count = std::min(kPredictionBlock, inputs.columns - first);
+    SamplePenalised(inputs.ColumnBlock(first, count), members.subspan(first, count),
+                    noise.ColumnBlock(first, count), outputs.ColumnBlock(first, count),
+                    penalty.subspan(first, count));
   }
 }
 

@@ -103,6 +103,7 @@ class DynamicsEnsemble {
   double DecayLoss() const;
 
   const DynamicsEnsembleOptions& options() const { return options_; }
+  bool trained() const { return finished_ != 0; }
   int output_size() const { return options_.observation_size + 1; }
   // Members of smallest hold-out error, best first; before any epoch the first `elites` members.
   std::vector<int> Elites() const;
@@ -133,15 +134,22 @@ class DynamicsEnsemble {
   void ShuffleEpoch();
   void GatherRow(const DynamicsData<Scalar>& data, int row, int block, int column);
   void GatherBatch(const DynamicsData<Scalar>& data, int64_t first, int count);
+  double UpdateMember(int m, MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets);
   void EndEpoch(const DynamicsData<Scalar>& data);
   void EvaluateHoldout(const DynamicsData<Scalar>& data);
   bool KeepImproved();
   // Prediction (dynamics_ensemble.cc).
   void Scale(MatrixView<Scalar> inputs) const;
   MatrixView<Scalar> ScaledCopy(MatrixView<const Scalar> inputs);
+  void SampleHead(MatrixView<Scalar> head, std::span<const int> columns,
+                  MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
   void SampleGroup(int member, MatrixView<const Scalar> inputs, std::span<const int> columns,
                    MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
-  void AddPenalty(int member, MatrixView<const Scalar> inputs, std::span<Scalar> penalty);
+  void SampleDrawn(MatrixView<const Scalar> inputs, std::span<const int> members,
+                   MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
+  void SamplePenalised(MatrixView<const Scalar> inputs, std::span<const int> members,
+                       MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
+                       std::span<Scalar> penalty);
 
   DynamicsEnsembleOptions options_;
   MlpLayout layout_;
@@ -163,7 +171,7 @@ class DynamicsEnsemble {
   std::vector<double> holdout_mse_;
   double train_loss_ = 0;
 
-  MlpWorkspace<Scalar> workspace_;         // all members, batch_size columns
+  MlpWorkspace<Scalar> workspace_;         // one member after the other, batch_size columns
   MlpWorkspace<Scalar> member_workspace_;  // one member, for prediction
   MatrixBuffer<Scalar> inputs_;            // (members or 1) * inputs x batch
   MatrixBuffer<Scalar> targets_;           // (members or 1) * outputs x batch

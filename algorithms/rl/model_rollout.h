@@ -1,16 +1,20 @@
-// Short rollouts in a corrected simulator, in large batches: HyMOPO's hot path.
+// Short rollouts in a learned model, in large batches: the hot path of MOPO and HyMOPO.
 //
-// From each start row, `horizon` steps:   a ~ pi(o);   o'_sim = T_sim(o, a), asked of the daemon;
-//   one elite f_i at random;   (delta, r) ~ f_i(o, a);   o' = o'_sim + delta;
-//   r~ = r - penalty * max_i |std_i(o, a)|
+// From each start row, `horizon` steps:   a ~ pi(o);   one elite f_i at random;
+//   (delta, r) ~ f_i(o, a);   r~ = r - penalty * max_i |std_i(o, a)|
+//   MOPO:    o' = o + delta
+//   HyMOPO:  o' = o'_sim + delta,  o'_sim = T_sim(o, a), asked of the daemon
+// A row ends, too, where the termination function says so of o' (without one: the simulator of
+// o'_sim). A row whose query or prediction is not finite is dropped and counted. Rows that have
+// ended take no part in later steps.
+//
 // Rows go in chunks. Several chunks are at the daemon at any time, and while it simulates, this
 // thread infers the policy and the ensemble for others: the correction needs o and a only, not
-// o'_sim. A row whose query or correction is not finite, and whatever would follow it, is dropped
-// and counted.
+// o'_sim.
 //
-// All noise is addressed by (cycle, step, row) and chunks end in the order in which they began, so
-// results depend neither on how Advance calls are spread over time nor on the daemon's threads; on
-// the chunk size only through the last bits of the ensemble's matrix products. Dimensions that the
+// Our noise is addressed by (cycle, step, start row), the simulator's by (cycle, step, chunk, place
+// among its rows under way), and transitions come in the order of chunks, so results depend neither
+// on how Advance calls are spread over time nor on the daemon's threads. Dimensions that the
 // dataset hides stay zero in o', as the policy will meet them. Thread rule: one thread. The
 // simulator session (num_envs 0) and the ensemble outlive the object.
 #pragma once
@@ -25,6 +29,7 @@
 #include "algorithms/nn/inference.h"
 #include "algorithms/rl/dynamics_ensemble.h"
 #include "algorithms/rl/replay_buffer.h"
+#include "algorithms/rl/termination.h"
 #include "client/remote_environment.h"
 #include "proto/base/status.h"
 
@@ -39,17 +44,20 @@ struct ModelRolloutOptions {
   int chunks_in_flight = 6;
   uint64_t seed = 0;
   std::vector<float> action_scale;
-  std::vector<float> mask;  // of an observation: 1 seen, 0 hidden; empty: all seen
+  std::vector<float> mask;                 // of an observation: 1 seen, 0 hidden; empty: all seen
+  std::optional<Termination> termination;  // none: the simulator's
 };
 
 struct RolloutCounts {
-  uint64_t rows = 0;          // transitions made
-  uint64_t invalid_rows = 0;  // dropped
-  double reward_sum = 0;      // after the penalty, over `rows`
+  uint64_t rows = 0;             // transitions made
+  uint64_t invalid_rows = 0;     // dropped
+  uint64_t terminated_rows = 0;  // of `rows`
+  double reward_sum = 0;         // after the penalty, over `rows`
 };
 
 class ModelRollout {
  public:
+  // `simulator`: nullptr for MOPO's, which then needs a termination function.
   ModelRollout(ModelRolloutOptions options, RemoteEnvironment* simulator,
                DynamicsEnsemble<float>* ensemble);
   ~ModelRollout();
@@ -60,18 +68,21 @@ class ModelRollout {
   // One step of one chunk. Does nothing when done().
   Status Advance();
   bool done() const { return active_.empty(); }
-  // Advances to the end, then appends all transitions to `pool`, in the order of rows within
-  // chunks.
+  // Advances to the end, then appends all transitions to `pool`: chunk by chunk, in each step by
+  // step, in the order of start rows.
   Result<RolloutCounts> Finish(ReplayBuffer& pool);
 
  private:
   struct Chunk;
   Status Fill();
-  Status SendStep(Chunk& chunk);
-  Status ReceiveStep(Chunk& chunk);
+  Status BeginStep(Chunk& chunk);
   void DrawNoise(const char* purpose, const Chunk& chunk, MatrixView<float> noise) const;
-  void SampleCorrection(Chunk& chunk);
-  void ApplyCorrection(Chunk& chunk);
+  void SampleActions(Chunk& chunk);
+  Status SendQuery(Chunk& chunk);
+  void SampleModel(Chunk& chunk);
+  Status ReceiveNext(Chunk& chunk);
+  void CompleteStep(Chunk& chunk);
+  bool CompleteRow(Chunk& chunk, int row);
 
   ModelRolloutOptions options_;
   RemoteEnvironment* simulator_;
@@ -82,6 +93,9 @@ class ModelRollout {
   int next_start_ = 0;                         // first start row that no chunk has taken
   std::deque<std::unique_ptr<Chunk>> active_;  // in the order in which their requests were sent
   std::vector<std::unique_ptr<Chunk>> finished_;
+  // Of one step of one chunk.
+  MatrixBuffer<float> observations_, actions_, action_noise_, model_noise_;
+  std::vector<int> members_;
 };
 
 }  // namespace b4mrl

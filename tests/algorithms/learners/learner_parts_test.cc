@@ -3,8 +3,8 @@
 #include <cmath>
 #include <cstring>
 
-#include "algorithms/rl/correction_data.h"
 #include "algorithms/rl/evaluate.h"
+#include "algorithms/rl/model_data.h"
 #include "algorithms/rl/model_rollout.h"
 #include "algorithms/rl/training_dataset.h"
 #include "tests/algorithms/learners/test_daemon.h"
@@ -31,7 +31,7 @@ RemoteEnvironment QuerySession(TestDaemon& daemon, const LearnerContext& context
   return Need(daemon.client().Make("HalfCheetah", options));
 }
 
-CorrectionData Corrections(TestDaemon& daemon, const LearnerContext& context) {
+ModelData Corrections(TestDaemon& daemon, const LearnerContext& context) {
   const auto dataset = Need(OpenTrainingDataset(context));
   RemoteEnvironment simulator = QuerySession(daemon, context);
   Progress quiet(true);
@@ -94,7 +94,7 @@ TEST_CASE("The pre-pass's target is the simulator's error, and the reward") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
   const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
-  const CorrectionData data = Corrections(daemon, context);
+  const ModelData data = Corrections(daemon, context);
   REQUIRE(data.rows == 300);
   CHECK(data.invalid_rows == 0);
 
