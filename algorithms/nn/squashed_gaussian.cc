@@ -82,6 +82,34 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
 }
 
 template <typename Scalar>
+void ScaleLogStd(MatrixView<const Scalar> head, std::span<const Scalar> scale,
+                 MatrixView<Scalar> scaled) {
+  const int size = head.rows / 2;
+  for (int i = 0; i < head.columns; ++i) {
+    const Scalar* __restrict raw = head.column(i);
+    Scalar* __restrict out = scaled.column(i);
+    for (int k = 0; k < size; ++k) out[k] = raw[k];
+    for (int k = size; k < 2 * size; ++k) out[k] = scale[0] * raw[k] + scale[1];
+  }
+}
+
+template <typename Scalar>
+void ScaleLogStdBackward(MatrixView<const Scalar> head, std::span<const Scalar> scale,
+                         MatrixView<Scalar> gradient, std::span<Scalar> scale_gradient) {
+  const int size = head.rows / 2;
+  double to_m = 0, to_b = 0;
+  for (int i = 0; i < head.columns; ++i) {
+    for (int k = size; k < 2 * size; ++k) {
+      to_m += static_cast<double>(gradient(k, i)) * head(k, i);
+      to_b += gradient(k, i);
+      gradient(k, i) *= scale[0];
+    }
+  }
+  scale_gradient[0] = static_cast<Scalar>(to_m);
+  scale_gradient[1] = static_cast<Scalar>(to_b);
+}
+
+template <typename Scalar>
 void TanhForward(MatrixView<const Scalar> head, MatrixView<Scalar> actions) {
   Strip<Scalar> strip;
   const int columns_per_strip = ColumnsPerStrip(head.rows);
@@ -107,6 +135,10 @@ void TanhBackward(MatrixView<const Scalar> actions, MatrixView<const Scalar> act
   template void SquashedGaussianBackward<Scalar>(                                                  \
       const SquashedGaussianOptions&, MatrixView<const Scalar>, MatrixView<const Scalar>,          \
       MatrixView<const Scalar>, MatrixView<const Scalar>, Scalar, MatrixView<Scalar>);             \
+  template void ScaleLogStd<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,             \
+                                    MatrixView<Scalar>);                                           \
+  template void ScaleLogStdBackward<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,     \
+                                            MatrixView<Scalar>, std::span<Scalar>);                \
   template void TanhForward<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);                 \
   template void TanhBackward<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>,           \
                                      MatrixView<Scalar>);

@@ -44,6 +44,17 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
                               MatrixView<const Scalar> action_gradient, Scalar log_prob_gradient,
                               MatrixView<Scalar> head_gradient);
 
+// A head whose log_std rows are scaled: log_std = m raw + b, {m, b} = `scale`. The mean rows stay
+// as they are. `scaled` has head's shape and another place.
+template <typename Scalar>
+void ScaleLogStd(MatrixView<const Scalar> head, std::span<const Scalar> scale,
+                 MatrixView<Scalar> scaled);
+// Turns d loss / d scaled in `gradient` into d loss / d head; writes scale_gradient = d loss / {d
+// m, d b}.
+template <typename Scalar>
+void ScaleLogStdBackward(MatrixView<const Scalar> head, std::span<const Scalar> scale,
+                         MatrixView<Scalar> gradient, std::span<Scalar> scale_gradient);
+
 // The deterministic policy: actions = tanh(head), both action x n (same place allowed), and
 // head_gradient = action_gradient (1 - actions^2).
 template <typename Scalar>

@@ -9,19 +9,22 @@
 //   5. actor:      L = mean(alpha log pi - min_k Q_k(s, a)), with the critics of step 4
 //   6. Q' <- tau Q + (1 - tau) Q'
 // Data, replay, exploration and schedules belong to the learner that owns a core. MOPO and HyMOPO
-// train the same core on other batches; H2O needs `entropy_in_target = false`.
+// train the same core on other batches. H2O (rl/h2o_core.h) gives step 4 a loss of its own, takes
+// step 5 before it, and learns a scale m and an offset b of log_std = clamp(m raw + b).
 //
 // The update's random numbers are Rng(seed, "sac-noise", update number), so a resumed run needs
 // only the counter. Allocates nothing of its own after construction. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "algorithms/nn/adam.h"
 #include "algorithms/nn/inference.h"
+#include "algorithms/nn/losses.h"
 #include "algorithms/nn/mlp.h"
 #include "algorithms/nn/squashed_gaussian.h"
 #include "algorithms/rl/core_common.h"
@@ -37,8 +40,17 @@ struct SacOptions : ActorCriticOptions {
   std::optional<double> target_entropy;  // nothing: -action_size
   double critic_loss_scale = 0.5;
   bool entropy_in_target = true;
+  bool actor_first = false;          // step 5 before step 4: the critics as they were
+  bool learn_log_std_scale = false;  // m = 1 and b = -1 at first; false: they stay 1 and 0
+  std::optional<double> head_gain;   // output layers start as MlpLayout::InitializeHead makes them
   SquashedGaussianOptions policy;
 };
+
+// A loss of the critics in place of step 4's: returns it and writes d loss / d q, from q (critics x
+// n) and y (n).
+template <typename Scalar>
+using CriticObjective = std::function<CriticLoss(
+    MatrixView<const Scalar> q, std::span<const Scalar> targets, MatrixView<Scalar> q_gradient)>;
 
 struct SacMetrics {
   double critic_loss = 0;
@@ -55,12 +67,14 @@ class SacCore {
  public:
   static Result<SacCore> Create(const SacOptions& options);
 
-  // One gradient step; 1 <= batch.size() <= batch_max.
-  SacMetrics Update(const TransitionBatch<Scalar>& batch);
+  // One gradient step; 1 <= batch.size() <= batch_max. `objective` empty: the loss of step 4.
+  SacMetrics Update(const TransitionBatch<Scalar>& batch,
+                    const CriticObjective<Scalar>& objective = {});
   // The same with the standard normals given, action size x batch each: `noise` for a ~ pi(s),
   // `next_noise` for a' ~ pi(s'). Does everything Update does but draw.
   SacMetrics UpdateWithNoise(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise,
-                             MatrixView<const Scalar> next_noise);
+                             MatrixView<const Scalar> next_noise,
+                             const CriticObjective<Scalar>& objective = {});
 
   const SacOptions& options() const { return options_; }
   int64_t updates() const { return updates_; }
@@ -79,14 +93,25 @@ class SacCore {
  private:
   explicit SacCore(const SacOptions& options);
 
+  void InitializeNetworks();
   // Reads noise_: columns [0, n) for a, [n, 2n) for a'.
-  SacMetrics UpdateOnNoise(const TransitionBatch<Scalar>& batch);
+  SacMetrics UpdateOnNoise(const TransitionBatch<Scalar>& batch,
+                           const CriticObjective<Scalar>& objective);
   // The steps of the legend, in this order.
   void SampleActions(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
   void UpdateAlpha(SacMetrics& metrics);
   void ComputeTargets(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
-  void UpdateCritics(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
+  void UpdateCritics(const TransitionBatch<Scalar>& batch, const CriticObjective<Scalar>& objective,
+                     SacMetrics& metrics);
   void UpdateActor(const TransitionBatch<Scalar>& batch, SacMetrics& metrics);
+
+  // Writes critic_input_.
+  MatrixView<const Scalar> CriticInput(MatrixView<const Scalar> observations,
+                                       MatrixView<const Scalar> actions);
+  // m and b behind the actor's layers, for one optimiser; empty unless they are learned.
+  std::span<Scalar> LogStdScale(std::span<Scalar> actor) const;
+  // Mean and log_std rows for s and s', or s alone, from the actor's output.
+  MatrixView<const Scalar> PolicyHead(int columns);
 
   SacOptions options_;
   int64_t updates_ = 0;
@@ -102,6 +127,7 @@ class SacCore {
   MlpWorkspace<Scalar> critic_workspace_;
   MatrixBuffer<Scalar> actor_input_;   // observation x 2 batch
   MatrixBuffer<Scalar> critic_input_;  // observation + action x batch
+  MatrixBuffer<Scalar> scaled_head_;   // the actor's output with scaled log_std, if that is learned
   MatrixBuffer<Scalar> noise_;         // action x 2 batch
   MatrixBuffer<Scalar> actions_;       // action x 2 batch
   MatrixBuffer<Scalar> action_gradient_;

@@ -1,4 +1,5 @@
 // A batch of transitions as every update takes it: views, features x batch, owned by the caller.
+// HybridBatch is one of two sources.
 #pragma once
 
 #include <span>
@@ -17,6 +18,21 @@ struct TransitionBatch {
   std::span<const Scalar> not_terminated;  // batch
 
   int size() const { return observations.columns; }
+  TransitionBatch Columns(int first, int count) const {
+    return {observations.ColumnBlock(first, count), actions.ColumnBlock(first, count),
+            rewards.subspan(first, count), next_observations.ColumnBlock(first, count),
+            not_terminated.subspan(first, count)};
+  }
+};
+
+// Transitions of the real dynamics, followed by those of a simulator; at least one of each.
+template <typename Scalar>
+struct HybridBatch {
+  TransitionBatch<Scalar> rows;
+  int real_rows = 0;
+
+  int simulated_rows() const { return rows.size() - real_rows; }
+  TransitionBatch<Scalar> simulated() const { return rows.Columns(real_rows, simulated_rows()); }
 };
 
 }  // namespace b4mrl

@@ -5,8 +5,12 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <span>
+#include <string>
+#include <vector>
 
+#include "algorithms/nn/parameters.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {
@@ -35,6 +39,25 @@ inline void CheckGradient(std::span<double> variables, std::span<const double> g
     INFO("variable " << i);
     CHECK(gradient[i] == Approx((above - below) / (2 * kStep)).margin(1e-6 * scale));
   }
+}
+
+// Checks every gradient of `core` whose name starts with `prefix` against `loss`, which updates the
+// core with all learning rates zero: its losses are then functions of its parameters.
+template <typename Core>
+void CheckGradientsOf(const std::string& prefix, Core& core, const std::function<double()>& loss) {
+  loss();
+  std::map<std::string, std::vector<double>> gradients;
+  core.VisitGradients([&](const NamedArray<double>& array) {
+    gradients[array.name].assign(array.values.begin(), array.values.end());
+  });
+  int checked = 0;
+  core.VisitArrays([&](const NamedArray<double>& array) {
+    if (!array.name.starts_with(prefix) || !gradients.contains(array.name)) return;
+    INFO(array.name);
+    CheckGradient(array.values, gradients.at(array.name), loss, 15);
+    ++checked;
+  });
+  CHECK(checked > 0);
 }
 
 }  // namespace b4mrl

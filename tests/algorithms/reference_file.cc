@@ -101,12 +101,12 @@ double ReferenceFile::Difference(const std::string& prefix, const NamedArray<Sca
 }
 
 template <typename Scalar>
-ReferenceBatch<Scalar>::ReferenceBatch(const ReferenceFile& file)
-    : observations(file.Matrix<Scalar>("batch/observations")),
-      actions(file.Matrix<Scalar>("batch/actions")),
-      next_observations(file.Matrix<Scalar>("batch/next_observations")),
-      rewards(file.Vector<Scalar>("batch/rewards")),
-      not_terminated(file.Vector<Scalar>("batch/not_terminated")) {}
+ReferenceBatch<Scalar>::ReferenceBatch(const ReferenceFile& file, const std::string& prefix)
+    : observations(file.Matrix<Scalar>(prefix + "/observations")),
+      actions(file.Matrix<Scalar>(prefix + "/actions")),
+      next_observations(file.Matrix<Scalar>(prefix + "/next_observations")),
+      rewards(file.Vector<Scalar>(prefix + "/rewards")),
+      not_terminated(file.Vector<Scalar>(prefix + "/not_terminated")) {}
 
 template <typename Scalar>
 TransitionBatch<Scalar> ReferenceBatch<Scalar>::Views() const {

@@ -42,10 +42,10 @@ class ReferenceFile {
   std::map<std::string, Array> arrays_;
 };
 
-// The transitions under "batch/", and the storage their views look at.
+// The transitions under "<prefix>/", and the storage their views look at.
 template <typename Scalar>
 struct ReferenceBatch {
-  explicit ReferenceBatch(const ReferenceFile& file);
+  explicit ReferenceBatch(const ReferenceFile& file, const std::string& prefix = "batch");
   TransitionBatch<Scalar> Views() const;
 
   MatrixBuffer<Scalar> observations, actions, next_observations;

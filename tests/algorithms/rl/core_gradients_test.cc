@@ -25,24 +25,6 @@ MatrixBuffer<double> Normals(int rows, uint64_t stream) {
   return matrix;
 }
 
-// Checks every gradient of `core` whose name starts with `prefix` against `loss`.
-template <typename Core>
-void CheckGradientsOf(const std::string& prefix, Core& core, const std::function<double()>& loss) {
-  loss();
-  std::map<std::string, std::vector<double>> gradients;
-  core.VisitGradients([&](const NamedArray<double>& array) {
-    gradients[array.name].assign(array.values.begin(), array.values.end());
-  });
-  int checked = 0;
-  core.VisitArrays([&](const NamedArray<double>& array) {
-    if (!array.name.starts_with(prefix) || !gradients.contains(array.name)) return;
-    INFO(array.name);
-    CheckGradient(array.values, gradients.at(array.name), loss, 15);
-    ++checked;
-  });
-  CHECK(checked > 0);
-}
-
 TEST_CASE("SAC's losses have the gradients of their finite differences") {
   SacOptions options;
   options.observation_size = kObservations;
