@@ -17,6 +17,9 @@ Result<std::unique_ptr<Learner>> CreateTd3(const LearnerContext& context);
 std::span<const Hyperparameter> Td3BcHyperparameters();
 Result<std::unique_ptr<Learner>> CreateTd3Bc(const LearnerContext& context);
 
+std::span<const Hyperparameter> IqlHyperparameters();
+Result<std::unique_ptr<Learner>> CreateIql(const LearnerContext& context);
+
 std::span<const Hyperparameter> HymopoHyperparameters();
 Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context);
 

@@ -1,6 +1,7 @@
 // The cores' numbers as named metrics, so that equal things have equal names in every log.
 #pragma once
 
+#include "algorithms/rl/iql_core.h"
 #include "algorithms/rl/metrics.h"
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/td3_core.h"
@@ -22,6 +23,15 @@ inline void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
   metrics.Add("mean_q", values.mean_q);
   if (values.bc_loss) metrics.Add("bc_loss", *values.bc_loss);
   if (values.lambda) metrics.Add("lambda", *values.lambda);
+}
+
+inline void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {
+  metrics.Add("value_loss", values.value_loss);
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("actor_loss", values.actor_loss);
+  metrics.Add("mean_value", values.mean_value);
+  metrics.Add("mean_weight", values.mean_weight);
+  metrics.Add("mean_q", values.mean_q);
 }
 
 }  // namespace b4mrl

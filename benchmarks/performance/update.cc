@@ -6,6 +6,7 @@
 
 #include "algorithms/nn/blas.h"
 #include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/iql_core.h"
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/td3_core.h"
 #include "benchmarks/performance/benchmarks.h"
@@ -23,6 +24,7 @@ constexpr int kBatch = 256;
 // hidden layers of 256; ensemble: seven members of four layers of 200).
 constexpr double kSacGflop = 0.58;
 constexpr double kTd3Gflop = 0.415;
+constexpr double kIqlGflop = 0.572;
 constexpr double kEnsembleGflop = 1.40;
 
 MatrixBuffer<float> RandomMatrix(int rows, int columns, std::string_view purpose) {
@@ -101,6 +103,15 @@ Status MeasureTd3(const Options& options, const std::string& name, std::optional
       options, name, kTd3Gflop, 0, [&] { core.Update(batch.view()); }, reporter);
 }
 
+Status MeasureIql(const Options& options, const RandomBatch& batch, Reporter& reporter) {
+  IqlOptions iql;
+  iql.observation_size = kObservation;
+  iql.action_size = kAction;
+  B4MRL_ASSIGN_OR_RETURN(IqlCore<float> core, IqlCore<float>::Create(iql));
+  return MeasureOne(
+      options, "update-iql", kIqlGflop, 0.82, [&] { core.Update(batch.view()); }, reporter);
+}
+
 Status MeasureEnsemble(const Options& options, Reporter& reporter) {
   DynamicsEnsembleOptions dynamics;
   dynamics.observation_size = kObservation;
@@ -126,6 +137,7 @@ Status MeasureUpdate(const Options& options, Reporter& reporter) {
       options, "update-sac", kSacGflop, 0.70, [&] { core.Update(batch.view()); }, reporter));
   B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3", std::nullopt, batch, reporter));
   B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3-bc", 2.5, batch, reporter));
+  B4MRL_RETURN_IF_ERROR(MeasureIql(options, batch, reporter));
   return MeasureEnsemble(options, reporter);
 }
 

@@ -39,6 +39,10 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
     set("lanes", 2);
     set("warm-up", 100);
   }
+  if (algorithm == "iql") {
+    set("actor", 1);  // Gaussian, which has more to remember
+    set("cosine-updates", 50);
+  }
   if (algorithm == "hymopo") {
     set("ensemble-width", 16);
     set("ensemble-max-updates", 20);
@@ -111,6 +115,7 @@ TEST_CASE("A resumed TD3 run ends with the bits of an undisturbed one") { CheckR
 TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
   CheckResume("td3-bc");
 }
+TEST_CASE("A resumed IQL run ends with the bits of an undisturbed one") { CheckResume("iql"); }
 TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
   CheckResume("hymopo");
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes the reference files beside this script: updates of SAC, TD3, TD3-BC and an ensemble.
+"""Writes the reference files beside this script: updates of SAC, TD3, TD3-BC, IQL, an ensemble.
 
     pip install torch==2.13.0 numpy && python dump_pytorch.py
 
@@ -226,6 +226,87 @@ def td3(name, seed, bc_alpha=None):
     file.write(FOLDER / f"{name}.ref")
 
 
+def iql(gaussian, name):
+    """Both actors of rl/iql_core.h; the schedule is so short that two updates show it."""
+    torch.manual_seed(4)
+    file = File()
+    batch = make_batch(file)
+    observations, actions = batch["observations"], batch["actions"]
+    value_network = network(OBSERVATION, *HIDDEN, 1)
+    actor = network(OBSERVATION, *HIDDEN, ACTION)
+    critics = torch.nn.ModuleList(network(OBSERVATION + ACTION, *HIDDEN, 1) for _ in range(2))
+    for critic in critics:  # advantages of either sign
+        critic[-1].weight.data *= 8
+        critic[-1].bias.data = exact(critic[-1].bias.data + 1)
+    targets = copy.deepcopy(critics)
+    # The first and last are beyond the clamps to -5..2, where no gradient may pass.
+    log_std = torch.nn.Parameter(exact(torch.tensor([-5.5, -1.0, -0.3, 0.0, 0.4, 2.5])))
+    add_networks(file, "initial/value", [value_network], value)
+    add_networks(file, "initial/actor", [actor], value)
+    add_networks(file, "initial/critic", critics, value)
+    if gaussian:
+        file.add("initial/log_std", log_std)
+    # A largest weight that some rows reach and some do not.
+    expectile, temperature, weight_max = 0.7, 3.0, 2.0
+    file.add("cosine_updates_and_weight_max", torch.tensor([3.0, weight_max]))
+
+    value_adam = torch.optim.Adam(value_network.parameters(), lr=RATE)
+    actor_adam = torch.optim.Adam([*actor.parameters()] + [log_std] * gaussian, lr=RATE)
+    critic_adam = torch.optim.Adam(critics.parameters(), lr=RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(actor_adam, T_max=3)
+
+    def q_values(networks):
+        x = torch.cat([observations, actions], 1)
+        return [forward(q, x).squeeze(1) for q in networks]
+
+    def step_on(loss, adam):
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+
+    for step in (1, 2):
+        prefix = f"step{step}/gradient"
+        with torch.no_grad():
+            target_q = torch.minimum(*q_values(targets))
+        difference = target_q - forward(value_network, observations).squeeze(1)
+        asymmetry = torch.where(difference > 0, expectile, 1 - expectile)
+        value_loss = (asymmetry * difference**2).mean()
+        step_on(value_loss, value_adam)
+        add_networks(file, f"{prefix}/value", [value_network], gradient)
+
+        with torch.no_grad():
+            advantage = target_q - forward(value_network, observations).squeeze(1)
+            weights = torch.exp(temperature * advantage).clamp(max=weight_max)
+        pi = torch.tanh(forward(actor, observations))
+        if gaussian:
+            density = torch.distributions.Normal(pi, log_std.clamp(-5, 2).exp())
+            actor_loss = -(weights * density.log_prob(actions).sum(1)).mean()
+        else:
+            actor_loss = (weights[:, None] * (pi - actions)**2).mean()
+        step_on(actor_loss, actor_adam)
+        schedule.step()
+        add_networks(file, f"{prefix}/actor", [actor], gradient)
+        if gaussian:
+            file.add(f"{prefix}/log_std", log_std.grad)
+
+        with torch.no_grad():
+            next_value = forward(value_network, batch["next_observations"]).squeeze(1)
+            y = batch["rewards"] + GAMMA * batch["not_terminated"] * next_value
+        critic_loss = sum(F.mse_loss(q, y) for q in q_values(critics))
+        step_on(critic_loss, critic_adam)
+        add_networks(file, f"{prefix}/critic", critics, gradient)
+        polyak(critics, targets)
+        file.add(f"step{step}/value_actor_critic_losses_and_mean_weight",
+                 torch.stack([value_loss, actor_loss, critic_loss, weights.mean()]))
+
+    for prefix, members in (("value", [value_network]), ("actor", [actor]), ("critic", critics),
+                            ("critic_target", targets)):
+        add_networks(file, f"final/{prefix}", members, value)
+    if gaussian:
+        file.add("final/log_std", log_std)
+    file.write(FOLDER / name)
+
+
 def ensemble():
     torch.manual_seed(3)
     file = File()
@@ -268,4 +349,6 @@ if __name__ == "__main__":
     sac()
     td3("td3", seed=4)
     td3("td3_bc", seed=2, bc_alpha=2.5)
+    iql(False, "iql_deterministic.ref")
+    iql(True, "iql_gaussian.ref")
     ensemble()

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/iql_core.h"
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/td3_core.h"
 #include "tests/algorithms/core_state.h"
@@ -71,6 +72,26 @@ TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differen
     const double mean_q = (bc_loss - metrics.actor_loss) / metrics.lambda.value_or(1);
     return -lambda * mean_q + bc_loss;
   });
+}
+
+TEST_CASE("IQL's losses have the gradients of their finite differences") {
+  IqlOptions options;
+  options.observation_size = kObservations;
+  options.action_size = kActions;
+  options.hidden = {9, 8};
+  options.batch_max = kBatch;
+  options.actor_learning_rate = options.critic_learning_rate = options.value_learning_rate = 0;
+  options.tau = 0;
+  options.actor = GENERATE(IqlActor::kDeterministic, IqlActor::kGaussian);
+  Result<IqlCore<double>> core = IqlCore<double>::Create(options);
+  REQUIRE(core.ok());
+  const RandomBatch<double> batch(kObservations, kActions, kBatch, 3);
+  const auto update = [&] { return core->Update(batch.Views()); };
+  CheckGradientsOf("value/", *core, [&] { return update().value_loss; });
+  CheckGradientsOf("actor/", *core, [&] { return update().actor_loss; });
+  CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
+  if (options.actor == IqlActor::kDeterministic) return;
+  CheckGradientsOf("log_std", *core, [&] { return update().actor_loss; });
 }
 
 TEST_CASE("the ensemble's loss has the gradients of its finite differences") {
