@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -17,15 +18,20 @@ namespace {
 
 constexpr int kLanes = 2;
 
-LearnerContext ContextOf(TestDaemon& daemon, const std::string& environment) {
+LearnerContext ContextOf(Client& client, const std::string& folder,
+                         const std::string& environment) {
   LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment(environment));
+  context.client = &client;
+  context.environment = Need(client.FindEnvironment(environment));
   context.seed = 7;
-  context.folder = daemon.folder("");
+  context.folder = folder;
   context.hyperparameters = Hyperparameters(Td3Hyperparameters());
   NeedOk(context.hyperparameters.Set("lanes", kLanes));
   return context;
+}
+
+LearnerContext ContextOf(TestDaemon& daemon, const std::string& environment) {
+  return ContextOf(daemon.client(), daemon.folder(""), environment);
 }
 
 // Lanes of `context` that took uniform actions until they had `transitions`.
@@ -55,11 +61,14 @@ BatchBuffer TransitionsOf(const OnlineLanes& lanes, int lane, int action_size) {
   return rows;
 }
 
-bool LeadsToNext(const BatchBuffer& rows, int step) {
-  const float* next = rows.next_observations.view().column(step);
+// Whether transition `to` starts where transition `from` ended.
+bool LeadsTo(const BatchBuffer& rows, int from, int to) {
+  const float* next = rows.next_observations.view().column(from);
   const int size = rows.observations.rows();
-  return std::equal(next, next + size, rows.observations.view().column(step + 1));
+  return std::equal(next, next + size, rows.observations.view().column(to));
 }
+
+bool LeadsToNext(const BatchBuffer& rows, int step) { return LeadsTo(rows, step, step + 1); }
 
 }  // namespace
 
@@ -205,6 +214,55 @@ TEST_CASE("Exploration adds noise of the given deviation to a deterministic poli
   if (deviation == 0.1) CHECK(std::sqrt(squares / count) == Approx(0.1).margin(0.0085));
   // Most of N(0, 5) lies beyond both bounds.
   if (deviation == 5.0) CHECK(at_a_bound > 0.7 * count);
+}
+
+TEST_CASE("A step that the daemon gave up is not stored, and its lane goes on") {
+  TemporaryFolder folder;
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve-faulty";
+  options.data_folder = folder.path();
+  options.environment = {"B4MRL_FAULT=crash:1:12"};  // the twelfth operation of lane 1
+  const PrivateDaemon daemon = Need(PrivateDaemon::Start(options));
+  Client client = Need(Client::Connect(daemon.endpoint()));
+  const LearnerContext context = ContextOf(client, folder.path(), "HalfCheetah");
+  OnlineLanes lanes = Need(OnlineLanes::Open(context));
+  NeedOk(lanes.Start());
+  const PolicyWeights policy = RandomPolicy(lanes, context.action_size());
+  MetricMeans metrics;
+  for (int step = 0; step < 30; ++step) NeedOk(lanes.Step(policy, metrics));
+  CHECK(lanes.environment_steps() == 60);
+  REQUIRE(lanes.replay().length() == 59);
+  // No stored step leads from the lane's broken episode to its next one.
+  BatchBuffer rows(lanes.observation_size(), context.action_size(), 59);
+  for (int i = 0; i < 59; ++i) lanes.replay().Get(static_cast<uint64_t>(i), i, rows);
+  int continued = 0;  // transitions whose end is the start of another
+  for (int i = 0; i < 59; ++i) {
+    const bool with_both = i + 2 < 59 && LeadsTo(rows, i, i + 2);
+    const bool beside_the_gap = i + 1 < 59 && LeadsTo(rows, i, i + 1);
+    continued += with_both || beside_the_gap ? 1 : 0;
+  }
+  CHECK(continued == 59 - 3);  // all but the last of either lane and the one before the gap
+}
+
+TEST_CASE("A step of several lanes is followed by as many updates") {
+  TestDaemon daemon;
+  LearnerContext context = ContextOf(daemon, "HalfCheetah");
+  const auto set = [&](std::string_view name, double value) {
+    NeedOk(context.hyperparameters.Set(name, value));
+  };
+  set("lanes", 4);
+  set("warm-up", 10);
+  set("batch-size", 8);
+  set("hidden-width", 8);
+  const std::unique_ptr<Learner> learner = Need(CreateTd3(context));
+  Progress quiet(true);
+  NeedOk(learner->Prepare(quiet));
+  CHECK(learner->environment_steps() == 12);  // transitions come four at a time
+  MetricMeans metrics;
+  for (uint64_t update = 0; update < 9; ++update) {
+    NeedOk(learner->Update(metrics));
+    CHECK(learner->environment_steps() == 12 + 4 * (update / 4 + 1));
+  }
 }
 
 }  // namespace b4mrl
