@@ -19,10 +19,11 @@ inline void AddMetrics(const SacMetrics& values, MetricMeans& metrics) {
 
 inline void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
   metrics.Add("critic_loss", values.critic_loss);
-  metrics.Add("actor_loss", values.actor_loss);
   metrics.Add("mean_q", values.mean_q);
-  if (values.bc_loss) metrics.Add("bc_loss", *values.bc_loss);
-  if (values.lambda) metrics.Add("lambda", *values.lambda);
+  const size_t count = values.actor_step ? 1 : 0;  // each step of the actor counts once
+  metrics.AddAll("actor_loss", {&values.actor_loss, count});
+  if (values.bc_loss) metrics.AddAll("bc_loss", {&*values.bc_loss, count});
+  if (values.lambda) metrics.AddAll("lambda", {&*values.lambda, count});
 }
 
 inline void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {

@@ -68,10 +68,10 @@ template <typename Scalar>
 Td3Metrics Td3Core<Scalar>::UpdateWithNoise(const TransitionBatch<Scalar>& batch,
                                             MatrixView<const Scalar> noise) {
   ++updates_;
-  const bool delayed_step = updates_ % options_.policy_frequency == 0;
+  metrics_.actor_step = updates_ % options_.policy_frequency == 0;
   ComputeTargets(batch, noise);
-  UpdateCritics(batch, delayed_step);
-  if (delayed_step) UpdateActor(batch);
+  UpdateCritics(batch, metrics_.actor_step);
+  if (metrics_.actor_step) UpdateActor(batch);
   return metrics_;
 }
 

@@ -39,7 +39,8 @@ struct Td3Metrics {
   double critic_loss = 0;
   double mean_q = 0;  // of both critics on the batch
   double mean_target = 0;
-  // Of the last delayed step; unchanged in between.
+  // Of the last step of the actor, which is this update's if `actor_step`.
+  bool actor_step = false;
   double actor_loss = 0;
   // Of TD3-BC alone.
   std::optional<double> bc_loss;  // mean (pi(s) - a)^2

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <sstream>
 
 #include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
@@ -82,6 +83,29 @@ size_t Lines(const std::string& path) {
   return static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
 }
 
+std::vector<std::string> Cells(const std::string& line) {
+  std::vector<std::string> cells;
+  std::istringstream stream(line);
+  for (std::string cell; std::getline(stream, cell, ',');) cells.push_back(cell);
+  return cells;
+}
+
+// A CSV file's cells, but for the columns that tell the time.
+std::vector<std::string> TimelessCells(const std::string& path) {
+  std::istringstream lines(ReadBytes(path));
+  std::string line;
+  std::getline(lines, line);
+  const std::vector<std::string> names = Cells(line);
+  std::vector<std::string> kept;
+  while (std::getline(lines, line)) {
+    const std::vector<std::string> cells = Cells(line);
+    for (size_t i = 0; i < cells.size(); ++i) {
+      if (names.at(i).find("second") == std::string::npos) kept.push_back(cells[i]);
+    }
+  }
+  return kept;
+}
+
 void CheckResume(const std::string& algorithm, bool lag = false) {
   TestDaemon daemon;
   TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
@@ -103,7 +127,8 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   CHECK(resumed.last->returns == expected.last->returns);
   CHECK(resumed.environment_steps == expected.environment_steps);
   CHECK(resumed.mean_return_of_last_ten == expected.mean_return_of_last_ten);
-  CHECK(Lines(halves.folder + "/progress.csv") == Lines(straight.folder + "/progress.csv"));
+  CHECK(TimelessCells(halves.folder + "/progress.csv") ==
+        TimelessCells(straight.folder + "/progress.csv"));
   CHECK(Lines(halves.folder + "/metrics.jsonl") == Lines(straight.folder + "/metrics.jsonl"));
   CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, 30});
 }
