@@ -1,5 +1,6 @@
 #include "algorithms/nn/adam.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -7,12 +8,7 @@ namespace b4mrl {
 namespace {
 
 template <typename Scalar>
-struct StepConstants {
-  Scalar beta1, beta2, step_size, root_scale, epsilon;
-};
-
-template <typename Scalar>
-StepConstants<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
+AdamStep<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
   const double correction1 = 1 - std::pow(options.beta1, static_cast<double>(step));
   const double correction2 = 1 - std::pow(options.beta2, static_cast<double>(step));
   return {static_cast<Scalar>(options.beta1), static_cast<Scalar>(options.beta2),
@@ -22,17 +18,16 @@ StepConstants<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
 
 // The new parameter; updates both moments.
 template <typename Scalar>
-inline Scalar StepOne(const StepConstants<Scalar>& c, Scalar parameter, Scalar gradient,
-                      Scalar& first, Scalar& second) {
+inline Scalar StepOne(const AdamStep<Scalar>& c, Scalar parameter, Scalar gradient, Scalar& first,
+                      Scalar& second) {
   first = c.beta1 * first + (1 - c.beta1) * gradient;
   second = c.beta2 * second + (1 - c.beta2) * (gradient * gradient);
   return parameter - c.step_size * first / (std::sqrt(second) * c.root_scale + c.epsilon);
 }
 
 template <typename Scalar>
-void StepRange(const StepConstants<Scalar>& constants, Scalar decay, int64_t size,
-               Scalar* __restrict p, const Scalar* __restrict g, Scalar* __restrict m,
-               Scalar* __restrict v) {
+void StepRange(const AdamStep<Scalar>& constants, Scalar decay, int64_t size, Scalar* __restrict p,
+               const Scalar* __restrict g, Scalar* __restrict m, Scalar* __restrict v) {
   for (int64_t i = 0; i < size; ++i) {
     p[i] = StepOne(constants, p[i], g[i] + decay * p[i], m[i], v[i]);
   }
@@ -54,18 +49,31 @@ Adam<Scalar>::Adam(const AdamOptions& options, int64_t size, const std::vector<D
 
 template <typename Scalar>
 void Adam<Scalar>::Step(std::span<Scalar> parameters, std::span<const Scalar> gradient) {
-  const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
+  BeginStep();
+  StepPart(parameters, gradient, 0, static_cast<int64_t>(parameters.size()));
+}
+
+template <typename Scalar>
+void Adam<Scalar>::BeginStep() {
+  step_ = MakeConstants<Scalar>(options_, ++steps_);
+}
+
+template <typename Scalar>
+void Adam<Scalar>::StepPart(std::span<Scalar> parameters, std::span<const Scalar> gradient,
+                            int64_t first, int64_t size) {
   for (const DecayRange& range : ranges_) {
-    StepRange(constants, static_cast<Scalar>(range.coefficient), range.size,
-              parameters.data() + range.first, gradient.data() + range.first,
-              first_moment_.data() + range.first, second_moment_.data() + range.first);
+    const int64_t begin = std::max(first, range.first);
+    const int64_t end = std::min(first + size, range.first + range.size);
+    if (begin >= end) continue;
+    StepRange(step_, static_cast<Scalar>(range.coefficient), end - begin, parameters.data() + begin,
+              gradient.data() + begin, first_moment_.data() + begin, second_moment_.data() + begin);
   }
 }
 
 template <typename Scalar>
 void Adam<Scalar>::StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient,
                                   double tau, std::span<Scalar> target) {
-  const StepConstants<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
+  const AdamStep<Scalar> constants = MakeConstants<Scalar>(options_, ++steps_);
   const Scalar rate = static_cast<Scalar>(tau);
   for (const DecayRange& range : ranges_) {
     const Scalar decay = static_cast<Scalar>(range.coefficient);

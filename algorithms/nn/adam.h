@@ -6,7 +6,8 @@
 //   target = (1 - tau) target + tau p
 //
 // Ranges of the buffer may carry an L2 term: g there is the gradient plus coefficient * p, added in
-// the same pass (the L2 penalty of a loss, not decoupled decay). Thread rule: one thread.
+// the same pass (the L2 penalty of a loss, not decoupled decay). Thread rule: one thread, but for
+// StepPart.
 #pragma once
 
 #include <cstdint>
@@ -33,6 +34,12 @@ struct DecayRange {
   double coefficient;
 };
 
+// The constants of one step, from its number.
+template <typename Scalar>
+struct AdamStep {
+  Scalar beta1, beta2, step_size, root_scale, epsilon;
+};
+
 template <typename Scalar>
 class Adam {
  public:
@@ -46,6 +53,13 @@ class Adam {
   void StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient, double tau,
                       std::span<Scalar> target);
 
+  // A step in parts, so that each part's gradient is still in the cache: BeginStep, then StepPart
+  // for [first, first + size) of the spans, once for every number that has a gradient, in any
+  // order. Parts that do not overlap may be stepped by several threads.
+  void BeginStep();
+  void StepPart(std::span<Scalar> parameters, std::span<const Scalar> gradient, int64_t first,
+                int64_t size);
+
   void set_learning_rate(double learning_rate) { options_.learning_rate = learning_rate; }
   int64_t steps() const { return steps_; }
 
@@ -57,6 +71,7 @@ class Adam {
   AdamOptions options_;
   std::vector<DecayRange> ranges_;  // cover the whole buffer, with coefficient 0 in the gaps
   int64_t steps_ = 0;
+  AdamStep<Scalar> step_{};  // of BeginStep
   AlignedVector<Scalar> first_moment_;
   AlignedVector<Scalar> second_moment_;
 };

@@ -27,25 +27,37 @@ void AddBiasRelu(std::span<const Scalar> bias, MatrixView<Scalar> y) {
   }
 }
 
+namespace {
+
+// z in `y` becomes z sigmoid(z), for `size` numbers that lie side by side.
 template <typename Scalar>
-void AddBiasSwish(std::span<const Scalar> bias, MatrixView<Scalar> y, MatrixView<Scalar> slopes) {
+void Swish(int64_t size, Scalar* y, Scalar* slopes) {
   using Array = Eigen::Array<Scalar, Eigen::Dynamic, 1>;
-  const ConstEigenColumn<Scalar> b(bias.data(), y.rows);
   // A strip that stays in the first-level cache between the passes below.
   constexpr int kStrip = 512;
   Eigen::Array<Scalar, Eigen::Dynamic, 1, 0, kStrip, 1> sigmoid;
+  for (int64_t first = 0; first < size; first += kStrip) {
+    const int64_t count = std::min<int64_t>(kStrip, size - first);
+    Eigen::Map<Array> out(y + first, count);
+    sigmoid = (Scalar(1) + (-out).exp()).inverse();
+    out *= sigmoid;
+    if (slopes == nullptr) continue;
+    Eigen::Map<Array>(slopes + first, count) = sigmoid + out * (Scalar(1) - sigmoid);
+  }
+}
+
+}  // namespace
+
+template <typename Scalar>
+void AddBiasSwish(std::span<const Scalar> bias, MatrixView<Scalar> y, MatrixView<Scalar> slopes) {
+  AddBias<Scalar>(bias, y);
+  if (y.dense() && (slopes.data == nullptr || slopes.dense())) {
+    Swish<Scalar>(static_cast<int64_t>(y.rows) * y.columns, y.data, slopes.data);
+    return;
+  }
   for (int column = 0; column < y.columns; ++column) {
-    for (int first = 0; first < y.rows; first += kStrip) {
-      const int count = std::min(kStrip, y.rows - first);
-      Eigen::Map<Array> out(y.column(column) + first, count);
-      out += b.segment(first, count);
-      sigmoid = (Scalar(1) + (-out).exp()).inverse();
-      out *= sigmoid;
-      if (slopes.data != nullptr) {
-        Eigen::Map<Array> slope(slopes.column(column) + first, count);
-        slope = sigmoid + out * (Scalar(1) - sigmoid);
-      }
-    }
+    Swish<Scalar>(y.rows, y.column(column),
+                  slopes.data == nullptr ? nullptr : slopes.column(column));
   }
 }
 
@@ -79,36 +91,49 @@ void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradien
   }
 }
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wignored-attributes"  // Packet's alignment, in PacketBlock<Packet>
+
 template <typename Scalar>
 void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
-  // Squares whose columns and rows both stay in the first-level cache.
-  constexpr int kSquare = 8;
+  // Squares of whole SIMD registers, transposed by shuffles; left to itself the compiler moves
+  // single numbers.
+  using Packet = typename Eigen::internal::packet_traits<Scalar>::type;
+  constexpr int kSquare = Eigen::internal::packet_traits<Scalar>::size;
   for (int column = 0; column < from.columns; column += kSquare) {
     const int columns = std::min(kSquare, from.columns - column);
     for (int row = 0; row < from.rows; row += kSquare) {
       const int rows = std::min(kSquare, from.rows - row);
-      const Scalar* __restrict in = from.column(column) + row;
-      Scalar* __restrict out = to.column(row) + column;
-      if (rows == kSquare && columns == kSquare) {
-        for (int i = 0; i < kSquare; ++i) {
-          for (int j = 0; j < kSquare; ++j) out[i * to.stride + j] = in[j * from.stride + i];
-        }
-      } else {
+      const Scalar* in = from.column(column) + row;
+      Scalar* out = to.column(row) + column;
+      if (rows < kSquare || columns < kSquare) {
         for (int i = 0; i < rows; ++i) {
           for (int j = 0; j < columns; ++j) out[i * to.stride + j] = in[j * from.stride + i];
         }
+        continue;
+      }
+      Eigen::internal::PacketBlock<Packet, kSquare> square;
+      for (int j = 0; j < kSquare; ++j) {
+        square.packet[j] = Eigen::internal::ploadu<Packet>(in + j * from.stride);
+      }
+      Eigen::internal::ptranspose(square);
+      for (int i = 0; i < kSquare; ++i) {
+        Eigen::internal::pstoreu(out + i * to.stride, square.packet[i]);
       }
     }
   }
 }
 
+#pragma GCC diagnostic pop
+
 template <typename Scalar>
-void RowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
+void AddRowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
   // Strips of rows whose partial sums fit in registers.
   constexpr int kStrip = 64;
   for (int first = 0; first < matrix.rows; first += kStrip) {
     const int count = std::min(kStrip, matrix.rows - first);
     Scalar strip[kStrip] = {};
+    std::copy_n(sums.begin() + first, count, strip);
     for (int column = 0; column < matrix.columns; ++column) {
       const Scalar* __restrict values = matrix.column(column) + first;
       if (count == kStrip) {
@@ -131,7 +156,7 @@ void RowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
                                           int, MatrixView<Scalar>);                               \
   template void MultiplyInPlace<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);            \
   template void TransposeInto<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);              \
-  template void RowSums<Scalar>(MatrixView<const Scalar>, std::span<Scalar>);
+  template void AddRowSums<Scalar>(MatrixView<const Scalar>, std::span<Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)
 #undef B4MRL_INSTANTIATE

@@ -40,8 +40,8 @@ void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradien
 template <typename Scalar>
 void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to);
 
-// sums = the sum of each row.
+// sums += the sum of each row.
 template <typename Scalar>
-void RowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums);
+void AddRowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums);
 
 }  // namespace b4mrl

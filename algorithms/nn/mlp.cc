@@ -49,6 +49,14 @@ MatrixView<Scalar> MemberBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& wo
   return buffer.ColumnBlock(m * (buffer.columns / workspace.members), workspace.batch);
 }
 
+// How many of a product's columns to take at a time, so that what follows it meets them in the
+// cache.
+template <typename Scalar>
+int ColumnsAtOnce(int rows, int inner, int columns) {
+  const int narrow = NarrowProductColumns<Scalar>(rows, inner);
+  return narrow > 0 ? narrow : columns;
+}
+
 // Bias and activation of layer `index` on some columns of its output.
 template <typename Scalar>
 void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bias,
@@ -62,8 +70,7 @@ void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bia
   }
 }
 
-// Layer `index` of one member, as many columns at a time as one product takes, so that bias and
-// activation meet them in the cache.
+// Layer `index` of one member.
 template <typename Scalar>
 void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member, int m,
                   size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace) {
@@ -74,16 +81,14 @@ void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member,
       keeps_slopes ? MemberBlock(layout, workspace, workspace.slopes, index, m) : output;
   MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
   Transpose transpose = Transpose::kYes;
-  int step = NarrowProductColumns<Scalar>(layer.outputs, layer.inputs);
-  if (step > 0) {
+  if (NarrowProductColumns<Scalar>(layer.outputs, layer.inputs) > 0) {
     const MatrixView<Scalar> copy(workspace.transposed.values().data(), layer.outputs,
                                   layer.inputs);
     TransposeInto<Scalar>(weight, copy);
     weight = copy;
     transpose = Transpose::kNo;
-  } else {
-    step = output.columns;
   }
+  const int step = ColumnsAtOnce<Scalar>(layer.outputs, layer.inputs, output.columns);
   for (int first = 0; first < output.columns; first += step) {
     const int count = std::min(step, output.columns - first);
     const MatrixView<Scalar> block = output.ColumnBlock(first, count);
@@ -103,34 +108,35 @@ void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_
   }
 }
 
-// From d loss / d output of layer `index` to that of the layer below, before its bias.
+// From d loss / d output of layer `index` to that of the layer below, before its bias; where
+// `bias_gradient` is not empty, also to that bias.
 template <typename Scalar>
-void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
-                      size_t index, MlpWorkspace<Scalar>& workspace) {
+void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int member, int m,
+                      size_t index, MlpWorkspace<Scalar>& workspace,
+                      std::span<Scalar> bias_gradient) {
   const MlpLayout::Layer& layer = layout.layers()[index];
   const MatrixView<Scalar> from = MemberBlock(layout, workspace, workspace.gradients, index, m);
   const MatrixView<Scalar> to = MemberBlock(layout, workspace, workspace.gradients, index - 1, m);
-  const MatrixView<const Scalar> activation =
-      MemberBlock(layout, workspace, workspace.activations, index - 1, m);
-  const MatrixView<const Scalar> weight = WeightView(layer, parameters, first_member + m);
   const bool swish = layout.shape().activation == Activation::kSwish;
-  if (!swish && layer.outputs == 1) {
-    ReluBackwardOuter<Scalar>(activation, weight.data, from.data, from.stride, to);
-    return;
-  }
-  const int narrow = NarrowProductColumns<Scalar>(layer.inputs, layer.outputs);
-  const int step = narrow > 0 ? narrow : to.columns;
+  // What the derivative of the activation is told from.
+  const MatrixView<const Scalar> kept = MemberBlock(
+      layout, workspace, swish ? workspace.slopes : workspace.activations, index - 1, m);
+  const MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
+  std::fill(bias_gradient.begin(), bias_gradient.end(), Scalar(0));
+  const int step = ColumnsAtOnce<Scalar>(layer.inputs, layer.outputs, to.columns);
   for (int first = 0; first < to.columns; first += step) {
     const int count = std::min(step, to.columns - first);
+    const MatrixView<const Scalar> above = from.ColumnBlock(first, count);
+    const MatrixView<const Scalar> seen = kept.ColumnBlock(first, count);
     const MatrixView<Scalar> block = to.ColumnBlock(first, count);
-    Multiply<Scalar>(weight, Transpose::kNo, from.ColumnBlock(first, count), Transpose::kNo, block);
-    if (swish) {
-      MultiplyInPlace<Scalar>(
-          MemberBlock(layout, workspace, workspace.slopes, index - 1, m).ColumnBlock(first, count),
-          block);
+    if (!swish && layer.outputs == 1) {
+      ReluBackwardOuter<Scalar>(seen, weight.data, above.data, above.stride, block);
     } else {
-      ReluBackward<Scalar>(activation.ColumnBlock(first, count), block);
+      Multiply<Scalar>(weight, Transpose::kNo, above, Transpose::kNo, block);
+      if (swish) MultiplyInPlace<Scalar>(seen, block);
+      if (!swish) ReluBackward<Scalar>(seen, block);
     }
+    if (!bias_gradient.empty()) AddRowSums<Scalar>(block, bias_gradient);
   }
 }
 
@@ -138,19 +144,28 @@ template <typename Scalar>
 void BackwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
                     MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                     Scalar* parameter_gradient) {
-  for (size_t i = layout.layers().size(); i-- > 0;) {
-    const MlpLayout::Layer& layer = layout.layers()[i];
+  const int member = first_member + m;
+  const size_t last = layout.layers().size() - 1;
+  const auto bias_gradient = [&](size_t i) {
+    return parameter_gradient == nullptr ? std::span<Scalar>()
+                                         : BiasSpan(layout.layers()[i], parameter_gradient, member);
+  };
+  if (parameter_gradient != nullptr) {
+    std::ranges::fill(bias_gradient(last), Scalar(0));
+    AddRowSums<Scalar>(MemberBlock(layout, workspace, workspace.gradients, last, m),
+                       bias_gradient(last));
+  }
+  for (size_t i = last + 1; i-- > 0;) {
     if (parameter_gradient != nullptr) {
       const MatrixView<const Scalar> below =
           i == 0 ? InputBlock(layout, input, m)
                  : MemberBlock(layout, workspace, workspace.activations, i - 1, m);
-      const MatrixView<const Scalar> from =
-          MemberBlock(layout, workspace, workspace.gradients, i, m);
-      RowSums<Scalar>(from, BiasSpan(layer, parameter_gradient, m));
-      Multiply<Scalar>(below, Transpose::kNo, from, Transpose::kYes,
-                       WeightView(layer, parameter_gradient, m));
+      Multiply<Scalar>(below, Transpose::kNo,
+                       MemberBlock(layout, workspace, workspace.gradients, i, m), Transpose::kYes,
+                       WeightView(layout.layers()[i], parameter_gradient, member));
     }
-    if (i > 0) BackwardToHidden(layout, parameters, first_member, m, i, workspace);
+    if (i == 0) break;
+    BackwardToHidden(layout, parameters, member, m, i, workspace, bias_gradient(i - 1));
   }
 }
 

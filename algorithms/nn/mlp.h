@@ -62,6 +62,17 @@ class MlpLayout {
   // Length of a flat buffer. Arrays start on cache lines; the gaps stay zero under every update.
   int64_t size() const { return size_; }
 
+  // body(first, size) for each array of one member in a flat buffer.
+  template <typename Body>
+  void ForEachRange(int member, Body body) const {
+    for (const Layer& layer : layers_) {
+      const int64_t weights = layer.weight_size / shape_.members;
+      const int64_t biases = layer.bias_size / shape_.members;
+      body(layer.weight + member * weights, weights);
+      body(layer.bias + member * biases, biases);
+    }
+  }
+
   // Fills `parameters`, layer by layer and member by member.
   template <typename Scalar>
   void Initialize(Initialization initialization, Rng& rng, std::span<Scalar> parameters) const;
@@ -110,9 +121,9 @@ MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> p
                               int first_member = 0);
 
 // Gradients of a loss from workspace.output_gradient(), for the members of the last MlpForward on
-// this workspace, which must have had the same `input` and `first_member`. `parameter_gradient` is
-// overwritten, and may be empty: then no weight gradient is computed. The workspace must be of all
-// members if it is not.
+// this workspace, which must have had the same `input` and `first_member`. Overwrites these
+// members' places in `parameter_gradient`, which has the layout's size or is empty: then no weight
+// gradient is computed.
 template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,

@@ -28,6 +28,12 @@ Status ValidateBlock(const std::string& name, int rows, int columns, int expecte
   return {};
 }
 
+// A member's rows of a block, or all of them where the members share it.
+template <typename Scalar>
+MatrixView<const Scalar> MemberRows(int m, int rows, MatrixView<const Scalar> block) {
+  return block.rows == rows ? block : block.RowBlock(m * rows, rows);
+}
+
 }  // namespace
 
 template <typename Scalar>
@@ -129,6 +135,8 @@ void DynamicsEnsemble<Scalar>::GatherBatch(const DynamicsData<Scalar>& data, int
   }
 }
 
+// Member by member through forward, loss, backward and optimiser, so that what one of them writes
+// is still in the cache for the next.
 template <typename Scalar>
 double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
                                                MatrixView<const Scalar> targets) {
@@ -140,12 +148,25 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
   bounds_gradient.tail(size).setConstant(-bound_weight);
   double loss = options_.bound_weight *
                 static_cast<double>(bounds.head(size).sum() - bounds.tail(size).sum());
-  const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, inputs, workspace_);
-  loss += GaussianEnsembleLoss<Scalar>(options_.members, output, targets, bounds_,
-                                       workspace_.output_gradient(), bounds_gradient_);
-  MlpBackward<Scalar>(layout_, parameters_, inputs, workspace_, gradient_);
-  adam_.Step(parameters_, gradient_);
+  adam_.BeginStep();
+  for (int m = 0; m < options_.members; ++m) {
+    loss += UpdateMember(m, MemberRows(m, layout_.shape().inputs, inputs),
+                         MemberRows(m, size, targets));
+  }
   bounds_adam_.Step(bounds_, bounds_gradient_);
+  return loss;
+}
+
+template <typename Scalar>
+double DynamicsEnsemble<Scalar>::UpdateMember(int m, MatrixView<const Scalar> inputs,
+                                              MatrixView<const Scalar> targets) {
+  const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, inputs, workspace_, m);
+  const double loss = GaussianEnsembleLoss<Scalar>(1, output, targets, bounds_,
+                                                   workspace_.output_gradient(), bounds_gradient_);
+  MlpBackward<Scalar>(layout_, parameters_, inputs, workspace_, gradient_, m);
+  layout_.ForEachRange(m, [this](int64_t first, int64_t count) {
+    adam_.StepPart(parameters_, gradient_, first, count);
+  });
   return loss;
 }
 
@@ -197,10 +218,10 @@ void DynamicsEnsemble<Scalar>::EvaluateHoldout(const DynamicsData<Scalar>& data)
     for (int i = 0; i < count; ++i) GatherRow(data, holdout_rows_[first + i], 0, i);
     const MatrixView<Scalar> block = inputs_.view(count).RowBlock(0, inputs);
     Scale(block);
-    const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, block, workspace_);
     const MatrixView<Scalar> targets = targets_.view(count).RowBlock(0, size);
     for (int m = 0; m < options_.members; ++m) {
-      const MatrixView<Scalar> mean = output.RowBlock(m * 2 * size, size);
+      const MatrixView<Scalar> mean =
+          MlpForward<Scalar>(layout_, parameters_, block, workspace_, m).RowBlock(0, size);
       holdout_mse_[m] += static_cast<double>((ToEigen(mean) - ToEigen(targets)).squaredNorm());
     }
   }
@@ -216,14 +237,9 @@ bool DynamicsEnsemble<Scalar>::KeepImproved() {
     if (!first && !((best_mse_[m] - mse) / best_mse_[m] > options_.min_improvement)) continue;
     improved = true;
     best_mse_[m] = mse;
-    for (const MlpLayout::Layer& layer : layout_.layers()) {
-      const int64_t weights = layer.weight_size / options_.members;
-      const int64_t biases = layer.bias_size / options_.members;
-      std::copy_n(parameters_.begin() + layer.weight + m * weights, weights,
-                  best_parameters_.begin() + layer.weight + m * weights);
-      std::copy_n(parameters_.begin() + layer.bias + m * biases, biases,
-                  best_parameters_.begin() + layer.bias + m * biases);
-    }
+    layout_.ForEachRange(m, [this](int64_t range, int64_t count) {
+      std::copy_n(parameters_.begin() + range, count, best_parameters_.begin() + range);
+    });
   }
   return improved;
 }
