@@ -1,6 +1,7 @@
 // The cores' numbers as named metrics, so that equal things have equal names in every log.
 #pragma once
 
+#include "algorithms/rl/h2o_core.h"
 #include "algorithms/rl/iql_core.h"
 #include "algorithms/rl/metrics.h"
 #include "algorithms/rl/sac_core.h"
@@ -33,6 +34,15 @@ inline void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {
   metrics.Add("mean_value", values.mean_value);
   metrics.Add("mean_weight", values.mean_weight);
   metrics.Add("mean_q", values.mean_q);
+}
+
+inline void AddMetrics(const H2oMetrics& values, MetricMeans& metrics) {
+  AddMetrics(values.sac, metrics);
+  metrics.Add("gap_penalty", values.gap_penalty);
+  metrics.Add("mean_gap", values.mean_gap);
+  metrics.Add("mean_weight", values.mean_weight);
+  metrics.Add("d_sa_loss", values.discriminators.state_action_loss);
+  metrics.Add("d_sas_loss", values.discriminators.transition_loss);
 }
 
 }  // namespace b4mrl

@@ -38,13 +38,17 @@ void SetActorCriticOptions(const LearnerContext& context, int observation_size,
   options.seed = RoleSeed(context.seed, "core");
 }
 
-SacOptions SacOptionsOf(const LearnerContext& context, int observation_size) {
+void SetSacOptions(const LearnerContext& context, int observation_size, SacOptions& options) {
   const Hyperparameters& values = context.hyperparameters;
-  SacOptions options;
   SetActorCriticOptions(context, observation_size, options);
   Read(values, "learning-rate", options.alpha_learning_rate);
   Read(values, "initial-alpha", options.initial_alpha);
   Read(values, "target-entropy", options.target_entropy);
+}
+
+SacOptions SacOptionsOf(const LearnerContext& context, int observation_size) {
+  SacOptions options;
+  SetSacOptions(context, observation_size, options);
   return options;
 }
 

@@ -20,8 +20,9 @@ double NumberOr(const Hyperparameters& values, std::string_view name, double fal
 // `observation_size`: what the policy sees, all observations of a history together.
 SacOptions SacOptionsOf(const LearnerContext& context, int observation_size);
 Td3Options Td3OptionsOf(const LearnerContext& context, int observation_size);
-// The part that all cores share, for the options of another core.
+// The parts that cores share, for the options of another one.
 void SetActorCriticOptions(const LearnerContext& context, int observation_size,
                            ActorCriticOptions& options);
+void SetSacOptions(const LearnerContext& context, int observation_size, SacOptions& options);
 
 }  // namespace b4mrl

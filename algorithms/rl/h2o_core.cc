@@ -1,6 +1,7 @@
 #include "algorithms/rl/h2o_core.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "algorithms/rl/h2o_losses.h"
@@ -39,6 +40,22 @@ DiscriminatorOptions DiscriminatorsOf(const H2oOptions& options) {
 }
 
 }  // namespace
+
+std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
+                             GapNoiseStd over, double scale) {
+  constexpr double kRowsPerData = 11;  // of the padded array
+  constexpr double kStdEpsilon = 1e-3;
+  std::vector<double> noise;
+  for (size_t i = 0; i < std.size(); ++i) {
+    double variance = std[i] * std[i];
+    if (over == GapNoiseStd::kPadded) {
+      const double padded_mean = mean[i] / kRowsPerData;
+      variance = (variance + mean[i] * mean[i]) / kRowsPerData - padded_mean * padded_mean;
+    }
+    noise.push_back(scale * (std::sqrt(variance) + kStdEpsilon));
+  }
+  return noise;
+}
 
 template <typename Scalar>
 Result<H2oCore<Scalar>> H2oCore<Scalar>::Create(const H2oOptions& options) {

@@ -15,12 +15,25 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "algorithms/rl/discriminators.h"
 #include "algorithms/rl/sac_core.h"
 
 namespace b4mrl {
+
+// Over what the deviation of gap_noise is taken.
+enum class GapNoiseStd {
+  // As the authors' code has it: over an array that besides the dataset's observations holds ten
+  // times as many zero rows, for simulated ones to come. About 0.3 of kData where the mean is 0.
+  kPadded,
+  kData,  // the dataset's observations, as the same laboratory's later code (D2C) has it
+};
+
+// scale * (deviation + 0.001) for each dimension, from the dataset's mean and population deviation.
+std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
+                             GapNoiseStd over, double scale);
 
 struct H2oOptions : SacOptions {
   // SAC as the authors' code has it.
@@ -37,7 +50,7 @@ struct H2oOptions : SacOptions {
   double discriminator_noise = 0.1;
   double ratio_min = 1e-5;
   int gap_samples = 10;
-  std::vector<double> gap_noise;  // a deviation for each dimension of s'
+  std::vector<double> gap_noise;  // a deviation for each dimension of s': see GapNoise
   double gap_max = 10;
   double gap_weight = 0.01;  // beta
   double gap_limit = 1000;   // of the penalty before beta

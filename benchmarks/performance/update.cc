@@ -6,6 +6,7 @@
 
 #include "algorithms/nn/blas.h"
 #include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/h2o_core.h"
 #include "algorithms/rl/iql_core.h"
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/td3_core.h"
@@ -25,6 +26,7 @@ constexpr int kBatch = 256;
 constexpr double kSacGflop = 0.58;
 constexpr double kTd3Gflop = 0.415;
 constexpr double kIqlGflop = 0.572;
+constexpr double kH2oGflop = 1.24;  // with 512 columns for the discriminators, 1,408 for the gap
 constexpr double kEnsembleGflop = 1.40;
 
 MatrixBuffer<float> RandomMatrix(int rows, int columns, std::string_view purpose) {
@@ -36,19 +38,20 @@ MatrixBuffer<float> RandomMatrix(int rows, int columns, std::string_view purpose
 
 // A batch with plausible numbers; its content does not change the work.
 struct RandomBatch {
-  MatrixBuffer<float> observations = RandomMatrix(kObservation, kBatch, "observations");
-  MatrixBuffer<float> actions = RandomMatrix(kAction, kBatch, "actions");
-  MatrixBuffer<float> next_observations = RandomMatrix(kObservation, kBatch, "next");
-  std::vector<float> rewards = std::vector<float>(kBatch, 1.0f);
-  std::vector<float> not_terminated = std::vector<float>(kBatch, 1.0f);
-
-  RandomBatch() {
-    float* action = actions.view().data;
-    for (int i = 0; i < kAction * kBatch; ++i) action[i] = action[i] > 0 ? 0.5f : -0.5f;
+  explicit RandomBatch(int columns)
+      : observations(RandomMatrix(kObservation, columns, "observations")),
+        actions(RandomMatrix(kAction, columns, "actions")),
+        next_observations(RandomMatrix(kObservation, columns, "next")),
+        rewards(columns, 1.0f),
+        not_terminated(columns, 1.0f) {
+    for (float& action : actions.values()) action = action > 0 ? 0.5f : -0.5f;
   }
   TransitionBatch<float> view() const {
     return {observations.view(), actions.view(), rewards, next_observations.view(), not_terminated};
   }
+
+  MatrixBuffer<float> observations, actions, next_observations;
+  std::vector<float> rewards, not_terminated;
 };
 
 // Calls a second over about `seconds`.
@@ -112,6 +115,21 @@ Status MeasureIql(const Options& options, const RandomBatch& batch, Reporter& re
       options, "update-iql", kIqlGflop, 0.82, [&] { core.Update(batch.view()); }, reporter);
 }
 
+Status MeasureH2o(const Options& options, const RandomBatch& batch, Reporter& reporter) {
+  H2oOptions h2o;
+  h2o.observation_size = kObservation;
+  h2o.action_size = kAction;
+  h2o.gap_noise.assign(kObservation, 0.3);
+  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(h2o));
+  const RandomBatch discriminator_batch(2 * kBatch);
+  return MeasureOne(
+      options, "update-h2o", kH2oGflop, 0,
+      [&] {
+        core.Update({batch.view(), kBatch / 2}, {discriminator_batch.view(), kBatch});
+      },
+      reporter);
+}
+
 Status MeasureEnsemble(const Options& options, Reporter& reporter) {
   DynamicsEnsembleOptions dynamics;
   dynamics.observation_size = kObservation;
@@ -128,7 +146,7 @@ Status MeasureEnsemble(const Options& options, Reporter& reporter) {
 
 Status MeasureUpdate(const Options& options, Reporter& reporter) {
   UseOneBlasThread();
-  const RandomBatch batch;
+  const RandomBatch batch(kBatch);
   SacOptions sac;
   sac.observation_size = kObservation;
   sac.action_size = kAction;
@@ -138,6 +156,7 @@ Status MeasureUpdate(const Options& options, Reporter& reporter) {
   B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3", std::nullopt, batch, reporter));
   B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3-bc", 2.5, batch, reporter));
   B4MRL_RETURN_IF_ERROR(MeasureIql(options, batch, reporter));
+  B4MRL_RETURN_IF_ERROR(MeasureH2o(options, batch, reporter));
   return MeasureEnsemble(options, reporter);
 }
 

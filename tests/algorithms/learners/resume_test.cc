@@ -44,6 +44,12 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
     set("actor", 1);  // Gaussian, which has more to remember
     set("cosine-updates", 50);
   }
+  if (algorithm == "h2o") {
+    set("steps-per-cycle", 40);
+    set("updates-per-cycle", 20);  // so that 30 updates end amid a cycle
+    set("discriminator-batch", 24);
+    set("gap-samples", 2);
+  }
   if (algorithm == "hymopo") {
     set("ensemble-width", 16);
     set("ensemble-max-updates", 20);
@@ -141,6 +147,7 @@ TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
   CheckResume("td3-bc");
 }
 TEST_CASE("A resumed IQL run ends with the bits of an undisturbed one") { CheckResume("iql"); }
+TEST_CASE("A resumed H2O run ends with the bits of an undisturbed one") { CheckResume("h2o"); }
 TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
   CheckResume("hymopo");
 }

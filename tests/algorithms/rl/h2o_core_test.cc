@@ -188,6 +188,23 @@ TEST_CASE("a fresh H2O policy is cautious: small means, deviations near exp(-1)"
   CHECK(policy.log_std->bias == std::vector<float>{-1, -1});
 }
 
+TEST_CASE("the gap's noise is the data's deviation, or that of the authors' padded array") {
+  const std::vector<double> data = {3, 5, -2, 4};
+  const double mean = 2.5, std = std::sqrt((0.25 + 6.25 + 20.25 + 2.25) / 4);
+  CHECK(GapNoise({&mean, 1}, {&std, 1}, GapNoiseStd::kData, 2)[0] == Approx(2 * (std + 0.001)));
+
+  std::vector<double> padded = data;
+  padded.resize(11 * data.size(), 0.0);
+  double sum = 0, square_sum = 0;
+  for (const double value : padded) {
+    sum += value;
+    square_sum += value * value;
+  }
+  const double n = static_cast<double>(padded.size());
+  const double expected = std::sqrt(square_sum / n - sum / n * sum / n) + 0.001;
+  CHECK(GapNoise({&mean, 1}, {&std, 1}, GapNoiseStd::kPadded, 1)[0] == Approx(expected));
+}
+
 TEST_CASE("a NaN reward shows in the losses of the H2O update that met it") {
   H2oCore<float> core = SmallCore(5);
   RandomBatch<float> batch(5, 2, 8, 0);

@@ -1,0 +1,75 @@
+// H2O's turns in the simulator, against a real daemon.
+#include <catch2/catch.hpp>
+#include <string>
+#include <vector>
+
+#include "algorithms/learners/learners.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+LearnerContext ContextOf(TestDaemon& daemon) {
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.simulator = {{"gravity", ""}};
+  context.dataset = "HalfCheetah/small";
+  context.seed = 7;
+  context.folder = daemon.folder("");
+  context.hyperparameters = Hyperparameters(H2oHyperparameters());
+  NeedOk(context.hyperparameters.Set("hidden-width", 8));
+  NeedOk(context.hyperparameters.Set("steps-per-cycle", 30));
+  NeedOk(context.hyperparameters.Set("updates-per-cycle", 5));
+  return context;
+}
+
+// Trains and returns the number of simulator steps after each update.
+std::vector<uint64_t> StepsAfterUpdates(Learner& learner, int updates) {
+  Progress quiet(true);
+  NeedOk(learner.Prepare(quiet));
+  std::vector<uint64_t> steps;
+  for (int i = 0; i < updates; ++i) {
+    MetricMeans metrics;
+    NeedOk(learner.Update(metrics));
+    CHECK_FALSE(metrics.first_nonfinite());
+    steps.push_back(learner.environment_steps());
+  }
+  return steps;
+}
+
+}  // namespace
+
+TEST_CASE("H2O goes into the simulator before the first update of each cycle") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  const LearnerContext context = ContextOf(daemon);
+  const auto learner = Need(CreateH2o(context));
+  CHECK(StepsAfterUpdates(*learner, 7) == std::vector<uint64_t>{30, 30, 30, 30, 30, 60, 60});
+}
+
+TEST_CASE("H2O's policy sees what its dataset shows, whatever the simulator would") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  LearnerContext context = ContextOf(daemon);
+  context.corruption = {{"hidden", "9"}};
+  const auto learner = Need(CreateH2o(context));
+  StepsAfterUpdates(*learner, 1);
+  std::vector<float> expected(17, 1.0f);
+  expected[9] = 0;
+  CHECK(learner->Policy().observation_mask == expected);
+}
+
+TEST_CASE("H2O refuses batches of real or of simulated rows alone") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 50);
+  LearnerContext context = ContextOf(daemon);
+  for (const double ratio : {0.0, 1.0}) {
+    NeedOk(context.hyperparameters.Set("real-ratio", ratio));
+    const Status status = CreateH2o(context).status();
+    CHECK(status.code() == StatusCode::kInvalidArgument);
+    CHECK(status.message().find("real-ratio") != std::string::npos);
+  }
+}
+
+}  // namespace b4mrl
