@@ -11,8 +11,8 @@
 //
 // No action outside D is ever evaluated. The defaults are Manchery/iql-pytorch's as its MuJoCo
 // command runs it, since that is what the paper's authors ran. The original,
-// ikostrikov/implicit_q_learning, is --actor gaussian --reward-scaling return-range
-// --action-clip 1e-5 --normalise 0, but for its orthogonal initial weights.
+// ikostrikov/implicit_q_learning, is --actor gaussian --initialisation orthogonal
+// --reward-scaling return-range --action-clip 1e-5 --normalise 0.
 #include <memory>
 #include <utility>
 
@@ -29,12 +29,15 @@ constexpr std::string_view kBoth =
 
 // Places in Hyperparameter::choices.
 enum Actor { kDeterministic, kGaussian };
+enum Initialisation { kTorch, kOrthogonal };
 enum RewardScaling { kNone, kReturnRange };
 
 constexpr Hyperparameter kHyperparameters[] = {
     {"actor", kDeterministic, 0, 1, true, "fitted by weighted squared error or by likelihood", "",
      "Manchery/iql-pytorch, which the paper's authors ran; the original: gaussian",
      "deterministic|gaussian"},
+    {"initialisation", kTorch, 0, 1, true, "of the weights: PyTorch's uniform, or orthogonal", "",
+     "Manchery/iql-pytorch; the original: orthogonal", "torch|orthogonal"},
     {"expectile", 0.7, 0, 1, false, "of the critics' values, which V approaches", "", kBoth},
     {"temperature", 3, 0, 1e6, false, "how much the advantage decides; 0: clone all", "", kBoth},
     {"weight-max", 100, 0, 1e9, false, "largest weight that an advantage gives", "", kBoth},
@@ -57,8 +60,10 @@ IqlOptions CoreOptions(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   IqlOptions options;
   SetActorCriticOptions(context, context.observation_size(), options);
-  options.actor =
-      values.Integer("actor") == kGaussian ? IqlActor::kGaussian : IqlActor::kDeterministic;
+  if (values.Integer("actor") == kGaussian) options.actor = IqlActor::kGaussian;
+  if (values.Integer("initialisation") == kOrthogonal) {
+    options.initialization = IqlInitialization::kOrthogonal;
+  }
   options.value_learning_rate = values.Number("learning-rate");
   options.cosine_updates = static_cast<int64_t>(values.Number("cosine-updates"));
   options.expectile = values.Number("expectile");

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string_view>
 
 #include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/losses.h"
+#include "algorithms/nn/orthogonal.h"
 #include "algorithms/nn/squashed_gaussian.h"
 
 namespace b4mrl {
@@ -30,6 +32,17 @@ Status Validate(const IqlOptions& options) {
 MlpLayout ValueLayout(const IqlOptions& options) {
   return MlpLayout(
       {.members = 1, .inputs = options.observation_size, .hidden = options.hidden, .outputs = 1});
+}
+
+template <typename Scalar>
+void InitializeNetwork(const IqlOptions& options, const MlpLayout& layout, std::string_view name,
+                       std::span<Scalar> parameters) {
+  Rng rng(options.seed, name);
+  if (options.initialization == IqlInitialization::kTorch) {
+    layout.Initialize<Scalar>(Initialization::kTorchUniform, rng, parameters);
+  } else {
+    InitializeOrthogonal<Scalar>(layout, std::numbers::sqrt2, rng, parameters);
+  }
 }
 
 // The first `n` numbers of a network's one output row from `first` on.
@@ -75,12 +88,9 @@ IqlCore<Scalar>::IqlCore(const IqlOptions& options)
       target_q_(options.batch_max),
       weights_(options.batch_max),
       targets_(options.batch_max) {
-  Rng value_rng(options.seed, "iql-value-weights");
-  Rng actor_rng(options.seed, "iql-actor-weights");
-  Rng critic_rng(options.seed, "iql-critic-weights");
-  value_layout_.Initialize<Scalar>(Initialization::kTorchUniform, value_rng, value_);
-  actor_layout_.Initialize<Scalar>(Initialization::kTorchUniform, actor_rng, actor_);
-  critic_layout_.Initialize<Scalar>(Initialization::kTorchUniform, critic_rng, critic_);
+  InitializeNetwork<Scalar>(options, value_layout_, "iql-value-weights", value_);
+  InitializeNetwork<Scalar>(options, actor_layout_, "iql-actor-weights", actor_);
+  InitializeNetwork<Scalar>(options, critic_layout_, "iql-critic-weights", critic_);
   critic_target_ = critic_;
 }
 

@@ -30,9 +30,14 @@
 namespace b4mrl {
 
 enum class IqlActor { kDeterministic, kGaussian };
+enum class IqlInitialization {
+  kTorch,       // PyTorch's default, as the other cores have it
+  kOrthogonal,  // with gain sqrt(2) and zero biases, as the authors' code has it
+};
 
 struct IqlOptions : ActorCriticOptions {
   IqlActor actor = IqlActor::kDeterministic;
+  IqlInitialization initialization = IqlInitialization::kTorch;
   double value_learning_rate = 3e-4;
   // The actor's learning rate falls to 0 along half a cosine over so many updates and stays there;
   // 0: it is constant.
