@@ -29,11 +29,6 @@ Status Validate(const IqlOptions& options) {
   return {};
 }
 
-MlpLayout ValueLayout(const IqlOptions& options) {
-  return MlpLayout(
-      {.members = 1, .inputs = options.observation_size, .hidden = options.hidden, .outputs = 1});
-}
-
 template <typename Scalar>
 void InitializeNetwork(const IqlOptions& options, const MlpLayout& layout, std::string_view name,
                        std::span<Scalar> parameters) {
@@ -62,7 +57,7 @@ Result<IqlCore<Scalar>> IqlCore<Scalar>::Create(const IqlOptions& options) {
 template <typename Scalar>
 IqlCore<Scalar>::IqlCore(const IqlOptions& options)
     : options_(options),
-      value_layout_(ValueLayout(options)),
+      value_layout_(ActorLayout(options, 1)),  // the actor's shape with one output
       actor_layout_(ActorLayout(options, options.action_size)),
       critic_layout_(TwinCriticLayout(options)),
       value_(value_layout_.size()),

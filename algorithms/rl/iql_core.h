@@ -12,6 +12,8 @@
 //   4. Q' <- tau Q + (1 - tau) Q'
 // pi(s) = tanh of the actor network: the action of either actor, and the mean of the Gaussian one.
 // Its deviations sigma = exp(clamp(log_std)) do not depend on s, and the Gaussian is not squashed.
+// iql-pytorch's deterministic actor has as many outputs again, which nothing reads; they are left
+// out.
 //
 // An update draws no random numbers. Allocates nothing of its own after construction. Thread rule:
 // one thread.
