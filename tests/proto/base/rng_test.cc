@@ -133,6 +133,16 @@ TEST_CASE("bounded draws reach every value and no other") {
   CHECK(rng.Below(1) == 0);
 }
 
+TEST_CASE("filled normals have the bits of normals drawn one by one") {
+  Rng filled(8, "fill"), drawn(8, "fill");
+  filled.Seek(3);
+  drawn.Seek(3);
+  std::vector<double> values(20'001);  // neither whole blocks nor whole cipher blocks
+  filled.FillNormal(values);
+  CHECK(filled.position() == drawn.position() + values.size());
+  for (const double value : values) REQUIRE(value == drawn.Normal());
+}
+
 TEST_CASE("filled floats are the rounded doubles") {
   Rng a(7, "fill");
   Rng b(7, "fill");
