@@ -123,7 +123,7 @@ Status MeasureH2o(const Options& options, const RandomBatch& batch, Reporter& re
   B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(h2o));
   const RandomBatch discriminator_batch(2 * kBatch);
   return MeasureOne(
-      options, "update-h2o", kH2oGflop, 0,
+      options, "update-h2o", kH2oGflop, 0.82,
       [&] {
         core.Update({batch.view(), kBatch / 2}, {discriminator_batch.view(), kBatch});
       },
