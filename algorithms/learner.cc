@@ -22,6 +22,16 @@ std::string Hyperparameter::Text() const {
   return std::string(ChoiceNames()[static_cast<size_t>(value)]);
 }
 
+Hyperparameters::Hyperparameters(std::span<const Hyperparameter> table,
+                                 std::string_view environment)
+    : entries_(table.begin(), table.end()) {
+  for (Hyperparameter& entry : entries_) {
+    for (const EnvironmentDefault& other : entry.by_environment) {
+      if (other.environment == environment) entry.value = other.value;
+    }
+  }
+}
+
 Status Hyperparameters::Set(std::string_view name, double value) {
   B4MRL_ASSIGN_OR_RETURN(Hyperparameter * entry, Need(name));
   const bool fits = value >= entry->low && value <= entry->high;  // false for NaN

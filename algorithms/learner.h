@@ -35,6 +35,11 @@ namespace b4mrl {
 
 class Client;
 
+struct EnvironmentDefault {
+  std::string_view environment;
+  double value;
+};
+
 // What a user may set: `--<name> value` or `<name> = value` in a TOML file. A number, or one of
 // several choices, which users give by name.
 struct Hyperparameter {
@@ -47,6 +52,7 @@ struct Hyperparameter {
   std::string_view unit = {};     // "updates", "rows", "steps"; none: a pure number
   std::string_view source = {};   // who chose the default, and why where sources disagree
   std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
+  std::span<const EnvironmentDefault> by_environment = {};  // where another default holds
 
   // The names in `choices`; none for a number.
   std::vector<std::string_view> ChoiceNames() const;
@@ -60,8 +66,9 @@ struct Hyperparameter {
 class Hyperparameters {
  public:
   Hyperparameters() = default;
-  explicit Hyperparameters(std::span<const Hyperparameter> table)
-      : entries_(table.begin(), table.end()) {}
+  // The defaults, those for `environment` where it has its own.
+  explicit Hyperparameters(std::span<const Hyperparameter> table,
+                           std::string_view environment = {});
 
   // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
   Status Set(std::string_view name, double value);

@@ -20,6 +20,9 @@ Result<std::unique_ptr<Learner>> CreateTd3Bc(const LearnerContext& context);
 std::span<const Hyperparameter> IqlHyperparameters();
 Result<std::unique_ptr<Learner>> CreateIql(const LearnerContext& context);
 
+std::span<const Hyperparameter> MopoHyperparameters();
+Result<std::unique_ptr<Learner>> CreateMopo(const LearnerContext& context);
+
 std::span<const Hyperparameter> H2oHyperparameters();
 Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context);
 

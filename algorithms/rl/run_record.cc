@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "algorithms/nn/blas.h"
@@ -89,6 +90,11 @@ Status WriteRunRecord(const TrainOptions& options) {
   B4MRL_RETURN_IF_ERROR(
       file.Write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"));
   return file.Commit();
+}
+
+bool HasRunRecord(const std::string& folder) {
+  std::error_code error;
+  return std::filesystem::exists(RecordPath(folder), error);
 }
 
 Result<RunRecord> ReadRunRecord(const std::string& folder) {

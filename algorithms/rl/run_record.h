@@ -44,6 +44,7 @@ struct RunRecord {
   TrainOptions options;  // without hyperparameters, folder and resume
   std::vector<std::pair<std::string, std::string>> hyperparameters;  // as users write them
 };
+bool HasRunRecord(const std::string& folder);
 // kIoError when the folder has none; kDataLoss when it cannot be understood.
 Result<RunRecord> ReadRunRecord(const std::string& folder);
 

@@ -175,7 +175,7 @@ std::vector<std::string> HyperparameterOptions(const Algorithm& algorithm) {
 
 Status TrainCommand::SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded) {
   Hyperparameters& values = options.hyperparameters;
-  values = Hyperparameters(algorithm.hyperparameters);
+  values = Hyperparameters(algorithm.hyperparameters, options.environment);
   for (const auto& [name, text] : recorded) B4MRL_RETURN_IF_ERROR(values.SetText(name, text));
   const Hyperparameters before = values;
   B4MRL_ASSIGN_OR_RETURN(const NamedTexts given, ParseExtras(app->remaining()));
@@ -239,7 +239,8 @@ std::optional<Failure> TrainCommand::Run() {
         fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm, options.seed);
   }
   NamedTexts recorded;
-  if (options.resume && !ListCheckpoints(options.folder).empty()) {
+  // A run may be killed before its first checkpoint, too.
+  if (options.resume && HasRunRecord(options.folder)) {
     if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
   }
   auto algorithm = FindAlgorithm(options.algorithm);

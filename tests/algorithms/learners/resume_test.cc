@@ -50,12 +50,12 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
     set("discriminator-batch", 24);
     set("gap-samples", 2);
   }
-  if (algorithm == "hymopo") {
+  if (algorithm == "mopo" || algorithm == "hymopo") {
     set("ensemble-width", 16);
     set("ensemble-max-updates", 20);
     set("rollout-every", 20);
     set("rollout-rows", 100);
-    set("chunk-rows", 30);
+    if (algorithm == "hymopo") set("chunk-rows", 30);
     set("model-retain", 2);
     set("real-ratio", 0.25);
   }
@@ -148,6 +148,7 @@ TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
 }
 TEST_CASE("A resumed IQL run ends with the bits of an undisturbed one") { CheckResume("iql"); }
 TEST_CASE("A resumed H2O run ends with the bits of an undisturbed one") { CheckResume("h2o"); }
+TEST_CASE("A resumed MOPO run ends with the bits of an undisturbed one") { CheckResume("mopo"); }
 TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
   CheckResume("hymopo");
 }

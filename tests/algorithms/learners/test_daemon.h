@@ -3,6 +3,7 @@
 
 #include <catch2/catch.hpp>
 #include <cstdint>
+#include <cstdlib>
 #include <string>
 #include <utility>
 
@@ -34,7 +35,9 @@ class TestDaemon {
  public:
   explicit TestDaemon(std::vector<std::string> arguments = {})
       : daemon_(Need(PrivateDaemon::Start(Options(std::move(arguments))))),
-        client_(Need(Client::Connect(daemon_.endpoint()))) {}
+        client_(Need(Client::Connect(daemon_.endpoint()))) {
+    setenv("XDG_CACHE_HOME", folder("cache").c_str(), 1);  // of learners, not the user's
+  }
 
   Client& client() { return client_; }
   const std::string& endpoint() const { return daemon_.endpoint(); }

@@ -153,7 +153,8 @@ TEST_CASE("a sampled row is its member's prediction plus its noise, whatever the
   ensemble.Train(system.Views(), 3);
   constexpr int kRows = 1500;  // several prediction blocks
   MatrixBuffer<float> inputs(kObservations + kActions, kRows), noise(kOutputs, kRows);
-  MatrixBuffer<float> outputs(kOutputs, kRows), mean(kOutputs, kRows), log_var(kOutputs, kRows);
+  MatrixBuffer<float> outputs(kOutputs, kRows), unpenalised(kOutputs, kRows);
+  MatrixBuffer<float> mean(kOutputs, kRows), log_var(kOutputs, kRows);
   Rng rng(13, "dynamics-training-test");
   rng.FillNormal(inputs.values());
   rng.FillNormal(noise.values());
@@ -161,6 +162,7 @@ TEST_CASE("a sampled row is its member's prediction plus its noise, whatever the
   for (int& member : members) member = rng.Below(10) == 0 ? 2 : 0;
   std::vector<float> penalty(kRows);
   ensemble.Sample(inputs.view(), members, noise.view(), outputs.view(), penalty);
+  ensemble.Sample(inputs.view(), members, noise.view(), unpenalised.view());
   std::vector<double> largest(kRows);
   for (int m = 0; m < 3; ++m) {
     ensemble.Predict(m, inputs.view(), mean.view(), log_var.view());
@@ -173,6 +175,7 @@ TEST_CASE("a sampled row is its member's prediction plus its noise, whatever the
         const double expected = mean.view()(k, i) + std::sqrt(variance) * noise.view()(k, i);
         // Other block sizes sum in another order; values are of order one.
         CHECK(outputs.view()(k, i) == Approx(expected).margin(1e-5));
+        CHECK(unpenalised.view()(k, i) == Approx(expected).margin(1e-5));
       }
       largest[i] = std::max(largest[i], std::sqrt(norm));
     }

@@ -1,0 +1,291 @@
+#include "algorithms/rl/model_based.h"
+
+#include <fmt/format.h>
+
+#include <deque>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "algorithms/rl/batch_buffer.h"
+#include "algorithms/rl/core_metrics.h"
+#include "algorithms/rl/core_options.h"
+#include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/ensemble_training.h"
+#include "algorithms/rl/hidden_dimensions.h"
+#include "algorithms/rl/model_based_options.h"
+#include "algorithms/rl/model_rollout.h"
+#include "algorithms/rl/policy_numbers.h"
+#include "algorithms/rl/replay_buffer.h"
+#include "algorithms/rl/sac_core.h"
+#include "algorithms/rl/training_dataset.h"
+#include "client/client.h"
+
+namespace b4mrl {
+namespace {
+
+Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
+  EnvironmentOptions options;
+  options.simulator = context.simulator;
+  options.num_envs = 0;  // queries alone
+  options.deadline_ms = kLearnerDeadlineMs;
+  options.seed = context.seed;
+  return context.client->Make(context.environment.name, options);
+}
+
+// Room for all retained rollouts.
+uint64_t PoolCapacity(const Hyperparameters& values) {
+  return values.Unsigned("model-retain") * values.Unsigned("rollout-rows") *
+         values.Unsigned("horizon");
+}
+
+// One cycle's rollouts in D_model.
+struct Generation {
+  uint64_t cycle;
+  std::vector<float> policy;  // FlattenPolicy of the policy that made it
+  uint64_t first_record;      // in D_model
+};
+
+// What a learner is made of.
+struct Parts {
+  SacCore<float> core;
+  DynamicsEnsemble<float> ensemble;
+  std::unique_ptr<RemoteDataset> dataset;
+  std::vector<float> mask;  // of the dataset's observations
+  std::optional<RemoteEnvironment> simulator;
+  std::optional<Termination> termination;
+  ReplayBuffer pool;
+};
+
+class ModelBased : public Learner {
+ public:
+  ModelBased(const LearnerContext& context, const ModelBasedAlgorithm& algorithm, Parts parts);
+
+  Status Prepare(Progress& progress) override;
+  Status Update(MetricMeans& metrics) override;
+  PolicyWeights Policy() const override;
+  Status Save(CheckpointWriter& writer) override;
+  Status Load(CheckpointReader& reader) override;
+  std::string dataset_sha256() const override { return dataset_->in_force().info().sha256(); }
+
+ private:
+  Status StartCycle(MetricMeans& metrics);
+  Status BeginRollout(uint64_t cycle, const PolicyWeights& policy);
+  Result<RolloutCounts> FinishRollout(Generation generation);
+  Status FillBatch();
+  void StartStream();
+  RemoteEnvironment* simulator() { return simulator_ ? &*simulator_ : nullptr; }
+
+  const LearnerContext& context_;
+  const ModelBasedAlgorithm algorithm_;
+  const uint64_t rollout_every_;
+  const bool lag_;
+  const int real_rows_;  // of a batch
+  SacCore<float> core_;
+  DynamicsEnsemble<float> ensemble_;  // f
+  std::string ensemble_key_;
+  std::unique_ptr<RemoteDataset> dataset_;  // D
+  std::vector<float> mask_;
+  std::optional<RemoteEnvironment> simulator_;  // T_sim
+  ModelRollout rollout_;
+  ReplayBuffer pool_;                   // D_model
+  std::deque<Generation> generations_;  // in D_model, oldest first
+  std::optional<Generation> pending_;   // under way, with lag 1
+  BatchBuffer batch_;                   // real rows first
+  std::vector<float> action_scale_;
+  std::optional<BatchStream> stream_;
+};
+
+ModelBased::ModelBased(const LearnerContext& context, const ModelBasedAlgorithm& algorithm,
+                       Parts parts)
+    : context_(context),
+      algorithm_(algorithm),
+      rollout_every_(context.hyperparameters.Unsigned("rollout-every")),
+      lag_(NumberOr(context.hyperparameters, "rollout-lag", 0) == 1),
+      real_rows_(static_cast<int>(context.hyperparameters.Number("real-ratio") *
+                                  context.hyperparameters.Number("batch-size"))),
+      core_(std::move(parts.core)),
+      ensemble_(std::move(parts.ensemble)),
+      dataset_(std::move(parts.dataset)),
+      mask_(std::move(parts.mask)),
+      simulator_(std::move(parts.simulator)),
+      rollout_(RolloutOptionsOf(context, mask_, std::move(parts.termination)), simulator(),
+               &ensemble_),
+      pool_(std::move(parts.pool)),
+      batch_(context.observation_size(), context.action_size(),
+             context.hyperparameters.Integer("batch-size")),
+      action_scale_(context.ActionScale()) {}
+
+Status ModelBased::Prepare(Progress& progress) {
+  B4MRL_ASSIGN_OR_RETURN(const ModelData data,
+                         algorithm_.read_targets(context_, *dataset_, simulator(), progress));
+  if (data.invalid_rows > 0) {
+    progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
+                                 data.invalid_rows, dataset_->rows()));
+  }
+  B4MRL_ASSIGN_OR_RETURN(
+      ensemble_key_, TrainEnsemble(data.view(), EnsembleFilesOf(context_), ensemble_, progress));
+  // The training may have outlasted the idle session's lease.
+  if (simulator_) {
+    B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenSimulator(context_));
+  }
+  StartStream();
+  return Status();
+}
+
+Status ModelBased::Update(MetricMeans& metrics) {
+  const auto update = static_cast<uint64_t>(core_.updates());
+  if (update % rollout_every_ == 0) B4MRL_RETURN_IF_ERROR(StartCycle(metrics));
+  // The daemon simulates the next cycle's rollouts meanwhile. Each turn takes an answer that is
+  // likely to be here, and which update takes it changes no number.
+  constexpr uint64_t kUpdatesPerTurn = 4;
+  if (update % kUpdatesPerTurn == 0) B4MRL_RETURN_IF_ERROR(rollout_.Advance());
+  B4MRL_RETURN_IF_ERROR(FillBatch());
+  AddMetrics(core_.Update(batch_.view()), metrics);
+  return Status();
+}
+
+Status ModelBased::StartCycle(MetricMeans& metrics) {
+  const uint64_t cycle = static_cast<uint64_t>(core_.updates()) / rollout_every_;
+  if (!pending_) {  // no lag, or the first cycle
+    const PolicyWeights policy = core_.Policy();
+    B4MRL_RETURN_IF_ERROR(BeginRollout(cycle, policy));
+    pending_ = Generation{cycle, FlattenPolicy(policy), 0};
+  }
+  B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, FinishRollout(*std::move(pending_)));
+  pending_.reset();
+  if (counts.rows == 0) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("all {} rollouts of cycle {} left the finite numbers",
+                              counts.invalid_rows, cycle));
+  }
+  metrics.Add("rollout_reward", counts.reward_sum / static_cast<double>(counts.rows));
+  metrics.Add("rollout_invalid_rows", static_cast<double>(counts.invalid_rows));
+  metrics.Add("rollout_terminated_rows", static_cast<double>(counts.terminated_rows));
+  if (!lag_) return Status();
+  const PolicyWeights policy = core_.Policy();
+  pending_ = Generation{cycle + 1, FlattenPolicy(policy), 0};
+  return BeginRollout(cycle + 1, policy);
+}
+
+Status ModelBased::BeginRollout(uint64_t cycle, const PolicyWeights& policy) {
+  B4MRL_ASSIGN_OR_RETURN(
+      const TransitionRows rows,
+      dataset_->Sample(static_cast<uint32_t>(context_.hyperparameters.Integer("rollout-rows")),
+                       RoleSeed(context_.seed, "rollout-starts"), cycle));
+  return rollout_.Begin(cycle, {rows.observations.begin(), rows.observations.end()}, policy);
+}
+
+Result<RolloutCounts> ModelBased::FinishRollout(Generation generation) {
+  generation.first_record = pool_.length();
+  generations_.push_back(std::move(generation));
+  if (generations_.size() > context_.hyperparameters.Unsigned("model-retain")) {
+    generations_.pop_front();
+  }
+  B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, rollout_.Finish(pool_));
+  pool_.DropBefore(generations_.front().first_record);
+  return counts;
+}
+
+// Batch b of D is a function of (seed, b), so a resumed learner asks on where it stopped.
+void ModelBased::StartStream() {
+  if (real_rows_ == 0) return;
+  stream_.emplace(dataset_->Stream(static_cast<uint32_t>(real_rows_),
+                                   RoleSeed(context_.seed, "batches"),
+                                   static_cast<uint64_t>(core_.updates())));
+}
+
+// Real rows keep the dataset's reward; the penalty is in the model's rows.
+Status ModelBased::FillBatch() {
+  if (real_rows_ > 0) {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, stream_->Next());
+    batch_.SetObservations(real.observations, real.next_observations);
+    batch_.SetActions(real.actions, action_scale_);
+    batch_.SetOutcomes(real.rewards, real.terminals);
+  }
+  Rng rows(RoleSeed(context_.seed, "model-rows"), "rows", static_cast<uint64_t>(core_.updates()));
+  pool_.Sample(rows, real_rows_, batch_.size() - real_rows_, batch_);
+  return Status();
+}
+
+PolicyWeights ModelBased::Policy() const {
+  PolicyWeights weights = core_.Policy();
+  weights.observation_mask = mask_;
+  return weights;
+}
+
+Status ModelBased::Save(CheckpointWriter& writer) {
+  core_.VisitArrays(writer.Arrays("core"));
+  core_.VisitCounters(writer.Counters("core"));
+  writer.Text("ensemble", ensemble_key_);
+  writer.Text("dataset", dataset_->fingerprint());
+  writer.Unsigned("generations", generations_.size());
+  writer.Unsigned("pending", pending_ ? 1 : 0);
+  std::vector<Generation> all(generations_.begin(), generations_.end());
+  if (pending_) all.push_back(*pending_);
+  for (size_t i = 0; i < all.size(); ++i) {
+    writer.Unsigned(fmt::format("generation{}/cycle", i), all[i].cycle);
+    writer.Floats(fmt::format("generation{}/policy", i), all[i].policy);
+  }
+  return Status();
+}
+
+Status ModelBased::Load(CheckpointReader& reader) {
+  core_.VisitArrays(reader.Arrays("core"));
+  core_.VisitCounters(reader.Counters("core"));
+  ensemble_key_ = reader.Text("ensemble");
+  B4MRL_RETURN_IF_ERROR(CheckSameDataset(reader, *dataset_));
+  B4MRL_RETURN_IF_ERROR(LoadTrainedEnsemble(ensemble_key_, EnsembleFilesOf(context_), ensemble_));
+  const uint64_t kept = reader.Unsigned("generations");
+  const uint64_t pending = reader.Unsigned("pending");
+  for (uint64_t i = 0; i < kept + pending; ++i) {
+    Generation generation = {reader.Unsigned(fmt::format("generation{}/cycle", i)),
+                             reader.Floats(fmt::format("generation{}/policy", i)), 0};
+    B4MRL_RETURN_IF_ERROR(reader.status());
+    PolicyWeights policy = core_.Policy();
+    if (!UnflattenPolicy(generation.policy, policy)) {
+      return Status(StatusCode::kDataLoss, fmt::format("generation{}/policy has another size", i));
+    }
+    B4MRL_RETURN_IF_ERROR(BeginRollout(generation.cycle, policy));
+    if (i == kept) {
+      pending_ = std::move(generation);
+    } else {
+      B4MRL_RETURN_IF_ERROR(FinishRollout(std::move(generation)).status());
+    }
+  }
+  StartStream();
+  return Status();
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Learner>> CreateModelBased(const LearnerContext& context,
+                                                  const ModelBasedAlgorithm& algorithm) {
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core,
+                         SacCore<float>::Create(SacOptionsOf(context, context.observation_size())));
+  B4MRL_ASSIGN_OR_RETURN(DynamicsEnsemble<float> ensemble,
+                         DynamicsEnsemble<float>::Create(EnsembleOptionsOf(context)));
+  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
+  std::vector<float> mask =
+      MaskOfDimensions(dataset->observation_size(), dataset->in_force().hidden_dimensions());
+  std::optional<RemoteEnvironment> simulator;
+  if (algorithm.uses_simulator) {
+    B4MRL_ASSIGN_OR_RETURN(simulator, OpenSimulator(context));
+  }
+  // Where there is no rule, a simulator tells; a model alone cannot.
+  Result<Termination> rule = Termination::Of(context.environment, mask);
+  if (!rule.ok() && !algorithm.uses_simulator) return rule.status();
+  std::optional<Termination> termination;
+  if (rule.ok()) termination = *std::move(rule);
+  B4MRL_ASSIGN_OR_RETURN(
+      ReplayBuffer pool,
+      ReplayBuffer::InMemory({.observation_size = context.observation_size(),
+                              .action_size = context.action_size(),
+                              .capacity = PoolCapacity(context.hyperparameters)}));
+  return std::unique_ptr<Learner>(std::make_unique<ModelBased>(
+      context, algorithm,
+      Parts{std::move(core), std::move(ensemble), std::move(dataset), std::move(mask),
+            std::move(simulator), std::move(termination), std::move(pool)}));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,26 @@
+// What users may set of a model-based learner, and the options that it becomes.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "algorithms/learner.h"
+#include "algorithms/rl/dynamics_ensemble.h"
+#include "algorithms/rl/ensemble_training.h"
+#include "algorithms/rl/model_rollout.h"
+#include "algorithms/rl/termination.h"
+
+namespace b4mrl {
+
+// `own`, followed by the rows that MOPO's and HyMOPO's tables share.
+std::vector<Hyperparameter> WithModelBasedHyperparameters(std::span<const Hyperparameter> own);
+
+DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context);
+EnsembleFiles EnsembleFilesOf(const LearnerContext& context);
+// `mask`: of an observation. Without chunk-rows and chunks-in-flight in the table, nothing is asked
+// of a simulator: one chunk at a time.
+ModelRolloutOptions RolloutOptionsOf(const LearnerContext& context, std::vector<float> mask,
+                                     std::optional<Termination> termination);
+
+}  // namespace b4mrl

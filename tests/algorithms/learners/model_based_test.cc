@@ -1,0 +1,195 @@
+// MOPO's targets and rollouts, which ask no simulator.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <vector>
+
+#include "algorithms/list.h"
+#include "algorithms/rl/model_data.h"
+#include "algorithms/rl/model_rollout.h"
+#include "algorithms/rl/training_dataset.h"
+#include "tests/algorithms/learners/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kObservation = 17;
+constexpr int kAction = 6;
+constexpr int kRows = 200;
+
+EnvironmentSpec SpecOf(const std::string& name) {
+  EnvironmentSpec spec;
+  spec.name = name;
+  spec.observation.dimensions.resize(kObservation);
+  return spec;
+}
+
+DynamicsEnsemble<float> SmallEnsemble() {
+  DynamicsEnsembleOptions options;
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.members = 3;
+  options.elites = 2;
+  options.hidden = {16, 16, 16, 16};
+  options.max_log_var = -2;  // a walker falls within a few steps, but not at once
+  return Need(DynamicsEnsemble<float>::Create(options));
+}
+
+// Healthy walkers.
+std::vector<float> Starts() {
+  std::vector<float> starts(kRows * kObservation);
+  Rng(3, "model-based-test").FillNormal(starts);
+  for (float& value : starts) value *= 0.1f;
+  for (int row = 0; row < kRows; ++row) starts[row * kObservation] += 1.4f;
+  return starts;
+}
+
+struct RolloutResult {
+  RolloutCounts counts;
+  BatchBuffer rows;
+};
+
+RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options = {}) {
+  DynamicsEnsemble<float> ensemble = SmallEnsemble();
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.action_scale.assign(kAction, 1.0f);
+  options.termination = Need(Termination::Of(SpecOf(rule)));
+  ModelRollout rollout(options, nullptr, &ensemble);
+  SacOptions core;
+  core.observation_size = kObservation;
+  core.action_size = kAction;
+  NeedOk(rollout.Begin(2, Starts(), Need(SacCore<float>::Create(core)).Policy()));
+  ReplayBuffer pool = Need(ReplayBuffer::InMemory({kObservation, kAction, 2000}));
+  const RolloutCounts counts = Need(rollout.Finish(pool));
+  RolloutResult result = {counts,
+                          BatchBuffer(kObservation, kAction, static_cast<int>(pool.size()))};
+  for (uint64_t i = 0; i < pool.size(); ++i) pool.Get(i, static_cast<int>(i), result.rows);
+  return result;
+}
+
+std::vector<float> Column(const MatrixBuffer<float>& matrix, int column) {
+  const float* first = matrix.view().column(column);
+  return {first, first + matrix.rows()};
+}
+
+}  // namespace
+
+TEST_CASE("MOPO learns what a step changed, and the reward") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.dataset = "HalfCheetah/small";
+  const auto dataset = Need(OpenTrainingDataset(context));
+  Progress quiet(true);
+  const ModelData data = Need(ReadChanges(context, *dataset, quiet));
+  REQUIRE(data.rows == 300);
+  CHECK(data.invalid_rows == 0);
+  const TransitionRows rows = Need(dataset->Read(100, 1));
+  for (int i = 0; i < kObservation; ++i) {
+    CHECK(data.targets.view()(i, 100) == rows.next_observations[i] - rows.observations[i]);
+    CHECK(data.observations.view()(i, 100) == rows.observations[i]);
+  }
+  CHECK(data.targets.view()(kObservation, 100) == rows.rewards[0]);
+}
+
+TEST_CASE("A rollout without a simulator goes on from o + delta until the rule ends it") {
+  const RolloutResult result = RollOut("Walker2d");
+  const Termination rule = Need(Termination::Of(SpecOf("Walker2d")));
+  // One chunk: the rows of a step, then those of the next one, which are the ones that went on.
+  const std::vector<float> starts = Starts();
+  std::vector<std::vector<float>> expected;
+  for (int row = 0; row < kRows; ++row) {
+    expected.emplace_back(starts.begin() + row * kObservation,
+                          starts.begin() + (row + 1) * kObservation);
+  }
+  int at = 0;
+  uint64_t terminated = 0;
+  for (int step = 0; step < 5; ++step) {
+    std::vector<std::vector<float>> next;
+    for (const std::vector<float>& observation : expected) {
+      REQUIRE(at < result.rows.size());
+      REQUIRE(Column(result.rows.observations, at) == observation);
+      std::vector<float> reached = Column(result.rows.next_observations, at);
+      const bool ends = rule.Ends(reached);
+      REQUIRE(result.rows.not_terminated[at] == (ends ? 0.0f : 1.0f));
+      terminated += ends ? 1 : 0;
+      if (!ends) next.push_back(std::move(reached));
+      ++at;
+    }
+    expected = std::move(next);
+  }
+  CHECK(at == result.rows.size());
+  CHECK(result.counts.rows == static_cast<uint64_t>(at));
+  CHECK(result.counts.terminated_rows == terminated);
+  // Otherwise the above showed little.
+  CHECK(terminated > 10);
+  CHECK(terminated < kRows);
+}
+
+TEST_CASE("Rows that end change nothing for those that go on") {
+  const RolloutResult never = RollOut("HalfCheetah"), walker = RollOut("Walker2d");
+  REQUIRE(never.counts.rows == 5 * kRows);
+  int survivors = 0;
+  for (int row = 0; row < kRows; ++row) {
+    if (walker.rows.not_terminated[row] == 0) continue;
+    const int place = kRows + survivors++;  // among the rows of the second step
+    // The policy is evaluated in a fixed order, so equal inputs and noise give equal bits.
+    REQUIRE(Column(walker.rows.actions, place) == Column(never.rows.actions, kRows + row));
+  }
+  CHECK(survivors < kRows);
+}
+
+TEST_CASE("Chunks whose rows all end early leave the order of rows as it is") {
+  ModelRolloutOptions options;
+  options.chunk_rows = 1;
+  options.chunks_in_flight = 3;
+  const RolloutResult result = RollOut("Walker2d", options);
+  const std::vector<float> starts = Starts();
+  int row = -1;
+  for (int at = 0; at < result.rows.size(); ++at) {
+    const std::vector<float> observation = Column(result.rows.observations, at);
+    const bool is_start = row + 1 < kRows && std::equal(observation.begin(), observation.end(),
+                                                        starts.begin() + (row + 1) * kObservation);
+    if (is_start) ++row;
+  }
+  CHECK(row == kRows - 1);
+}
+
+TEST_CASE("A penalty takes the largest deviation from each reward") {
+  ModelRolloutOptions options;
+  options.horizon = 1;
+  const RolloutResult plain = RollOut("HalfCheetah", options);
+  options.penalty = 0.5;
+  const RolloutResult once = RollOut("HalfCheetah", options);
+  options.penalty = 1;
+  const RolloutResult twice = RollOut("HalfCheetah", options);
+  for (int row = 0; row < kRows; ++row) {
+    const float first = plain.rows.rewards[row] - once.rows.rewards[row];
+    const float second = once.rows.rewards[row] - twice.rows.rewards[row];
+    CHECK(first > 0);
+    CHECK(second == Approx(first).margin(1e-5));  // rewards of order one, rounded in float
+  }
+}
+
+TEST_CASE("The horizon's default is the environment's") {
+  const Algorithm* mopo = Need(FindAlgorithm("mopo"));
+  CHECK(Hyperparameters(mopo->hyperparameters, "HalfCheetah").Integer("horizon") == 5);
+  CHECK(Hyperparameters(mopo->hyperparameters, "Walker2d").Integer("horizon") == 1);
+}
+
+TEST_CASE("MOPO refuses an environment whose end no observation tells") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 50);
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.environment.name = "Highway";
+  context.dataset = "HalfCheetah/small";
+  const Algorithm* mopo = Need(FindAlgorithm("mopo"));
+  context.hyperparameters = Hyperparameters(mopo->hyperparameters);
+  CHECK(mopo->create(context).status().code() == StatusCode::kUnsupported);
+}
+
+}  // namespace b4mrl
