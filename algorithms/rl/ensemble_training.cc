@@ -20,9 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kUpdatesPerCall = 100;       // between two looks at the progress bar
-constexpr int64_t kUpdatesPerSave = 1000;      // a quarter of a minute's
-constexpr uint64_t kCacheBytesMax = 1u << 30;  // some 70 ensembles of HalfCheetah
+constexpr int64_t kUpdatesPerCall = 100;   // between two looks at the progress bar
+constexpr int64_t kUpdatesPerSave = 1000;  // a quarter of a minute's
 
 // --- Keys ---
 
@@ -121,7 +120,7 @@ bool Load(const std::string& path, const std::string& key, DynamicsEnsemble<floa
 }
 
 // The longest unused files go until the rest fits.
-void BoundCache(const std::string& folder) {
+void BoundCache(const std::string& folder, uint64_t bytes_max) {
   struct Kept {
     fs::path path;
     fs::file_time_type used;
@@ -137,7 +136,7 @@ void BoundCache(const std::string& folder) {
   }
   std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) { return a.used < b.used; });
   for (const Kept& file : kept) {
-    if (total <= kCacheBytesMax) return;
+    if (total <= bytes_max) return;
     fs::remove(file.path, error);
     total -= file.bytes;
   }
@@ -161,7 +160,7 @@ void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<f
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
   }
-  BoundCache(CacheFolder(files));
+  BoundCache(CacheFolder(files), files.cache_bytes_max);
 }
 
 // --- Training ---

@@ -12,6 +12,7 @@
 // Thread rule: one thread. Files appear complete or not at all, so processes may share the cache.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "algorithms/rl/dynamics_ensemble.h"
@@ -25,7 +26,8 @@ std::string DefaultCacheFolder();
 
 struct EnsembleFiles {
   std::string run_folder;
-  std::string cache_folder;  // "": finished ensembles are neither kept nor reused
+  std::string cache_folder;               // "": finished ensembles are neither kept nor reused
+  uint64_t cache_bytes_max = 1ull << 30;  // some 70 ensembles of HalfCheetah
 };
 
 // Brings `ensemble`, as created, to the end of its training; returns its key. kFailedPrecondition

@@ -4,6 +4,7 @@
 //   run.json        what was asked (rl/run_record.h)       agent.h5      the policy last evaluated
 //   progress.csv, metrics.jsonl   (rl/metrics.h)           checkpoint-<update>.h5, the newest two
 //   result.json     the scores, once it has ended          replay.bin    online learners only
+//   ensemble.h5     the model of MOPO and HyMOPO (rl/ensemble_training.h)
 // An evaluation is `eval_episodes` deterministic episodes on the true environment, of the agent
 // file's own policy. A checkpoint follows every row it counts on, so that a run resumed after a
 // kill writes the same rows again. Thread rule: one thread, one run per folder (a lock refuses a

@@ -1,6 +1,7 @@
 #include "algorithms/rl/ensemble_training.h"
 
 #include <catch2/catch.hpp>
+#include <chrono>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -146,6 +147,26 @@ TEST_CASE("A resumed run finds its ensemble in its folder, or else in the cache"
   REQUIRE(LoadTrainedEnsemble(trained.key, files, *ensemble).ok());
   CHECK(SaveState<float>(*ensemble) == trained.state);
   CHECK(LoadTrainedEnsemble("another", files, *ensemble).code() == StatusCode::kDataLoss);
+}
+
+TEST_CASE("A full cache lets the longest unused ensembles go") {
+  TemporaryFolder folder;
+  const Rows rows;
+  EnsembleFiles files = FilesIn(folder, "run");
+  std::vector<std::string> cached;
+  for (uint64_t seed = 0; seed < 3; ++seed) {
+    DynamicsEnsembleOptions options = Small();
+    options.seed = seed;
+    cached.push_back(CacheFile(folder, TrainIn(files, rows, options).key));
+    REQUIRE(fs::exists(cached.back()));
+    // The first one was used last.
+    const auto age = std::chrono::hours(seed == 0 ? 1 : 10 - seed);
+    fs::last_write_time(cached.back(), fs::file_time_type::clock::now() - age);
+    files.cache_bytes_max = 2 * fs::file_size(cached[0]) + 100;  // room for two
+  }
+  CHECK(fs::exists(cached[0]));
+  CHECK_FALSE(fs::exists(cached[1]));
+  CHECK(fs::exists(cached[2]));
 }
 
 TEST_CASE("A cache that cannot be written fails no run, and an ensemble that diverges does") {
