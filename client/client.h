@@ -38,6 +38,8 @@ class Client {
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs);
 
   const pb::HelloReply& hello() const { return hello_; }
+  // As given to Connect: another process can connect to it, too.
+  const std::string& endpoint() const { return endpoint_; }
   // Where the one report of the slower way goes; a line on stderr by default.
   void set_reporter(std::function<void(const std::string&)> reporter);
   // Whether anything went the slower way so far.

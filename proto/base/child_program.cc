@@ -1,5 +1,6 @@
 #include "proto/base/child_program.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
 #include <spawn.h>
@@ -26,6 +27,21 @@ std::string ProgramBesideThisOne(std::string_view name) {
   return own.substr(0, own.rfind('/') + 1).append(name);
 }
 
+namespace {
+
+// Descriptors beyond stderr stay ours. Returns 0 or an errno.
+int Spawn(const std::string& program, std::vector<std::string> words,
+          posix_spawn_file_actions_t* actions, const posix_spawnattr_t* attributes,
+          pid_t* process_id) {
+  posix_spawn_file_actions_addclosefrom_np(actions, STDERR_FILENO + 1);
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  return posix_spawnp(process_id, program.c_str(), actions, attributes, argv.data(), environ);
+}
+
+}  // namespace
+
 int StartOnSocket(const std::string& program, std::vector<std::string> words,
                   ProgramOnSocket* started) {
   std::array<int, 2> ends{};
@@ -36,13 +52,29 @@ int StartOnSocket(const std::string& program, std::vector<std::string> words,
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDIN_FILENO);
   posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
   pid_t process_id = 0;
-  const int error =
-      posix_spawnp(&process_id, program.c_str(), &actions, nullptr, argv.data(), environ);
+  const int error = Spawn(program, std::move(words), &actions, nullptr, &process_id);
+  posix_spawn_file_actions_destroy(&actions);
+  if (error == 0) *started = {process_id, std::move(ours)};
+  return error;
+}
+
+int StartWithOutput(const std::string& program, std::vector<std::string> words,
+                    ProgramWithOutput* started) {
+  std::array<int, 2> ends{};
+  if (pipe2(ends.data(), O_CLOEXEC) != 0) return errno;
+  UniqueFd ours(ends[0]);
+  const UniqueFd theirs(ends[1]);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDOUT_FILENO);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  pid_t process_id = 0;
+  const int error = Spawn(program, std::move(words), &actions, &attributes, &process_id);
+  posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   if (error == 0) *started = {process_id, std::move(ours)};
   return error;

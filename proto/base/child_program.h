@@ -31,6 +31,17 @@ struct ProgramOnSocket {
 int StartOnSocket(const std::string& program, std::vector<std::string> words,
                   ProgramOnSocket* started);
 
+struct ProgramWithOutput {
+  pid_t process_id = 0;
+  UniqueFd output;  // what it writes to its stdout
+};
+
+// Starts a program that reads nothing and whose stdout is read through a pipe; its stderr is ours.
+// It leads a process group of its own: a terminal's interrupt is for this program to answer.
+// Returns 0, or the errno of what failed.
+int StartWithOutput(const std::string& program, std::vector<std::string> words,
+                    ProgramWithOutput* started);
+
 // Sends everything through a socket. kDeadlineExceeded, or kUnavailable when the other end is gone.
 Status SendAll(int socket, std::span<const std::byte> bytes, const Deadline& deadline);
 

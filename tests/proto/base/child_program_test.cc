@@ -2,6 +2,7 @@
 
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <cerrno>
@@ -41,6 +42,28 @@ TEST_CASE("A program that does not read or end is told from one that is gone") {
   REQUIRE(WTERMSIG(wait_status) == SIGKILL);
   const Status gone = SendAll(sleeper.socket.get(), Bytes(much), Deadline::AfterMs(kPatienceMs));
   REQUIRE(gone.code() == StatusCode::kUnavailable);
+}
+
+TEST_CASE("A program's output is read to its end, and its input is empty") {
+  ProgramWithOutput writer;
+  REQUIRE(StartWithOutput("sh", {"sh", "-c", "read line || echo empty"}, &writer) == 0);
+  std::string text;
+  char c = 0;
+  while (read(writer.output.get(), &c, 1) == 1) text += c;
+  CHECK(text == "empty\n");
+  CHECK(WaitForExit(writer.process_id, Deadline::AfterMs(kPatienceMs)) == 0);
+
+  ProgramWithOutput none;
+  CHECK(StartWithOutput("b4mrl-no-such-program", {"x"}, &none) == ENOENT);
+  CHECK(none.process_id == 0);
+}
+
+TEST_CASE("A terminal's interrupt does not reach a program with an output of its own") {
+  ProgramWithOutput other;
+  REQUIRE(StartWithOutput("cat", {"cat", "/dev/zero"}, &other) == 0);
+  CHECK(getpgid(other.process_id) == other.process_id);
+  CHECK(getpgid(other.process_id) != getpgrp());
+  CHECK(WIFSIGNALED(WaitForExit(other.process_id, Deadline::AfterMs(0))));
 }
 
 TEST_CASE("A temporary folder is new and nobody else's") {
