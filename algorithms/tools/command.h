@@ -47,10 +47,11 @@ struct Command {
   CommandBody body;
 };
 
-// Each adds its subcommand (dataset: several) to `app`.
+// Each adds its subcommand (dataset and demo: several) to `app`.
 std::vector<Command> AddTrainCommand(CLI::App& app, const std::string& command_line);
 std::vector<Command> AddEvaluateCommand(CLI::App& app);
 std::vector<Command> AddDatasetCommands(CLI::App& app);
+std::vector<Command> AddDemoCommands(CLI::App& app);
 std::vector<Command> AddListCommand(CLI::App& app);
 std::vector<Command> AddStatusCommand(CLI::App& app);
 

@@ -55,7 +55,8 @@ int Run(int argc, char** argv) {
   app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   std::vector<Command> commands;
   for (auto& added : {AddTrainCommand(app, CommandLine(argc, argv)), AddEvaluateCommand(app),
-                      AddDatasetCommands(app), AddListCommand(app), AddStatusCommand(app)}) {
+                      AddDatasetCommands(app), AddDemoCommands(app), AddListCommand(app),
+                      AddStatusCommand(app)}) {
     commands.insert(commands.end(), added.begin(), added.end());
   }
 

@@ -1,0 +1,139 @@
+// b4mrl demo: the paper's examples, small enough to read.
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/tools/command.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl {
+namespace {
+
+// One state, two actions a0 and a1, a reward r in {0, 1}, and z in {0, 1}, which the log hides: the
+// paper's example of hidden confounding (section "Confounding Bias").
+constexpr double kProbabilityOfZ1 = 2.0 / 3;
+// P(r = 1 | z, a), indexed by z, then a. a1 is better whatever z is.
+// (The paper prints z = 1 twice; its fourth number is of z = 0.)
+constexpr double kReward[2][2] = {{1.0 / 6, 1.0 / 4}, {1.0 / 3, 1.0 / 2}};
+constexpr std::array<const char*, 2> kActions = {"a0", "a1"};
+constexpr std::array<const char*, 2> kActing = {"5/18", "5/12"};  // E_z P(r = 1 | z, a)
+
+// The policy that was logged saw z.
+int Behaviour(int z) { return z == 1 ? 0 : 1; }
+
+struct Estimate {
+  uint64_t decisions = 0, rewards = 0;
+
+  void Add(bool reward) {
+    ++decisions;
+    rewards += reward ? 1 : 0;
+  }
+  double mean() const { return decisions > 0 ? static_cast<double>(rewards) / decisions : 0; }
+  // Of the mean.
+  double deviation() const {
+    return decisions > 0 ? std::sqrt(mean() * (1 - mean()) / decisions) : 0;
+  }
+};
+
+class DecisionProblem {
+ public:
+  explicit DecisionProblem(uint64_t seed) : rng_(seed, "confounding") {}
+  int DrawZ() { return rng_.Uniform() < kProbabilityOfZ1 ? 1 : 0; }
+  bool DrawReward(int z, int action) { return rng_.Uniform() < kReward[z][action]; }
+
+ private:
+  Rng rng_;
+};
+
+using Estimates = std::array<Estimate, 2>;  // one an action
+
+// P(r = 1 | a) as the log has it.
+Estimates EstimateFromLog(DecisionProblem& problem, uint64_t decisions) {
+  Estimates estimates;
+  for (uint64_t i = 0; i < decisions; ++i) {
+    const int z = problem.DrawZ();
+    const int action = Behaviour(z);
+    estimates[action].Add(problem.DrawReward(z, action));
+  }
+  return estimates;
+}
+
+// E_z P(r = 1 | z, a), by taking each action as often as the log is long, whatever z is.
+Estimates EstimateByActing(DecisionProblem& problem, uint64_t decisions) {
+  Estimates estimates;
+  for (int action = 0; action < 2; ++action) {
+    for (uint64_t i = 0; i < decisions; ++i) {
+      estimates[action].Add(problem.DrawReward(problem.DrawZ(), action));
+    }
+  }
+  return estimates;
+}
+
+int BestOf(const Estimates& estimates) { return estimates[1].mean() > estimates[0].mean() ? 1 : 0; }
+
+void PrintTable(const Estimates& logged, const Estimates& acted, uint64_t decisions) {
+  fmt::print("{} logged decisions. A hidden z decided both the action and the reward.\n\n",
+             decisions);
+  fmt::print("  action   times logged   reward in the log   reward of acting   exactly\n");
+  for (int action = 0; action < 2; ++action) {
+    fmt::print("  {:<6}   {:>12}   {:.4f} +- {:.4f}    {:.4f} +- {:.4f}   {}\n", kActions[action],
+               logged[action].decisions, logged[action].mean(), logged[action].deviation(),
+               acted[action].mean(), acted[action].deviation(), kActing[action]);
+  }
+  fmt::print("\n  best     {:>12}   {:<17}   {}\n", "", kActions[BestOf(logged)],
+             kActions[BestOf(acted)]);
+  fmt::print(
+      "\nThe log tends to 1/3 for a0, which it has with z = 1 only, and to 1/4 for a1, which it\n"
+      "has with z = 0 only. More of the same data narrows the deviations and leaves the "
+      "mistake.\n");
+}
+
+void PrintJson(const Estimates& logged, const Estimates& acted, uint64_t decisions) {
+  nlohmann::ordered_json out = {{"decisions", decisions}, {"actions", nlohmann::json::array()}};
+  for (int action = 0; action < 2; ++action) {
+    out["actions"].push_back({{"name", kActions[action]},
+                              {"logged", logged[action].decisions},
+                              {"logged_reward", logged[action].mean()},
+                              {"logged_deviation", logged[action].deviation()},
+                              {"acting_reward", acted[action].mean()},
+                              {"acting_deviation", acted[action].deviation()}});
+  }
+  out["best_in_the_log"] = kActions[BestOf(logged)];
+  out["best"] = kActions[BestOf(acted)];
+  fmt::print("{}\n", out.dump());
+}
+
+struct DemoCommand {
+  CLI::App* app;
+  uint64_t decisions = 1'000'000;
+  uint64_t seed = 0;
+  bool json = false;
+
+  std::optional<Failure> Confounding() const {
+    DecisionProblem problem(seed);
+    const Estimates logged = EstimateFromLog(problem, decisions);
+    const Estimates acted = EstimateByActing(problem, decisions);
+    (json ? PrintJson : PrintTable)(logged, acted, decisions);
+    return std::nullopt;
+  }
+};
+
+}  // namespace
+
+std::vector<Command> AddDemoCommands(CLI::App& app) {
+  auto command = std::make_shared<DemoCommand>();
+  CLI::App* demo = app.add_subcommand("demo", "the paper's examples");
+  demo->require_subcommand(1);
+  command->app = demo->add_subcommand("confounding",
+                                      "why logged decisions mislead when their reason is hidden");
+  command->app->add_option("--decisions", command->decisions, "in the log [1000000]")
+      ->check(CLI::Range(uint64_t{1}, uint64_t{1'000'000'000}));
+  command->app->add_option("--seed", command->seed, "of the draws [0]");
+  command->app->add_flag("--json", command->json, "print JSON");
+  return {{command->app, [command] { return command->Confounding(); }}};
+}
+
+}  // namespace b4mrl
