@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -65,7 +66,11 @@ void CheckpointWriter::Bytes(std::string_view name, std::span<const uint8_t> val
 
 ArrayVisitor<float> CheckpointWriter::Arrays(std::string prefix) {
   return [this, prefix = std::move(prefix)](const NamedArray<float>& array) {
-    Floats(Join(prefix, array.name), array.values);
+    const std::string name = Join(prefix, array.name);
+    const bool finite = std::all_of(array.values.begin(), array.values.end(),
+                                    [](float value) { return std::isfinite(value); });
+    if (!finite && !first_nonfinite_) first_nonfinite_ = name;
+    Floats(name, array.values);
   };
 }
 

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -33,6 +34,8 @@ class CheckpointWriter {
   // Visitors that store what a core shows, under "<prefix>/".
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
+  // The first array of a core with a value that is not finite: a learner that diverged.
+  const std::optional<std::string>& first_nonfinite() const { return first_nonfinite_; }
 
   // Flushes, fsyncs, renames into place; or the first error.
   Status Commit();
@@ -45,6 +48,7 @@ class CheckpointWriter {
 
   Hdf5Writer file_;
   Status status_;
+  std::optional<std::string> first_nonfinite_;
 };
 
 class CheckpointReader {

@@ -1,50 +1,12 @@
 #include "algorithms/rl/metrics.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <limits>
-#include <span>
-
-#include "data/atomic_file.h"
 
 namespace b4mrl {
-namespace {
-
-Result<UniqueFd> OpenLog(const std::string& path, uint64_t offset) {
-  const int create = offset == 0 ? O_TRUNC : 0;
-  UniqueFd fd(open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | create, 0644));
-  if (!fd.valid()) return IoError("open", path, errno);
-  const off_t end = lseek(fd.get(), 0, SEEK_END);
-  if (end < static_cast<off_t>(offset)) {
-    return Status(StatusCode::kDataLoss,
-                  fmt::format("{} has {} bytes, the checkpoint says {}", path, end, offset));
-  }
-  if (ftruncate(fd.get(), static_cast<off_t>(offset)) != 0) return IoError("cut", path, errno);
-  if (lseek(fd.get(), static_cast<off_t>(offset), SEEK_SET) < 0)
-    return IoError("seek", path, errno);
-  return fd;
-}
-
-Status WriteLine(const UniqueFd& fd, const std::string& line, std::string_view path,
-                 uint64_t& offset) {
-  B4MRL_RETURN_IF_ERROR(WriteFully(fd.get(), std::as_bytes(std::span(line)), path));
-  offset += line.size();
-  return Status();
-}
-
-// Whole numbers without a fraction; everything else with the digits that a float carries.
-std::string FormatValue(double value) {
-  if (std::isnan(value)) return "";
-  if (value == std::floor(value) && std::abs(value) < 1e15) return fmt::format("{:.0f}", value);
-  return fmt::format("{:.9g}", value);
-}
-
-}  // namespace
 
 MetricMeans::Sum& MetricMeans::SumOf(std::string_view name) {
   auto sum = std::find_if(sums_.begin(), sums_.end(), [&](const Sum& s) { return s.name == name; });
@@ -92,35 +54,6 @@ void MetricMeans::Load(CheckpointReader& reader) {
                      reader.Number(fmt::format("metrics/{}/sum", i)),
                      reader.Integer(fmt::format("metrics/{}/values", i))});
   }
-}
-
-Result<MetricsLog> MetricsLog::Open(const std::string& folder, const Offsets& offsets) {
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd csv, OpenLog(folder + "/progress.csv", offsets.csv_bytes));
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd json, OpenLog(folder + "/metrics.jsonl", offsets.json_bytes));
-  return MetricsLog(std::move(csv), std::move(json), offsets);
-}
-
-Status MetricsLog::Write(const MetricRow& row) {
-  std::string names, values, json;
-  for (const Metric& metric : row) {
-    const std::string value = FormatValue(metric.value);
-    const std::string_view comma = &metric == &row.front() ? "" : ",";
-    names += fmt::format("{}{}", comma, metric.name);
-    values += fmt::format("{}{}", comma, value);
-    if (std::isfinite(metric.value)) {
-      json += fmt::format("{}\"{}\":{}", json.empty() ? "" : ",", metric.name, value);
-    }
-  }
-  std::string lines = offsets_.csv_bytes == 0 ? names + "\n" : "";
-  lines += values + "\n";
-  B4MRL_RETURN_IF_ERROR(WriteLine(csv_, lines, "progress.csv", offsets_.csv_bytes));
-  return WriteLine(json_, "{" + json + "}\n", "metrics.jsonl", offsets_.json_bytes);
-}
-
-Status MetricsLog::Sync() {
-  if (fsync(csv_.get()) != 0) return IoError("sync", "progress.csv", errno);
-  if (fsync(json_.get()) != 0) return IoError("sync", "metrics.jsonl", errno);
-  return Status();
 }
 
 }  // namespace b4mrl

@@ -25,6 +25,8 @@ class Progress {
   void Start(std::string_view stage, std::string_view unit, uint64_t total, uint64_t first = 0);
   // `note` is shown behind the numbers ("score 31.2").
   void Update(uint64_t done, std::string_view note = "");
+  // Shown behind the numbers from now on.
+  void Note(std::string_view note) { note_ = note; }
   void Message(std::string_view text);
   // Ends the stage with its line. Does nothing when none is open.
   void Finish();

@@ -46,6 +46,7 @@ bool TakeOptions(const Json& json, RunRecord& record) {
       Take(json, "checkpoint_every", options.checkpoint_every);
   const auto score = json.find("stop_at_score");
   if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
+  options.eval_inline = json.value("eval_inline", Json()) == true;
   const auto hyperparameters = json.find("hyperparameters");
   if (hyperparameters == json.end() || !hyperparameters->is_object()) return false;
   for (const auto& [name, value] : hyperparameters->items()) {
@@ -56,7 +57,50 @@ bool TakeOptions(const Json& json, RunRecord& record) {
   return understood;
 }
 
+// A TOML string; JSON's escapes are among TOML's.
+std::string Quoted(const std::string& text) {
+  return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+// "batch-size = 256  # rows: of one update; from sfujim/TD3"
+std::string ConfigurationLine(const Hyperparameter& entry) {
+  const std::string text = entry.choices.empty() ? entry.Text() : Quoted(entry.Text());
+  std::string line = fmt::format("{} = {}  # ", entry.name, text);
+  if (!entry.unit.empty()) line += fmt::format("{}: ", entry.unit);
+  line += entry.meaning;
+  if (!entry.source.empty()) line += fmt::format("; from {}", entry.source);
+  return line + "\n";
+}
+
 }  // namespace
+
+Status WriteRunConfiguration(const TrainOptions& options) {
+  std::string text = "# b4mrl train --config THIS_FILE --out FOLDER repeats the run.\n";
+  const auto add = [&](std::string_view name, const auto& value) {
+    text += fmt::format("{} = {}\n", name, value);
+  };
+  add("algorithm", Quoted(options.algorithm));
+  add("environment", Quoted(options.environment));
+  if (!options.simulator.empty()) add("simulator", Quoted(options.simulator));
+  if (!options.dataset.empty()) add("dataset", Quoted(options.dataset));
+  if (!options.corruption.empty()) add("corruption", Quoted(options.corruption));
+  add("history", options.history_length);
+  add("seed", Quoted(fmt::format("{}", options.seed)));  // TOML's integers have a sign
+  add("updates", options.updates);
+  add("eval-every", options.eval_every);
+  add("eval-episodes", options.eval_episodes);
+  add("eval-inline", options.eval_inline);
+  add("log-every", options.log_every);
+  add("checkpoint-every", options.checkpoint_every);
+  if (options.stop_at_score) add("stop-at-score", *options.stop_at_score);
+  text += fmt::format("\n# Hyperparameters of {}\n", options.algorithm);
+  for (const Hyperparameter& entry : options.hyperparameters.entries()) {
+    text += ConfigurationLine(entry);
+  }
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(options.folder + "/config.toml"));
+  B4MRL_RETURN_IF_ERROR(file.Write(text));
+  return file.Commit();
+}
 
 Status WriteRunRecord(const TrainOptions& options) {
   Json json;
@@ -70,6 +114,7 @@ Status WriteRunRecord(const TrainOptions& options) {
   json["updates"] = options.updates;
   json["eval_every"] = options.eval_every;
   json["eval_episodes"] = options.eval_episodes;
+  json["eval_inline"] = options.eval_inline;
   json["log_every"] = options.log_every;
   json["checkpoint_every"] = options.checkpoint_every;
   json["stop_at_score"] = options.stop_at_score ? Json(*options.stop_at_score) : Json(nullptr);

@@ -1,5 +1,6 @@
-// What a run was asked to do, and run.json, which keeps it in the run's folder: enough to repeat
-// the run and to resume it without naming every option again. Value types; no thread rule.
+// What a run was asked to do, and the two files that keep it in the run's folder: run.json, from
+// which the run is resumed, and config.toml, with which it is repeated. Value types; no thread
+// rule.
 #pragma once
 
 #include <cstdint>
@@ -31,14 +32,20 @@ struct TrainOptions {
   uint64_t log_every = 1'000;
   uint64_t checkpoint_every = 10'000;
   std::optional<double> stop_at_score;  // normalised
+  bool eval_inline = false;             // evaluate in this process, while training waits
 
   std::string folder;
   bool resume = false;
-  std::string command;  // as typed, for provenance
+  std::string evaluator;  // the program b4mrl-tools; "": beside the running one
+  std::string command;    // as typed, for provenance
 };
 
 // Atomic. Adds the program's version and the BLAS kernel, under which training is reproducible.
 Status WriteRunRecord(const TrainOptions& options);
+
+// config.toml: every option and hyperparameter in force, so that `b4mrl train --config FILE --out
+// FOLDER` repeats the run. Atomic.
+Status WriteRunConfiguration(const TrainOptions& options);
 
 struct RunRecord {
   TrainOptions options;  // without hyperparameters, folder and resume

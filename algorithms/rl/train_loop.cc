@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <system_error>
@@ -20,15 +19,13 @@
 #include "algorithms/nn/checkpoint.h"
 #include "algorithms/rl/agent_policy.h"
 #include "algorithms/rl/metrics.h"
+#include "algorithms/rl/run_log.h"
 #include "client/client.h"
 #include "data/agent_file.h"
 #include "data/atomic_file.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr size_t kEvaluationsKept = 10;  // a run's score is also reported as their mean
-constexpr double kNotMeasured = std::numeric_limits<double>::quiet_NaN();
 
 // A second trainer in the same folder would interleave its files with ours.
 Result<UniqueFd> LockFolder(const std::string& folder) {
@@ -55,14 +52,14 @@ class TrainRun {
   Status CreateLearner();
   Status RestoreNewest();
   Status Restore(uint64_t update);
+  Status Update();
   Status CheckFinite() const;
+  Status Diverged(uint64_t update, std::string_view what) const;
   Status AfterUpdate(bool last);
-  Status Evaluate();
-  Status Log(const EvaluationResult* evaluation);
+  MetricRow TakeRow();
   Status Checkpoint();
   bool ReachedScore() const;
   Agent PresentAgent() const;
-  std::string AgentPath() const { return options_.folder + "/agent.h5"; }
 
   const TrainOptions& options_;
   Client& client_;
@@ -70,8 +67,7 @@ class TrainRun {
   UniqueFd lock_;
   LearnerContext context_;
   std::unique_ptr<Learner> learner_;
-  std::optional<Evaluator> evaluator_;
-  std::optional<MetricsLog> log_;
+  std::optional<RunLog> log_;
   MetricMeans means_;
   uint64_t update_ = 0;
   uint64_t checkpoint_update_ = UINT64_MAX;  // of the newest checkpoint
@@ -79,23 +75,19 @@ class TrainRun {
   Clock::time_point start_ = Clock::now();
   Clock::time_point last_log_ = Clock::now();
   uint64_t last_log_update_ = 0;
-  std::vector<EvaluationResult> evaluations_;  // the newest kEvaluationsKept
 };
 
 Status TrainRun::Open() {
   UseOneBlasThread();
   B4MRL_RETURN_IF_ERROR(OpenFolder());
   B4MRL_RETURN_IF_ERROR(CreateLearner());
-  B4MRL_ASSIGN_OR_RETURN(Evaluator evaluator, Evaluator::Open(client_, options_.environment, {},
-                                                              options_.eval_episodes));
-  evaluator_.emplace(std::move(evaluator));
+  B4MRL_ASSIGN_OR_RETURN(RunLog log, RunLog::Open(options_, client_, progress_));
+  log_.emplace(std::move(log));
 
   const bool resumes = options_.resume && !ListCheckpoints(options_.folder).empty();
   B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_));
-  if (resumes) return RestoreNewest();
-  B4MRL_ASSIGN_OR_RETURN(MetricsLog log, MetricsLog::Open(options_.folder, {}));
-  log_.emplace(std::move(log));
-  return Status();
+  B4MRL_RETURN_IF_ERROR(WriteRunConfiguration(options_));
+  return resumes ? RestoreNewest() : log_->Begin();
 }
 
 Status TrainRun::OpenFolder() {
@@ -149,19 +141,11 @@ Status TrainRun::Restore(uint64_t update) {
                          CheckpointReader::Open(CheckpointPath(options_.folder, update)));
   update_ = reader.Unsigned("run/update");
   seconds_before_ = reader.Number("run/seconds");
-  const MetricsLog::Offsets offsets = {reader.Unsigned("run/csv_bytes"),
-                                       reader.Unsigned("run/json_bytes")};
-  const uint64_t kept = reader.Unsigned("run/evaluations");
-  evaluations_.clear();
-  for (uint64_t i = 0; i < kept && i < kEvaluationsKept; ++i) {
-    evaluations_.push_back(LoadEvaluation(reader, fmt::format("run/evaluation{}", i)));
-  }
   means_.Load(reader);
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
   B4MRL_RETURN_IF_ERROR(reader.status());
-  B4MRL_ASSIGN_OR_RETURN(MetricsLog log, MetricsLog::Open(options_.folder, offsets));
-  log_.emplace(std::move(log));
+  B4MRL_RETURN_IF_ERROR(log_->Load(reader));
   last_log_update_ = checkpoint_update_ = update_;
   return Status();
 }
@@ -172,57 +156,60 @@ Status TrainRun::Run(const std::atomic<bool>& stop) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
+  if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
   start_ = last_log_ = Clock::now();
   progress_.Start("train", "updates", options_.updates, update_);
   while (update_ < options_.updates && !ReachedScore() && !stop) {
-    B4MRL_RETURN_IF_ERROR(learner_->Update(means_));
-    B4MRL_RETURN_IF_ERROR(CheckFinite());
-    ++update_;
+    B4MRL_RETURN_IF_ERROR(Update());
     progress_.Update(update_);
     B4MRL_RETURN_IF_ERROR(AfterUpdate(update_ == options_.updates));
+    B4MRL_RETURN_IF_ERROR(log_->Poll());
   }
+  if (update_ >= options_.updates) B4MRL_RETURN_IF_ERROR(log_->Wait());
   if (checkpoint_update_ != update_) B4MRL_RETURN_IF_ERROR(Checkpoint());
   progress_.Finish();
   return Status();
 }
 
-// A learner that diverged never recovers; its last good checkpoint may still be of use.
+// An error may come from a policy whose actions are no numbers any more: then that is the reason.
+Status TrainRun::Update() {
+  const Status status = learner_->Update(means_);
+  B4MRL_RETURN_IF_ERROR(CheckFinite());
+  if (status.ok()) {
+    ++update_;
+    return status;
+  }
+  const Status policy = PresentAgent().Validate();
+  return policy.ok() ? status : Diverged(update_, policy.message());
+}
+
 Status TrainRun::CheckFinite() const {
   const auto& metric = means_.first_nonfinite();
   if (!metric) return Status();
-  return Status(
-      StatusCode::kFailedPrecondition,
-      fmt::format("{} became {} at update {}; the last good state is {}", metric->name,
-                  metric->value, update_ + 1, CheckpointPath(options_.folder, checkpoint_update_)));
+  return Diverged(update_ + 1, fmt::format("{} became {}", metric->name, metric->value));
+}
+
+// A learner that diverged never recovers; its last good checkpoint may still be of use.
+Status TrainRun::Diverged(uint64_t update, std::string_view what) const {
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("the run diverged: {} at update {}; the last good state is {}", what,
+                            update, CheckpointPath(options_.folder, checkpoint_update_)));
 }
 
 Status TrainRun::AfterUpdate(bool last) {
   if (last || update_ % options_.eval_every == 0) {
-    B4MRL_RETURN_IF_ERROR(Evaluate());
-    B4MRL_RETURN_IF_ERROR(Log(&evaluations_.back()));
+    const Agent agent = PresentAgent();
+    if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
+    B4MRL_RETURN_IF_ERROR(log_->Evaluate(agent, TakeRow()));
+    if (last || options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
   } else if (update_ % options_.log_every == 0) {
-    B4MRL_RETURN_IF_ERROR(Log(nullptr));
+    B4MRL_RETURN_IF_ERROR(log_->Write(TakeRow()));
   }
   if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
   return Status();
 }
 
-Status TrainRun::Evaluate() {
-  const Agent agent = PresentAgent();
-  B4MRL_RETURN_IF_ERROR(WriteAgent(AgentPath(), agent));
-  B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
-  B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, evaluator_->Run(policy));
-  const std::string score = result.score ? fmt::format("score {:.1f}", *result.score)
-                                         : fmt::format("return {:.1f}", result.mean_return);
-  progress_.Message(fmt::format("update {}: return {:.1f} +- {:.1f}, {}", update_,
-                                result.mean_return, result.std_return, score));
-  progress_.Update(update_, score);
-  evaluations_.push_back(std::move(result));
-  if (evaluations_.size() > kEvaluationsKept) evaluations_.erase(evaluations_.begin());
-  return Status();
-}
-
-Status TrainRun::Log(const EvaluationResult* evaluation) {
+MetricRow TrainRun::TakeRow() {
   const double interval = SecondsSince(last_log_);
   MetricRow row = {
       {"update", static_cast<double>(update_)},
@@ -232,29 +219,22 @@ Status TrainRun::Log(const EvaluationResult* evaluation) {
   };
   const MetricRow means = means_.Take();
   row.insert(row.end(), means.begin(), means.end());
-  const bool has_score = evaluation != nullptr && evaluation->score.has_value();
-  row.push_back({"evaluation_return", evaluation ? evaluation->mean_return : kNotMeasured});
-  row.push_back({"evaluation_return_std", evaluation ? evaluation->std_return : kNotMeasured});
-  row.push_back({"evaluation_score", has_score ? *evaluation->score : kNotMeasured});
   last_log_ = Clock::now();
   last_log_update_ = update_;
-  return log_->Write(row);
+  return row;
 }
 
 Status TrainRun::Checkpoint() {
-  B4MRL_RETURN_IF_ERROR(log_->Sync());
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer,
                          CheckpointWriter::Create(CheckpointPath(options_.folder, update_)));
   writer.Unsigned("run/update", update_);
   writer.Number("run/seconds", seconds_before_ + SecondsSince(start_));
-  writer.Unsigned("run/csv_bytes", log_->offsets().csv_bytes);
-  writer.Unsigned("run/json_bytes", log_->offsets().json_bytes);
-  writer.Unsigned("run/evaluations", evaluations_.size());
-  for (size_t i = 0; i < evaluations_.size(); ++i) {
-    SaveEvaluation(writer, fmt::format("run/evaluation{}", i), evaluations_[i]);
-  }
+  B4MRL_RETURN_IF_ERROR(log_->Save(writer));
   means_.Save(writer);
   B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
+  if (writer.first_nonfinite()) {
+    return Diverged(update_, fmt::format("{} was not finite", *writer.first_nonfinite()));
+  }
   B4MRL_RETURN_IF_ERROR(writer.Commit());
   checkpoint_update_ = update_;
   RemoveOldCheckpoints(options_.folder);
@@ -262,8 +242,8 @@ Status TrainRun::Checkpoint() {
 }
 
 bool TrainRun::ReachedScore() const {
-  if (!options_.stop_at_score || evaluations_.empty()) return false;
-  const std::optional<double>& score = evaluations_.back().score;
+  if (!options_.stop_at_score || log_->evaluations().empty()) return false;
+  const std::optional<double>& score = log_->evaluations().back().score;
   return score && *score >= *options_.stop_at_score;
 }
 
@@ -286,12 +266,13 @@ TrainSummary TrainRun::Summary() const {
   summary.updates = update_;
   summary.environment_steps = learner_->environment_steps();
   summary.interrupted = update_ < options_.updates && !ReachedScore();
-  summary.agent_path = AgentPath();
-  if (evaluations_.empty()) return summary;
-  summary.last = evaluations_.back();
+  summary.agent_path = log_->AgentPath();
+  const std::vector<EvaluationResult>& evaluations = log_->evaluations();
+  if (evaluations.empty()) return summary;
+  summary.last = evaluations.back();
   double sum = 0;
-  for (const EvaluationResult& result : evaluations_) sum += result.mean_return;
-  summary.mean_return_of_last_ten = sum / static_cast<double>(evaluations_.size());
+  for (const EvaluationResult& result : evaluations) sum += result.mean_return;
+  summary.mean_return_of_last_ten = sum / static_cast<double>(evaluations.size());
   summary.mean_score_of_last_ten =
       context_.environment.NormalisedScore(summary.mean_return_of_last_ten);
   return summary;

@@ -1,14 +1,19 @@
 // The loop around every learner: updates, evaluations, logs, checkpoints, the end.
 //
 // A run lives in one folder:
-//   run.json        what was asked (rl/run_record.h)       agent.h5      the policy last evaluated
-//   progress.csv, metrics.jsonl   (rl/metrics.h)           checkpoint-<update>.h5, the newest two
-//   result.json     the scores, once it has ended          replay.bin    online learners only
-//   ensemble.h5     the model of MOPO and HyMOPO (rl/ensemble_training.h)
+//   run.json, config.toml     what was asked (rl/run_record.h)
+//   metrics.jsonl, progress.csv, events.out.tfevents.b4mrl     logs (rl/metrics_log.h)
+//   agent.h5                  the policy last evaluated
+//   checkpoint-<update>.h5    the newest two
+//   replay.bin                online learners and H2O
+//   ensemble.h5               the model of MOPO and HyMOPO (rl/ensemble_training.h)
+//   result.json               the scores, once it has ended
 // An evaluation is `eval_episodes` deterministic episodes on the true environment, of the agent
-// file's own policy. A checkpoint follows every row it counts on, so that a run resumed after a
-// kill writes the same rows again. Thread rule: one thread, one run per folder (a lock refuses a
-// second).
+// file's own policy, beside the training (rl/run_log.h). The last one is waited for, and with
+// `stop_at_score` each: whether there is another update is for its score to say. A checkpoint
+// follows every row it counts on, so that a run resumed after a kill writes the same rows again. A
+// run whose numbers are not finite ends with kFailedPrecondition, which names its last good
+// checkpoint. Thread rule: one thread, one run per folder (a lock refuses a second).
 #pragma once
 
 #include <atomic>

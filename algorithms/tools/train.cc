@@ -97,13 +97,16 @@ void TrainCommand::AddOptions() {
       ->check(CLI::PositiveNumber);
   app->add_option("--eval-episodes", options.eval_episodes, "episodes of an evaluation [10]")
       ->check(CLI::Range(1u, 1024u));
+  app->add_flag("--eval-inline", options.eval_inline,
+                "evaluate in this process while training waits, not in one beside it");
   app->add_option("--log-every", options.log_every, "updates between log lines [1000]")
       ->check(CLI::PositiveNumber);
   app->add_option("--checkpoint-every", options.checkpoint_every,
                   "updates between checkpoints [10000]")
       ->check(CLI::PositiveNumber);
   app->add_option("--stop-at-score", stop_at_score,
-                  "end at the first evaluation whose normalised score is at least this");
+                  "end at the first evaluation whose normalised score is at least this; "
+                  "training then waits for each evaluation");
   app->add_option("--out", options.folder, "folder of the run [runs/ENVIRONMENT-ALGORITHM-sSEED]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
@@ -139,6 +142,7 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   if (!Given("updates")) options.updates = old.updates;
   if (!Given("eval-every")) options.eval_every = old.eval_every;
   if (!Given("eval-episodes")) options.eval_episodes = old.eval_episodes;
+  if (!Given("eval-inline")) options.eval_inline = old.eval_inline;
   if (!Given("log-every")) options.log_every = old.log_every;
   if (!Given("checkpoint-every")) options.checkpoint_every = old.checkpoint_every;
   if (!Given("stop-at-score")) options.stop_at_score = old.stop_at_score;

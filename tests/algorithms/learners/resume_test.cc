@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "algorithms/list.h"
@@ -84,6 +85,19 @@ void AppendGarbage(const std::string& path) {
   std::ofstream(path, std::ios::binary | std::ios::app) << "half a li";
 }
 
+// metrics.jsonl without what the clock says.
+std::vector<nlohmann::json> RowsWithoutTimes(const std::string& folder) {
+  std::vector<nlohmann::json> rows;
+  std::ifstream lines(folder + "/metrics.jsonl");
+  for (std::string line; std::getline(lines, line);) {
+    rows.push_back(nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false));
+    REQUIRE(rows.back().is_object());
+    rows.back().erase("seconds");
+    rows.back().erase("updates_per_second");
+  }
+  return rows;
+}
+
 size_t Lines(const std::string& path) {
   const std::string text = ReadBytes(path);
   return static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
@@ -106,7 +120,9 @@ std::vector<std::string> TimelessCells(const std::string& path) {
   while (std::getline(lines, line)) {
     const std::vector<std::string> cells = Cells(line);
     for (size_t i = 0; i < cells.size(); ++i) {
-      if (names.at(i).find("second") == std::string::npos) kept.push_back(cells[i]);
+      const std::string& name = names.at(i);
+      if (name == "time/time_elapsed" || name == "time/updates_per_second") continue;
+      kept.push_back(cells[i]);
     }
   }
   return kept;
@@ -125,6 +141,7 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   RunTraining(halves, daemon.client());
   AppendGarbage(halves.folder + "/progress.csv");
   AppendGarbage(halves.folder + "/metrics.jsonl");
+  AppendGarbage(halves.folder + "/events.out.tfevents.b4mrl");
   halves.updates = 60;
   halves.resume = true;
   const TrainSummary resumed = RunTraining(halves, daemon.client());
@@ -135,7 +152,9 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   CHECK(resumed.mean_return_of_last_ten == expected.mean_return_of_last_ten);
   CHECK(TimelessCells(halves.folder + "/progress.csv") ==
         TimelessCells(straight.folder + "/progress.csv"));
-  CHECK(Lines(halves.folder + "/metrics.jsonl") == Lines(straight.folder + "/metrics.jsonl"));
+  CHECK(RowsWithoutTimes(halves.folder) == RowsWithoutTimes(straight.folder));
+  CHECK(std::filesystem::file_size(halves.folder + "/events.out.tfevents.b4mrl") ==
+        std::filesystem::file_size(straight.folder + "/events.out.tfevents.b4mrl"));
   CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, 30});
 }
 
@@ -154,6 +173,21 @@ TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
 }
 TEST_CASE("A resumed HyMOPO run with a rollout lag ends with the bits of an undisturbed one") {
   CheckResume("hymopo", /*lag=*/true);
+}
+
+TEST_CASE("A run ends with the same bits whether its evaluations run in its process or beside it") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions here = SmallRun("td3-bc", daemon.folder("here"));
+  TrainOptions beside = SmallRun("td3-bc", daemon.folder("beside"));
+  here.eval_inline = true;
+  const TrainSummary a = RunTraining(here, daemon.client());
+  const TrainSummary b = RunTraining(beside, daemon.client());
+  RequireEqualPolicies(here.folder + "/agent.h5", beside.folder + "/agent.h5");
+  CHECK(a.last->returns == b.last->returns);
+  CHECK(a.mean_return_of_last_ten == b.mean_return_of_last_ten);
+  CHECK(Lines(here.folder + "/metrics.jsonl") == 6);
+  CHECK(RowsWithoutTimes(here.folder) == RowsWithoutTimes(beside.folder));
 }
 
 TEST_CASE("Another seed gives other weights") {
@@ -212,6 +246,31 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
   CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
   CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
   NeedOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
+}
+
+TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  options.updates = options.eval_every = 2000;  // it diverges within a hundred
+  options.checkpoint_every = 5;
+  // Nothing restrains the values: full bootstrapping from targets that follow at once.
+  for (const char* name : {"learning-rate", "gamma", "tau"}) {
+    NeedOk(options.hyperparameters.Set(name, 1));
+  }
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  const Status status = Train(options, daemon.client(), quiet, stop).status();
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(status.message().find("the run diverged") != std::string::npos);
+  const uint64_t newest = ListCheckpoints(options.folder).front();
+  CHECK(newest > 0);
+  CHECK(status.message().find(CheckpointPath(options.folder, newest)) != std::string::npos);
+
+  // Another update from there is possible, and evaluates.
+  options.resume = true;
+  options.updates = newest + 1;
+  CHECK(RunTraining(options, daemon.client()).updates == newest + 1);
 }
 
 TEST_CASE("A run refuses a folder that holds another one") {

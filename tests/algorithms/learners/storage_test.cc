@@ -1,4 +1,4 @@
-// Replay files, checkpoints, metrics and hyperparameters; no daemon.
+// Replay files, checkpoints, means and hyperparameters; no daemon.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
@@ -129,19 +129,15 @@ TEST_CASE("Of a run's checkpoints the newest two are kept") {
   CHECK(ListCheckpoints(folder.path()) == std::vector<uint64_t>{100, 20});
 }
 
-TEST_CASE("Metrics become lines, and a resumed log is cut back to its checkpoint") {
+TEST_CASE("A checkpoint names a core's array that is not finite") {
   TemporaryFolder folder;
-  MetricsLog log = Need(MetricsLog::Open(folder.path(), {}));
-  NeedOk(log.Write({{"update", 1}, {"loss", 0.25}, {"score", std::nan("")}}));
-  const MetricsLog::Offsets offsets = log.offsets();
-  NeedOk(log.Write({{"update", 2}, {"loss", 0.125}, {"score", 3}}));
-  CHECK(ReadBytes(folder.File("progress.csv")) == "update,loss,score\n1,0.25,\n2,0.125,3\n");
-  CHECK(ReadBytes(folder.File("metrics.jsonl")) ==
-        "{\"update\":1,\"loss\":0.25}\n{\"update\":2,\"loss\":0.125,\"score\":3}\n");
-
-  MetricsLog resumed = Need(MetricsLog::Open(folder.path(), offsets));
-  NeedOk(resumed.Write({{"update", 2}, {"loss", 7}, {"score", 8}}));
-  CHECK(ReadBytes(folder.File("progress.csv")) == "update,loss,score\n1,0.25,\n2,7,8\n");
+  CheckpointWriter writer = Need(CheckpointWriter::Create(CheckpointPath(folder.path(), 1)));
+  std::vector<float> good = {1, 2}, bad = {1, std::numeric_limits<float>::infinity()};
+  const ArrayVisitor<float> arrays = writer.Arrays("core");
+  arrays({"actor/weight", {2}, good});
+  CHECK_FALSE(writer.first_nonfinite());
+  arrays({"critic/weight", {2}, bad});
+  CHECK(writer.first_nonfinite() == "core/critic.weight");
 }
 
 TEST_CASE("Means are taken since the last line, and the first bad number is remembered") {

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -205,6 +206,63 @@ TEST_CASE("A dataset survives export and import") {
   CHECK_FALSE(std::filesystem::exists(folder.File("data/HalfCheetah/bad.h5")));
 }
 
+TEST_CASE("A run's config.toml names every option and repeats the run") {
+  TemporaryFolder folder;
+  const Outcome first = Run(SmallTraining(folder.File("first")));
+  INFO(first.err);
+  REQUIRE(first.exit_code == 0);
+  const std::string configuration = folder.File("first/config.toml");
+  const std::string text = ReadBytes(configuration);
+  const Algorithm* sac = FindAlgorithm("sac").value();
+  for (const Hyperparameter& entry : sac->hyperparameters) {
+    INFO(entry.name);
+    CHECK(text.find(fmt::format("\n{} = ", entry.name)) != std::string::npos);
+  }
+  const Outcome second = Run({"train", "--config", configuration, "--out", folder.File("second")});
+  INFO(second.err);
+  REQUIRE(second.exit_code == 0);
+  CHECK(ReadBytes(folder.File("second/config.toml")) == text);
+  const auto record = [&](const std::string& run) {
+    auto json = nlohmann::json::parse(ReadBytes(folder.File(run + "/run.json")), nullptr, false);
+    json.erase("command");
+    return json;
+  };
+  CHECK(record("first") == record("second"));
+  const auto a = ReadAgent(folder.File("first/agent.h5"));
+  const auto b = ReadAgent(folder.File("second/agent.h5"));
+  REQUIRE((a.ok() && b.ok()));
+  CHECK(a->last_fc.weight == b->last_fc.weight);
+}
+
+TEST_CASE("The log of the confounded decisions prefers the action that is worse") {
+  // Each mean of n rewards in {0, 1} lies within five of its deviations, sqrt(p (1 - p) / n), but
+  // for one seed in a million; the deviation itself is at most 1 / (2 sqrt(n)).
+  const auto near = [](double mean, double truth, double count) {
+    return std::abs(mean - truth) < 5 * std::sqrt(truth * (1 - truth) / count);
+  };
+  for (const char* seed : {"0", "1"}) {
+    const Outcome outcome = Run({"demo", "confounding", "--json", "--seed", seed});
+    REQUIRE(outcome.exit_code == 0);
+    const auto json = nlohmann::json::parse(outcome.out, nullptr, false);
+    REQUIRE(json.is_object());
+    const double n = json["decisions"];
+    CHECK(n == 1e6);
+    const auto &a0 = json["actions"][0], &a1 = json["actions"][1];
+    CHECK(near(a0["logged"].get<double>() / n, 2.0 / 3, n));
+    CHECK(a0["logged"].get<double>() + a1["logged"].get<double>() == n);
+    CHECK(near(a0["logged_reward"], 1.0 / 3, a0["logged"]));
+    CHECK(near(a1["logged_reward"], 1.0 / 4, a1["logged"]));
+    CHECK(near(a0["acting_reward"], 5.0 / 18, n));
+    CHECK(near(a1["acting_reward"], 5.0 / 12, n));
+    CHECK(json["best_in_the_log"] == "a0");
+    CHECK(json["best"] == "a1");
+  }
+  const Outcome table = Run({"demo", "confounding", "--decisions", "1000"});
+  CHECK(table.exit_code == 0);
+  CHECK(table.out.find("5/12") != std::string::npos);
+  CHECK(Run({"demo", "confounding", "--decisions", "0"}).exit_code == 2);
+}
+
 TEST_CASE("A configuration file gives options that the command line overrides") {
   TemporaryFolder folder;
   WriteBytes(folder.File("run.toml"),
@@ -218,6 +276,10 @@ TEST_CASE("A configuration file gives options that the command line overrides") 
   CHECK(nlohmann::json::parse(outcome.out, nullptr, false)["updates"] == 10);
   const auto record = nlohmann::json::parse(ReadBytes(folder.File("run/run.json")), nullptr, false);
   CHECK(record["hyperparameters"]["gamma"] == 0.5);
+  WriteBytes(folder.File("wrong.toml"),
+             "algorithm = \"td3-bc\"\nenvironment = \"HalfCheetah\"\ndataset = \"x\"\n"
+             "normalise = \"maybe\"\n");
+  CHECK(Run({"train", "--config", folder.File("wrong.toml")}).exit_code == 2);
   WriteBytes(folder.File("bad.toml"), "updates = [1]\n");
   CHECK(Run({"train", "--config", folder.File("bad.toml")}).exit_code == 3);
 }

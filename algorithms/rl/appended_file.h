@@ -1,0 +1,35 @@
+// A log that only grows, and is cut back to where a checkpoint saw it.
+//
+// Each Append is one write call, so that a reader never sees half an entry. Thread rule: one
+// thread. Errors: kIoError; kDataLoss when the file is shorter than it is to be.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
+
+namespace b4mrl {
+
+class AppendedFile {
+ public:
+  // Cut to its first `bytes`; zero: a new file.
+  static Result<AppendedFile> Open(const std::string& path, uint64_t bytes);
+
+  Status Append(std::string_view text);
+  // Makes what was appended durable.
+  Status Sync();
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  AppendedFile(std::string path, UniqueFd fd, uint64_t bytes)
+      : path_(std::move(path)), fd_(std::move(fd)), bytes_(bytes) {}
+
+  std::string path_;
+  UniqueFd fd_;
+  uint64_t bytes_;
+};
+
+}  // namespace b4mrl
