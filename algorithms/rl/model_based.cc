@@ -136,10 +136,6 @@ Status ModelBased::Prepare(Progress& progress) {
 Status ModelBased::Update(MetricMeans& metrics) {
   const auto update = static_cast<uint64_t>(core_.updates());
   if (update % rollout_every_ == 0) B4MRL_RETURN_IF_ERROR(StartCycle(metrics));
-  // The daemon simulates the next cycle's rollouts meanwhile. Each turn takes an answer that is
-  // likely to be here, and which update takes it changes no number.
-  constexpr uint64_t kUpdatesPerTurn = 4;
-  if (update % kUpdatesPerTurn == 0) B4MRL_RETURN_IF_ERROR(rollout_.Advance());
   B4MRL_RETURN_IF_ERROR(FillBatch());
   AddMetrics(core_.Update(batch_.view()), metrics);
   return Status();

@@ -69,7 +69,14 @@ Status ModelRollout::Begin(uint64_t cycle, std::vector<float> starts, const Poli
   cycle_ = cycle;
   next_start_ = 0;
   finished_.clear();
-  return Fill();
+  worker_ = std::jthread([this](const std::stop_token& stop) { worker_status_ = RollOut(stop); });
+  return Status();
+}
+
+Status ModelRollout::RollOut(const std::stop_token& stop) {
+  B4MRL_RETURN_IF_ERROR(Fill());
+  while (!active_.empty() && !stop.stop_requested()) B4MRL_RETURN_IF_ERROR(Advance());
+  return Status();
 }
 
 // Keeps `chunks_in_flight` chunks under way while there are start rows left.
@@ -155,8 +162,8 @@ void ModelRollout::SampleModel(Chunk& chunk) {
                     penalties);
 }
 
+// One step of one chunk.
 Status ModelRollout::Advance() {
-  if (active_.empty()) return Status();
   // The oldest request is the likeliest to be answered.
   std::unique_ptr<Chunk> chunk = std::move(active_.front());
   active_.pop_front();
@@ -233,7 +240,8 @@ bool ModelRollout::CompleteRow(Chunk& chunk, int row) {
 }
 
 Result<RolloutCounts> ModelRollout::Finish(ReplayBuffer& pool) {
-  while (!done()) B4MRL_RETURN_IF_ERROR(Advance());
+  if (!done()) worker_.join();
+  B4MRL_RETURN_IF_ERROR(std::exchange(worker_status_, Status()));
   // A chunk all of whose rows ended early overtook others.
   std::sort(finished_.begin(), finished_.end(),
             [](const auto& a, const auto& b) { return a->first_row < b->first_row; });

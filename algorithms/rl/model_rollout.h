@@ -14,9 +14,11 @@
 //
 // Our noise is addressed by (cycle, step, start row), the simulator's by (cycle, step, chunk, place
 // among its rows under way), and transitions come in the order of chunks, so results depend neither
-// on how Advance calls are spread over time nor on the daemon's threads. Dimensions that the
-// dataset hides stay zero in o', as the policy will meet them. Thread rule: one thread. The
-// simulator session (num_envs 0) and the ensemble outlive the object.
+// on when answers come nor on the daemon's threads. Dimensions that the
+// dataset hides stay zero in o', as the policy will meet them. Thread rule: one thread; from
+// Begin to Finish one of its own does the work, so that the caller's updates overlap with inference
+// and not only with the simulator. Meanwhile it has the simulator session (num_envs 0) and the
+// ensemble to itself, but for readers of the ensemble's arrays. Both outlive the object.
 #pragma once
 
 #include <cstdint>
@@ -24,6 +26,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <thread>
 #include <vector>
 
 #include "algorithms/nn/inference.h"
@@ -65,15 +68,15 @@ class ModelRollout {
   // Starts rollout number `cycle` from `starts` (row-major observations) under `policy`. Needs
   // done().
   Status Begin(uint64_t cycle, std::vector<float> starts, const PolicyWeights& policy);
-  // One step of one chunk. Does nothing when done().
-  Status Advance();
-  bool done() const { return active_.empty(); }
-  // Advances to the end, then appends all transitions to `pool`: chunk by chunk, in each step by
+  bool done() const { return !worker_.joinable(); }
+  // Waits for the end, then appends all transitions to `pool`: chunk by chunk, in each step by
   // step, in the order of start rows.
   Result<RolloutCounts> Finish(ReplayBuffer& pool);
 
  private:
   struct Chunk;
+  Status RollOut(const std::stop_token& stop);
+  Status Advance();
   Status Fill();
   Status BeginStep(Chunk& chunk);
   void DrawNoise(const char* purpose, const Chunk& chunk, MatrixView<float> noise) const;
@@ -96,6 +99,8 @@ class ModelRollout {
   // Of one step of one chunk.
   MatrixBuffer<float> observations_, actions_, action_noise_, model_noise_;
   std::vector<int> members_;
+  Status worker_status_;
+  std::jthread worker_;  // last, so that it ends before what it uses
 };
 
 }  // namespace b4mrl

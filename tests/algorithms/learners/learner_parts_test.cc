@@ -59,8 +59,8 @@ struct RolloutResult {
   BatchBuffer rows;
 };
 
-// All transitions of one cycle; `turns` Advance calls come before Finish.
-RolloutResult RollOut(TestDaemon& daemon, ModelRolloutOptions options, int turns) {
+// All transitions of one cycle.
+RolloutResult RollOut(TestDaemon& daemon, ModelRolloutOptions options) {
   const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
   RemoteEnvironment simulator = QuerySession(daemon, context);
   DynamicsEnsemble<float> ensemble = SmallEnsemble();
@@ -74,7 +74,6 @@ RolloutResult RollOut(TestDaemon& daemon, ModelRolloutOptions options, int turns
   core.action_size = kAction;
   const PolicyWeights policy = Need(SacCore<float>::Create(core)).Policy();
   NeedOk(rollout.Begin(4, Starts(context, 50), policy));
-  for (int i = 0; i < turns; ++i) NeedOk(rollout.Advance());
   ReplayBuffer pool = Need(ReplayBuffer::InMemory({kObservation, kAction, 1000}));
   const RolloutCounts counts = Need(rollout.Finish(pool));
   RolloutResult result = {counts,
@@ -148,33 +147,53 @@ TEST_CASE("Rows that differ only in a hidden dimension get equal predictions in 
   CHECK(Same(Corrections(daemon, original).targets, Corrections(daemon, changed).targets));
 }
 
-TEST_CASE("Rollouts do not depend on when their answers are taken") {
+TEST_CASE("Rollouts do not depend on how many queries are under way") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 100);
-  const RolloutResult at_once = RollOut(daemon, {}, 0);
-  const RolloutResult in_turns = RollOut(daemon, {}, 9);
-  CHECK(at_once.counts.rows == 50 * 5);
-  CHECK(at_once.counts.invalid_rows == 0);
-  CHECK(Same(at_once.rows.observations, in_turns.rows.observations));
-  CHECK(Same(at_once.rows.next_observations, in_turns.rows.next_observations));
-  CHECK(at_once.rows.rewards == in_turns.rows.rewards);
+  const RolloutResult several = RollOut(daemon, {});
+  ModelRolloutOptions one_by_one;
+  one_by_one.chunks_in_flight = 1;
+  const RolloutResult singly = RollOut(daemon, one_by_one);
+  CHECK(several.counts.rows == 50 * 5);
+  CHECK(several.counts.invalid_rows == 0);
+  CHECK(Same(several.rows.observations, singly.rows.observations));
+  CHECK(Same(several.rows.next_observations, singly.rows.next_observations));
+  CHECK(several.rows.rewards == singly.rows.rewards);
 
   ModelRolloutOptions other_seed;
   other_seed.seed = 1;
-  CHECK_FALSE(Same(at_once.rows.actions, RollOut(daemon, other_seed, 0).rows.actions));
+  CHECK_FALSE(Same(several.rows.actions, RollOut(daemon, other_seed).rows.actions));
+}
+
+TEST_CASE("A rollout that nobody waits for ends with its object") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 100);
+  const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
+  RemoteEnvironment simulator = QuerySession(daemon, context);
+  DynamicsEnsemble<float> ensemble = SmallEnsemble();
+  const SacOptions core = {{.observation_size = kObservation, .action_size = kAction}};
+  ModelRolloutOptions options;
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.action_scale.assign(kAction, 1.0f);
+  options.horizon = 1'000'000;  // would take minutes
+  options.chunk_rows = 20;
+  ModelRollout rollout(options, &simulator, &ensemble);
+  NeedOk(rollout.Begin(0, Starts(context, 50), Need(SacCore<float>::Create(core)).Policy()));
+  CHECK_FALSE(rollout.done());
 }
 
 TEST_CASE("Rollouts keep hidden dimensions at zero and subtract the penalty") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 100);
   ModelRolloutOptions options;
-  const RolloutResult plain = RollOut(daemon, options, 0);
+  const RolloutResult plain = RollOut(daemon, options);
   options.penalty = 2;
-  const RolloutResult penalised = RollOut(daemon, options, 0);
+  const RolloutResult penalised = RollOut(daemon, options);
   CHECK(penalised.counts.reward_sum < plain.counts.reward_sum);
   options.mask.assign(kObservation, 1.0f);
   options.mask[9] = 0;
-  const RolloutResult masked = RollOut(daemon, options, 0);
+  const RolloutResult masked = RollOut(daemon, options);
   for (int row = 0; row < masked.rows.size(); ++row) {
     REQUIRE(masked.rows.next_observations.view()(9, row) == 0);
   }
