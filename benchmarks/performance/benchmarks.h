@@ -31,5 +31,7 @@ Status MeasureBatch(const Options& options, Reporter& reporter);
 Status MeasureHighway(const Options& options, Reporter& reporter);
 // update-sac, update-td3, update-td3-bc, update-ensemble: gradient steps on one thread.
 Status MeasureUpdate(const Options& options, Reporter& reporter);
+// hymopo-cycle: 1,000 updates beside the 250,000 queries of a rollout.
+Status MeasureCycle(const Options& options, Reporter& reporter);
 
 }  // namespace b4mrl::perf

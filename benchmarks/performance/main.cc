@@ -1,6 +1,6 @@
 // b4mrl-perf: what the daemon and the learners reach, each beside a limit measured in the same run.
 //
-//   b4mrl perf [step|latency|query|batch|update|highway|all] [--json] [--endpoint ADDRESS]
+//   b4mrl perf [step|latency|query|batch|update|highway|cycle|all] [--json] [--endpoint ADDRESS]
 //              [--turns N]
 //
 // Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
@@ -26,7 +26,8 @@ struct Entry {
 const std::vector<Entry>& Entries() {
   static const std::vector<Entry> kEntries = {
       {"step", MeasureStep},   {"latency", MeasureLatency}, {"query", MeasureQuery},
-      {"batch", MeasureBatch}, {"update", MeasureUpdate},   {"highway", MeasureHighway}};
+      {"batch", MeasureBatch}, {"update", MeasureUpdate},   {"highway", MeasureHighway},
+      {"cycle", MeasureCycle}};
   return kEntries;
 }
 
@@ -73,7 +74,7 @@ int Main(int argc, char** argv) {
   std::string what = "all";
   Options options;
   bool json = false;
-  app.add_option("what", what, "step, latency, query, batch, update, highway or all")
+  app.add_option("what", what, "step, latency, query, batch, update, highway, cycle or all")
       ->capture_default_str();
   app.add_option("--endpoint", options.endpoint, "a running daemon (default: a private one)")
       ->envname("B4MRL_ENDPOINT");

@@ -1,6 +1,7 @@
 #include "benchmarks/performance/processor_time.h"
 
 #include <sys/resource.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -44,6 +45,12 @@ double ProcessorSecondsWith(pid_t group) {
     if (std::getline(file, line)) seconds += SecondsIfOfGroup(line, group);
   }
   return seconds;
+}
+
+double ThreadSeconds() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
 }  // namespace b4mrl::perf

@@ -9,4 +9,7 @@ namespace b4mrl::perf {
 // kernel mode; those of a process that has ended are gone. Counted in steps of 10 ms. Any thread.
 double ProcessorSecondsWith(pid_t group);
 
+// Seconds of the calling thread, counted exactly.
+double ThreadSeconds();
+
 }  // namespace b4mrl::perf

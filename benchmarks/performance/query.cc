@@ -1,60 +1,20 @@
 // Rows of Query a second, against bare mj_step from the same states on all cores.
 //
-// The rows are recorded on-policy: the behaviour policy of HalfCheetah/medium, stepped in the true
-// environment, stochastically.
 #include <deque>
-#include <string>
 #include <vector>
 
-#include "algorithms/rl/agent_policy.h"
 #include "benchmarks/performance/bare_physics.h"
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/daemon.h"
-#include "data/agent_file.h"
+#include "benchmarks/performance/recorded_rows.h"
 #include "proto/base/clock.h"
-#include "proto/base/rng.h"
 
 namespace b4mrl::perf {
 namespace {
 
-constexpr uint32_t kRecordedLanes = 16;
-constexpr int kRecordedSteps = 1000;
 constexpr size_t kRowsPerRequest = 500;
 constexpr size_t kRequestsInFlight = 8;
 constexpr size_t kCheetahJoints = 9;  // coordinates, and velocities
-
-struct RecordedRows {
-  std::vector<float> observations;  // rows x 17
-  std::vector<float> actions;       // rows x 6
-  size_t rows() const { return observations.size() / kCheetahObservationSize; }
-};
-
-Result<RecordedRows> Record(Client& client, const std::string& agent_file) {
-  B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_file));
-  B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
-  EnvironmentOptions options;
-  options.num_envs = kRecordedLanes;
-  options.seed = 0;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", options));
-  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, environment.Reset());
-  MatrixBuffer<float> noise(kCheetahActionSize, kRecordedLanes);
-  MatrixBuffer<float> actions(kCheetahActionSize, kRecordedLanes);
-  std::vector<float> log_probs(kRecordedLanes);
-  Rng rng(0, "perf-policy");
-  RecordedRows recorded;
-  for (int step = 0; step < kRecordedSteps; ++step) {
-    const std::span<const float> observations = outcome.observations.As<float>();
-    rng.FillNormal({noise.view().data, kCheetahActionSize * kRecordedLanes});
-    policy.Sample({observations.data(), int{kCheetahObservationSize}, int{kRecordedLanes}},
-                  noise.view(), actions.view(), log_probs);
-    const std::span<const float> row(actions.view().data, kCheetahActionSize * kRecordedLanes);
-    recorded.observations.insert(recorded.observations.end(), observations.begin(),
-                                 observations.end());
-    recorded.actions.insert(recorded.actions.end(), row.begin(), row.end());
-    B4MRL_ASSIGN_OR_RETURN(outcome, environment.Step(row));
-  }
-  return recorded;
-}
 
 // What an observation says of the state: qpos[1..8] and qvel; qpos[0] is 0.
 std::vector<PhysicsRow> AsPhysicsRows(const RecordedRows& recorded) {
@@ -125,15 +85,13 @@ class QueryLoop {
   std::vector<uint8_t> valid_;
 };
 
-static_assert(kRecordedLanes * kRecordedSteps % kRowsPerRequest == 0, "requests wrap at the end");
+static_assert(kRecordedRows % kRowsPerRequest == 0, "requests wrap at the end");
 
 }  // namespace
 
 Status MeasureQuery(const Options& options, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {}));
-  const std::string agent_file =
-      options.agent_file.empty() ? B4MRL_BEHAVIOUR_AGENT : options.agent_file;
-  B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, Record(daemon.client(), agent_file));
+  B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, RecordRows(daemon.client(), options));
   EnvironmentOptions queries_alone;
   queries_alone.num_envs = 0;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
