@@ -96,6 +96,7 @@ TEST_CASE(
       INFO(algorithm.name << " " << entry.name);
       own.emplace(entry.name);
       CHECK(help.out.find(fmt::format("  --{} {}", entry.name, entry.Text())) != std::string::npos);
+      CHECK_FALSE(entry.source.empty());
       CHECK(help.out.find(entry.source) != std::string::npos);
     }
     for (const Algorithm& other : Algorithms()) {
