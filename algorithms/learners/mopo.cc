@@ -5,9 +5,8 @@
 //   f        ensemble of Gaussian networks (o, a) -> (delta, r)         (rl/dynamics_ensemble.h)
 //   pi       SAC's policy                                                       (rl/sac_core.h)
 //
-//   train f on targets [o' - o, r] by likelihood               (rl/model_data.h,
-//   rl/ensemble_training.h) repeat:  every `rollout-every` updates: `rollout-rows` starts from D,
-//   `horizon` steps of
+//   train f on targets [o' - o, r] by likelihood                      (rl/ensemble_training.h)
+//   repeat:  every `rollout-every` updates: `rollout-rows` starts from D, `horizon` steps of
 //              a ~ pi(o);  (delta, r) ~ f_i(o, a), i a random elite;  o' = o + delta;
 //              r~ = r - `penalty` * max_i |std_i(o, a)|, until the termination function says that
 //              o' ends the episode; add (o, a, r~, o', d) to D_model       (rl/model_rollout.h)
@@ -23,29 +22,15 @@
 namespace b4mrl {
 namespace {
 
+constexpr std::string_view kPenaltySource =
+    "junming-yang/mopo, where it is fixed; official, by dataset: 0.5 to 5 (HalfCheetah/medium 1)";
+constexpr std::string_view kHorizonSource =
+    "junming-yang/mopo; official, by dataset: 1 or 5 (HalfCheetah/medium 1)";
 constexpr EnvironmentDefault kHorizons[] = {{"Walker2d", 1}};
 
 constexpr Hyperparameter kOwn[] = {
-    {"penalty",
-     1,
-     0,
-     1e3,
-     false,
-     "weight of the ensemble's largest deviation against the reward",
-     {},
-     "junming-yang/mopo has 1 fixed in its code; official, by dataset: 0.5 to 5 "
-     "(HalfCheetah/medium "
-     "1); OfflineRL-Kit: 0.5 (HalfCheetah/medium) to 5"},
-    {"horizon",
-     5,
-     1,
-     1000,
-     true,
-     "of a rollout",
-     "steps",
-     "junming-yang/mopo: 5, for Walker2d 1; official, by dataset: 1 or 5 (HalfCheetah/medium 1)",
-     {},
-     kHorizons},
+    {"penalty", 1, 0, 1e3, false, "weight of the ensemble's largest deviation", {}, kPenaltySource},
+    {"horizon", 5, 1, 1000, true, "of a rollout", "steps", kHorizonSource, {}, kHorizons},
 };
 
 Result<ModelData> ReadTargets(const LearnerContext& context, RemoteDataset& dataset,
