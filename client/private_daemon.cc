@@ -57,12 +57,13 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
 }
 
 // Between fork and exec: only async-signal-safe calls.
-[[noreturn]] void RunChild(int output, pid_t parent, const char* binary, char* const* arguments,
-                           char* const* variables) {
+[[noreturn]] void RunChild(int output, pid_t parent, int niceness, const char* binary,
+                           char* const* arguments, char* const* variables) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the parent died before the line above
   // A terminal's Ctrl-C is for the command; it ends its daemon in order.
   setpgid(0, 0);
+  (void)nice(niceness);
   dup2(output, STDOUT_FILENO);
   execve(binary, arguments, variables);
   _exit(127);
@@ -107,7 +108,8 @@ Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) 
   const pid_t parent = getpid();
   daemon.process_id_ = fork();
   if (daemon.process_id_ == 0) {
-    RunChild(output[1], parent, binary.c_str(), arguments.data(), environment.data());
+    RunChild(output[1], parent, options.niceness, binary.c_str(), arguments.data(),
+             environment.data());
   }
   const int fork_error = errno;
   close(output[1]);

@@ -50,6 +50,7 @@ Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
   if (endpoint.empty()) {
     PrivateDaemonOptions daemon_options;
     daemon_options.data_folder = options.data_folder;
+    daemon_options.niceness = kDaemonGivesWay;
     B4MRL_ASSIGN_OR_RETURN(PrivateDaemon daemon, PrivateDaemon::Start(daemon_options));
     connection.daemon_.emplace(std::move(daemon));
     endpoint = connection.daemon_->endpoint();

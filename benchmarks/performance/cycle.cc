@@ -108,7 +108,8 @@ class Cycle {
 
 Status MeasureCycle(const Options& options, Reporter& reporter) {
   UseOneBlasThread();
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {Transport::kIpc}));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.transport = Transport::kIpc,
+                                                               .niceness = kDaemonGivesWay}));
   B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, RecordRows(daemon.client(), options));
   EnvironmentOptions queries_alone;
   queries_alone.num_envs = 0;

@@ -21,6 +21,7 @@ struct DaemonSetup {
   // Pins a private daemon's threads, and the thread that the client's sockets have for input and
   // output to the first core, which it shares with the first worker's socket thread.
   bool pinned = false;
+  int niceness = 0;  // of a private daemon, as PrivateDaemonOptions has it
 };
 
 class Daemon {
