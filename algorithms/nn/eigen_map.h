@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <initializer_list>
 
 #include "algorithms/nn/view.h"
 
@@ -32,6 +33,16 @@ ConstEigenMap<Scalar> ToEigen(MatrixView<const Scalar> view) {
 template <typename Scalar>
 void CopyMatrix(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
   ToEigen(to) = ToEigen(from);
+}
+
+// Writes `parts`, which have as many columns as `to`, into it one below the other.
+template <typename Scalar>
+void StackRows(std::initializer_list<MatrixView<const Scalar>> parts, MatrixView<Scalar> to) {
+  int row = 0;
+  for (const MatrixView<const Scalar>& part : parts) {
+    CopyMatrix<Scalar>(part, to.RowBlock(row, part.rows));
+    row += part.rows;
+  }
 }
 
 }  // namespace b4mrl

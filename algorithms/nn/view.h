@@ -38,6 +38,8 @@ struct MatrixView {
     return {column(first), rows, count, stride};
   }
   bool dense() const { return stride == rows; }
+  // All numbers, column by column; of a dense view only.
+  std::span<Scalar> values() const { return {data, static_cast<std::size_t>(rows) * columns}; }
 };
 
 // A vector whose first element lies on a cache line, as the SIMD passes over parameters want it.

@@ -98,7 +98,7 @@ template <typename Scalar>
 DiscriminatorMetrics Discriminators<Scalar>::Update(const HybridBatch<Scalar>& batch) {
   const MatrixView<Scalar> noise = noise_.view(batch.rows.size());
   Rng rng(options_.seed, "discriminator-noise", static_cast<uint64_t>(steps()));
-  rng.FillNormal(std::span<Scalar>(noise.data, static_cast<size_t>(noise.rows) * noise.columns));
+  rng.FillNormal(noise.values());
   return Step(batch);
 }
 
@@ -112,11 +112,8 @@ DiscriminatorMetrics Discriminators<Scalar>::UpdateWithNoise(const HybridBatch<S
 template <typename Scalar>
 MatrixView<Scalar> Discriminators<Scalar>::Input(const TransitionBatch<Scalar>& batch,
                                                  MatrixView<const Scalar> next_observations) {
-  const int states = options_.observation_size, actions = options_.action_size;
   const MatrixView<Scalar> input = input_.view(batch.size());
-  CopyMatrix<Scalar>(batch.observations, input.RowBlock(0, states));
-  CopyMatrix<Scalar>(batch.actions, input.RowBlock(states, actions));
-  CopyMatrix<Scalar>(next_observations, input.RowBlock(states + actions, states));
+  StackRows<Scalar>({batch.observations, batch.actions, next_observations}, input);
   return input;
 }
 

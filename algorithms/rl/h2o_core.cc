@@ -85,8 +85,7 @@ H2oMetrics H2oCore<Scalar>::Update(const HybridBatch<Scalar>& batch,
   const MatrixView<Scalar> gap_noise =
       gap_noise_.view(batch.simulated_rows() * options_.gap_samples);
   Rng rng(options_.seed, "gap-noise", static_cast<uint64_t>(updates()));
-  rng.FillNormal(
-      std::span<Scalar>(gap_noise.data, static_cast<size_t>(gap_noise.rows) * gap_noise.columns));
+  rng.FillNormal(gap_noise.values());
   H2oMetrics metrics;
   metrics.discriminators = discriminators_.Update(discriminator_batch);
   WeighSimulated(batch.simulated(), gap_noise, metrics);

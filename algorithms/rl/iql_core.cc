@@ -112,9 +112,7 @@ IqlMetrics IqlCore<Scalar>::Update(const TransitionBatch<Scalar>& batch) {
 template <typename Scalar>
 void IqlCore<Scalar>::EvaluateTargetCritics(const TransitionBatch<Scalar>& batch) {
   const MatrixView<Scalar> input = critic_input_.view(batch.size());
-  CopyMatrix<Scalar>(batch.observations, input.RowBlock(0, options_.observation_size));
-  CopyMatrix<Scalar>(batch.actions,
-                     input.RowBlock(options_.observation_size, options_.action_size));
+  StackRows<Scalar>({batch.observations, batch.actions}, input);
   const MatrixView<Scalar> q =
       MlpForward<Scalar>(critic_layout_, critic_target_, input, critic_workspace_);
   ColumnMinima<Scalar>(q, target_q_);

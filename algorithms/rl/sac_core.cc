@@ -91,8 +91,7 @@ template <typename Scalar>
 MatrixView<const Scalar> SacCore<Scalar>::CriticInput(MatrixView<const Scalar> observations,
                                                       MatrixView<const Scalar> actions) {
   const MatrixView<Scalar> input = critic_input_.view(observations.columns);
-  CopyMatrix<Scalar>(observations, input.RowBlock(0, options_.observation_size));
-  CopyMatrix<Scalar>(actions, input.RowBlock(options_.observation_size, options_.action_size));
+  StackRows<Scalar>({observations, actions}, input);
   return input;
 }
 
@@ -106,7 +105,7 @@ SacMetrics SacCore<Scalar>::Update(const TransitionBatch<Scalar>& batch,
                                    const CriticObjective<Scalar>& objective) {
   const MatrixView<Scalar> noise = noise_.view(2 * batch.size());
   Rng rng(options_.seed, "sac-noise", static_cast<uint64_t>(updates_));
-  rng.FillNormal(std::span<Scalar>(noise.data, static_cast<size_t>(noise.rows) * noise.columns));
+  rng.FillNormal(noise.values());
   return UpdateOnNoise(batch, objective);
 }
 

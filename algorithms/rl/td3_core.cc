@@ -60,7 +60,7 @@ template <typename Scalar>
 Td3Metrics Td3Core<Scalar>::Update(const TransitionBatch<Scalar>& batch) {
   const MatrixView<Scalar> noise = noise_.view(batch.size());
   Rng rng(options_.seed, "td3-noise", static_cast<uint64_t>(updates_));
-  rng.FillNormal(std::span<Scalar>(noise.data, static_cast<size_t>(noise.rows) * noise.columns));
+  rng.FillNormal(noise.values());
   return UpdateWithNoise(batch, noise);
 }
 
@@ -101,9 +101,7 @@ void Td3Core<Scalar>::ComputeTargets(const TransitionBatch<Scalar>& batch,
 template <typename Scalar>
 void Td3Core<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, bool delayed_step) {
   const MatrixView<Scalar> input = critic_input_.view(batch.size());
-  CopyMatrix<Scalar>(batch.observations, input.RowBlock(0, options_.observation_size));
-  CopyMatrix<Scalar>(batch.actions,
-                     input.RowBlock(options_.observation_size, options_.action_size));
+  StackRows<Scalar>({batch.observations, batch.actions}, input);
   const MatrixView<Scalar> q =
       MlpForward<Scalar>(critic_layout_, critic_, input, critic_workspace_);
   const CriticLoss loss =
