@@ -17,10 +17,6 @@ namespace {
 // An item takes microseconds. The heartbeat pauses after this; limits::kFrozenChildMs of silence
 // later the process is replaced.
 constexpr int64_t kSlowItemMs = 200;
-// The socket's thread executes a fifth of a piece at a time: 0.1 ms, the longest that a message
-// waits.
-constexpr uint32_t kBiteFraction = 5;
-
 constexpr std::array<int, 5> kDeadlySignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
 std::array<struct sigaction, kDeadlySignals.size()> previous_actions;
 thread_local ThreadMark* thread_mark = nullptr;
@@ -111,7 +107,7 @@ void Executor::RunHere(RequestJob* job) {
 }
 
 bool Executor::RunBite() {
-  const std::optional<Piece> piece = queue_.TryTake(kBiteFraction);
+  const std::optional<Piece> piece = queue_.TryTakeBite();
   if (piece) Execute(*piece, socket_thread_);
   return piece.has_value();
 }

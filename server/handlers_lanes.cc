@@ -56,6 +56,7 @@ Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
   PlanReply();
   items = static_cast<uint32_t>(selection_.execute.size());
   items_per_piece = owner().step_cost().ItemsPerPiece(items, threads);
+  items_per_bite = owner().step_cost().ItemsPerBite();
   // Every lane that is named stays untouched until the reply has left, the answered ones as well:
   // their records are what the reply is made of.
   busy_lanes_ = selection_.lanes;

@@ -62,6 +62,7 @@ Status QueryJob::Prepare(const pb::Request& request, uint32_t threads) {
                                                     {rows, spec.action.size()}));
   items = static_cast<uint32_t>(rows);
   items_per_piece = owner().query_cost().ItemsPerPiece(items, threads);
+  items_per_bite = owner().query_cost().ItemsPerBite();
   PlanReply();
   return Status();
 }

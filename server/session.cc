@@ -12,6 +12,7 @@ namespace b4mrl {
 namespace {
 
 constexpr double kPieceUs = 500;
+constexpr double kBiteUs = 100;
 constexpr double kShortestPieceUs = 60;  // below this, sharing out costs more than it gains
 
 SimulatorRequest SimulatorOf(const pb::OpenRequest& request, const std::string& models_folder) {
@@ -69,10 +70,18 @@ void ItemCost::Observe(double us_per_item) {
 }
 
 uint32_t ItemCost::ItemsPerPiece(uint32_t items, uint32_t threads) const {
-  const double item_us = std::max(0.1, static_cast<double>(us_.load(std::memory_order_relaxed)));
-  const double fair_us = items * item_us / std::max(threads, 1u);
-  const double piece_us = std::clamp(fair_us, kShortestPieceUs, kPieceUs);
-  return std::clamp(static_cast<uint32_t>(piece_us / item_us + 0.5), 1u, std::max(items, 1u));
+  const double fair_us = items * us() / std::max(threads, 1u);
+  return std::min(ItemsIn(std::clamp(fair_us, kShortestPieceUs, kPieceUs)), std::max(items, 1u));
+}
+
+uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }
+
+double ItemCost::us() const {
+  return std::max(0.1, static_cast<double>(us_.load(std::memory_order_relaxed)));
+}
+
+uint32_t ItemCost::ItemsIn(double duration_us) const {
+  return std::max(1u, static_cast<uint32_t>(duration_us / us() + 0.5));
 }
 
 Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,

@@ -45,8 +45,13 @@ class ItemCost {
   // How many of `items` make one piece: at most half a millisecond of work, and small enough for
   // all `threads` to get some.
   uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
+  // Those of a bite: a tenth of a millisecond, the longest that a message waits.
+  uint32_t ItemsPerBite() const;
 
  private:
+  double us() const;
+  uint32_t ItemsIn(double duration_us) const;
+
   std::atomic<float> us_;
 };
 

@@ -19,25 +19,31 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
   for (uint32_t i = 0; i < wake; ++i) available_.notify_one();
 }
 
-Piece WorkQueue::CutFrom(QueuedWork* work, uint32_t fraction) {
-  if (work->next_item_ == 0 && work->deadline.expired()) {
-    work->next_item_ = work->items;
+Piece WorkQueue::CutFrom(QueuedWork* work, bool bite) {
+  const uint32_t left = work->items - work->front_ - work->taken_from_end_;
+  if (left == work->items && work->deadline.expired()) {
+    work->front_ = work->items;
     return {work, 0, work->items, true};
   }
-  const uint32_t first = work->next_item_;
-  const uint32_t count = std::max(1u, work->items_per_piece / fraction);
-  work->next_item_ = std::min(work->items, first + count);
-  return {work, first, work->next_item_ - first, false};
+  const uint32_t count =
+      std::min(left, std::max(1u, bite ? work->items_per_bite : work->items_per_piece));
+  if (bite) {
+    work->front_ += count;
+    return {work, work->front_ - count, count, false};
+  }
+  work->taken_from_end_ += count;
+  return {work, work->items - work->taken_from_end_, count, false};
 }
 
-std::optional<Piece> WorkQueue::TakeLocked(uint32_t fraction) {
+std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
   for (Ring& ring : rings_) {
     if (ring.turns.empty()) continue;
     const uint32_t session = ring.turns.front();
     ring.turns.pop_front();
     const auto own = ring.work.find(session);
-    const Piece piece = CutFrom(own->second.front(), fraction);
-    if (piece.first + piece.count == piece.work->items) own->second.pop_front();
+    QueuedWork* work = own->second.front();
+    const Piece piece = CutFrom(work, bite);
+    if (work->front_ + work->taken_from_end_ == work->items) own->second.pop_front();
     if (own->second.empty()) {
       ring.work.erase(own);
     } else {
@@ -51,7 +57,7 @@ std::optional<Piece> WorkQueue::TakeLocked(uint32_t fraction) {
 std::optional<Piece> WorkQueue::Take() {
   std::unique_lock lock(mutex_);
   while (!stopped_) {
-    if (std::optional<Piece> piece = TakeLocked(1)) return piece;
+    if (std::optional<Piece> piece = TakeLocked(false)) return piece;
     ++sleeping_;
     available_.wait(lock);
     --sleeping_;
@@ -59,9 +65,9 @@ std::optional<Piece> WorkQueue::Take() {
   return std::nullopt;
 }
 
-std::optional<Piece> WorkQueue::TryTake(uint32_t fraction) {
+std::optional<Piece> WorkQueue::TryTakeBite() {
   std::lock_guard lock(mutex_);
-  return stopped_ ? std::nullopt : TakeLocked(fraction);
+  return stopped_ ? std::nullopt : TakeLocked(true);
 }
 
 void WorkQueue::Stop() {

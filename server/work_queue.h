@@ -2,8 +2,10 @@
 //
 // Pieces leave by priority first, then in turn over the sessions that have work at that priority,
 // then in the order of arrival within a session. A piece is cut when it is taken, so a long request
-// never blocks the others for more than one piece per thread. Thread-safe. The queue owns nothing:
-// a QueuedWork lives until its last piece was executed, which its owner learns by itself.
+// never blocks the others for more than one piece per thread. Threads of the pool cut from the end
+// of a request, the socket's thread from its front: where a session sends the same lanes again and
+// again, each finds its own in its core's cache. Thread-safe. The queue owns nothing: a QueuedWork
+// lives until its last piece was executed, which its owner learns by itself.
 #pragma once
 
 #include <array>
@@ -30,11 +32,14 @@ struct QueuedWork {
   Priority priority = Priority::kOther;
   uint32_t items = 0;            // at least 1
   uint32_t items_per_piece = 1;  // at least 1
+  uint32_t items_per_bite = 1;   // at least 1: the piece of a thread that must be back soon
   Deadline deadline = Deadline::AfterMs(0);
 
  private:
   friend class WorkQueue;
-  uint32_t next_item_ = 0;
+  // What nobody has taken yet: items front_ to items - taken_from_end_.
+  uint32_t front_ = 0;
+  uint32_t taken_from_end_ = 0;
 };
 
 struct Piece {
@@ -48,13 +53,12 @@ struct Piece {
 
 class WorkQueue {
  public:
-  // A caller that helps takes pieces itself (TryTake), so one piece alone wakes nobody.
+  // A caller that helps takes bites itself, so one piece alone wakes nobody.
   void Push(QueuedWork* work, bool caller_helps = true);
   // Waits for a piece; nothing once Stop was called.
   std::optional<Piece> Take();
-  // A piece if there is one; at most 1/`fraction` of a full one, for a thread that must not be away
-  // for long.
-  std::optional<Piece> TryTake(uint32_t fraction = 1);
+  // At most items_per_bite from the front, if there is anything.
+  std::optional<Piece> TryTakeBite();
   // Lets every Take return; pieces that were not taken stay where they are.
   void Stop();
   bool empty() const;
@@ -65,8 +69,8 @@ class WorkQueue {
     std::list<uint32_t> turns;
     std::unordered_map<uint32_t, std::deque<QueuedWork*>> work;
   };
-  std::optional<Piece> TakeLocked(uint32_t fraction);
-  Piece CutFrom(QueuedWork* work, uint32_t fraction);
+  std::optional<Piece> TakeLocked(bool bite);
+  static Piece CutFrom(QueuedWork* work, bool bite);
   bool EmptyLocked() const;
 
   mutable std::mutex mutex_;

@@ -64,10 +64,12 @@ Status MeasureBare(const Options& options, const HighwaySettings& settings,
   return Status();
 }
 
-Status MeasureSocket(const Options& options, const HighwaySettings& settings,
-                     const std::vector<float>& actions, Reporter& reporter) {
+Status MeasureSocket(const Options& options, Transport transport, const std::string& name,
+                     const HighwaySettings& settings, const std::vector<float>& actions,
+                     Reporter& reporter) {
   const std::vector<int> cores = AvailableCores();
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.pinned = true}));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon,
+                         Daemon::Open(options, {.transport = transport, .pinned = true}));
   B4MRL_ASSIGN_OR_RETURN(StepLoop loop,
                          StepLoop::Open(daemon.client(), "Highway", {{"cars", "15"}}, 1));
   loop.UseActions(actions);
@@ -89,11 +91,11 @@ Status MeasureSocket(const Options& options, const HighwaySettings& settings,
             return rate;
           },
           [&]() -> Result<double> { return RateOnAllCores(options.seconds, bare_rate); }));
-  reporter.Report({"highway-socket", medians.value, "1/s", medians.limit,
+  reporter.Report({name, medians.value, "1/s", medians.limit,
                    "bare steps, one pinned thread a core", 0, false});
   if (daemon.process_group() == 0) return Status();  // not ours to look at
   const double bare_batch = StepLoop::kLanes * static_cast<double>(cores.size()) / medians.limit;
-  reporter.Report({"highway-socket-cpu", 1e6 * Median(batch_seconds), "us", 1e6 * bare_batch,
+  reporter.Report({name + "-cpu", 1e6 * Median(batch_seconds), "us", 1e6 * bare_batch,
                    "processor time of 64 bare steps", (bare_batch + kMaxBatchOverhead) / bare_batch,
                    true});
   return Status();
@@ -105,7 +107,9 @@ Status MeasureHighway(const Options& options, Reporter& reporter) {
   const HighwaySettings settings = HighwayTask();
   const std::vector<float> actions = HighwayActions(kActionRows);
   B4MRL_RETURN_IF_ERROR(MeasureBare(options, settings, actions, reporter));
-  return MeasureSocket(options, settings, actions, reporter);
+  B4MRL_RETURN_IF_ERROR(
+      MeasureSocket(options, Transport::kTcp, "highway-socket", settings, actions, reporter));
+  return MeasureSocket(options, Transport::kIpc, "highway-ipc", settings, actions, reporter);
 }
 
 }  // namespace b4mrl::perf

@@ -42,6 +42,13 @@ void CopyRecord(ConstLaneRecord from, LaneRecord to) {
   std::memcpy(to.bytes().data(), from.bytes().data(), from.bytes().size());
 }
 
+// For who writes the state anyway.
+void CopyAllButState(ConstLaneRecord from, LaneRecord to) {
+  to.header() = from.header();
+  const size_t rest = sizeof(LaneHeader) + from.state().size_bytes();
+  std::memcpy(to.bytes().data() + rest, from.bytes().data() + rest, from.bytes().size() - rest);
+}
+
 void ClearOutcome(LaneHeader& header) {
   header.terminated = 0;
   header.truncated = 0;
@@ -147,7 +154,7 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
   if (before.header().phase == LanePhase::kEnded && mode_ == AutoresetMode::kNextStep) {
     return Reset(environment, before, std::nullopt, after);
   }
-  CopyRecord(before, after);
+  CopyAllButState(before, after);
   LaneHeader& header = after.header();
   ClearOutcome(header);
   header.digest = Absorb(header.digest, action);
@@ -177,6 +184,7 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
                    : header.truncated ? Cause::kLimit
                                       : Cause::kNone;
   } else {
+    std::ranges::copy(before.state(), after.state().begin());
     std::ranges::copy(before.observation(), after.observation().begin());
     std::ranges::copy(before.infos(), after.infos().begin());
     std::ranges::copy(before.perturbation_state(), after.perturbation_state().begin());

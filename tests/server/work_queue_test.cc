@@ -16,6 +16,7 @@ QueuedWork Work(uint32_t session, Priority priority, uint32_t items, uint32_t it
   work.priority = priority;
   work.items = items;
   work.items_per_piece = items_per_piece;
+  work.items_per_bite = items_per_piece;
   work.deadline = Deadline::AfterMs(1'000'000);
   return work;
 }
@@ -24,7 +25,7 @@ QueuedWork Work(uint32_t session, Priority priority, uint32_t items, uint32_t it
 std::string Order(WorkQueue& queue, int count) {
   std::string order;
   for (int i = 0; i < count; ++i) {
-    const std::optional<Piece> piece = queue.TryTake();
+    const std::optional<Piece> piece = queue.TryTakeBite();
     order += piece ? std::to_string(piece->work->session) : "-";
   }
   return order;
@@ -61,7 +62,7 @@ TEST_CASE("The requests of one session keep their order, and pieces cover every 
   queue.Push(&first);
   queue.Push(&second);
   std::vector<std::pair<uint32_t, uint32_t>> pieces;
-  while (const std::optional<Piece> piece = queue.TryTake()) {
+  while (const std::optional<Piece> piece = queue.TryTakeBite()) {
     REQUIRE_FALSE(piece->expired);
     REQUIRE(piece->work == (pieces.size() < 3 ? &first : &second));
     pieces.emplace_back(piece->first, piece->count);
@@ -69,12 +70,28 @@ TEST_CASE("The requests of one session keep their order, and pieces cover every 
   REQUIRE(pieces == std::vector<std::pair<uint32_t, uint32_t>>{{0, 2}, {2, 2}, {4, 1}, {0, 1}});
 }
 
+TEST_CASE(
+    "The pool cuts pieces from the end of a request, the socket's thread bites from its front") {
+  WorkQueue queue;
+  QueuedWork work = Work(1, Priority::kLanes, 10, 4);
+  work.items_per_bite = 3;
+  queue.Push(&work);
+  std::vector<std::pair<uint32_t, uint32_t>> pieces;
+  for (const bool bite : {true, false, true, false}) {
+    const std::optional<Piece> piece = bite ? queue.TryTakeBite() : queue.Take();
+    REQUIRE(piece);
+    pieces.emplace_back(piece->first, piece->count);
+    if (queue.empty()) break;
+  }
+  REQUIRE(pieces == std::vector<std::pair<uint32_t, uint32_t>>{{0, 3}, {6, 4}, {3, 3}});
+}
+
 TEST_CASE("Work whose deadline passed before it began comes out whole and unexecuted") {
   WorkQueue queue;
   QueuedWork late = Work(1, Priority::kLanes, 5);
   late.deadline = Deadline::AfterMs(0);
   queue.Push(&late);
-  const std::optional<Piece> piece = queue.TryTake();
+  const std::optional<Piece> piece = queue.TryTakeBite();
   REQUIRE(piece);
   REQUIRE(piece->expired);
   REQUIRE(piece->count == 5);
@@ -85,9 +102,9 @@ TEST_CASE("Work that has begun is finished after its deadline") {
   WorkQueue queue;
   QueuedWork work = Work(1, Priority::kLanes, 2);
   queue.Push(&work);
-  REQUIRE_FALSE(queue.TryTake()->expired);
+  REQUIRE_FALSE(queue.TryTakeBite()->expired);
   work.deadline = Deadline::AfterMs(0);
-  const std::optional<Piece> rest = queue.TryTake();
+  const std::optional<Piece> rest = queue.TryTakeBite();
   REQUIRE(rest);
   REQUIRE_FALSE(rest->expired);
   REQUIRE(rest->first == 1);
