@@ -93,6 +93,16 @@ std::string FolderOf(const std::string& path) {
   return slash == 0 ? "/" : path.substr(0, slash);
 }
 
+Status WriteSmallFile(const std::string& path, std::string_view text) {
+  return WriteSmallFile(path, std::as_bytes(std::span(text)));
+}
+
+Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes) {
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
+  B4MRL_RETURN_IF_ERROR(file.Write(bytes));
+  return file.Commit();
+}
+
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes) {
   const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd.valid()) return IoError("open", path, errno);

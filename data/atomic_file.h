@@ -46,6 +46,9 @@ Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view pat
 Status SyncFolder(const std::string& folder);
 // The folder part of a path: "." when it has none.
 std::string FolderOf(const std::string& path);
+// A whole file, as above.
+Status WriteSmallFile(const std::string& path, std::string_view text);
+Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes);
 // The whole file, refused when longer than `max_bytes`.
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
 

@@ -263,10 +263,7 @@ Status ColumnCacheWriter::WriteManifest() {
   const auto replace = Json::error_handler_t::replace;
   manifest = Json::parse(manifest.dump(-1, ' ', false, replace), nullptr, false);
   manifest["hash"] = HashManifest(manifest);
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file,
-                         AtomicFile::Create(fmt::format("{}/{}", temporary_, kManifestName)));
-  B4MRL_RETURN_IF_ERROR(file.Write(manifest.dump(1) + "\n"));
-  return file.Commit();
+  return WriteSmallFile(fmt::format("{}/{}", temporary_, kManifestName), manifest.dump(1) + "\n");
 }
 
 Status ColumnCacheWriter::Commit() {

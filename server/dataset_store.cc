@@ -188,9 +188,8 @@ Status DatasetStore::WriteIndex(const File& file, const IndexEntry& entry) const
                      {"fingerprint", entry.fingerprint},
                      {"behaviour_policy", entry.behaviour_policy},
                      {"rows", entry.rows}};
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(IndexPath(file.name)));
-  B4MRL_RETURN_IF_ERROR(out.Write(json.dump(1, ' ', false, Json::error_handler_t::replace)));
-  return out.Commit();
+  return WriteSmallFile(IndexPath(file.name),
+                        json.dump(1, ' ', false, Json::error_handler_t::replace));
 }
 
 Result<std::vector<DatasetFileInfo>> DatasetStore::List() const {

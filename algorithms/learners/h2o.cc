@@ -91,17 +91,6 @@ H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats)
   return options;
 }
 
-// Served rows [first, first + count) into the first columns of `batch`.
-void SetReal(const TransitionRows& rows, size_t first, size_t count,
-             std::span<const float> action_scale, BatchBuffer& batch) {
-  const size_t observation = rows.observations.size() / rows.rows;
-  const size_t action = action_scale.size();
-  batch.SetObservations(rows.observations.subspan(first * observation, count * observation),
-                        rows.next_observations.subspan(first * observation, count * observation));
-  batch.SetActions(rows.actions.subspan(first * action, count * action), action_scale);
-  batch.SetOutcomes(rows.rewards.subspan(first, count), rows.terminals.subspan(first, count));
-}
-
 class H2o : public Learner {
  public:
   H2o(const LearnerContext& context, H2oCore<float> core, std::unique_ptr<RemoteDataset> dataset,
@@ -171,7 +160,7 @@ Status H2o::Update(MetricMeans& metrics) {
 
 Status H2o::Simulate(MetricMeans& metrics) {
   const uint64_t steps = context_.hyperparameters.Unsigned("steps-per-cycle");
-  const PolicyWeights policy = core_.Policy();
+  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy policy, FixedOrderPolicy::Create(core_.Policy()));
   for (uint64_t step = 0; step < steps; step += lanes_.count()) {
     B4MRL_RETURN_IF_ERROR(lanes_.Step(policy, metrics));
   }
@@ -182,8 +171,8 @@ Status H2o::Simulate(MetricMeans& metrics) {
 
 Status H2o::FillBatches() {
   B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, stream_->Next());
-  SetReal(rows, 0, real_rows_, action_scale_, batch_);
-  SetReal(rows, real_rows_, discriminator_real_rows_, action_scale_, discriminator_batch_);
+  batch_.SetRows(rows, 0, real_rows_, action_scale_);
+  discriminator_batch_.SetRows(rows, real_rows_, discriminator_real_rows_, action_scale_);
   Rng rng(RoleSeed(context_.seed, "replay"), "rows", static_cast<uint64_t>(core_.updates()));
   lanes_.replay().Sample(rng, real_rows_, batch_.size() - real_rows_, batch_);
   lanes_.replay().Sample(rng, discriminator_real_rows_,
@@ -199,15 +188,13 @@ PolicyWeights H2o::Policy() const {
 }
 
 Status H2o::Save(CheckpointWriter& writer) {
-  core_.VisitArrays(writer.Arrays("core"));
-  core_.VisitCounters(writer.Counters("core"));
+  writer.State("core", core_);
   writer.Text("dataset", dataset_->fingerprint());
   return lanes_.Save(writer);
 }
 
 Status H2o::Load(CheckpointReader& reader) {
-  core_.VisitArrays(reader.Arrays("core"));
-  core_.VisitCounters(reader.Counters("core"));
+  reader.StateInto("core", core_);
   B4MRL_RETURN_IF_ERROR(CheckSameDataset(reader, *dataset_));
   StartStream();
   return lanes_.Load(reader);

@@ -27,7 +27,7 @@ namespace b4mrl {
 namespace {
 
 constexpr Hyperparameter kOwn[] = {
-    {"penalty", 0, 0, 1e3, false, "weight of the ensemble's largest deviation", {}, "the paper"},
+    {"penalty", 0, 0, 1e3, false, "weight of the ensemble's largest deviation", "", "the paper"},
     {"horizon", 5, 1, 1000, true, "of a rollout", "steps",
      "the paper, for HalfCheetah; ours elsewhere"},
     {"rollout-lag", 0, 0, 1, true, "0: roll out the present policy, 1: that of one cycle ago",

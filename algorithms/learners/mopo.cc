@@ -29,8 +29,8 @@ constexpr std::string_view kHorizonSource =
 constexpr EnvironmentDefault kHorizons[] = {{"Walker2d", 1}};
 
 constexpr Hyperparameter kOwn[] = {
-    {"penalty", 1, 0, 1e3, false, "weight of the ensemble's largest deviation", {}, kPenaltySource},
-    {"horizon", 5, 1, 1000, true, "of a rollout", "steps", kHorizonSource, {}, kHorizons},
+    {"penalty", 1, 0, 1e3, false, "weight of the ensemble's largest deviation", "", kPenaltySource},
+    {"horizon", 5, 1, 1000, true, "of a rollout", "steps", kHorizonSource, "", kHorizons},
 };
 
 Result<ModelData> ReadTargets(const LearnerContext& context, RemoteDataset& dataset,

@@ -32,17 +32,11 @@ constexpr Hyperparameter kHyperparameters[] = {
      kPublished},
     {"batch-size", 256, 1, 65'536, true, "of one update", "transitions", kPublished},
     {"hidden-width", 256, 1, 4096, true, "of each of the two hidden layers", "units", kPublished},
-    {"learning-rate",
-     3e-4,
-     1e-8,
-     1,
-     false,
-     "Adam's, of actor, critics and entropy weight",
-     {},
+    {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of actor, critics and entropy weight", "",
      kPublished},
-    {"gamma", 0.99, 0, 1, false, "discount", {}, kPublished},
-    {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", {}, kPublished},
-    {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start", {}, kPublished},
+    {"gamma", 0.99, 0, 1, false, "discount", "", kPublished},
+    {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kPublished},
+    {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start", "", kPublished},
 };
 
 }  // namespace

@@ -34,6 +34,12 @@ class CheckpointWriter {
   // Visitors that store what a core shows, under "<prefix>/".
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
+  // All that a core shows.
+  template <typename Core>
+  void State(const std::string& prefix, Core& core) {
+    core.VisitArrays(Arrays(prefix));
+    core.VisitCounters(Counters(prefix));
+  }
   // The first array of a core with a value that is not finite: a learner that diverged.
   const std::optional<std::string>& first_nonfinite() const { return first_nonfinite_; }
 
@@ -65,6 +71,12 @@ class CheckpointReader {
   std::vector<uint8_t> Bytes(std::string_view name);
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
+  // The same for all that a core shows.
+  template <typename Core>
+  void StateInto(const std::string& prefix, Core& core) {
+    core.VisitArrays(Arrays(prefix));
+    core.VisitCounters(Counters(prefix));
+  }
 
   const Status& status() const { return status_; }
 

@@ -8,6 +8,7 @@
 
 #include "algorithms/nn/view.h"
 #include "algorithms/rl/transition_batch.h"
+#include "client/remote_dataset.h"
 
 namespace b4mrl {
 
@@ -24,25 +25,31 @@ struct BatchBuffer {
   }
   int size() const { return observations.columns(); }
 
-  // Served rows, row-major, into columns from `first` on. Served actions are in the environment's
-  // units, `scale`; here they are in [-1, 1].
-  void SetObservations(std::span<const float> given, std::span<const float> next, int first = 0) {
-    std::copy(given.begin(), given.end(), observations.view().column(first));
-    std::copy(next.begin(), next.end(), next_observations.view().column(first));
-  }
-  void SetActions(std::span<const float> rows, std::span<const float> scale, int first = 0) {
+  // Served rows, row-major, into the first columns. Served actions are in the environment's units,
+  // `scale`; here they are in [-1, 1].
+  void SetActions(std::span<const float> rows, std::span<const float> scale) {
     for (size_t i = 0; i < rows.size(); ++i) {
       const size_t row = i / scale.size(), dimension = i % scale.size();
-      actions.view()(static_cast<int>(dimension), first + static_cast<int>(row)) =
+      actions.view()(static_cast<int>(dimension), static_cast<int>(row)) =
           rows[i] / scale[dimension];
     }
   }
-  void SetOutcomes(std::span<const float> given, std::span<const uint8_t> terminals,
-                   int first = 0) {
+  void SetOutcomes(std::span<const float> given, std::span<const uint8_t> terminals) {
     for (size_t i = 0; i < given.size(); ++i) {
-      rewards[first + i] = given[i];
-      not_terminated[first + i] = terminals[i] != 0 ? 0.0f : 1.0f;
+      rewards[i] = given[i];
+      not_terminated[i] = terminals[i] != 0 ? 0.0f : 1.0f;
     }
+  }
+  // Rows [first, first + count) of what was served.
+  void SetRows(const TransitionRows& rows, size_t first, size_t count,
+               std::span<const float> scale) {
+    const size_t size = static_cast<size_t>(observations.rows());
+    const std::span<const float> given = rows.observations.subspan(first * size, count * size);
+    const std::span<const float> next = rows.next_observations.subspan(first * size, count * size);
+    std::copy(given.begin(), given.end(), observations.view().data);
+    std::copy(next.begin(), next.end(), next_observations.view().data);
+    SetActions(rows.actions.subspan(first * scale.size(), count * scale.size()), scale);
+    SetOutcomes(rows.rewards.subspan(first, count), rows.terminals.subspan(first, count));
   }
 
   MatrixBuffer<float> observations;

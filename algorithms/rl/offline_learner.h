@@ -38,15 +38,13 @@ class OfflineLearner : public Learner {
   }
 
   Status Save(CheckpointWriter& writer) override {
-    core_.VisitArrays(writer.Arrays("core"));
-    core_.VisitCounters(writer.Counters("core"));
+    writer.State("core", core_);
     batches_.Save(writer);
     return Status();
   }
 
   Status Load(CheckpointReader& reader) override {
-    core_.VisitArrays(reader.Arrays("core"));
-    core_.VisitCounters(reader.Counters("core"));
+    reader.StateInto("core", core_);
     B4MRL_RETURN_IF_ERROR(batches_.Load(reader));
     batches_.Start(static_cast<uint64_t>(core_.updates()));
     return Status();

@@ -87,25 +87,20 @@ Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
   return Status();
 }
 
-Status OnlineLanes::Step(const PolicyWeights& policy, MetricMeans& metrics) {
-  B4MRL_RETURN_IF_ERROR(Explore(policy));
+Status OnlineLanes::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
+  Explore(policy);
   return StepAndStore(&metrics);
 }
 
-Status OnlineLanes::Explore(const PolicyWeights& policy) {
-  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy network, FixedOrderPolicy::Create(policy));
+void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
   Rng rng(RoleSeed(context_->seed, "explore"), "actions", vector_steps_);
   rng.FillNormal(noise_.values());
-  if (network.stochastic()) {
-    network.Sample(histories_.view(), noise_.view(), actions_.view());
-    return Status();
-  }
-  network.Act(histories_.view(), actions_.view());
+  if (policy.stochastic()) return policy.Sample(histories_.view(), noise_.view(), actions_.view());
+  policy.Act(histories_.view(), actions_.view());
   std::transform(actions_.values().begin(), actions_.values().end(), noise_.values().begin(),
                  actions_.values().begin(), [&](float action, float noise) {
                    return std::clamp(action + exploration_noise_ * noise, -1.0f, 1.0f);
                  });
-  return Status();
 }
 
 Status OnlineLanes::StepAndStore(MetricMeans* metrics) {

@@ -45,7 +45,7 @@ class OnlineLanes {
   // One vector step under `policy`: sampled from it, or, where it is deterministic, its action plus
   // N(0, exploration-noise), clipped to [-1, 1]. Returns of episodes that end become the metric
   // "episodic_return".
-  Status Step(const PolicyWeights& policy, MetricMeans& metrics);
+  Status Step(const FixedOrderPolicy& policy, MetricMeans& metrics);
 
   uint32_t count() const { return count_; }
   uint64_t environment_steps() const { return vector_steps_ * count_; }
@@ -58,7 +58,7 @@ class OnlineLanes {
   OnlineLanes(const LearnerContext& context, RemoteEnvironment simulator, std::vector<float> mask);
 
   std::string ReplayPath() const { return context_->folder + "/replay.bin"; }
-  Status Explore(const PolicyWeights& policy);
+  void Explore(const FixedOrderPolicy& policy);
   Status StepAndStore(MetricMeans* metrics);
   Status Store(int lane, const StepOutcome& outcome, std::span<const float> final_observation);
   // The observation without what the mask hides; valid until the next call.

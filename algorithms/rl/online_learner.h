@@ -32,7 +32,9 @@ class OnlineLearner : public Learner {
     const auto update = static_cast<uint64_t>(core_.updates());
     // A vector step brings as many transitions as there are lanes, and as many updates follow.
     if (update % lanes_.count() == 0) {
-      B4MRL_RETURN_IF_ERROR(lanes_.Step(core_.Policy(), metrics));
+      B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy policy,
+                             FixedOrderPolicy::Create(core_.Policy()));
+      B4MRL_RETURN_IF_ERROR(lanes_.Step(policy, metrics));
     }
     Rng rows(RoleSeed(context_.seed, "replay"), "rows", update);
     lanes_.replay().Sample(rows, 0, batch_.size(), batch_);
@@ -47,14 +49,12 @@ class OnlineLearner : public Learner {
   }
 
   Status Save(CheckpointWriter& writer) override {
-    core_.VisitArrays(writer.Arrays("core"));
-    core_.VisitCounters(writer.Counters("core"));
+    writer.State("core", core_);
     return lanes_.Save(writer);
   }
 
   Status Load(CheckpointReader& reader) override {
-    core_.VisitArrays(reader.Arrays("core"));
-    core_.VisitCounters(reader.Counters("core"));
+    reader.StateInto("core", core_);
     return lanes_.Load(reader);
   }
 

@@ -41,12 +41,6 @@ Result<std::vector<uint8_t>> ReadBytes(const std::string& path) {
   return std::vector<uint8_t>(text.begin(), text.end());
 }
 
-Status WriteBytes(const std::string& path, std::span<const uint8_t> bytes) {
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
-  B4MRL_RETURN_IF_ERROR(file.Write(std::as_bytes(bytes)));
-  return file.Commit();
-}
-
 }  // namespace
 
 Result<RunLog> RunLog::Open(const TrainOptions& options, Client& client, Progress& progress) {
@@ -165,7 +159,7 @@ Status RunLog::Load(CheckpointReader& reader) {
   if (held_.empty()) return Status();
   const std::vector<uint8_t> agent = reader.Bytes("run/held_agent");
   B4MRL_RETURN_IF_ERROR(reader.status());
-  B4MRL_RETURN_IF_ERROR(WriteBytes(AgentPath(), agent));
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(AgentPath(), std::as_bytes(std::span(agent))));
   return StartEvaluation();
 }
 

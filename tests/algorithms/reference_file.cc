@@ -100,6 +100,15 @@ double ReferenceFile::Difference(const std::string& prefix, const NamedArray<Sca
   return worst == 0 ? 0 : worst / largest;
 }
 
+void SetReferenceSizes(const ReferenceFile& file, ActorCriticOptions* options) {
+  const std::vector<int>& batch = file.Get("batch/observations").shape;
+  options->observation_size = batch[1];
+  options->action_size = file.Get("batch/actions").shape[1];
+  options->hidden = {file.Get("initial/actor/layer0/bias").shape[0],
+                     file.Get("initial/actor/layer1/bias").shape[0]};
+  options->batch_max = batch[0];
+}
+
 template <typename Scalar>
 ReferenceBatch<Scalar>::ReferenceBatch(const ReferenceFile& file, const std::string& prefix)
     : observations(file.Matrix<Scalar>(prefix + "/observations")),

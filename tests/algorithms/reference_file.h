@@ -10,6 +10,7 @@
 
 #include "algorithms/nn/parameters.h"
 #include "algorithms/nn/view.h"
+#include "algorithms/rl/core_common.h"
 #include "algorithms/rl/transition_batch.h"
 
 namespace b4mrl {
@@ -41,6 +42,9 @@ class ReferenceFile {
  private:
   std::map<std::string, Array> arrays_;
 };
+
+// The sizes of a core whose batch and initial actor are in the file.
+void SetReferenceSizes(const ReferenceFile& file, ActorCriticOptions* options);
 
 // The transitions under "<prefix>/", and the storage their views look at.
 template <typename Scalar>

@@ -4,17 +4,14 @@
 #include <vector>
 
 #include "algorithms/learners/learners.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
 
 LearnerContext ContextOf(TestDaemon& daemon) {
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.simulator = {{"gravity", ""}};
-  context.dataset = "HalfCheetah/small";
   context.seed = 7;
   context.folder = daemon.folder("");
   context.hyperparameters = Hyperparameters(H2oHyperparameters());

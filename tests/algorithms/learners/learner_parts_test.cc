@@ -7,7 +7,7 @@
 #include "algorithms/rl/model_data.h"
 #include "algorithms/rl/model_rollout.h"
 #include "algorithms/rl/training_dataset.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
@@ -16,11 +16,8 @@ constexpr int kObservation = 17;
 constexpr int kAction = 6;
 
 LearnerContext ContextOf(TestDaemon& daemon, const std::string& dataset) {
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  LearnerContext context = CheetahContext(daemon, dataset);
   context.simulator = {{"gravity", ""}};
-  context.dataset = dataset;
   return context;
 }
 
@@ -39,13 +36,7 @@ ModelData Corrections(TestDaemon& daemon, const LearnerContext& context) {
 }
 
 DynamicsEnsemble<float> SmallEnsemble() {
-  DynamicsEnsembleOptions options;
-  options.observation_size = kObservation;
-  options.action_size = kAction;
-  options.members = 3;
-  options.elites = 2;
-  options.hidden = {16, 16, 16, 16};
-  return Need(DynamicsEnsemble<float>::Create(options));
+  return Need(DynamicsEnsemble<float>::Create(SmallEnsembleOptions()));
 }
 
 std::vector<float> Starts(const LearnerContext& context, uint32_t rows) {

@@ -7,7 +7,7 @@
 #include "algorithms/rl/model_data.h"
 #include "algorithms/rl/model_rollout.h"
 #include "algorithms/rl/training_dataset.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
@@ -24,12 +24,7 @@ EnvironmentSpec SpecOf(const std::string& name) {
 }
 
 DynamicsEnsemble<float> SmallEnsemble() {
-  DynamicsEnsembleOptions options;
-  options.observation_size = kObservation;
-  options.action_size = kAction;
-  options.members = 3;
-  options.elites = 2;
-  options.hidden = {16, 16, 16, 16};
+  DynamicsEnsembleOptions options = SmallEnsembleOptions();
   options.max_log_var = -2;  // a walker falls within a few steps, but not at once
   return Need(DynamicsEnsemble<float>::Create(options));
 }
@@ -77,10 +72,7 @@ std::vector<float> Column(const MatrixBuffer<float>& matrix, int column) {
 TEST_CASE("MOPO learns what a step changed, and the reward") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
-  context.dataset = "HalfCheetah/small";
+  const LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   const auto dataset = Need(OpenTrainingDataset(context));
   Progress quiet(true);
   const ModelData data = Need(ReadChanges(context, *dataset, quiet));
@@ -182,11 +174,8 @@ TEST_CASE("The horizon's default is the environment's") {
 TEST_CASE("MOPO refuses an environment whose end no observation tells") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 50);
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.environment.name = "Highway";
-  context.dataset = "HalfCheetah/small";
   const Algorithm* mopo = Need(FindAlgorithm("mopo"));
   context.hyperparameters = Hyperparameters(mopo->hyperparameters);
   CHECK(mopo->create(context).status().code() == StatusCode::kUnsupported);

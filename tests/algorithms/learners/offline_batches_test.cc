@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "algorithms/rl/training_dataset.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
@@ -14,10 +14,7 @@ constexpr int kObservation = 17;
 constexpr int kAction = 6;
 
 LearnerContext ContextOf(TestDaemon& daemon, const std::string& dataset) {
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
-  context.dataset = dataset;
+  LearnerContext context = CheetahContext(daemon, dataset);
   context.seed = 5;
   return context;
 }

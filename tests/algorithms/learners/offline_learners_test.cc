@@ -6,7 +6,7 @@
 
 #include "algorithms/list.h"
 #include "algorithms/rl/policy_numbers.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
@@ -16,10 +16,7 @@ using Change = std::pair<std::string_view, double>;
 // The policy of a small learner after a few updates, as numbers, behind its inputs' mean.
 std::vector<float> Learned(TestDaemon& daemon, const Algorithm& algorithm,
                            std::vector<Change> changes) {
-  LearnerContext context;
-  context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
-  context.dataset = "HalfCheetah/small";
+  LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.hyperparameters = Hyperparameters(algorithm.hyperparameters);
   changes.insert(changes.begin(), {{"hidden-width", 16}, {"batch-size", 32}});
   for (const auto& [name, value] : changes) NeedOk(context.hyperparameters.Set(name, value));

@@ -43,12 +43,12 @@ OnlineLanes WarmLanes(const LearnerContext& context, uint64_t transitions) {
   return lanes;
 }
 
-PolicyWeights RandomPolicy(const OnlineLanes& lanes, int action_size) {
+FixedOrderPolicy RandomPolicy(const OnlineLanes& lanes, int action_size) {
   Td3Options options;
   options.observation_size = lanes.observation_size();
   options.action_size = action_size;
   options.hidden = {16, 16};
-  return Need(Td3Core<float>::Create(options)).Policy();
+  return Need(FixedOrderPolicy::Create(Need(Td3Core<float>::Create(options)).Policy()));
 }
 
 // Every transition that one lane took, in order: column i is its i-th.
@@ -97,7 +97,7 @@ TEST_CASE("A fall is stored as terminated, and returns are those of whole episod
   const LearnerContext context = ContextOf(daemon, "Hopper");
   OnlineLanes lanes = Need(OnlineLanes::Open(context));
   NeedOk(lanes.Start());
-  const PolicyWeights policy = RandomPolicy(lanes, context.action_size());
+  const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
   for (int step = 0; step < 400; ++step) NeedOk(lanes.Step(policy, metrics));
 
@@ -186,11 +186,10 @@ TEST_CASE("Exploration adds noise of the given deviation to a deterministic poli
   NeedOk(context.hyperparameters.Set("exploration-noise", deviation));
   OnlineLanes lanes = Need(OnlineLanes::Open(context));
   NeedOk(lanes.Start());
-  const PolicyWeights weights = RandomPolicy(lanes, context.action_size());
-  const FixedOrderPolicy policy = Need(FixedOrderPolicy::Create(weights));
+  const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
   constexpr int kSteps = 300;
-  for (int step = 0; step < kSteps; ++step) NeedOk(lanes.Step(weights, metrics));
+  for (int step = 0; step < kSteps; ++step) NeedOk(lanes.Step(policy, metrics));
   // No episode has ended yet: the name has its column in the log, and no value.
   const MetricRow row = metrics.Take();
   REQUIRE(row.size() == 1);
@@ -227,7 +226,7 @@ TEST_CASE("A step that the daemon gave up is not stored, and its lane goes on") 
   const LearnerContext context = ContextOf(client, folder.path(), "HalfCheetah");
   OnlineLanes lanes = Need(OnlineLanes::Open(context));
   NeedOk(lanes.Start());
-  const PolicyWeights policy = RandomPolicy(lanes, context.action_size());
+  const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
   for (int step = 0; step < 30; ++step) NeedOk(lanes.Step(policy, metrics));
   CHECK(lanes.environment_steps() == 60);

@@ -26,14 +26,22 @@ MatrixBuffer<double> Normals(int rows, uint64_t stream) {
   return matrix;
 }
 
-TEST_CASE("SAC's losses have the gradients of their finite differences") {
-  SacOptions options;
+// Small, and with rates of 0, so that an update leaves the weights as they are.
+template <typename Options>
+Options FrozenOptions() {
+  Options options;
   options.observation_size = kObservations;
   options.action_size = kActions;
   options.hidden = {9, 8};
   options.batch_max = kBatch;
-  options.actor_learning_rate = options.critic_learning_rate = options.alpha_learning_rate = 0;
+  options.actor_learning_rate = options.critic_learning_rate = 0;
   options.tau = 0;
+  return options;
+}
+
+TEST_CASE("SAC's losses have the gradients of their finite differences") {
+  auto options = FrozenOptions<SacOptions>();
+  options.alpha_learning_rate = 0;
   options.initial_alpha = 0.4;
   options.policy.form = GENERATE(LogProbForm::kEpsilon, LogProbForm::kExact);
   Result<SacCore<double>> core = SacCore<double>::Create(options);
@@ -49,13 +57,7 @@ TEST_CASE("SAC's losses have the gradients of their finite differences") {
 }
 
 TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differences") {
-  Td3Options options;
-  options.observation_size = kObservations;
-  options.action_size = kActions;
-  options.hidden = {9, 8};
-  options.batch_max = kBatch;
-  options.actor_learning_rate = options.critic_learning_rate = 0;
-  options.tau = 0;
+  auto options = FrozenOptions<Td3Options>();
   options.policy_frequency = 1;
   if (GENERATE(false, true)) options.bc_alpha = 2.5;
   Result<Td3Core<double>> core = Td3Core<double>::Create(options);
@@ -75,13 +77,8 @@ TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differen
 }
 
 TEST_CASE("IQL's losses have the gradients of their finite differences") {
-  IqlOptions options;
-  options.observation_size = kObservations;
-  options.action_size = kActions;
-  options.hidden = {9, 8};
-  options.batch_max = kBatch;
-  options.actor_learning_rate = options.critic_learning_rate = options.value_learning_rate = 0;
-  options.tau = 0;
+  auto options = FrozenOptions<IqlOptions>();
+  options.value_learning_rate = 0;
   options.actor = GENERATE(IqlActor::kDeterministic, IqlActor::kGaussian);
   Result<IqlCore<double>> core = IqlCore<double>::Create(options);
   REQUIRE(core.ok());

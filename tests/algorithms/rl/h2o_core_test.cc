@@ -16,11 +16,7 @@ namespace {
 
 H2oOptions ReferenceOptions(const ReferenceFile& file) {
   H2oOptions options;
-  options.observation_size = file.Get("batch/observations").shape[1];
-  options.action_size = file.Get("batch/actions").shape[1];
-  options.hidden = {file.Get("initial/actor/layer0/bias").shape[0],
-                    file.Get("initial/actor/layer1/bias").shape[0]};
-  options.batch_max = file.Get("batch/observations").shape[0];
+  SetReferenceSizes(file, &options);
   options.discriminator_batch_max = file.Get("discriminator_batch/observations").shape[0];
   options.gap_samples = static_cast<int>(file.Get("rows").values[2]);
   options.gap_noise = file.Vector<double>("gap_deviation");

@@ -19,11 +19,7 @@ struct Reference {
   IqlOptions Options() const {
     IqlOptions options;
     options.actor = actor;
-    options.observation_size = file.Get("batch/observations").shape[1];
-    options.action_size = file.Get("batch/actions").shape[1];
-    options.hidden = {file.Get("initial/actor/layer0/bias").shape[0],
-                      file.Get("initial/actor/layer1/bias").shape[0]};
-    options.batch_max = file.Get("batch/observations").shape[0];
+    SetReferenceSizes(file, &options);
     const std::vector<double> numbers = file.Vector<double>("cosine_updates_and_weight_max");
     options.cosine_updates = static_cast<int64_t>(numbers[0]);
     options.weight_max = numbers[1];

@@ -11,11 +11,7 @@ namespace {
 
 SacOptions ReferenceOptions(const ReferenceFile& file) {
   SacOptions options;
-  options.observation_size = file.Get("batch/observations").shape[1];
-  options.action_size = file.Get("batch/actions").shape[1];
-  options.hidden = {file.Get("initial/actor/layer0/bias").shape[0],
-                    file.Get("initial/actor/layer1/bias").shape[0]};
-  options.batch_max = file.Get("batch/observations").shape[0];
+  SetReferenceSizes(file, &options);
   options.policy.log_std_min = -5;  // LOG_STD_RANGE of dump_pytorch.py
   options.policy.log_std_max = 0.5;
   return options;

@@ -13,11 +13,7 @@ namespace {
 // With `bc_alpha` TD3-BC, without it TD3.
 Td3Options ReferenceOptions(const ReferenceFile& file, std::optional<double> bc_alpha) {
   Td3Options options;
-  options.observation_size = file.Get("batch/observations").shape[1];
-  options.action_size = file.Get("batch/actions").shape[1];
-  options.hidden = {file.Get("initial/actor/layer0/bias").shape[0],
-                    file.Get("initial/actor/layer1/bias").shape[0]};
-  options.batch_max = file.Get("batch/observations").shape[0];
+  SetReferenceSizes(file, &options);
   options.bc_alpha = bc_alpha;
   return options;
 }
