@@ -3,7 +3,8 @@
 //
 // A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
 // hyperparameters as a table, its options, and three functions that matter:
-//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble
+//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble;
+//             cut short where `LearnerContext::stop` is set, for a resumed run to do again
 //   Update    one gradient step, with the interaction that belongs to it
 //   Policy    what acts now: goes into evaluations and agent files
 // The train loop (rl/train_loop.h) counts updates, evaluates, logs, writes checkpoints and stops. A
@@ -16,6 +17,7 @@
 // Thread rule: one thread. Ownership: the context outlives the learner.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -88,6 +90,8 @@ class Hyperparameters {
   std::vector<Hyperparameter> entries_;
 };
 
+inline constinit const std::atomic<bool> kNeverStops = false;
+
 struct LearnerContext {
   Client* client = nullptr;
   EnvironmentSpec environment;           // the true one's
@@ -97,8 +101,10 @@ struct LearnerContext {
   uint32_t history_length = 1;
   uint64_t seed = 0;
   uint64_t updates = 0;  // planned; for schedules
+  uint32_t threads = 1;  // of the updates; they change no bit
   std::string folder;    // for files that are too big for a checkpoint
   Hyperparameters hyperparameters;
+  const std::atomic<bool>* stop = &kNeverStops;  // set when the run is to end soon
 
   int observation_size() const { return static_cast<int>(environment.observation.size()); }
   int action_size() const { return static_cast<int>(environment.action.size()); }

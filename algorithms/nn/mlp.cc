@@ -73,7 +73,8 @@ void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bia
 // Layer `index` of one member.
 template <typename Scalar>
 void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member, int m,
-                  size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace) {
+                  size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace,
+                  int thread) {
   const MlpLayout::Layer& layer = layout.layers()[index];
   const MatrixView<Scalar> output = MemberBlock(layout, workspace, workspace.activations, index, m);
   const bool keeps_slopes = index < workspace.slopes.size();
@@ -82,7 +83,7 @@ void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member,
   MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
   Transpose transpose = Transpose::kYes;
   if (NarrowProductColumns<Scalar>(layer.outputs, layer.inputs) > 0) {
-    const MatrixView<Scalar> copy(workspace.transposed.values().data(), layer.outputs,
+    const MatrixView<Scalar> copy(workspace.transposed[thread].values().data(), layer.outputs,
                                   layer.inputs);
     TransposeInto<Scalar>(weight, copy);
     weight = copy;
@@ -100,10 +101,10 @@ void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member,
 
 template <typename Scalar>
 void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
-                   MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace) {
+                   MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace, int thread) {
   MatrixView<const Scalar> below = InputBlock(layout, input, m);
   for (size_t i = 0; i < layout.layers().size(); ++i) {
-    ForwardLayer(layout, parameters, first_member + m, m, i, below, workspace);
+    ForwardLayer(layout, parameters, first_member + m, m, i, below, workspace, thread);
     below = MemberBlock(layout, workspace, workspace.activations, i, m);
   }
 }
@@ -239,8 +240,8 @@ void MlpLayout::Visit(std::string_view prefix, std::span<Scalar> parameters,
 
 template <typename Scalar>
 MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, int batch_max,
-                                   bool keep_gradients)
-    : members(member_count) {
+                                   bool keep_gradients, int threads)
+    : members(member_count), team(std::make_shared<ThreadTeam>(std::min(threads, member_count))) {
   const size_t last = layout.layers().size() - 1;
   int largest = 0;
   for (size_t i = 0; i <= last; ++i) {
@@ -255,7 +256,7 @@ MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, in
       slopes.emplace_back(rows, columns);
     }
   }
-  transposed = MatrixBuffer<Scalar>(largest, 1);
+  transposed.assign(team->threads(), MatrixBuffer<Scalar>(largest, 1));
 }
 
 template <typename Scalar>
@@ -263,9 +264,9 @@ MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> p
                               MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                               int first_member) {
   workspace.batch = input.columns;
-  for (int m = 0; m < workspace.members; ++m) {
-    ForwardMember(layout, parameters.data(), first_member, m, input, workspace);
-  }
+  workspace.team->ForEach(workspace.members, [&](int m, int thread) {
+    ForwardMember(layout, parameters.data(), first_member, m, input, workspace, thread);
+  });
   return workspace.output();
 }
 
@@ -274,9 +275,9 @@ void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                  std::span<Scalar> parameter_gradient, int first_member) {
   Scalar* gradient = parameter_gradient.empty() ? nullptr : parameter_gradient.data();
-  for (int m = 0; m < workspace.members; ++m) {
+  workspace.team->ForEach(workspace.members, [&](int m, int) {
     BackwardMember(layout, parameters.data(), first_member, m, input, workspace, gradient);
-  }
+  });
 }
 
 template <typename Scalar>

@@ -10,16 +10,19 @@
 // nothing of ours is allocated afterwards. Passes go member by member through all layers, so that a
 // member's activations are still in the cache when its next layer reads them; for the same reason a
 // member's hidden activations are one dense width x batch block. Only the output is stacked:
-// (members * outputs) x batch, member m owning rows [m * outputs, (m + 1) * outputs). Thread rule:
-// a layout is immutable; a workspace belongs to one thread.
+// (members * outputs) x batch, member m owning rows [m * outputs, (m + 1) * outputs). A workspace
+// may have threads of its own, which share out the members with the same bits. Thread rule: a
+// layout is immutable; a workspace belongs to one thread at a time.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string_view>
 #include <vector>
 
 #include "algorithms/nn/parameters.h"
+#include "algorithms/nn/thread_team.h"
 #include "algorithms/nn/view.h"
 #include "proto/base/rng.h"
 
@@ -95,17 +98,20 @@ class MlpLayout {
 template <typename Scalar>
 struct MlpWorkspace {
   // For passes over `members` of the layout's members and up to `batch_max` columns.
-  // `keep_gradients` false saves the memory that only the backward pass needs.
-  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, bool keep_gradients = true);
+  // `keep_gradients` false saves the memory that only the backward pass needs. At most `members`
+  // threads are of use.
+  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, bool keep_gradients = true,
+               int threads = 1);
 
   int members;
   int batch = 0;  // of the last forward pass
   // Per hidden layer width x (members * batch_max), member m in the columns from m * batch_max on;
   // the last one is the stacked output.
   std::vector<MatrixBuffer<Scalar>> activations;
-  std::vector<MatrixBuffer<Scalar>> slopes;     // swish only: its derivative, per hidden layer
-  std::vector<MatrixBuffer<Scalar>> gradients;  // d loss / d activation; the last: d output
-  MatrixBuffer<Scalar> transposed;              // one member's weights of one layer
+  std::vector<MatrixBuffer<Scalar>> slopes;      // swish only: its derivative, per hidden layer
+  std::vector<MatrixBuffer<Scalar>> gradients;   // d loss / d activation; the last: d output
+  std::vector<MatrixBuffer<Scalar>> transposed;  // one layer's weights of the member of a thread
+  std::shared_ptr<ThreadTeam> team;              // copies share it
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
   // To be filled between MlpForward and MlpBackward.

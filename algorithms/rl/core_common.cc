@@ -12,6 +12,7 @@ namespace {
 constexpr int kWidthMax = 1 << 16;
 constexpr int kLayersMax = 16;
 constexpr int kBatchMax = 1 << 20;
+constexpr int kThreadsMax = 64;
 
 Status ValidateRange(std::string_view name, int value, int high) {
   if (value >= 1 && value <= high) return {};
@@ -51,6 +52,7 @@ Status ValidateSizes(int observation_size, int action_size, const std::vector<in
 Status ValidateActorCritic(const ActorCriticOptions& options) {
   B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
                                       options.batch_max));
+  B4MRL_RETURN_IF_ERROR(ValidateRange("threads", options.threads, kThreadsMax));
   B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
   B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
   B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));

@@ -23,6 +23,7 @@ struct ActorCriticOptions {
   double gamma = 0.99;
   double tau = 0.005;
   uint64_t seed = 0;  // of the initial weights and of the updates' noise
+  int threads = 1;    // of the twin critics; they change no bit
 };
 
 Status ValidateSizes(int observation_size, int action_size, const std::vector<int>& hidden,

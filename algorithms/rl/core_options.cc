@@ -36,6 +36,7 @@ void SetActorCriticOptions(const LearnerContext& context, int observation_size,
   Read(values, "gamma", options.gamma);
   Read(values, "tau", options.tau);
   options.seed = RoleSeed(context.seed, "core");
+  options.threads = static_cast<int>(context.threads);
 }
 
 void SetSacOptions(const LearnerContext& context, int observation_size, SacOptions& options) {

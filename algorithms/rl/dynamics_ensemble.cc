@@ -70,13 +70,14 @@ std::vector<DecayRange> DecayRanges(const DynamicsEnsembleOptions& options,
 
 template <typename Scalar>
 Result<DynamicsEnsemble<Scalar>> DynamicsEnsemble<Scalar>::Create(
-    const DynamicsEnsembleOptions& options) {
+    const DynamicsEnsembleOptions& options, int threads) {
   B4MRL_RETURN_IF_ERROR(Validate(options));
-  return DynamicsEnsemble(options);
+  if (threads < 1) return InvalidNumber("threads", threads, "at least 1");
+  return DynamicsEnsemble(options, std::min(threads, options.members));
 }
 
 template <typename Scalar>
-DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& options)
+DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& options, int threads)
     : options_(options),
       layout_({.members = options.members,
                .inputs = options.observation_size + options.action_size,
@@ -93,13 +94,18 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
             DecayRanges(options, layout_)),
       bounds_adam_({.learning_rate = options.learning_rate}, static_cast<int64_t>(bounds_.size())),
       holdout_mse_(options.members, std::numeric_limits<double>::quiet_NaN()),
-      workspace_(layout_, 1, options.batch_size),
-      member_workspace_(layout_, 1, kPredictionBlock, /*keep_gradients=*/false),
+      team_(std::make_shared<ThreadTeam>(threads)),
+      workspaces_(threads, MlpWorkspace<Scalar>(layout_, 1, options.batch_size)),
+      scratch_(threads, {MlpWorkspace<Scalar>(layout_, 1, kPredictionBlock,
+                                              /*keep_gradients=*/false),
+                         MatrixBuffer<Scalar>(layout_.shape().inputs, kPredictionBlock),
+                         MatrixBuffer<Scalar>(output_size(), kPredictionBlock),
+                         {}}),
       inputs_((options.bootstrap ? options.members : 1) * layout_.shape().inputs,
               options.batch_size),
       targets_((options.bootstrap ? options.members : 1) * output_size(), options.batch_size),
-      block_inputs_(layout_.shape().inputs, kPredictionBlock),
-      block_noise_(output_size(), kPredictionBlock) {
+      member_bounds_gradient_(2 * output_size(), options.members),
+      member_loss_(options.members) {
   Rng rng(options.seed, "ensemble-weights");
   layout_.Initialize<Scalar>(options.initialization, rng, parameters_);
   best_parameters_ = parameters_;
@@ -107,7 +113,7 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
   std::fill_n(bounds_.begin() + output_size(), output_size(),
               static_cast<Scalar>(options.min_log_var));
   std::fill_n(scaler_.begin() + layout_.shape().inputs, layout_.shape().inputs, Scalar(1));
-  group_columns_.reserve(kPredictionBlock);
+  for (Scratch& scratch : scratch_) scratch.columns.reserve(kPredictionBlock);
 }
 
 template <typename Scalar>
@@ -141,21 +147,23 @@ void DynamicsEnsemble<Scalar>::Scale(MatrixView<Scalar> inputs) const {
 }
 
 template <typename Scalar>
-MatrixView<Scalar> DynamicsEnsemble<Scalar>::ScaledCopy(MatrixView<const Scalar> inputs) {
-  const MatrixView<Scalar> block = block_inputs_.view(inputs.columns);
+MatrixView<Scalar> DynamicsEnsemble<Scalar>::ScaledCopy(MatrixView<const Scalar> inputs,
+                                                        Scratch& scratch) const {
+  const MatrixView<Scalar> block = scratch.inputs.view(inputs.columns);
   CopyMatrix<Scalar>(inputs, block);
   Scale(block);
   return block;
 }
 
-// Column i of `head` is what a member answered for column columns[i] of a batch, variances bounded.
+// Column i of `head` is what a member answered for column scratch.columns[i] of a batch, variances
+// bounded.
 template <typename Scalar>
-void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, std::span<const int> columns,
-                                          MatrixView<const Scalar> noise,
-                                          MatrixView<Scalar> outputs) {
+void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, MatrixView<const Scalar> noise,
+                                          MatrixView<Scalar> outputs, Scratch& scratch) const {
+  const std::vector<int>& columns = scratch.columns;
   const int count = static_cast<int>(columns.size());
   const int size = output_size();
-  const MatrixView<Scalar> block_noise = block_noise_.view(count);
+  const MatrixView<Scalar> block_noise = scratch.noise.view(count);
   for (int i = 0; i < count; ++i) {
     std::copy_n(noise.column(columns[i]), size, block_noise.column(i));
   }
@@ -164,38 +172,38 @@ void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, std::span<con
   for (int i = 0; i < count; ++i) std::copy_n(head.column(i), size, outputs.column(columns[i]));
 }
 
+// The columns that scratch.columns names.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> inputs,
-                                           std::span<const int> columns,
                                            MatrixView<const Scalar> noise,
-                                           MatrixView<Scalar> outputs) {
-  const int count = static_cast<int>(columns.size());
-  const MatrixView<Scalar> block = block_inputs_.view(count);
+                                           MatrixView<Scalar> outputs, Scratch& scratch) const {
+  const int count = static_cast<int>(scratch.columns.size());
+  const MatrixView<Scalar> block = scratch.inputs.view(count);
   for (int i = 0; i < count; ++i) {
-    std::copy_n(inputs.column(columns[i]), inputs.rows, block.column(i));
+    std::copy_n(inputs.column(scratch.columns[i]), inputs.rows, block.column(i));
   }
   Scale(block);
   const MatrixView<Scalar> head =
-      MlpForward<Scalar>(layout_, parameters_, block, member_workspace_, member);
+      MlpForward<Scalar>(layout_, parameters_, block, scratch.workspace, member);
   BoundLogVariances<Scalar>(bounds_, head.RowBlock(output_size(), output_size()));
-  SampleHead(head, columns, noise, outputs);
+  SampleHead(head, noise, outputs, scratch);
 }
 
+// All columns that drew one member.
 template <typename Scalar>
-void DynamicsEnsemble<Scalar>::SampleDrawn(MatrixView<const Scalar> inputs,
+void DynamicsEnsemble<Scalar>::SampleDrawn(int member, MatrixView<const Scalar> inputs,
                                            std::span<const int> members,
                                            MatrixView<const Scalar> noise,
-                                           MatrixView<Scalar> outputs) {
-  for (int m = 0; m < options_.members; ++m) {
-    group_columns_.clear();
-    for (int i = 0; i < inputs.columns; ++i) {
-      if (members[i] == m) group_columns_.push_back(i);
-      const bool last = i + 1 == inputs.columns;
-      if (group_columns_.empty()) continue;
-      if (last || static_cast<int>(group_columns_.size()) == kPredictionBlock) {
-        SampleGroup(m, inputs, group_columns_, noise, outputs);
-        group_columns_.clear();
-      }
+                                           MatrixView<Scalar> outputs, Scratch& scratch) const {
+  std::vector<int>& columns = scratch.columns;
+  columns.clear();
+  for (int i = 0; i < inputs.columns; ++i) {
+    if (members[i] == member) columns.push_back(i);
+    const bool last = i + 1 == inputs.columns;
+    if (columns.empty()) continue;
+    if (last || static_cast<int>(columns.size()) == kPredictionBlock) {
+      SampleGroup(member, inputs, noise, outputs, scratch);
+      columns.clear();
     }
   }
 }
@@ -206,26 +214,26 @@ void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
                                                std::span<const int> members,
                                                MatrixView<const Scalar> noise,
                                                MatrixView<Scalar> outputs,
-                                               std::span<Scalar> penalty) {
+                                               std::span<Scalar> penalty, Scratch& scratch) const {
   const int size = output_size();
-  const MatrixView<Scalar> scaled = ScaledCopy(inputs);
+  const MatrixView<Scalar> scaled = ScaledCopy(inputs, scratch);
+  std::vector<int>& columns = scratch.columns;
   for (int m = 0; m < options_.members; ++m) {
     const MatrixView<Scalar> head =
-        MlpForward<Scalar>(layout_, parameters_, scaled, member_workspace_, m);
+        MlpForward<Scalar>(layout_, parameters_, scaled, scratch.workspace, m);
     const MatrixView<Scalar> log_var = head.RowBlock(size, size);
     BoundLogVariances<Scalar>(bounds_, log_var);
-    group_columns_.clear();
+    columns.clear();
     for (int i = 0; i < inputs.columns; ++i) {
       const ConstEigenColumn<Scalar> column(log_var.column(i), size);
       // The deviations' squares are the variances.
       const Scalar norm = std::sqrt(column.exp().sum());
       if (!(norm <= penalty[i])) penalty[i] = norm;
       if (members[i] != m) continue;
-      std::copy_n(head.column(i), head.rows, head.column(static_cast<int>(group_columns_.size())));
-      group_columns_.push_back(i);
+      std::copy_n(head.column(i), head.rows, head.column(static_cast<int>(columns.size())));
+      columns.push_back(i);
     }
-    const int drawn = static_cast<int>(group_columns_.size());
-    SampleHead(head.ColumnBlock(0, drawn), group_columns_, noise, outputs);
+    SampleHead(head.ColumnBlock(0, static_cast<int>(columns.size())), noise, outputs, scratch);
   }
 }
 
@@ -233,25 +241,33 @@ template <typename Scalar>
 void DynamicsEnsemble<Scalar>::Sample(MatrixView<const Scalar> inputs, std::span<const int> members,
                                       MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
                                       std::span<Scalar> penalty) {
-  if (penalty.empty()) return SampleDrawn(inputs, members, noise, outputs);
+  if (penalty.empty()) {
+    team_->ForEach(options_.members, [&](int m, int thread) {
+      SampleDrawn(m, inputs, members, noise, outputs, scratch_[thread]);
+    });
+    return;
+  }
   std::fill(penalty.begin(), penalty.end(), Scalar(0));
-  for (int first = 0; first < inputs.columns; first += kPredictionBlock) {
+  const int blocks = (inputs.columns + kPredictionBlock - 1) / kPredictionBlock;
+  team_->ForEach(blocks, [&](int block, int thread) {
+    const int first = block * kPredictionBlock;
     const int count = std::min(kPredictionBlock, inputs.columns - first);
     SamplePenalised(inputs.ColumnBlock(first, count), members.subspan(first, count),
                     noise.ColumnBlock(first, count), outputs.ColumnBlock(first, count),
-                    penalty.subspan(first, count));
-  }
+                    penalty.subspan(first, count), scratch_[thread]);
+  });
 }
 
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::Predict(int member, MatrixView<const Scalar> inputs,
                                        MatrixView<Scalar> mean, MatrixView<Scalar> log_var) {
   const int size = output_size();
+  Scratch& scratch = scratch_[0];
   for (int first = 0; first < inputs.columns; first += kPredictionBlock) {
     const int count = std::min(kPredictionBlock, inputs.columns - first);
-    const MatrixView<Scalar> head =
-        MlpForward<Scalar>(layout_, parameters_, ScaledCopy(inputs.ColumnBlock(first, count)),
-                           member_workspace_, member);
+    const MatrixView<Scalar> head = MlpForward<Scalar>(
+        layout_, parameters_, ScaledCopy(inputs.ColumnBlock(first, count), scratch),
+        scratch.workspace, member);
     BoundLogVariances<Scalar>(bounds_, head.RowBlock(size, size));
     CopyMatrix<Scalar>(head.RowBlock(0, size), mean.ColumnBlock(first, count));
     CopyMatrix<Scalar>(head.RowBlock(size, size), log_var.ColumnBlock(first, count));

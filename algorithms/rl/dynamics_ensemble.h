@@ -17,10 +17,12 @@
 //
 // Training: StartTraining, Train until progress.finished (or FinishTraining at any time). Its state
 // between two calls of Train is complete in Visit*, so a run may be resumed there; the data given
-// must be the same each time. Thread rule: one thread.
+// must be the same each time. Thread rule: one thread at a time; threads of its own share out the
+// members, with the same bits.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -84,7 +86,8 @@ struct DynamicsProgress {
 template <typename Scalar>
 class DynamicsEnsemble {
  public:
-  static Result<DynamicsEnsemble> Create(const DynamicsEnsembleOptions& options);
+  // At most `options.members` threads are of use. Copies share them.
+  static Result<DynamicsEnsemble> Create(const DynamicsEnsembleOptions& options, int threads = 1);
 
   // Chooses the hold-out rows and the input scaling. Also to be called after a resumed state was
   // read back: it changes nothing that Visit* shows except the scaling, which is the same again.
@@ -125,7 +128,14 @@ class DynamicsEnsemble {
   void VisitGradients(const ArrayVisitor<Scalar>& visitor);
 
  private:
-  explicit DynamicsEnsemble(const DynamicsEnsembleOptions& options);
+  // What a thread needs to predict: one member's pass over one block of columns.
+  struct Scratch {
+    MlpWorkspace<Scalar> workspace;
+    MatrixBuffer<Scalar> inputs, noise;
+    std::vector<int> columns;  // of the block, that drew the member
+  };
+
+  DynamicsEnsemble(const DynamicsEnsembleOptions& options, int threads);
 
   // Training (dynamics_training.cc).
   Status ValidateData(const DynamicsData<Scalar>& data) const;
@@ -134,22 +144,25 @@ class DynamicsEnsemble {
   void ShuffleEpoch();
   void GatherRow(const DynamicsData<Scalar>& data, int row, int block, int column);
   void GatherBatch(const DynamicsData<Scalar>& data, int64_t first, int count);
-  double UpdateMember(int m, MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets);
+  // Writes column m of member_bounds_gradient_.
+  double UpdateMember(int m, MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets,
+                      MlpWorkspace<Scalar>& workspace);
   void EndEpoch(const DynamicsData<Scalar>& data);
   void EvaluateHoldout(const DynamicsData<Scalar>& data);
   bool KeepImproved();
   // Prediction (dynamics_ensemble.cc).
   void Scale(MatrixView<Scalar> inputs) const;
-  MatrixView<Scalar> ScaledCopy(MatrixView<const Scalar> inputs);
-  void SampleHead(MatrixView<Scalar> head, std::span<const int> columns,
-                  MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
-  void SampleGroup(int member, MatrixView<const Scalar> inputs, std::span<const int> columns,
-                   MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
-  void SampleDrawn(MatrixView<const Scalar> inputs, std::span<const int> members,
-                   MatrixView<const Scalar> noise, MatrixView<Scalar> outputs);
+  MatrixView<Scalar> ScaledCopy(MatrixView<const Scalar> inputs, Scratch& scratch) const;
+  void SampleHead(MatrixView<Scalar> head, MatrixView<const Scalar> noise,
+                  MatrixView<Scalar> outputs, Scratch& scratch) const;
+  void SampleGroup(int member, MatrixView<const Scalar> inputs, MatrixView<const Scalar> noise,
+                   MatrixView<Scalar> outputs, Scratch& scratch) const;
+  void SampleDrawn(int member, MatrixView<const Scalar> inputs, std::span<const int> members,
+                   MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
+                   Scratch& scratch) const;
   void SamplePenalised(MatrixView<const Scalar> inputs, std::span<const int> members,
                        MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
-                       std::span<Scalar> penalty);
+                       std::span<Scalar> penalty, Scratch& scratch) const;
 
   DynamicsEnsembleOptions options_;
   MlpLayout layout_;
@@ -171,13 +184,13 @@ class DynamicsEnsemble {
   std::vector<double> holdout_mse_;
   double train_loss_ = 0;
 
-  MlpWorkspace<Scalar> workspace_;         // one member after the other, batch_size columns
-  MlpWorkspace<Scalar> member_workspace_;  // one member, for prediction
-  MatrixBuffer<Scalar> inputs_;            // (members or 1) * inputs x batch
-  MatrixBuffer<Scalar> targets_;           // (members or 1) * outputs x batch
-  // Prediction: one block of columns, gathered.
-  MatrixBuffer<Scalar> block_inputs_, block_noise_;
-  std::vector<int> group_columns_;  // the columns that drew one member
+  std::shared_ptr<ThreadTeam> team_;
+  std::vector<MlpWorkspace<Scalar>> workspaces_;  // of a thread: one member, batch_size columns
+  std::vector<Scratch> scratch_;                  // of a thread
+  MatrixBuffer<Scalar> inputs_;                   // (members or 1) * inputs x batch
+  MatrixBuffer<Scalar> targets_;                  // (members or 1) * outputs x batch
+  MatrixBuffer<Scalar> member_bounds_gradient_;   // max, then min x members
+  std::vector<double> member_loss_;
 };
 
 }  // namespace b4mrl

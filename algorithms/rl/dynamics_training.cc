@@ -135,8 +135,8 @@ void DynamicsEnsemble<Scalar>::GatherBatch(const DynamicsData<Scalar>& data, int
   }
 }
 
-// Member by member through forward, loss, backward and optimiser, so that what one of them writes
-// is still in the cache for the next.
+// A member goes through forward, loss, backward and optimiser in one piece, so that what one of
+// them writes is still in the cache for the next.
 template <typename Scalar>
 double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
                                                MatrixView<const Scalar> targets) {
@@ -149,9 +149,13 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
   double loss = options_.bound_weight *
                 static_cast<double>(bounds.head(size).sum() - bounds.tail(size).sum());
   adam_.BeginStep();
-  for (int m = 0; m < options_.members; ++m) {
-    loss += UpdateMember(m, MemberRows(m, layout_.shape().inputs, inputs),
-                         MemberRows(m, size, targets));
+  team_->ForEach(options_.members, [&](int m, int thread) {
+    member_loss_[m] = UpdateMember(m, MemberRows(m, layout_.shape().inputs, inputs),
+                                   MemberRows(m, size, targets), workspaces_[thread]);
+  });
+  for (int m = 0; m < options_.members; ++m) {  // in this order, whichever thread was first
+    loss += member_loss_[m];
+    bounds_gradient += ConstEigenColumn<Scalar>(member_bounds_gradient_.view().column(m), 2 * size);
   }
   bounds_adam_.Step(bounds_, bounds_gradient_);
   return loss;
@@ -159,11 +163,14 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
 
 template <typename Scalar>
 double DynamicsEnsemble<Scalar>::UpdateMember(int m, MatrixView<const Scalar> inputs,
-                                              MatrixView<const Scalar> targets) {
-  const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, inputs, workspace_, m);
+                                              MatrixView<const Scalar> targets,
+                                              MlpWorkspace<Scalar>& workspace) {
+  const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, inputs, workspace, m);
+  const std::span<Scalar> bounds_gradient(member_bounds_gradient_.view().column(m), bounds_.size());
+  std::ranges::fill(bounds_gradient, Scalar(0));
   const double loss = GaussianEnsembleLoss<Scalar>(1, output, targets, bounds_,
-                                                   workspace_.output_gradient(), bounds_gradient_);
-  MlpBackward<Scalar>(layout_, parameters_, inputs, workspace_, gradient_, m);
+                                                   workspace.output_gradient(), bounds_gradient);
+  MlpBackward<Scalar>(layout_, parameters_, inputs, workspace, gradient_, m);
   layout_.ForEachRange(m, [this](int64_t first, int64_t count) {
     adam_.StepPart(parameters_, gradient_, first, count);
   });
@@ -219,11 +226,11 @@ void DynamicsEnsemble<Scalar>::EvaluateHoldout(const DynamicsData<Scalar>& data)
     const MatrixView<Scalar> block = inputs_.view(count).RowBlock(0, inputs);
     Scale(block);
     const MatrixView<Scalar> targets = targets_.view(count).RowBlock(0, size);
-    for (int m = 0; m < options_.members; ++m) {
+    team_->ForEach(options_.members, [&](int m, int thread) {
       const MatrixView<Scalar> mean =
-          MlpForward<Scalar>(layout_, parameters_, block, workspace_, m).RowBlock(0, size);
+          MlpForward<Scalar>(layout_, parameters_, block, workspaces_[thread], m).RowBlock(0, size);
       holdout_mse_[m] += static_cast<double>((ToEigen(mean) - ToEigen(targets)).squaredNorm());
-    }
+    });
   }
   for (double& mse : holdout_mse_) mse /= static_cast<double>(rows) * size;
 }

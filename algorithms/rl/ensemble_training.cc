@@ -99,8 +99,7 @@ Status Save(const std::string& path, const std::string& key, DynamicsEnsemble<fl
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer, CheckpointWriter::Create(path));
   writer.Text("key", key);
   writer.Text("state_hash", StateHash(ensemble));
-  ensemble.VisitArrays(writer.Arrays("ensemble"));
-  ensemble.VisitCounters(writer.Counters("ensemble"));
+  writer.State("ensemble", ensemble);
   return writer.Commit();
 }
 
@@ -111,8 +110,7 @@ bool Load(const std::string& path, const std::string& key, DynamicsEnsemble<floa
   Result<CheckpointReader> reader = CheckpointReader::Open(path);
   if (!reader.ok() || reader->Text("key") != key) return false;
   DynamicsEnsemble<float> loaded = ensemble;
-  loaded.VisitArrays(reader->Arrays("ensemble"));
-  loaded.VisitCounters(reader->Counters("ensemble"));
+  reader->StateInto("ensemble", loaded);
   const std::string state_hash = reader->Text("state_hash");
   if (!reader->status().ok() || state_hash != StateHash(loaded)) return false;
   ensemble = std::move(loaded);
@@ -183,12 +181,13 @@ void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble
 }
 
 Status TrainOn(const std::string& key, const DynamicsData<float>& data, const EnsembleFiles& files,
-               DynamicsEnsemble<float>& ensemble, Progress& progress) {
+               DynamicsEnsemble<float>& ensemble, Progress& progress,
+               const std::atomic<bool>& stop) {
   DynamicsProgress state = ensemble.Train(data, 0);
   int64_t saved_updates = state.updates;
   progress.Start("train ensemble", "updates", static_cast<uint64_t>(ensemble.options().max_updates),
                  static_cast<uint64_t>(state.updates));
-  while (!state.finished) {
+  while (!state.finished && !stop) {
     state = ensemble.Train(data, kUpdatesPerCall);
     B4MRL_RETURN_IF_ERROR(CheckFinite(state));
     std::string note;
@@ -216,14 +215,15 @@ std::string DefaultCacheFolder() {
 }
 
 Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
-                                  DynamicsEnsemble<float>& ensemble, Progress& progress) {
+                                  DynamicsEnsemble<float>& ensemble, Progress& progress,
+                                  const std::atomic<bool>& stop) {
   B4MRL_RETURN_IF_ERROR(ensemble.StartTraining(data));
   B4MRL_RETURN_IF_ERROR(CheckFinite(ensemble.Train(data, 1)));
   const std::string key = KeyAfterFirstUpdate(data, ensemble);
   TakeUp(key, files, ensemble, progress);
   if (!ensemble.trained()) {
-    B4MRL_RETURN_IF_ERROR(TrainOn(key, data, files, ensemble, progress));
-    Keep(key, files, ensemble, progress);
+    B4MRL_RETURN_IF_ERROR(TrainOn(key, data, files, ensemble, progress, stop));
+    if (ensemble.trained()) Keep(key, files, ensemble, progress);
   }
   // Also of one from the cache, which may be gone when this run is resumed.
   B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));

@@ -12,6 +12,7 @@
 // Thread rule: one thread. Files appear complete or not at all, so processes may share the cache.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <string>
 
@@ -30,10 +31,12 @@ struct EnsembleFiles {
   uint64_t cache_bytes_max = 1ull << 30;  // some 70 ensembles of HalfCheetah
 };
 
-// Brings `ensemble`, as created, to the end of its training; returns its key. kFailedPrecondition
-// when the loss is not finite; kIoError when the run's file cannot be written.
+// Brings `ensemble`, as created, to the end of its training, or as far as it gets before `stop` is
+// set; returns its key. kFailedPrecondition when the loss is not finite; kIoError when the run's
+// file cannot be written.
 Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
-                                  DynamicsEnsemble<float>& ensemble, Progress& progress);
+                                  DynamicsEnsemble<float>& ensemble, Progress& progress,
+                                  const std::atomic<bool>& stop);
 
 // The finished one of that key, for a run that is resumed. kDataLoss when neither file has it.
 Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,

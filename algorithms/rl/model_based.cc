@@ -123,8 +123,8 @@ Status ModelBased::Prepare(Progress& progress) {
     progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
                                  data.invalid_rows, dataset_->rows()));
   }
-  B4MRL_ASSIGN_OR_RETURN(
-      ensemble_key_, TrainEnsemble(data.view(), EnsembleFilesOf(context_), ensemble_, progress));
+  B4MRL_ASSIGN_OR_RETURN(ensemble_key_, TrainEnsemble(data.view(), EnsembleFilesOf(context_),
+                                                      ensemble_, progress, *context_.stop));
   // The training may have outlasted the idle session's lease.
   if (simulator_) {
     B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenSimulator(context_));
@@ -195,9 +195,7 @@ void ModelBased::StartStream() {
 Status ModelBased::FillBatch() {
   if (real_rows_ > 0) {
     B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, stream_->Next());
-    batch_.SetObservations(real.observations, real.next_observations);
-    batch_.SetActions(real.actions, action_scale_);
-    batch_.SetOutcomes(real.rewards, real.terminals);
+    batch_.SetRows(real, 0, real.rows, action_scale_);
   }
   Rng rows(RoleSeed(context_.seed, "model-rows"), "rows", static_cast<uint64_t>(core_.updates()));
   pool_.Sample(rows, real_rows_, batch_.size() - real_rows_, batch_);
@@ -211,8 +209,7 @@ PolicyWeights ModelBased::Policy() const {
 }
 
 Status ModelBased::Save(CheckpointWriter& writer) {
-  core_.VisitArrays(writer.Arrays("core"));
-  core_.VisitCounters(writer.Counters("core"));
+  writer.State("core", core_);
   writer.Text("ensemble", ensemble_key_);
   writer.Text("dataset", dataset_->fingerprint());
   writer.Unsigned("generations", generations_.size());
@@ -227,8 +224,7 @@ Status ModelBased::Save(CheckpointWriter& writer) {
 }
 
 Status ModelBased::Load(CheckpointReader& reader) {
-  core_.VisitArrays(reader.Arrays("core"));
-  core_.VisitCounters(reader.Counters("core"));
+  reader.StateInto("core", core_);
   ensemble_key_ = reader.Text("ensemble");
   B4MRL_RETURN_IF_ERROR(CheckSameDataset(reader, *dataset_));
   B4MRL_RETURN_IF_ERROR(LoadTrainedEnsemble(ensemble_key_, EnsembleFilesOf(context_), ensemble_));
@@ -260,7 +256,8 @@ Result<std::unique_ptr<Learner>> CreateModelBased(const LearnerContext& context,
   B4MRL_ASSIGN_OR_RETURN(SacCore<float> core,
                          SacCore<float>::Create(SacOptionsOf(context, context.observation_size())));
   B4MRL_ASSIGN_OR_RETURN(DynamicsEnsemble<float> ensemble,
-                         DynamicsEnsemble<float>::Create(EnsembleOptionsOf(context)));
+                         DynamicsEnsemble<float>::Create(EnsembleOptionsOf(context),
+                                                         static_cast<int>(context.threads)));
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
   std::vector<float> mask =
       MaskOfDimensions(dataset->observation_size(), dataset->in_force().hidden_dimensions());

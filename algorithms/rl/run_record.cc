@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/nn/blas.h"
+#include "algorithms/nn/checkpoint.h"
 #include "data/atomic_file.h"
 
 namespace b4mrl {
@@ -43,7 +44,8 @@ bool TakeOptions(const Json& json, RunRecord& record) {
       Take(json, "updates", options.updates) && Take(json, "eval_every", options.eval_every) &&
       Take(json, "eval_episodes", options.eval_episodes) &&
       Take(json, "log_every", options.log_every) &&
-      Take(json, "checkpoint_every", options.checkpoint_every);
+      Take(json, "checkpoint_every", options.checkpoint_every) &&
+      Take(json, "threads", options.threads);
   const auto score = json.find("stop_at_score");
   if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
   options.eval_inline = json.value("eval_inline", Json()) == true;
@@ -92,14 +94,13 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   add("eval-inline", options.eval_inline);
   add("log-every", options.log_every);
   add("checkpoint-every", options.checkpoint_every);
+  add("threads", options.threads);
   if (options.stop_at_score) add("stop-at-score", *options.stop_at_score);
   text += fmt::format("\n# Hyperparameters of {}\n", options.algorithm);
   for (const Hyperparameter& entry : options.hyperparameters.entries()) {
     text += ConfigurationLine(entry);
   }
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(options.folder + "/config.toml"));
-  B4MRL_RETURN_IF_ERROR(file.Write(text));
-  return file.Commit();
+  return WriteSmallFile(options.folder + "/config.toml", text);
 }
 
 Status WriteRunRecord(const TrainOptions& options) {
@@ -117,6 +118,7 @@ Status WriteRunRecord(const TrainOptions& options) {
   json["eval_inline"] = options.eval_inline;
   json["log_every"] = options.log_every;
   json["checkpoint_every"] = options.checkpoint_every;
+  json["threads"] = options.threads;
   json["stop_at_score"] = options.stop_at_score ? Json(*options.stop_at_score) : Json(nullptr);
   json["hyperparameters"] = Json::object();
   for (const Hyperparameter& entry : options.hyperparameters.entries()) {
@@ -130,11 +132,17 @@ Status WriteRunRecord(const TrainOptions& options) {
   json["command"] = options.command;
   json["version"] = B4MRL_VERSION;
   json["blas_kernel"] = BlasKernelName();
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(RecordPath(options.folder)));
   // Bytes of the command line that are not UTF-8 must not throw.
-  B4MRL_RETURN_IF_ERROR(
-      file.Write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"));
-  return file.Commit();
+  return WriteSmallFile(RecordPath(options.folder),
+                        json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+Status CheckNoEarlierRun(const TrainOptions& options) {
+  if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
+                            "--out",
+                            options.folder));
 }
 
 bool HasRunRecord(const std::string& folder) {

@@ -32,7 +32,8 @@ struct TrainOptions {
   uint64_t log_every = 1'000;
   uint64_t checkpoint_every = 10'000;
   std::optional<double> stop_at_score;  // normalised
-  bool eval_inline = false;             // evaluate in this process, while training waits
+  uint32_t threads = 1;
+  bool eval_inline = false;  // evaluate in this process, while training waits
 
   std::string folder;
   bool resume = false;
@@ -46,6 +47,9 @@ Status WriteRunRecord(const TrainOptions& options);
 // config.toml: every option and hyperparameter in force, so that `b4mrl train --config FILE --out
 // FOLDER` repeats the run. Atomic.
 Status WriteRunConfiguration(const TrainOptions& options);
+
+// kFailedPrecondition when the folder holds checkpoints and the run is not to be resumed.
+Status CheckNoEarlierRun(const TrainOptions& options);
 
 struct RunRecord {
   TrainOptions options;  // without hyperparameters, folder and resume

@@ -40,11 +40,12 @@ Result<UniqueFd> LockFolder(const std::string& folder) {
 
 class TrainRun {
  public:
-  TrainRun(const TrainOptions& options, Client& client, Progress& progress)
-      : options_(options), client_(client), progress_(progress) {}
+  TrainRun(const TrainOptions& options, Client& client, Progress& progress,
+           const std::atomic<bool>& stop)
+      : options_(options), client_(client), progress_(progress), stop_(stop) {}
 
   Status Open();
-  Status Run(const std::atomic<bool>& stop);
+  Status Run();
   TrainSummary Summary() const;
 
  private:
@@ -64,6 +65,7 @@ class TrainRun {
   const TrainOptions& options_;
   Client& client_;
   Progress& progress_;
+  const std::atomic<bool>& stop_;
   UniqueFd lock_;
   LearnerContext context_;
   std::unique_ptr<Learner> learner_;
@@ -95,14 +97,7 @@ Status TrainRun::OpenFolder() {
   std::filesystem::create_directories(options_.folder, error);
   if (error) return IoError("create", options_.folder, error.value());
   B4MRL_ASSIGN_OR_RETURN(lock_, LockFolder(options_.folder));
-  if (!options_.resume && !ListCheckpoints(options_.folder).empty()) {
-    return Status(
-        StatusCode::kFailedPrecondition,
-        fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
-                    "--out",
-                    options_.folder));
-  }
-  return Status();
+  return CheckNoEarlierRun(options_);
 }
 
 Status TrainRun::CreateLearner() {
@@ -116,6 +111,8 @@ Status TrainRun::CreateLearner() {
   context_.seed = options_.seed;
   context_.updates = options_.updates;
   context_.folder = options_.folder;
+  context_.threads = options_.threads;
+  context_.stop = &stop_;
   context_.hyperparameters = options_.hyperparameters;
   B4MRL_ASSIGN_OR_RETURN(learner_, algorithm->create(context_));
   return Status();
@@ -150,16 +147,17 @@ Status TrainRun::Restore(uint64_t update) {
   return Status();
 }
 
-Status TrainRun::Run(const std::atomic<bool>& stop) {
+Status TrainRun::Run() {
   const bool fresh = checkpoint_update_ == UINT64_MAX;
   if (fresh) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
+    if (stop_) return Status();  // perhaps half prepared
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
   if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
   start_ = last_log_ = Clock::now();
   progress_.Start("train", "updates", options_.updates, update_);
-  while (update_ < options_.updates && !ReachedScore() && !stop) {
+  while (update_ < options_.updates && !ReachedScore() && !stop_) {
     B4MRL_RETURN_IF_ERROR(Update());
     progress_.Update(update_);
     B4MRL_RETURN_IF_ERROR(AfterUpdate(update_ == options_.updates));
@@ -307,13 +305,12 @@ std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary
 
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {
-  TrainRun run(options, client, progress);
+  TrainRun run(options, client, progress, stop);
   B4MRL_RETURN_IF_ERROR(run.Open());
-  B4MRL_RETURN_IF_ERROR(run.Run(stop));
+  B4MRL_RETURN_IF_ERROR(run.Run());
   const TrainSummary summary = run.Summary();
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(options.folder + "/result.json"));
-  B4MRL_RETURN_IF_ERROR(file.Write(SummaryJson(options, summary) + "\n"));
-  B4MRL_RETURN_IF_ERROR(file.Commit());
+  B4MRL_RETURN_IF_ERROR(
+      WriteSmallFile(options.folder + "/result.json", SummaryJson(options, summary) + "\n"));
   return summary;
 }
 

@@ -41,7 +41,6 @@ struct TrainCommand {
   Status MergeRecord(NamedTexts& hyperparameters);
   Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
   Status CheckNeeds(const Algorithm& algorithm) const;
-  Status CheckFolder() const;
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
   Status Merge(const std::string& name, T& given, const T& recorded);
@@ -107,6 +106,10 @@ void TrainCommand::AddOptions() {
   app->add_option("--stop-at-score", stop_at_score,
                   "end at the first evaluation whose normalised score is at least this; "
                   "training then waits for each evaluation");
+  app->add_option("--threads", options.threads,
+                  "of the updates: twin critics and ensemble members side by side, with the same "
+                  "numbers [1]")
+      ->check(CLI::Range(1u, 64u));
   app->add_option("--out", options.folder, "folder of the run [runs/ENVIRONMENT-ALGORITHM-sSEED]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
@@ -142,6 +145,7 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   if (!Given("updates")) options.updates = old.updates;
   if (!Given("eval-every")) options.eval_every = old.eval_every;
   if (!Given("eval-episodes")) options.eval_episodes = old.eval_episodes;
+  if (!Given("threads")) options.threads = old.threads;
   if (!Given("eval-inline")) options.eval_inline = old.eval_inline;
   if (!Given("log-every")) options.log_every = old.log_every;
   if (!Given("checkpoint-every")) options.checkpoint_every = old.checkpoint_every;
@@ -221,14 +225,6 @@ Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
   return Status();
 }
 
-Status TrainCommand::CheckFolder() const {
-  if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
-  return Status(StatusCode::kFailedPrecondition,
-                fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
-                            "--out",
-                            options.folder));
-}
-
 // Of a run that had begun: one that diverged is nobody's bad input.
 Failure RunFailure(const Status& status) {
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
@@ -253,8 +249,7 @@ std::optional<Failure> TrainCommand::Run() {
     return BadUsage(std::move(status));
   }
   if (Status status = CheckNeeds(**algorithm); !status.ok()) return BadUsage(std::move(status));
-
-  if (Status status = CheckFolder(); !status.ok()) return BadInput(std::move(status));
+  if (Status status = CheckNoEarlierRun(options); !status.ok()) return BadInput(std::move(status));
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());

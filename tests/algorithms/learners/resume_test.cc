@@ -295,6 +295,18 @@ TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
   CHECK(RunTraining(options, daemon.client()).updates == 60);
 }
 
+TEST_CASE("Threads change no bit of what a learner learns") {
+  const std::string algorithm = GENERATE("sac", "td3-bc", "iql", "mopo", "h2o");
+  TestDaemon daemon;
+  TrainOptions alone = SmallRun(algorithm, daemon.folder("alone"));
+  if (!alone.dataset.empty()) daemon.MakeDataset("small", 500);
+  TrainOptions team = alone;
+  team.folder = daemon.folder("team");
+  team.threads = 3;
+  RequireEqualPolicies(RunTraining(alone, daemon.client()).agent_path,
+                       RunTraining(team, daemon.client()).agent_path);
+}
+
 TEST_CASE("A run ends at the first evaluation that reaches the score asked for") {
   TestDaemon daemon;
   TrainOptions options = SmallRun("sac", daemon.folder("run"));

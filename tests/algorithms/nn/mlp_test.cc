@@ -98,6 +98,18 @@ TEST_CASE("a pass over one member gives that member's rows and gradients") {
   }
 }
 
+TEST_CASE("threads change no bit of outputs and gradients") {
+  const bool shared_input = GENERATE(true, false);
+  Fixture alone(Shape(5, 2, Activation::kSwish), shared_input);
+  Fixture team(Shape(5, 2, Activation::kSwish), shared_input);
+  team.workspace = MlpWorkspace<double>(team.layout, 5, kBatch, /*keep_gradients=*/true, 3);
+  CHECK(team.workspace.team->threads() == 3);
+  alone.Backward(alone.gradient);
+  team.Backward(team.gradient);
+  CHECK(team.Loss() == alone.Loss());
+  CHECK(team.gradient == alone.gradient);
+}
+
 TEST_CASE("a smaller batch than the workspace's gives the same columns") {
   Fixture f(Shape(2, 1, Activation::kRelu), /*shared_input=*/true);
   f.Loss();

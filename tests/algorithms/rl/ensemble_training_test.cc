@@ -1,5 +1,6 @@
 #include "algorithms/rl/ensemble_training.h"
 
+#include <atomic>
 #include <catch2/catch.hpp>
 #include <chrono>
 #include <filesystem>
@@ -7,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/learner.h"
 #include "proto/base/rng.h"
 #include "tests/algorithms/core_state.h"
 #include "tests/data/temporary_folder.h"
@@ -53,15 +55,17 @@ struct Trained {
 };
 
 Trained TrainIn(const EnsembleFiles& files, const Rows& rows,
-                const DynamicsEnsembleOptions& options = Small()) {
+                const DynamicsEnsembleOptions& options = Small(), bool stop = false,
+                int threads = 1) {
   fs::create_directories(files.run_folder);
-  Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(options);
+  Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(options, threads);
   REQUIRE(ensemble.ok());
   Progress quiet(true);
-  const Result<std::string> key = TrainEnsemble(rows.view(), files, *ensemble, quiet);
+  const Result<std::string> key =
+      TrainEnsemble(rows.view(), files, *ensemble, quiet, std::atomic<bool>(stop));
   INFO(key.status().ToString());
   REQUIRE(key.ok());
-  CHECK(ensemble->trained());
+  CHECK(ensemble->trained() == !stop);
   return {*key, SaveState<float>(*ensemble)};
 }
 
@@ -109,6 +113,29 @@ TEST_CASE("Whatever an ensemble depends on gives it another key") {
   SECTION("a target") { other.targets.view()(3, 299) += 1e-6f; }
   SECTION("the number of rows") { other = Rows(299); }
   CHECK(TrainIn(FilesIn(folder, "other"), other, options).key != key);
+}
+
+TEST_CASE("An ensemble that was told to stop goes on with the bits of one that was not") {
+  TemporaryFolder folder;
+  const Rows rows;
+  EnsembleFiles files = FilesIn(folder, "halves");
+  const Trained half = TrainIn(files, rows, Small(), /*stop=*/true);
+  CHECK_FALSE(fs::exists(CacheFile(folder, half.key)));
+  const Trained whole = TrainIn(files, rows);
+  CHECK(whole.key == half.key);
+  files = {.run_folder = folder.File("straight"), .cache_folder = ""};
+  CHECK(whole.state == TrainIn(files, rows).state);
+}
+
+TEST_CASE("Threads change no bit of an ensemble and of its key") {
+  TemporaryFolder folder;
+  const Rows rows;
+  DynamicsEnsembleOptions options = Small();
+  options.bootstrap = GENERATE(false, true);
+  const Trained alone = TrainIn({folder.File("alone"), ""}, rows, options);
+  const Trained team = TrainIn({folder.File("team"), ""}, rows, options, /*stop=*/false, 2);
+  CHECK(team.key == alone.key);
+  CHECK(team.state == alone.state);
 }
 
 TEST_CASE("A damaged file is trained anew") {
@@ -181,7 +208,7 @@ TEST_CASE("A cache that cannot be written fails no run, and an ensemble that div
   Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(Small());
   REQUIRE(ensemble.ok());
   Progress quiet(true);
-  CHECK(TrainEnsemble(rows.view(), files, *ensemble, quiet).status().code() ==
+  CHECK(TrainEnsemble(rows.view(), files, *ensemble, quiet, kNeverStops).status().code() ==
         StatusCode::kFailedPrecondition);
 }
 
