@@ -30,6 +30,7 @@ constexpr LogNames kNames[] = {
     {"evaluation_score", "charts/evaluation_score", "eval/score"},
     {"rollout_reward", "charts/rollout_reward", "rollout/reward"},
     {"rollout_invalid_rows", "charts/rollout_invalid_rows", "rollout/invalid_rows"},
+    {"rollout_terminated_rows", "charts/rollout_terminated_rows", "rollout/terminated_rows"},
     {"alpha", "losses/alpha", "train/ent_coef"},
     {"alpha_loss", "losses/alpha_loss", "train/ent_coef_loss"},
 };

@@ -12,26 +12,14 @@ import copy
 import torch
 import torch.nn.functional as F
 from dump_pytorch import (ACTION, FOLDER, GAMMA, HIDDEN, LOG_STD_RANGE, OBSERVATION, RATE, File,
-                          add_networks, exact, forward, gradient, network, polyak, value)
+                          add_networks, exact, forward, gradient, make_batch, network, polyak,
+                          value)
 
 # All different, so that no count can stand for another.
 REAL, SIMULATED = 7, 5
 DISCRIMINATOR_REAL, DISCRIMINATOR_SIMULATED = 6, 4
 SAMPLES = 3
 INPUT_NOISE, GAP_WEIGHT = 0.1, 0.01
-
-
-def make_rows(file, name, rows):
-    batch = {
-        "observations": exact(torch.randn(rows, OBSERVATION)),
-        "actions": exact(torch.rand(rows, ACTION) * 2 - 1),
-        "rewards": exact(torch.randn(rows)),
-        "next_observations": exact(torch.randn(rows, OBSERVATION)),
-        "not_terminated": (torch.arange(rows) % 4 != 0).to(torch.float64),
-    }
-    for part, tensor in batch.items():
-        file.add(f"{name}/{part}", tensor)
-    return batch
 
 
 def transitions(batch):
@@ -82,8 +70,8 @@ def gap_shares(d_sa, d_sas, s, a, next_s, noise, deviation):
 def main():
     torch.manual_seed(7)
     file = File()
-    batch = make_rows(file, "batch", REAL + SIMULATED)
-    discriminator_batch = make_rows(file, "discriminator_batch",
+    batch = make_batch(file, "batch", REAL + SIMULATED)
+    discriminator_batch = make_batch(file, "discriminator_batch",
                                     DISCRIMINATOR_REAL + DISCRIMINATOR_SIMULATED)
     deviation = exact(torch.rand(OBSERVATION) + 0.1)
     file.add("gap_deviation", deviation)

@@ -77,16 +77,16 @@ def polyak(online, target):
         t.data.copy_(TAU * p.data + (1 - TAU) * t.data)
 
 
-def make_batch(file):
+def make_batch(file, name="batch", rows=BATCH):
     batch = {
-        "observations": exact(torch.randn(BATCH, OBSERVATION)),
-        "actions": exact(torch.rand(BATCH, ACTION) * 2 - 1),
-        "rewards": exact(torch.randn(BATCH)),
-        "next_observations": exact(torch.randn(BATCH, OBSERVATION)),
-        "not_terminated": (torch.arange(BATCH) % 4 != 0).to(torch.float64),
+        "observations": exact(torch.randn(rows, OBSERVATION)),
+        "actions": exact(torch.rand(rows, ACTION) * 2 - 1),
+        "rewards": exact(torch.randn(rows)),
+        "next_observations": exact(torch.randn(rows, OBSERVATION)),
+        "not_terminated": (torch.arange(rows) % 4 != 0).to(torch.float64),
     }
-    for name, tensor in batch.items():
-        file.add(f"batch/{name}", tensor)
+    for part, tensor in batch.items():
+        file.add(f"{name}/{part}", tensor)
     return batch
 
 
