@@ -28,7 +28,7 @@ constexpr Hyperparameter kShared[] = {
     {"ensemble-elites", 5, 1, 64, true, "best members, which rollouts use", "networks", kAuthors},
     {"ensemble-width", 200, 1, 4096, true, "of each of a member's four hidden layers", "units",
      kAuthors},
-    {"ensemble-initialization", 0, 0, 1, true, "of the members' weights", "",
+    {"ensemble-initialisation", 0, 0, 1, true, "of the members' weights", "",
      "junming-yang/mopo keeps PyTorch's; the official code and OfflineRL-Kit draw a truncated "
      "normal and zero biases",
      "torch|truncated-normal"},
@@ -73,7 +73,7 @@ DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context) {
   options.members = values.Integer("ensemble-members");
   options.elites = values.Integer("ensemble-elites");
   options.hidden = {width, width, width, width};
-  options.initialization = static_cast<Initialization>(values.Integer("ensemble-initialization"));
+  options.initialization = static_cast<Initialization>(values.Integer("ensemble-initialisation"));
   options.learning_rate = values.Number("ensemble-learning-rate");
   options.batch_size = values.Integer("ensemble-batch-size");
   options.decay_scale = values.Number("decay-factor");
