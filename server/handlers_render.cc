@@ -32,6 +32,7 @@ class RenderJob : public RequestJob {
   PaintRequest picture_;        // its state is that of the item in hand
   std::vector<double> states_;  // items x state size
   size_t offset_ = 0;
+  uint32_t painted_ = 0;  // items, which one thread takes in any order
 };
 
 Status CheckSide(std::string_view name, uint32_t side) {
@@ -83,8 +84,9 @@ Status RenderJob::Prepare(const pb::Request& request) {
 }
 
 void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  if (failed()) return;
   const size_t bytes = PictureBytes(picture_.width, picture_.height);
-  if (first == 0) {
+  if (painted_ == 0) {
     // Only now, so that requests that wait hold no memory for their answers.
     ArrayLayout layout(reply_.mutable_arrays());
     offset_ = layout.Add("frames", DType::kUint8, {items, picture_.height, picture_.width, 3});
@@ -93,14 +95,16 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   const size_t state_size = states_.size() / items;
   for (uint32_t item = first; item < first + count && !failed(); ++item) {
     if (deadline.expired()) {
-      return Fail(Status(StatusCode::kDeadlineExceeded,
-                         fmt::format("the deadline passed after {} of {} pictures", item, items)));
+      return Fail(
+          Status(StatusCode::kDeadlineExceeded,
+                 fmt::format("the deadline passed after {} of {} pictures", painted_, items)));
     }
     const std::span<const double> state(states_.data() + item * state_size, state_size);
     picture_.state.assign(state.begin(), state.end());
     const std::span<std::byte> place(reply_payload_.data() + offset_ + item * bytes, bytes);
     const Status status = thread.painter->Paint(picture_, place);
     if (!status.ok()) return Fail(status);
+    ++painted_;
   }
 }
 
