@@ -240,7 +240,7 @@ void MlpLayout::Visit(std::string_view prefix, std::span<Scalar> parameters,
 
 template <typename Scalar>
 MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, int batch_max,
-                                   bool keep_gradients, int threads)
+                                   int threads, bool keep_gradients)
     : members(member_count), team(std::make_shared<ThreadTeam>(std::min(threads, member_count))) {
   const size_t last = layout.layers().size() - 1;
   int largest = 0;

@@ -98,10 +98,10 @@ class MlpLayout {
 template <typename Scalar>
 struct MlpWorkspace {
   // For passes over `members` of the layout's members and up to `batch_max` columns.
-  // `keep_gradients` false saves the memory that only the backward pass needs. At most `members`
-  // threads are of use.
-  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, bool keep_gradients = true,
-               int threads = 1);
+  // At most `members` threads are of use. `keep_gradients` false saves the memory that only the
+  // backward pass needs.
+  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, int threads = 1,
+               bool keep_gradients = true);
 
   int members;
   int batch = 0;  // of the last forward pass

@@ -96,7 +96,7 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
       holdout_mse_(options.members, std::numeric_limits<double>::quiet_NaN()),
       team_(std::make_shared<ThreadTeam>(threads)),
       workspaces_(threads, MlpWorkspace<Scalar>(layout_, 1, options.batch_size)),
-      scratch_(threads, {MlpWorkspace<Scalar>(layout_, 1, kPredictionBlock,
+      scratch_(threads, {MlpWorkspace<Scalar>(layout_, 1, kPredictionBlock, /*threads=*/1,
                                               /*keep_gradients=*/false),
                          MatrixBuffer<Scalar>(layout_.shape().inputs, kPredictionBlock),
                          MatrixBuffer<Scalar>(output_size(), kPredictionBlock),

@@ -102,7 +102,7 @@ TEST_CASE("threads change no bit of outputs and gradients") {
   const bool shared_input = GENERATE(true, false);
   Fixture alone(Shape(5, 2, Activation::kSwish), shared_input);
   Fixture team(Shape(5, 2, Activation::kSwish), shared_input);
-  team.workspace = MlpWorkspace<double>(team.layout, 5, kBatch, /*keep_gradients=*/true, 3);
+  team.workspace = MlpWorkspace<double>(team.layout, 5, kBatch, /*threads=*/3);
   CHECK(team.workspace.team->threads() == 3);
   alone.Backward(alone.gradient);
   team.Backward(team.gradient);
