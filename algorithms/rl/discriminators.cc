@@ -1,5 +1,6 @@
 #include "algorithms/rl/discriminators.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "algorithms/nn/eigen_map.h"
@@ -110,17 +111,11 @@ DiscriminatorMetrics Discriminators<Scalar>::UpdateWithNoise(const HybridBatch<S
 }
 
 template <typename Scalar>
-MatrixView<Scalar> Discriminators<Scalar>::Input(const TransitionBatch<Scalar>& batch,
-                                                 MatrixView<const Scalar> next_observations) {
-  const MatrixView<Scalar> input = input_.view(batch.size());
-  StackRows<Scalar>({batch.observations, batch.actions, next_observations}, input);
-  return input;
-}
-
-template <typename Scalar>
 DiscriminatorMetrics Discriminators<Scalar>::Step(const HybridBatch<Scalar>& batch) {
   const int n = batch.rows.size();
-  const MatrixView<Scalar> input = Input(batch.rows, batch.rows.next_observations);
+  const MatrixView<Scalar> input = input_.view(n);
+  StackRows<Scalar>({batch.rows.observations, batch.rows.actions, batch.rows.next_observations},
+                    input);
   ToEigen(input) += static_cast<Scalar>(options_.input_noise) * ToEigen(noise_.view(n));
   const MatrixView<const Scalar> state_action_input =
       input.RowBlock(0, options_.observation_size + options_.action_size);
@@ -144,8 +139,19 @@ template <typename Scalar>
 void Discriminators<Scalar>::LogDynamicsRatios(const TransitionBatch<Scalar>& batch,
                                                MatrixView<const Scalar> next_observations,
                                                std::span<Scalar> log_ratios) {
-  transition_.Forward(Input(batch, next_observations));
-  for (int i = 0; i < batch.size(); ++i) log_ratios[i] = transition_.margin(i);
+  const int n = batch.size();
+  const int step = options_.batch_max / n * n;
+  for (int first = 0; first < next_observations.columns; first += step) {
+    const int count = std::min(step, next_observations.columns - first);
+    const MatrixView<Scalar> input = input_.view(count);
+    for (int start = 0; start < count; start += n) {
+      StackRows<Scalar>(
+          {batch.observations, batch.actions, next_observations.ColumnBlock(first + start, n)},
+          input.ColumnBlock(start, n));
+    }
+    transition_.Forward(input);
+    for (int i = 0; i < count; ++i) log_ratios[first + i] = transition_.margin(i);
+  }
 }
 
 template <typename Scalar>

@@ -30,7 +30,8 @@ struct DiscriminatorOptions {
   int observation_size = 0;
   int action_size = 0;
   std::vector<int> hidden = {256, 256};
-  int batch_max = 512;  // columns of a step, real and simulated together, or of LogDynamicsRatios
+  int batch_max = 512;  // columns of a step, real and simulated together, or of a pass of
+                        // LogDynamicsRatios
   double learning_rate = 3e-4;
   double input_noise = 0.1;
   uint64_t seed = 0;  // of the initial weights and of the steps' noise
@@ -52,8 +53,8 @@ class Discriminators {
   DiscriminatorMetrics UpdateWithNoise(const HybridBatch<Scalar>& batch,
                                        MatrixView<const Scalar> noise);
 
-  // log_ratios[i] = log p_real / p_sim of column i's s and a with column i of `next_observations`
-  // for s'.
+  // log_ratios[i] = log p_real / p_sim with column i of `next_observations` for s' and the batch's
+  // column i mod n for s and a: a whole number of times, each of its n columns gets another s'.
   void LogDynamicsRatios(const TransitionBatch<Scalar>& batch,
                          MatrixView<const Scalar> next_observations, std::span<Scalar> log_ratios);
 
@@ -87,9 +88,6 @@ class Discriminators {
   explicit Discriminators(const DiscriminatorOptions& options);
   // Reads noise_.
   DiscriminatorMetrics Step(const HybridBatch<Scalar>& batch);
-  // Writes input_.
-  MatrixView<Scalar> Input(const TransitionBatch<Scalar>& batch,
-                           MatrixView<const Scalar> next_observations);
 
   DiscriminatorOptions options_;
   Network state_action_;                // D_sa

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "algorithms/nn/eigen_map.h"
 #include "algorithms/rl/h2o_losses.h"
 #include "proto/base/rng.h"
 
@@ -72,9 +73,8 @@ H2oCore<Scalar>::H2oCore(const H2oOptions& options, SacCore<Scalar> sac,
     : options_(options),
       sac_(std::move(sac)),
       discriminators_(std::move(discriminators)),
-      gap_noise_(options.observation_size, options.batch_max * options.gap_samples),
-      next_observations_(options.observation_size, options.batch_max),
-      log_ratios_(options.batch_max),
+      next_copies_(options.observation_size, options.batch_max * (1 + options.gap_samples)),
+      log_ratios_(options.batch_max * (1 + options.gap_samples)),
       weights_(options.batch_max),
       gaps_(options.batch_max),
       log_gap_weights_(options.batch_max) {}
@@ -82,13 +82,12 @@ H2oCore<Scalar>::H2oCore(const H2oOptions& options, SacCore<Scalar> sac,
 template <typename Scalar>
 H2oMetrics H2oCore<Scalar>::Update(const HybridBatch<Scalar>& batch,
                                    const HybridBatch<Scalar>& discriminator_batch) {
-  const MatrixView<Scalar> gap_noise =
-      gap_noise_.view(batch.simulated_rows() * options_.gap_samples);
+  simulated_rows_ = batch.simulated_rows();
   Rng rng(options_.seed, "gap-noise", static_cast<uint64_t>(updates()));
-  rng.FillNormal(gap_noise.values());
+  rng.FillNormal(NoisyCopies().values());
   H2oMetrics metrics;
   metrics.discriminators = discriminators_.Update(discriminator_batch);
-  WeighSimulated(batch.simulated(), gap_noise, metrics);
+  WeighSimulated(batch.simulated(), metrics);
   metrics.sac = sac_.Update(batch.rows, Objective());
   metrics.gap_penalty = gap_penalty_;
   return metrics;
@@ -98,38 +97,42 @@ template <typename Scalar>
 H2oMetrics H2oCore<Scalar>::UpdateWithNoise(const HybridBatch<Scalar>& batch,
                                             const HybridBatch<Scalar>& discriminator_batch,
                                             const H2oNoise<Scalar>& noise) {
+  simulated_rows_ = batch.simulated_rows();
+  CopyMatrix<Scalar>(noise.gap, NoisyCopies());
   H2oMetrics metrics;
   metrics.discriminators =
       discriminators_.UpdateWithNoise(discriminator_batch, noise.discriminators);
-  WeighSimulated(batch.simulated(), noise.gap, metrics);
+  WeighSimulated(batch.simulated(), metrics);
   metrics.sac = sac_.UpdateWithNoise(batch.rows, noise.actions, noise.next_actions, Objective());
   metrics.gap_penalty = gap_penalty_;
   return metrics;
 }
 
 template <typename Scalar>
+MatrixView<Scalar> H2oCore<Scalar>::NoisyCopies() {
+  const int copies = simulated_rows_ * options_.gap_samples;
+  return next_copies_.view(simulated_rows_ + copies).ColumnBlock(simulated_rows_, copies);
+}
+
+template <typename Scalar>
 void H2oCore<Scalar>::WeighSimulated(const TransitionBatch<Scalar>& simulated,
-                                     MatrixView<const Scalar> gap_noise, H2oMetrics& metrics) {
-  const int n = simulated_rows_ = simulated.size();
-  const std::span<Scalar> log_ratios = std::span<Scalar>(log_ratios_).first(n);
-  discriminators_.LogDynamicsRatios(simulated, simulated.next_observations, log_ratios);
-  metrics.mean_weight =
-      DynamicsWeights<Scalar>(log_ratios, options_.ratio_min, std::span<Scalar>(weights_).first(n));
+                                     H2oMetrics& metrics) {
+  const int n = simulated_rows_;
+  const MatrixView<Scalar> next = next_copies_.view(n * (1 + options_.gap_samples));
+  CopyMatrix<Scalar>(simulated.next_observations, next.ColumnBlock(0, n));
+  for (int i = n; i < next.columns; ++i) {
+    for (int k = 0; k < next.rows; ++k) {
+      next(k, i) = next(k, i % n) + static_cast<Scalar>(options_.gap_noise[k]) * next(k, i);
+    }
+  }
+  const std::span<Scalar> log_ratios = std::span<Scalar>(log_ratios_).first(next.columns);
+  discriminators_.LogDynamicsRatios(simulated, next, log_ratios);
+  metrics.mean_weight = DynamicsWeights<Scalar>(log_ratios.first(n), options_.ratio_min,
+                                                std::span<Scalar>(weights_).first(n));
 
   const std::span<Scalar> gaps = std::span<Scalar>(gaps_).first(n);
   std::fill(gaps.begin(), gaps.end(), Scalar(0));
-  const MatrixView<Scalar> next = next_observations_.view(n);
-  for (int sample = 0; sample < options_.gap_samples; ++sample) {
-    const MatrixView<const Scalar> noise = gap_noise.ColumnBlock(sample * n, n);
-    for (int i = 0; i < n; ++i) {
-      for (int k = 0; k < next.rows; ++k) {
-        next(k, i) = simulated.next_observations(k, i) +
-                     static_cast<Scalar>(options_.gap_noise[k]) * noise(k, i);
-      }
-    }
-    discriminators_.LogDynamicsRatios(simulated, next, log_ratios);
-    for (int i = 0; i < n; ++i) gaps[i] -= log_ratios[i];
-  }
+  for (int i = n; i < next.columns; ++i) gaps[i % n] -= log_ratios[i];
   for (Scalar& gap : gaps) gap /= static_cast<Scalar>(options_.gap_samples);
   metrics.mean_gap =
       LogGapWeights<Scalar>(gaps, options_.gap_max, std::span<double>(log_gap_weights_).first(n));

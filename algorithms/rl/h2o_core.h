@@ -100,9 +100,10 @@ class H2oCore {
 
  private:
   H2oCore(const H2oOptions& options, SacCore<Scalar> sac, Discriminators<Scalar> discriminators);
-  // Step 2.
-  void WeighSimulated(const TransitionBatch<Scalar>& simulated, MatrixView<const Scalar> gap_noise,
-                      H2oMetrics& metrics);
+  // Of next_copies_, for the present batch: its standard normals, later noisy copies of s'.
+  MatrixView<Scalar> NoisyCopies();
+  // Step 2, from the standard normals in next_copies_.
+  void WeighSimulated(const TransitionBatch<Scalar>& simulated, H2oMetrics& metrics);
   // The critics' loss of step 3.
   CriticLoss Loss(MatrixView<const Scalar> q, std::span<const Scalar> targets,
                   MatrixView<Scalar> q_gradient);
@@ -114,9 +115,9 @@ class H2oCore {
 
   int simulated_rows_ = 0;  // of the present batch
   double gap_penalty_ = 0;
-  MatrixBuffer<Scalar> gap_noise_;                     // s' x (batch * gap_samples)
-  MatrixBuffer<Scalar> next_observations_;             // s' x batch: one sample's, with noise
-  AlignedVector<Scalar> log_ratios_, weights_, gaps_;  // one a simulated row
+  MatrixBuffer<Scalar> next_copies_;  // s' of all simulated rows, then its noisy copies by sample
+  AlignedVector<Scalar> log_ratios_;  // one a column of next_copies_
+  AlignedVector<Scalar> weights_, gaps_;  // one a simulated row
   AlignedVector<double> log_gap_weights_;
 };
 

@@ -1,6 +1,7 @@
 #include "proto/base/rng.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace b4mrl {
@@ -26,24 +27,24 @@ double Polynomial(const double (&coefficients)[kLength], double x) {
   return sum;
 }
 
-// Natural logarithm for (0, 1) from basic arithmetic only: glibc's picks an FMA variant at run
-// time, and noise must not depend on that. log x = k log 2 + 2 atanh((m - 1) / (m + 1)).
+// Natural logarithm of a normal number in (0, 1) from basic arithmetic only: glibc's picks an FMA
+// variant at run time, and noise must not depend on that. log x = k log 2 + 2 atanh((m - 1) /
+// (m + 1)) with x = 2^k m and m near 1, read from the bits of x without a branch.
 double Log(double x) {
-  int exponent = 0;
-  double mantissa = std::frexp(x, &exponent);  // exact
-  if (mantissa < 0.70710678118654752) {
-    mantissa *= 2;
-    --exponent;
-  }
   static constexpr double kSeries[] = {1.0,      1.0 / 3,  1.0 / 5,  1.0 / 7,  1.0 / 9,
                                        1.0 / 11, 1.0 / 13, 1.0 / 15, 1.0 / 17, 1.0 / 19,
                                        1.0 / 21, 1.0 / 23, 1.0 / 25};
+  constexpr auto kLowest = std::bit_cast<uint64_t>(0.70710678118654752);  // of m
+  const uint64_t bits = std::bit_cast<uint64_t>(x), above = bits - kLowest;
+  const auto mantissa = std::bit_cast<double>(bits - (above & 0xfff0000000000000));
+  const int32_t exponent = static_cast<int32_t>(above >> 32) >> 20;
   const double t = (mantissa - 1) / (mantissa + 1);
   return exponent * 0.69314718055994530942 + 2 * t * Polynomial(kSeries, t * t);
 }
 
 // AS 241's central region, in terms of q = p - 1/2, and its tails.
 constexpr double kCentral = 0.425;
+constexpr double kNearTail = 5;
 
 double CentralQuantile(double q) {
   static constexpr double kA[] = {3.3871328727963666080e0, 1.3314166789178437745e2,
@@ -62,7 +63,8 @@ double CentralQuantile(double q) {
   return q * Polynomial(kA, r) / Polynomial(kB, r);
 }
 
-double TailQuantile(double p) {
+// In terms of r = sqrt(-log(the smaller of p and 1 - p)), for r up to kNearTail and beyond.
+double NearTail(double r) {
   static constexpr double kC[] = {1.42343711074968357734e0,  4.63033784615654529590e0,
                                   5.76949722146069140550e0,  3.64784832476320460504e0,
                                   1.27045825245236838258e0,  2.41780725177450611770e-1,
@@ -75,6 +77,11 @@ double TailQuantile(double p) {
                                   1.51986665636164571966e-2,
                                   5.47593808499534494600e-4,
                                   1.05075007164441684324e-9};
+  r -= 1.6;
+  return Polynomial(kC, r) / Polynomial(kD, r);
+}
+
+double FarTail(double r) {
   static constexpr double kE[] = {6.65790464350110377720e0,  5.46378491116411436990e0,
                                   1.78482653991729133580e0,  2.96560571828504891230e-1,
                                   2.65321895265761230930e-2, 1.24266094738807843860e-3,
@@ -87,51 +94,106 @@ double TailQuantile(double p) {
                                   1.84631831751005468180e-5,
                                   1.42151175831644588870e-7,
                                   2.04426310338993978564e-15};
-  const bool lower = p < 0.5;
-  double r = std::sqrt(-Log(lower ? p : 1 - p));
-  double x;
-  if (r <= 5) {
-    r -= 1.6;
-    x = Polynomial(kC, r) / Polynomial(kD, r);
-  } else {
-    r -= 5;
-    x = Polynomial(kE, r) / Polynomial(kF, r);
-  }
-  return lower ? -x : x;
+  r -= kNearTail;
+  return Polynomial(kE, r) / Polynomial(kF, r);
 }
 
-// The numbers that as many calls of Normal() give. The central region, where 85 of 100 lie, is
-// computed for a block at a time and without branches; the tails replace theirs.
-template <typename Scalar>
-void FillBlocks(Rng& rng, std::span<Scalar> out) {
-  constexpr size_t kBlock = 128;
-  std::array<double, kBlock> p{}, x{};
-  while (!out.empty()) {
-    const size_t count = std::min(kBlock, out.size());
-    for (size_t i = 0; i < count; ++i) p[i] = OpenUniform(rng.NextUint64());
-    for (size_t i = 0; i < kBlock; ++i) x[i] = CentralQuantile(p[i] - 0.5);
-    for (size_t i = 0; i < count; ++i) {
-      if (std::abs(p[i] - 0.5) > kCentral) x[i] = TailQuantile(p[i]);
+double TailRadius(double p) { return std::sqrt(-Log(std::min(p, 1 - p))); }
+
+double TailQuantile(double p) {
+  const double r = TailRadius(p);
+  const double x = r <= kNearTail ? NearTail(r) : FarTail(r);
+  return p < 0.5 ? -x : x;
+}
+
+// The words of many Philox counters: words[i][lane].
+template <size_t kLanes>
+using Counters = std::array<std::array<uint32_t, kLanes>, 4>;
+
+// Philox's ten rounds over the first `lanes` counters.
+template <size_t kLanes>
+void PhiloxRounds(Counters<kLanes>& words, size_t lanes, std::array<uint32_t, 2> key) {
+  for (int round = 0; round < 10; ++round) {
+    for (size_t i = 0; i < lanes; ++i) {
+      const uint64_t product0 = static_cast<uint64_t>(kMultiplier0) * words[0][i];
+      const uint64_t product1 = static_cast<uint64_t>(kMultiplier1) * words[2][i];
+      words[0][i] = static_cast<uint32_t>(product1 >> 32) ^ words[1][i] ^ key[0];
+      words[1][i] = static_cast<uint32_t>(product1);
+      words[2][i] = static_cast<uint32_t>(product0 >> 32) ^ words[3][i] ^ key[1];
+      words[3][i] = static_cast<uint32_t>(product0);
     }
+    key[0] += kWeyl0;
+    key[1] += kWeyl1;
+  }
+}
+
+// Blocks are computed in passes without branches, which vectorise, to the bits that one Normal()
+// after another gives.
+constexpr size_t kBlock = 128;
+
+// `count` draws of a stream from number `first` on, which is even, as numbers in (0, 1). Where
+// `count` is odd, one more is written.
+void DrawUniforms(std::array<uint32_t, 2> key, uint64_t stream, uint64_t first, size_t count,
+                  std::span<double, kBlock> out) {
+  Counters<kBlock / 2> words;
+  const size_t lanes = (count + 1) / 2;
+  for (size_t i = 0; i < lanes; ++i) {
+    const uint64_t block = first / 2 + i;
+    words[0][i] = static_cast<uint32_t>(block);
+    words[1][i] = static_cast<uint32_t>(block >> 32);
+    words[2][i] = static_cast<uint32_t>(stream);
+    words[3][i] = static_cast<uint32_t>(stream >> 32);
+  }
+  PhiloxRounds(words, lanes, key);
+  for (size_t i = 0; i < lanes; ++i) {
+    out[2 * i] = OpenUniform(words[0][i] | static_cast<uint64_t>(words[1][i]) << 32);
+    out[2 * i + 1] = OpenUniform(words[2][i] | static_cast<uint64_t>(words[3][i]) << 32);
+  }
+}
+
+// At first all quantiles as the central region has them, where 85 of 100 lie; then the tails,
+// gathered, in their place.
+void Quantiles(std::span<const double> p, std::span<double, kBlock> x) {
+  std::array<double, kBlock> tails, radii;
+  std::array<uint8_t, kBlock> places;
+  for (size_t i = 0; i < p.size(); ++i) x[i] = CentralQuantile(p[i] - 0.5);
+  size_t tail_count = 0;
+  for (size_t i = 0; i < p.size(); ++i) {
+    tails[tail_count] = p[i];
+    places[tail_count] = static_cast<uint8_t>(i);
+    tail_count += std::abs(p[i] - 0.5) > kCentral ? 1 : 0;
+  }
+  for (size_t i = 0; i < tail_count; ++i) radii[i] = TailRadius(tails[i]);
+  for (size_t i = 0; i < tail_count; ++i) {
+    const double quantile = NearTail(radii[i]);
+    tails[i] = tails[i] < 0.5 ? -quantile : quantile;
+  }
+  for (size_t i = 0; i < tail_count; ++i) {
+    x[places[i]] = radii[i] <= kNearTail ? tails[i] : TailQuantile(p[places[i]]);
+  }
+}
+
+template <typename Scalar>
+void FillNormals(std::array<uint32_t, 2> key, uint64_t stream, uint64_t position,
+                 std::span<Scalar> out) {
+  std::array<double, kBlock> p, x;
+  while (!out.empty()) {
+    const size_t skipped = position % 2;  // of the first draw's Philox block
+    const size_t count = std::min(kBlock - skipped, out.size());
+    DrawUniforms(key, stream, position - skipped, skipped + count, p);
+    Quantiles(std::span(p).subspan(skipped, count), x);
     for (size_t i = 0; i < count; ++i) out[i] = static_cast<Scalar>(x[i]);
     out = out.subspan(count);
+    position += count;
   }
 }
 
 }  // namespace
 
 std::array<uint32_t, 4> Philox4x32(std::array<uint32_t, 4> counter, std::array<uint32_t, 2> key) {
-  for (int round = 0; round < 10; ++round) {
-    const uint64_t product0 = static_cast<uint64_t>(kMultiplier0) * counter[0];
-    const uint64_t product1 = static_cast<uint64_t>(kMultiplier1) * counter[2];
-    counter = {static_cast<uint32_t>(product1 >> 32) ^ counter[1] ^ key[0],
-               static_cast<uint32_t>(product1),
-               static_cast<uint32_t>(product0 >> 32) ^ counter[3] ^ key[1],
-               static_cast<uint32_t>(product0)};
-    key[0] += kWeyl0;
-    key[1] += kWeyl1;
-  }
-  return counter;
+  Counters<1> words = {{{counter[0]}, {counter[1]}, {counter[2]}, {counter[3]}}};
+  PhiloxRounds(words, 1, key);
+  return {words[0][0], words[1][0], words[2][0], words[3][0]};
 }
 
 uint64_t MixSeeds(uint64_t a, uint64_t b) {
@@ -173,8 +235,15 @@ uint64_t Rng::Below(uint64_t bound) {
   return static_cast<uint64_t>((static_cast<Uint128>(NextUint64()) * bound) >> 64);
 }
 
-void Rng::FillNormal(std::span<float> out) { FillBlocks(*this, out); }
-void Rng::FillNormal(std::span<double> out) { FillBlocks(*this, out); }
+void Rng::FillNormal(std::span<float> out) {
+  FillNormals(key_, stream_, position_, out);
+  position_ += out.size();
+}
+
+void Rng::FillNormal(std::span<double> out) {
+  FillNormals(key_, stream_, position_, out);
+  position_ += out.size();
+}
 
 double NormalQuantile(double p) {
   const double q = p - 0.5;

@@ -135,12 +135,15 @@ TEST_CASE("bounded draws reach every value and no other") {
 
 TEST_CASE("filled normals have the bits of normals drawn one by one") {
   Rng filled(8, "fill"), drawn(8, "fill");
-  filled.Seek(3);
-  drawn.Seek(3);
-  std::vector<double> values(20'001);  // neither whole blocks nor whole cipher blocks
-  filled.FillNormal(values);
-  CHECK(filled.position() == drawn.position() + values.size());
-  for (const double value : values) REQUIRE(value == drawn.Normal());
+  // Nothing, parts of blocks and more than one, from even and odd positions.
+  for (const size_t count : {0, 1, 1, 127, 128, 129, 20'001}) {
+    filled.Seek(filled.position() + 3);
+    drawn.Seek(filled.position());
+    std::vector<double> values(count);
+    filled.FillNormal(values);
+    for (const double value : values) REQUIRE(value == drawn.Normal());
+    CHECK(filled.position() == drawn.position());
+  }
 }
 
 TEST_CASE("filled floats are the rounded doubles") {
