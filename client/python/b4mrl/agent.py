@@ -73,8 +73,8 @@ class Policy:
 
     def __call__(self, observation: ArrayLike) -> Vector:
         given = np.asarray(observation, np.float32)
-        single = given.size == self.observation_size and given.ndim < 2
         size = self.observation_size
+        single = given.size == size and (given.ndim < 2 or given[0].size < size)
         if given.size == 0 or given.size % size or not (single or given[0].size == size):
             raise InvalidArgumentError(
                 f"observation has shape {given.shape}, allowed: ({size},) or (n, {size})"

@@ -4,7 +4,8 @@ A request carries an id, and stays here, payload included, until its reply has c
 has passed. It is sent again, unchanged but for the deadline,
 
 - after a reconnection: the process behind it may be a replacement, and what the old one held is
-  gone;
+  gone. Once, it then has an eighth of its deadline again, for the caller may have been busy
+  elsewhere all the while;
 - when an eighth of its deadline has passed without any reply to anything.
 
 The server executes a numbered step once, however often it arrives; replies that come twice, or
@@ -33,7 +34,7 @@ from b4mrl import arrays, errors, limits
 from b4mrl.messages import Reply, Request
 
 _LONGEST_BLOCK_MS = 20  # of one wait for a message, after which reconnections are looked for
-_FAREWELL_MS = 500
+FAREWELL_MS = 500  # for a last request, when everything may be gone already
 _PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
 
 
@@ -65,6 +66,7 @@ class _Pending:
     connection: int = 0  # the number of the connection that it was last sent over
     sent: float = 0.0
     resent: bool = False
+    renewed: bool = False  # its deadline, after a reconnection
 
 
 @functools.lru_cache(maxsize=1)
@@ -103,6 +105,7 @@ class Connection:
     def __init__(self, address: str, token: bytes = b"") -> None:
         self._token = token
         self._process_id = os.getpid()
+        self._closed = False
         self._next_id = 1
         self._handshakes = 0
         self._last_reply = 0.0
@@ -123,6 +126,7 @@ class Connection:
 
         What was sent may leave for up to `linger_ms`, in the background.
         """
+        self._closed = True
         self._pending.clear()
         if self._process_id == os.getpid():
             self._socket.disable_monitor()
@@ -133,8 +137,8 @@ class Connection:
         """Sends a last request, whose reply nobody waits for, and closes."""
         if self._process_id == os.getpid():
             with contextlib.suppress(errors.B4mrlError):
-                self.send(request, bytearray(), _FAREWELL_MS)
-        self.close(linger_ms=_FAREWELL_MS)
+                self.send(request, bytearray(), FAREWELL_MS)
+        self.close(linger_ms=FAREWELL_MS)
 
     @property
     def handshakes(self) -> int:
@@ -154,6 +158,15 @@ class Connection:
             self._monitor.poll(wait_ms)
         return True
 
+    @property
+    def next_id(self) -> int:
+        """What the next send returns."""
+        return self._next_id
+
+    def is_in_flight(self, request_id: int) -> bool:
+        """Whether receive has, or will have, something for a request."""
+        return request_id in self._pending or request_id in self._arrived
+
     def send(self, request: Any, payload: bytearray, deadline_ms: float) -> int:
         """Sends a request and returns its id.
 
@@ -165,8 +178,10 @@ class Connection:
         Raises:
             LimitExceededError: too many requests are in flight, or the envelope is too long.
             UnavailableError: the queue towards the server is full.
-            FailedPreconditionError: the connection was made before a fork.
+            FailedPreconditionError: the connection was closed, or made before a fork.
         """
+        if self._closed:
+            raise errors.FailedPreconditionError("closed; make a new one")
         if os.getpid() != self._process_id:
             raise errors.FailedPreconditionError(
                 "made in another process; connect again in this one (after a fork)"
@@ -186,10 +201,12 @@ class Connection:
         pending = _Pending(
             envelope, payload, time.monotonic() + seconds, seconds / _PATIENCE_FRACTION
         )
-        if not self._transmit(request_id, pending):
-            raise errors.UnavailableError("the queue towards the server is full")
-        self._pending[request_id] = pending
+        # Kept before it is sent: were Ctrl-C to come in between, it must not be forgotten.
         self._next_id += 1
+        self._pending[request_id] = pending
+        if not self._transmit(request_id, pending):
+            del self._pending[request_id]
+            raise errors.UnavailableError("the queue towards the server is full")
         return request_id
 
     def receive(self, request_id: int) -> Delivery:
@@ -297,7 +314,11 @@ class Connection:
             return  # all of it is still queued for the first connection
         now = time.monotonic()
         for request_id, pending in self._pending.items():
-            if pending.connection < handshakes or self._resend_time(pending) <= now:
+            is_reconnected = pending.connection < handshakes
+            if is_reconnected and not pending.renewed:
+                pending.renewed = True
+                pending.deadline = max(pending.deadline, now + pending.patience)
+            if is_reconnected or self._resend_time(pending) <= now:
                 pending.resent = True
                 # A full queue is no loss: the next silence, reconnection or deadline settles it.
                 self._transmit(request_id, pending)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -184,30 +185,31 @@ class Dataset:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _environment(self) -> str:
+    def _environment(self, client: Client) -> str:
         """Where it was recorded, from "HalfCheetah/medium" or "d4rl/halfcheetah-medium-v2"."""
         folder, _, rest = self.name.partition("/")
         wanted = (folder.lower(), rest.partition("-")[0].lower())
-        for environment in self._client.environments():
+        for environment in client.environments():
             if environment.lower() in wanted:
                 return environment
         raise errors.UnknownNameError(f"no environment is known for the dataset {self.name!r}")
 
     def _compute_pairs(self, simulator: str, seed: int) -> Batch:
-        environment = self._environment()
         parts = []
-        for first_row in range(0, self.rows, _READ_ROWS):
-            rows = self.read(first_row, min(_READ_ROWS, self.rows - first_row))
-            parts.append(
-                self._client.query(
-                    environment,
-                    rows["observations"],
-                    rows["actions"],
-                    simulator,
-                    seed=seed,
-                    first_row=first_row,
+        with copy(self._client) as client:  # the original may be another thread's, or closed
+            environment = self._environment(client)
+            for first_row in range(0, self.rows, _READ_ROWS):
+                rows = self.read(first_row, min(_READ_ROWS, self.rows - first_row))
+                parts.append(
+                    client.query(
+                        environment,
+                        rows["observations"],
+                        rows["actions"],
+                        simulator,
+                        seed=seed,
+                        first_row=first_row,
+                    )
                 )
-            )
         names = ("next_observations", "rewards", "terminals", "valid")
         return {
             "simulator_" + name: np.concatenate(columns)

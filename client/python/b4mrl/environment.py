@@ -56,6 +56,7 @@ class Environment(gym.Env[Array, Array]):
         spec = session.spec
         self.session = session
         self.digest = 0
+        self._has_ended = False  # the episode
         self.metadata = metadata_of(spec)
         self.render_mode = render_mode
         self._frame_size = width, height
@@ -72,12 +73,14 @@ class Environment(gym.Env[Array, Array]):
         super().reset(seed=number)
         seeds = None if number is None else np.array([number], np.uint64)
         outcome = self.session.reset(seeds=seeds)
+        self._has_ended = False
         return self._observation(outcome), self._info(outcome, is_reset=True)
 
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step. FailedPreconditionError: the environment was never reset."""
         rows = checks.action_rows(np.asarray(action)[None], 1, self.session.spec.action.shape)
         outcome = self.session.step(rows)
+        self._has_ended = bool(outcome.terminated[0] or outcome.truncated[0])
         info = self._info(outcome, is_reset=False)
         if outcome.causes[0]:
             info["cause"] = infos.cause_name(outcome.causes[0])
@@ -91,7 +94,7 @@ class Environment(gym.Env[Array, Array]):
 
     def get_state(self) -> State:
         """The state as a dictionary (b4mrl.states)."""
-        return read_states(self.session.snapshot(), [False])[0]
+        return read_states(self.session.snapshot(), [self._has_ended])[0]
 
     def set_state(self, state: State) -> Array:
         """Continues from `state`; returns its observation.
@@ -100,6 +103,7 @@ class Environment(gym.Env[Array, Array]):
         """
         (restoration,) = write_states([state])
         observation: Array = self.session.restore(restoration.parts)[0]
+        (self._has_ended,) = restoration.ended
         return observation.reshape(self.session.spec.observation.shape)
 
     def render(self) -> Array | None:

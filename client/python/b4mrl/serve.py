@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import os
+import queue
 import select
 import shutil
 import subprocess
@@ -33,8 +33,6 @@ if os.getppid() == int(sys.argv[1]):
 class PrivateDaemon:
     """What serve returns: `with b4mrl.serve() as endpoint: ...`, or `endpoint` and `stop()`.
 
-    Thread rule: the thread that started it must outlive it, for the kernel ties the two together.
-
     Attributes:
         endpoint: where clients connect.
         process_id: of the supervisor.
@@ -42,22 +40,21 @@ class PrivateDaemon:
 
     def __init__(self, command: Sequence[str], folder: str | None, ready_seconds: float) -> None:
         launcher = [sys.executable, "-S", "-E", "-c", _LAUNCHER, str(os.getpid())]
-        # A session of its own: a terminal's Ctrl-C is for this program, which ends the daemon.
-        self._process = subprocess.Popen(
-            [*launcher, *command],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env={"SPDLOG_LEVEL": "warn"} | dict(os.environ),
-        )
+        self._process, keeper = _start([*launcher, *command])
         self.process_id = self._process.pid
+        self._owner = os.getpid()
         # Also when the object is collected, or the program ends.
-        self._stop = weakref.finalize(self, _stop, self._process, folder, os.getpid())
+        self._stop = weakref.finalize(self, _stop, self._process, keeper, folder, os.getpid())
         try:
             self.endpoint = self._await_ready(command[0], time.monotonic() + ready_seconds)
         except BaseException:
             self.stop()
             raise
+
+    @property
+    def is_running(self) -> bool:
+        """False once the daemon has ended. A forked child cannot tell, and believes that it runs."""
+        return os.getpid() != self._owner or self._process.poll() is None
 
     def stop(self) -> int:
         """Ends the daemon with SIGTERM, after ten seconds with SIGKILL; returns its exit status.
@@ -92,7 +89,41 @@ class PrivateDaemon:
         )
 
 
-def _stop(process: subprocess.Popen[bytes], folder: str | None, owner: int) -> None:
+def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.Event]:
+    """The process of `command`, and what to set when it is not wanted any more.
+
+    The kernel ties the process to the thread that starts it, and the caller's may be one of a
+    pool's: a thread of its own starts it and stays.
+    """
+    started: queue.SimpleQueue[subprocess.Popen[bytes] | OSError] = queue.SimpleQueue()
+    unwanted = threading.Event()
+
+    def start_and_stay() -> None:
+        try:
+            # A session of its own: a terminal's Ctrl-C is for this program, which ends the daemon.
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                env={"SPDLOG_LEVEL": "warn"} | dict(os.environ),
+            )
+        except OSError as error:
+            started.put(error)
+            return
+        started.put(process)
+        unwanted.wait()
+
+    threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
+    outcome = started.get()
+    if isinstance(outcome, OSError):
+        raise outcome
+    return outcome, unwanted
+
+
+def _stop(
+    process: subprocess.Popen[bytes], keeper: threading.Event, folder: str | None, owner: int
+) -> None:
     if os.getpid() != owner:
         return
     process.terminate()
@@ -101,6 +132,7 @@ def _stop(process: subprocess.Popen[bytes], folder: str | None, owner: int) -> N
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    keeper.set()
     if process.stdout is not None:
         process.stdout.close()
     if folder is not None:
@@ -168,16 +200,15 @@ def _candidates() -> Iterator[str | None]:
 
 
 _default_lock = threading.Lock()
+_shared_daemon: PrivateDaemon | None = None
 
 
 def default_endpoint() -> str:
     """$B4MRL_ENDPOINT, or a private daemon that this process shares and stops when it ends."""
     if named := os.environ.get("B4MRL_ENDPOINT"):
         return named
+    global _shared_daemon
     with _default_lock:
-        return _shared_daemon().endpoint
-
-
-@functools.lru_cache(maxsize=1)
-def _shared_daemon() -> PrivateDaemon:
-    return serve()
+        if _shared_daemon is None or not _shared_daemon.is_running:
+            _shared_daemon = serve()
+        return _shared_daemon.endpoint

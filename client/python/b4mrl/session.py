@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from b4mrl import arrays, checks, errors, limits
 from b4mrl.arrays import Array, require
-from b4mrl.connection import Connection, Delivery
+from b4mrl.connection import FAREWELL_MS, Connection, Delivery
 from b4mrl.lane_numbers import LaneNumbers, Lanes
 from b4mrl.messages import Request
 from b4mrl.spec import EnvironmentSpec
@@ -98,8 +98,8 @@ class Session:
         self.deadline_ms = deadline_ms
         self._connection = connection
         self._numbers = LaneNumbers(in_force.num_envs)
-        # Numbered requests that have not been received, and those of them that a call stopped
-        # waiting for (Ctrl-C).
+        # Numbered requests that have not been received, and those of them for which nobody would
+        # wait if Ctrl-C came now.
         self._under_way: dict[int, Lanes | None] = {}
         self._interrupted: set[int] = set()
         # A session that nobody closed is given back when it is collected, or the program ends.
@@ -135,7 +135,9 @@ class Session:
         self._settle_interrupted()
         request = Request()
         request.step.SetInParent()
-        return self._send_numbered(request, lanes, {"actions": actions})
+        request_id = self._send_numbered(request, lanes, {"actions": actions})
+        self._interrupted.discard(request_id)
+        return request_id
 
     def receive_step(self) -> StepOutcome:
         """The second half: whichever sent step is answered first.
@@ -177,6 +179,8 @@ class Session:
     ) -> list[NDArray[np.uint8]]:
         """Pictures of lanes as they stand, uint8 (height, width, 3) each; 0: the default size.
 
+        Each is an array of its own.
+
         It takes tens of milliseconds a lane. FailedPreconditionError: a lane was never reset.
         UnsupportedError: the server cannot draw.
         """
@@ -194,7 +198,9 @@ class Session:
             payload = arrays.pack({"lanes": part}, request.arrays)
             delivery = self._connection.call(request, payload, self.deadline_ms)
             shape = (len(part), height, width, 3)
-            frames.extend(require(delivery.arrays, "frames", "uint8", shape))
+            frames.extend(
+                frame.copy() for frame in require(delivery.arrays, "frames", "uint8", shape)
+            )
         return frames
 
     def send_query(
@@ -231,7 +237,8 @@ class Session:
         if self._farewell.detach() is None:
             return
         try:
-            self._connection.call(_close_request(), bytearray(), self.deadline_ms)
+            deadline_ms = min(self.deadline_ms, FAREWELL_MS)
+            self._connection.call(_close_request(), bytearray(), deadline_ms)
         except errors.B4mrlError:
             pass  # the lease settles it
         finally:
@@ -246,19 +253,24 @@ class Session:
     def _send_numbered(
         self, request: Any, lanes: Lanes | None, columns: Mapping[str, Array]
     ) -> int:
-        """Sends a Step, Reset or Restore and marks its lanes as under way."""
+        """Sends a Step, Reset or Restore and marks its lanes as under way.
+
+        It counts as interrupted until somebody waits for it: Ctrl-C may come between any two lines.
+        """
         if not self._farewell.alive:
             raise errors.FailedPreconditionError("the environment is closed")
         message: dict[str, Array] = {"numbers": self._numbers.begin(lanes)}
+        request_id = self._connection.next_id
+        self._under_way[request_id] = lanes
+        self._interrupted.add(request_id)
         if lanes is not None:
             message["lanes"] = lanes
         try:
             payload = arrays.pack(message | dict(columns), request.arrays)
-            request_id = self._connection.send(request, payload, self.deadline_ms)
-        except BaseException:
-            self._numbers.end(lanes, executed=False)
+            self._connection.send(request, payload, self.deadline_ms)
+        except errors.B4mrlError:
+            self._finish(Delivery(request_id, executed=False))
             raise
-        self._under_way[request_id] = lanes
         return request_id
 
     def _call_numbered(
@@ -266,11 +278,7 @@ class Session:
     ) -> Delivery:
         self._settle_interrupted()
         request_id = self._send_numbered(request, lanes, columns)
-        try:
-            delivery = self._connection.receive(request_id)
-        except BaseException:
-            self._interrupted.add(request_id)
-            raise
+        delivery = self._connection.receive(request_id)
         self._finish(delivery)
         if delivery.error is not None:
             raise delivery.error
@@ -280,7 +288,11 @@ class Session:
         """Receives what an interrupted call left behind, so that its lanes are free again."""
         while self._interrupted:
             request_id = next(iter(self._interrupted))
-            self._finish(self._connection.receive(request_id))
+            if self._connection.is_in_flight(request_id):
+                self._finish(self._connection.receive(request_id))
+            else:  # it was never sent, or Ctrl-C came between its answer and here
+                executed = False if request_id == self._connection.next_id else None
+                self._finish(Delivery(request_id, executed=executed))
 
     def _finish(self, delivery: Delivery) -> Lanes | None:
         lanes = self._under_way.pop(delivery.request_id)

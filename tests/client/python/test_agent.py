@@ -65,6 +65,15 @@ def test_an_action_is_the_networks(tmp_path: Path) -> None:
         np.testing.assert_allclose(policy(observation), action, atol=TOLERANCE)
 
 
+def test_a_table_of_numbers_is_one_observation(tmp_path: Path) -> None:
+    write_agent(tmp_path / "agent.h5")
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    numbers = np.arange(SIZE, dtype=np.float32)
+    assert policy(numbers).shape == (ACTIONS,)
+    np.testing.assert_array_equal(policy(numbers.reshape(SIZE, 1)), policy(numbers))
+    np.testing.assert_array_equal(policy(numbers.reshape(1, SIZE, 1)), policy(numbers[None]))
+
+
 def test_a_hidden_dimension_is_not_seen_whatever_it_holds(tmp_path: Path) -> None:
     write_agent(tmp_path / "agent.h5")
     policy = b4mrl.load_agent(tmp_path / "agent.h5")

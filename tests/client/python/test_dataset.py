@@ -99,7 +99,9 @@ def test_statistics_are_those_of_the_served_data(example) -> None:
 
 def test_a_paired_stream_has_what_the_simulator_makes_of_each_row(example) -> None:
     client, _ = example
-    with client.dataset("HalfCheetah/medium", corruption="hidden-low") as dataset:
+    with b4mrl.connect(client.endpoint) as opener:
+        dataset = opener.dataset("HalfCheetah/medium", corruption="hidden-low")
+    with dataset:  # which does not need its client any more
         simulator = "gravity,obs-noise=0.1"
         pairs = dataset.pair(simulator, seed=3)
         rows = dataset.read(0, ROWS)

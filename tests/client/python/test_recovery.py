@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import pickle
+import pkgutil
 import signal
 import threading
+import time
 
 import b4mrl
 import numpy as np
@@ -49,24 +51,59 @@ def test_a_trajectory_does_not_notice_that_workers_die(long: bool) -> None:
         assert restarts >= steps // every
 
 
-def test_an_interrupted_call_leaves_an_environment_that_goes_on(client: b4mrl.Client) -> None:
+# Where Ctrl-C comes: a function of the client, whether before or after it has done its work, and
+# whether the interrupted step happens.
+INTERRUPTIONS = [
+    ("b4mrl.arrays.pack", "before", False),
+    ("b4mrl.connection.Connection.send", "before", False),
+    ("b4mrl.connection.Connection._transmit", "before", True),
+    ("b4mrl.connection.Connection._transmit", "after", True),
+    ("b4mrl.connection.Connection.send", "after", True),
+    ("b4mrl.connection.Connection.receive", "before", True),
+]
+
+
+@pytest.mark.parametrize(("place", "when", "happens"), INTERRUPTIONS)
+def test_an_interrupted_call_leaves_an_environment_that_goes_on(
+    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch, place: str, when: str, happens: bool
+) -> None:
     with client.make("HalfCheetah") as env, client.make("HalfCheetah") as twin:
         env.reset(seed=1)
         twin.reset(seed=1)
-        action = np.full(6, 0.5, np.float32)
-        receive = env.session._connection.receive
-        env.session._connection.receive = interrupt
+        lost, other = np.full(6, 0.5), np.full(6, -0.5)
+        interrupt(monkeypatch, place, when)
         with pytest.raises(KeyboardInterrupt):
-            env.step(action)
-        env.session._connection.receive = receive
-        # The interrupted step happened; its outcome is lost to the caller, not its number.
-        twin.step(action)
-        assert_same(env.step(action), twin.step(action))
+            env.step(lost)
+        monkeypatch.undo()
+        # The outcome is lost to the caller, but not the number: the next step is one of its own.
+        if happens:
+            twin.step(lost)
+        assert_same(env.step(other), twin.step(other))
         assert_same(env.reset(seed=2), twin.reset(seed=2))
 
 
-def interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
+def test_an_answer_that_ctrl_c_took_along_ends_the_environment(
+    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset(seed=1)
+        interrupt(monkeypatch, "b4mrl.connection.Connection.receive", "after")
+        with pytest.raises(KeyboardInterrupt):
+            env.step(np.zeros(6))
+        monkeypatch.undo()
+        with pytest.raises(errors.FailedPreconditionError, match="not known"):
+            env.step(np.zeros(6))
+
+
+def interrupt(monkeypatch: pytest.MonkeyPatch, place: str, when: str) -> None:
+    original = pkgutil.resolve_name(place)
+
+    def interrupted(*arguments: object) -> None:
+        if when == "after":
+            original(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, interrupted)
 
 
 def test_a_signal_reaches_a_call_that_waits() -> None:
@@ -170,6 +207,43 @@ def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client) -> None:
         os.close(write)
         assert isinstance(error, errors.FailedPreconditionError)
         env.step(np.zeros(6))  # the parent's goes on
+
+
+def test_a_worker_may_die_while_the_caller_is_busy_for_longer_than_the_deadline() -> None:
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.make_vec("HalfCheetah", 2, deadline_ms=2000) as vec:
+            vec.reset(seed=1)
+            (worker,) = environment_workers(client)
+            os.kill(worker, signal.SIGSTOP)
+            vec.send(np.zeros((2, 6)))
+            deadline = time.monotonic() + 2
+            os.kill(worker, signal.SIGKILL)
+            while time.monotonic() < deadline:
+                client.server_status()  # busy elsewhere
+            observations, *_ = vec.recv()
+        with client.make_vec("HalfCheetah", 2) as twin:
+            twin.reset(seed=1)
+            assert_same(observations, twin.step(np.zeros((2, 6)))[0])
+
+
+def test_closing_does_not_wait_for_a_daemon_that_is_gone() -> None:
+    with b4mrl.serve() as endpoint, b4mrl.connect(endpoint) as client:
+        env = client.make("HalfCheetah")
+        env.reset()
+    started = time.monotonic()
+    env.close()
+    assert time.monotonic() - started < env.session.deadline_ms / 1000 / 2
+
+
+def test_what_is_closed_says_so(client: b4mrl.Client) -> None:
+    env = client.make("HalfCheetah", render_mode="rgb_array")
+    env.reset()
+    other = b4mrl.connect(client.endpoint)
+    env.close()
+    other.close()
+    for call in (env.reset, env.get_state, env.render, other.environments):
+        with pytest.raises(errors.FailedPreconditionError, match="closed"):
+            call()
 
 
 def test_each_thread_may_have_its_own_environment(endpoint: str) -> None:

@@ -7,6 +7,7 @@ import select
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import b4mrl
@@ -37,6 +38,15 @@ def test_it_runs_as_long_as_the_block() -> None:
     assert not is_running(daemon.process_id)
     assert not folder.exists()
     assert daemon.stop() == 0
+
+
+def test_it_outlives_the_thread_that_started_it() -> None:
+    with ThreadPoolExecutor() as pool:
+        daemon = pool.submit(b4mrl.serve).result()
+    with daemon as endpoint, b4mrl.connect(endpoint) as client, client.make("HalfCheetah") as env:
+        env.reset()
+        assert daemon.is_running
+    assert not daemon.is_running
 
 
 def test_its_options_are_those_of_the_command() -> None:
@@ -90,13 +100,17 @@ one = gym.make("b4mrl:b4mrl/HalfCheetah-v0", simulator="gravity")
 two = gym.make_vec("b4mrl:b4mrl/HalfCheetah-v0", num_envs=2)
 one.reset(seed=1), two.reset(seed=1)
 import b4mrl.serve
-print(b4mrl.connect().server_status().session_count, end="")
+print(b4mrl.connect().server_status().session_count)
+one.close(), two.close()
+from b4mrl.serve import _shared_daemon
+_shared_daemon.stop()
+gym.make("b4mrl:b4mrl/HalfCheetah-v0").reset()  # of another daemon
 """
     clean = {name: value for name, value in os.environ.items() if name != "B4MRL_ENDPOINT"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=clean, capture_output=True, text=True, timeout=60
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "2", "")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2\n", "")
 
 
 def test_every_environment_of_the_catalogue_is_registered(client: b4mrl.Client) -> None:

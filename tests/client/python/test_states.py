@@ -28,6 +28,24 @@ def test_a_restored_state_continues_exactly(
         assert_same([env.step(action) for action in actions] + [env.reset()], wanted)
 
 
+def test_a_state_remembers_that_its_episode_has_ended(client: b4mrl.Client) -> None:
+    with (
+        client.make("HalfCheetah") as env,
+        client.make_vec("HalfCheetah", 1, autoreset_mode="disabled") as vec,
+    ):
+        env.reset(seed=4)
+        going_on = env.get_state()
+        for _ in range(1000):
+            env.step(np.zeros(6))
+        vec.reset(seed=1)
+        vec.set_state([env.get_state()])
+        with pytest.raises(errors.FailedPreconditionError):
+            vec.step(np.zeros((1, 6)))
+        env.set_state(going_on)
+        vec.set_state([env.get_state()])
+        vec.step(np.zeros((1, 6)))
+
+
 def test_a_state_by_its_parts_is_that_state(client: b4mrl.Client, environment: str) -> None:
     with client.make(environment, dtype="float64") as env:
         env.action_space.seed(0)
