@@ -151,9 +151,16 @@ void Connection::Resend() {
   if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   const Clock::time_point now = Clock::now();
   for (Pending& pending : pending_) {
-    // A full queue is no loss: the next silence, reconnection or the deadline settles it.
-    if (pending.connection >= connections_seen_ && ResendTime(pending) > now) continue;
+    const bool is_reconnected = pending.connection < connections_seen_;
+    if (!is_reconnected && ResendTime(pending) > now) continue;
+    if (is_reconnected && !pending.renewed) {
+      pending.renewed = true;
+      const Deadline renewed =
+          Deadline::After(std::chrono::ceil<std::chrono::milliseconds>(pending.patience));
+      if (renewed.at() > pending.deadline.at()) pending.deadline = renewed;
+    }
     pending.resent = true;
+    // A full queue is no loss: the next silence, reconnection or the deadline settles it.
     (void)Transmit(pending);
   }
 }

@@ -3,7 +3,8 @@
 // Every request carries an id; its reply is matched by it. A request stays here, payload included,
 // until it is answered. It is sent again, unchanged but for the deadline,
 //   - after a reconnection: the process behind it may be a replacement, and what the old one held
-//     is gone;
+//     is gone. Once, it then has an eighth of its deadline again, for the caller may have been busy
+//     elsewhere all the while;
 //   - when an eighth of its deadline has passed without any reply to anything.
 // The server executes a numbered step once, however often it arrives; replies that come twice, or
 // after their request was given up, are dropped. Thread rule: one thread. The Context outlives the
@@ -84,6 +85,7 @@ class Connection {
     uint32_t connection;       // the connection it was last sent over
     Clock::time_point sent;
     bool resent = false;
+    bool renewed = false;  // its deadline, after a reconnection
   };
 
   Connection(DealerSocket socket, std::string token)

@@ -189,6 +189,26 @@ TEST_CASE("after a reconnection every unanswered request is sent again, unchange
   CHECK(fixture.connection().connections() >= 2);
 }
 
+TEST_CASE("a deadline that passed while nobody waited does not end what a reconnection lost") {
+  Fixture fixture;
+  constexpr int64_t kDeadlineMs = 1'600;  // an eighth is ample for an echo
+  const uint64_t lost = fixture.Send("lost", kDeadlineMs);
+  const Deadline deadline = Deadline::AfterMs(kDeadlineMs);
+  const FakeCall before = fixture.Take();
+  fixture.KillServer();
+  FakeServer replacement(fixture.folder().Address());
+  while (fixture.connection().connections() < 2 || !deadline.expired()) {
+    REQUIRE_FALSE(replacement.Take(20).has_value());  // the caller is busy elsewhere
+  }
+  std::thread answer([&replacement, &before] {
+    const std::optional<FakeCall> call = replacement.Take();
+    if (call && WithoutDeadline(*call) == WithoutDeadline(before)) replacement.Echo(*call);
+  });
+  const Result<ReceivedReply> reply = fixture.connection().Receive(lost);
+  answer.join();
+  CHECK(reply.status().ToString() == "OK");
+}
+
 TEST_CASE("a request is sent again after an eighth of its deadline in silence") {
   Fixture fixture;
   constexpr int64_t kDeadlineMs = 4'000;
