@@ -206,13 +206,18 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
 
 Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
   B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(hello_.dataset_port(), ""));
-  pb::Request request;
-  request.mutable_list_datasets();
-  B4MRL_ASSIGN_OR_RETURN(
-      const ReceivedReply reply,
-      worker.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
-  const auto& datasets = reply.envelope.list_datasets().datasets();
-  return std::vector<pb::DatasetInfo>(datasets.begin(), datasets.end());
+  std::vector<pb::DatasetInfo> datasets;
+  while (true) {
+    pb::Request request;
+    request.mutable_list_datasets()->set_first(static_cast<uint32_t>(datasets.size()));
+    B4MRL_ASSIGN_OR_RETURN(
+        const ReceivedReply reply,
+        worker.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+    const pb::ListDatasetsReply& page = reply.envelope.list_datasets();
+    datasets.insert(datasets.end(), page.datasets().begin(), page.datasets().end());
+    const bool is_all = page.datasets().empty() || datasets.size() >= page.total();
+    if (is_all || datasets.size() >= limits::kMaxDatasets) return datasets;
+  }
 }
 
 Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOptions options) {

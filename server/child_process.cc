@@ -11,6 +11,8 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <set>
+#include <utility>
 
 #include "server/options.h"
 
@@ -31,6 +33,7 @@ constexpr int64_t kStartingMs = 20'000;
   if (getppid() != supervisor) _exit(1);  // it died before prctl
   signal(SIGINT, SIG_IGN);
   signal(SIGTERM, SIG_IGN);
+  signal(SIGHUP, SIG_IGN);
   sigset_t none;
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);
@@ -46,17 +49,8 @@ constexpr int64_t kStartingMs = 20'000;
 
 uint32_t BlameFor(Death death) { return death == Death::kKilled ? kKillBlame : kCrashBlame; }
 
-void BlameMark(SharedState& shared, const ThreadMark& mark, uint32_t blame) {
-  const uint64_t number = mark.number.load();
-  if (mark.kind.load() == MarkKind::kLane && mark.lane.load() < limits::kMaxLanes) {
-    shared.lane(mark.lane.load()).AddBlame(number, blame);
-  }
-  if (mark.kind.load() == MarkKind::kQuery && mark.session.load() < limits::kMaxSessions) {
-    SessionRecord& session = shared.session(mark.session.load());
-    if (session.blamed_query.exchange(number) != number) session.query_blame.store(0);
-    session.query_blame.store(std::min(session.query_blame.load() + blame, kBlameLimit));
-  }
-}
+// Session and request id.
+using QueryName = std::pair<uint32_t, uint64_t>;
 
 }  // namespace
 
@@ -146,14 +140,25 @@ void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
   const bool one_crashed = std::any_of(marks.begin(), marks.end(),
                                        [](const ThreadMark& mark) { return mark.crashed != 0; });
   const int64_t now = MonotonicMs();
+  const uint32_t blame = BlameFor(death);
+  std::set<QueryName> queries;  // many threads may share one, whose blame is that of one death
   for (ThreadMark& mark : marks) {
     const bool accused = death == Death::kCrashed && one_crashed ? mark.crashed != 0
                          : death == Death::kFrozen
                              ? now - mark.since_ms >= limits::kFrozenChildMs / 2
                              : true;
-    if (accused) BlameMark(shared, mark, BlameFor(death));
+    const MarkKind kind = mark.kind.load();
+    if (accused && kind == MarkKind::kLane && mark.lane.load() < limits::kMaxLanes) {
+      shared.lane(mark.lane.load()).AddBlame(mark.number.load(), mark.attempt.load(), blame);
+    }
+    if (accused && kind == MarkKind::kQuery && mark.session.load() < limits::kMaxSessions) {
+      queries.emplace(mark.session.load(), mark.number.load());
+    }
     mark.kind.store(MarkKind::kIdle);
     mark.crashed.store(0);
+  }
+  for (const auto& [session, request_id] : queries) {
+    AddQueryBlame(shared.session(session), request_id, blame);
   }
 }
 

@@ -24,9 +24,9 @@ class ChildProcess {
   // `child` is the index in the child table; `options` goes to every generation.
   ChildProcess(uint32_t child, ChildOptions options, SharedState* shared);
 
-  // Forks and execs. The process dies with the supervisor, has no stdin, ignores SIGINT and SIGTERM
-  // (the drain is announced in shared memory) and inherits its listeners and the shared memory
-  // alone.
+  // Forks and execs. The process dies with the supervisor, has no stdin, ignores SIGINT, SIGTERM
+  // and SIGHUP (the drain is announced in shared memory) and inherits its listeners and the shared
+  // memory alone.
   Status Start();
   bool running() const { return process_id_ > 0; }
   // The time of the next Start of a dead child: at once, but backing off while it dies young again

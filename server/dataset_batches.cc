@@ -39,7 +39,7 @@ size_t AddArray(ArrayLayout& layout, const BatchColumn& column, uint64_t rows) {
 
 Status CheckPayload(const ArrayLayout& layout) {
   if (layout.payload_bytes() <= limits::kMaxPayloadBytes) return Status();
-  return Status(StatusCode::kLimitExceeded,
+  return Status(StatusCode::kInvalidArgument,
                 fmt::format("the reply would have {} bytes, allowed: {}; ask for fewer rows",
                             layout.payload_bytes(), limits::kMaxPayloadBytes));
 }

@@ -259,7 +259,11 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fin
   if (!fs::exists(folder, error)) return unknown;
   Result<std::shared_ptr<const Dataset>> dataset = Dataset::Open(folder);
   const Status status = dataset.ok() ? (*dataset)->cache().Verify() : dataset.status();
-  if (!status.ok()) {
+  // A passing shortage of memory or descriptors says nothing about the files.
+  const bool is_damaged =
+      status.code() == StatusCode::kDataLoss || status.code() == StatusCode::kVersionMismatch;
+  if (!status.ok() && !is_damaged) return status;
+  if (is_damaged) {
     // Whoever asks for it by name gets it made anew.
     spdlog::error("removing a damaged cache: {}", status.ToString());
     RemoveCache(folder);

@@ -17,6 +17,7 @@
 #include "server/dataset_batches.h"
 #include "server/dataset_store.h"
 #include "server/describe.h"
+#include "server/open_request.h"
 #include "server/request_job.h"
 
 namespace b4mrl {
@@ -25,7 +26,13 @@ namespace {
 constexpr int64_t kBeatMs = 100;
 // Replies that were sent before a drain may take so long to leave.
 constexpr int64_t kLingerMs = 1000;
-constexpr int kMessagesPerBeat = 256;
+// Messages are handled for so long before background work and deadlines get their turn.
+constexpr int64_t kTurnMs = 50;
+// Of what a file says about its origin: it goes into every listing.
+constexpr size_t kMaxPolicyBytes = 200;
+
+// Of the entries of a listing, and of each one's tag and length.
+constexpr size_t kMaxListBytes = limits::kMaxEnvelopeBytes - 1024, kFieldBytes = 4;
 
 using DatasetPointer = std::shared_ptr<const Dataset>;
 
@@ -56,7 +63,11 @@ void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
   out->set_rows(info.rows);
   out->set_file_bytes(info.file_bytes);
   out->set_sha256(info.sha256);
-  out->set_behaviour_policy(info.behaviour_policy);
+  // A file may hold any bytes here, and a protobuf string only UTF-8.
+  std::string policy = info.behaviour_policy.substr(0, kMaxPolicyBytes);
+  std::ranges::replace_if(
+      policy, [](char c) { return c < ' ' || c > '~'; }, '?');
+  out->set_behaviour_policy(std::move(policy));
 }
 
 class DatasetWorker {
@@ -74,6 +85,9 @@ class DatasetWorker {
 
   bool draining() const {
     return options_.drain != nullptr && options_.drain->load(std::memory_order_relaxed);
+  }
+  void Beat() {
+    if (options_.heartbeat != nullptr) options_.heartbeat->fetch_add(1);
   }
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
@@ -120,9 +134,9 @@ void DatasetWorker::Run() {
   });
   const int wake = background_.fd();
   while (!draining()) {
-    if (options_.heartbeat != nullptr) options_.heartbeat->fetch_add(1);
+    Beat();
     WaitReadable(socket_->handle(), std::span(&wake, 1), kBeatMs);
-    for (int i = 0; i < kMessagesPerBeat; ++i) {
+    for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
       std::optional<IncomingMessage> incoming = socket_->TryReceive();
       if (!incoming) break;
       Handle(std::move(*incoming));
@@ -144,9 +158,7 @@ void DatasetWorker::Handle(IncomingMessage incoming) {
     pending.request.Clear();
     return ReplyError(pending, status);
   }
-  const int64_t deadline_ms = pending.request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs
-                                                                 : pending.request.deadline_ms();
-  pending.deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  pending.deadline = DeadlineOf(pending.request);
   if (pending.request.protocol_version() != limits::kProtocolVersion) {
     return ReplyError(pending, VersionMismatch(pending.request.protocol_version()));
   }
@@ -246,7 +258,16 @@ void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFile
   if (!list.ok()) return ReplyError(*pending, list.status());
   pb::Reply reply;
   pb::ListDatasetsReply* out = reply.mutable_list_datasets();
-  for (const DatasetFileInfo& info : *list) FillInfo(info, out->add_datasets());
+  out->set_total(static_cast<uint32_t>(list->size()));
+  size_t bytes = 0;
+  for (size_t i = pending->request.list_datasets().first(); i < list->size(); ++i) {
+    pb::DatasetInfo* info = out->add_datasets();
+    FillInfo((*list)[i], info);
+    bytes += info->ByteSizeLong() + kFieldBytes;
+    if (bytes <= kMaxListBytes) continue;
+    out->mutable_datasets()->RemoveLast();
+    break;
+  }
   Reply(*pending, &reply, Frame());
 }
 
@@ -280,6 +301,7 @@ void DatasetWorker::FinishLoad(const std::string& fingerprint,
 }
 
 void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& dataset) {
+  Beat();  // gathering one reply may take tens of milliseconds, and many may be due at once
   const Clock::time_point start = Clock::now();
   pb::Reply reply;
   const pb::Request& request = pending.request;

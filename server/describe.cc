@@ -104,6 +104,20 @@ void DescribeSession(const Session& session, pb::AttachReply* out) {
   out->set_experiment_id(session.experiment_id());
 }
 
+void DescribeOpen(const pb::OpenRequest& request, const pb::AttachReply& session,
+                  pb::OpenReply* out) {
+  out->set_environment(request.environment());
+  *out->mutable_perturbations() = session.perturbations();
+  out->set_num_envs(request.num_envs());
+  out->set_seed(request.seed());
+  out->set_autoreset_mode(request.autoreset_mode());
+  out->set_observation_dtype(request.observation_dtype());
+  out->set_with_infos(request.with_infos());
+  out->set_config(session.config());
+  *out->mutable_info() = session.info();
+  out->set_experiment_id(session.experiment_id());
+}
+
 Status VersionMismatch(uint32_t version) {
   return Status(StatusCode::kVersionMismatch,
                 fmt::format("protocol version {} was sent, this server ({}) speaks {}", version,

@@ -15,6 +15,9 @@ void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out);
 void DescribeCatalogue(const std::string& models_folder, pb::CatalogueReply* out);
 // Everything in force.
 void DescribeSession(const Session& session, pb::AttachReply* out);
+// An OpenReply but for the port, from the completed request and what the worker said.
+void DescribeOpen(const pb::OpenRequest& request, const pb::AttachReply& session,
+                  pb::OpenReply* out);
 
 // "protocol version 2, this server speaks 1 (0.1.0)".
 Status VersionMismatch(uint32_t version);

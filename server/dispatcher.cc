@@ -8,12 +8,15 @@
 #include "proto/base/limits.h"
 #include "server/describe.h"
 #include "server/handlers.h"
+#include "server/open_request.h"
 
 namespace b4mrl {
 namespace {
 
 // A session whose rebuilding ended its worker this often is given up.
 constexpr uint32_t kMaxAdoptionAttempts = 3;
+// Of an OpenReply, beside what the worker says of the session.
+constexpr size_t kEnvelopeRest = 1024;
 
 using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
 
@@ -113,11 +116,30 @@ void Dispatcher::HandleAttach(const Envelope& from, const pb::AttachRequest& req
   if (request.session_index() >= limits::kMaxSessions) {
     return Reply(from, InvalidNumber("session_index", request.session_index(), "a session"));
   }
+  SessionRecord& record = shared_.session(request.session_index());
+  if (record.generation != request.generation()) {
+    return Reply(from, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
+  }
+  record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
   const Result<Session*> session = Attach(request.session_index());
   if (!session.ok()) return Reply(from, session.status());
   pb::Reply reply;
   DescribeSession(**session, reply.mutable_attach());
+  if (reply.ByteSizeLong() + kEnvelopeRest > limits::kMaxEnvelopeBytes) {
+    // The client cannot be told what it would get, and the gateway frees the record.
+    sessions_.erase((*session)->token());
+    return Reply(
+        from, Status(StatusCode::kInvalidArgument,
+                     fmt::format("the session's description has {} bytes, allowed: {}",
+                                 reply.ByteSizeLong(), limits::kMaxEnvelopeBytes - kEnvelopeRest)));
+  }
   Reply(from, std::move(reply));
+}
+
+bool Dispatcher::ForgetIfDisowned(Session* session) {
+  if (session->owns_record() || !session->in_flight().empty()) return false;
+  sessions_.erase(std::string(session->token()));
+  return true;
 }
 
 Result<Session*> Dispatcher::Attach(uint32_t index) {
@@ -131,7 +153,9 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
   const auto found = sessions_.find(token);
   if (found != sessions_.end()) {
     if (found->second->generation() == record.generation) return found->second.get();
-    return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
+    if (!ForgetIfDisowned(found->second.get())) {
+      return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
+    }
   }
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                          Session::Build(shared_, index, models_folder_));
@@ -159,7 +183,8 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
                         "Render and Close"));
   }
   const auto found = sessions_.find(request.session_token());
-  if (found == sessions_.end() || !found->second->pending_closes.empty()) {
+  if (found == sessions_.end() || !found->second->pending_closes.empty() ||
+      !found->second->live()) {
     return Reply(from, Status(StatusCode::kSessionLost,
                               "no such session: it was closed, its lease ran out, or it was opened "
                               "on another worker"));
@@ -185,9 +210,7 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
   if (!job.ok()) return Reply(from, job.status());
   (*job)->sender = from.sender;
   (*job)->received = Clock::now();
-  const int64_t deadline_ms =
-      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
-  (*job)->deadline = Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  (*job)->deadline = DeadlineOf(request);
   Start(std::move(*job), more_waiting);
 }
 
@@ -260,7 +283,10 @@ void Dispatcher::Finish(RequestJob* job) {
 
 void Dispatcher::EndSession(Session* session) {
   const std::vector<Session::PendingClose> closes = std::move(session->pending_closes);
-  session->record().state.store(SessionState::kClosed, std::memory_order_release);
+  // One that never became live is the gateway's to free.
+  if (session->live()) {
+    session->record().state.store(SessionState::kClosed, std::memory_order_release);
+  }
   const std::string token = session->token();
   sessions_.erase(token);
   for (const Session::PendingClose& close : closes) {
@@ -274,9 +300,13 @@ void Dispatcher::ReapIdleSessions() {
   for (const auto& [token, session] : sessions_) {
     const bool idle = session->in_flight().empty() &&
                       session->record().last_activity_ms.load(std::memory_order_relaxed) < oldest;
-    if (idle) expired.push_back(session.get());
+    if (idle || !session->owns_record()) expired.push_back(session.get());
   }
   for (Session* session : expired) {
+    if (!session->owns_record()) {
+      ForgetIfDisowned(session);
+      continue;
+    }
     spdlog::info("session {} ends: its lease ran out", session->index());
     EndSession(session);
   }

@@ -35,6 +35,7 @@ struct PendingOpen {
   RoutingId sender;
   uint64_t request_id = 0;
   uint32_t session_index = 0;
+  uint64_t generation = 0;  // of the record then
   uint32_t worker = 0;
   uint32_t attempts = 1;
   Deadline deadline = Deadline::AfterMs(0);
@@ -236,6 +237,7 @@ void Gateway::StartOpen(const Envelope& from, const std::string& token,
   open.sender = from.sender;
   open.request_id = from.request_id;
   open.session_index = *index;
+  open.generation = record.generation;
   open.worker = record.worker;
   open.deadline = deadline;
   SendAttach(id, open);
@@ -246,6 +248,7 @@ void Gateway::SendAttach(uint64_t id, const PendingOpen& open) {
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_request_id(id);
   request.mutable_attach()->set_session_index(open.session_index);
+  request.mutable_attach()->set_generation(open.generation);
   Result<Frame> envelope = SerializeEnvelope(request);
   // A full queue is a worker that does not read; it is replaced soon, and RepeatAttaches sends
   // again.
@@ -274,10 +277,14 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
   opens_.erase(found);
   const Envelope to{open.sender, open.request_id};
   SessionRecord& record = context_.shared().session(open.session_index);
+  const bool is_still_meant = record.generation == open.generation;
   if (const Status status = GetStatus(attach.status()); !status.ok()) {
     // Refused: no worker holds it. A live one (asked for again) keeps its record.
-    if (record.state == SessionState::kOpening) table_.Free(open.session_index);
+    if (is_still_meant && record.state == SessionState::kOpening) table_.Free(open.session_index);
     return Reply(to, status);
+  }
+  if (!is_still_meant) {
+    return Reply(to, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
   }
   table_.MakeLive(open.session_index);
   pb::OpenRequest request;
@@ -287,19 +294,10 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
   }
   pb::Reply reply;
   pb::OpenReply* out = reply.mutable_open();
-  out->set_environment(request.environment());
-  *out->mutable_perturbations() = attach.attach().perturbations();
-  out->set_num_envs(request.num_envs());
-  out->set_seed(request.seed());
-  out->set_autoreset_mode(request.autoreset_mode());
-  out->set_observation_dtype(request.observation_dtype());
-  out->set_with_infos(request.with_infos());
-  out->set_config(attach.attach().config());
-  *out->mutable_info() = attach.attach().info();
+  DescribeOpen(request, attach.attach(), out);
   const ChildOptions::Port& port = context_.options().worker_ports[open.worker];
   out->mutable_port()->set_tcp(port.tcp);
   out->mutable_port()->set_ipc(port.ipc);
-  out->set_experiment_id(attach.attach().experiment_id());
   Reply(to, std::move(reply));
 }
 

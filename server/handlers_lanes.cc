@@ -31,10 +31,14 @@ class LaneJob : public RequestJob {
 
  private:
   Status ReadInputs();
+  // kFailedPrecondition if a lane's reset would end the process once more.
+  Status CheckResets() const;
   void PlanReply();
   Status Execute(uint32_t position, Environment& environment, WorkerThread& thread);
   Status Compute(uint32_t position, Environment& environment, ConstLaneRecord before,
                  LaneRecord after, WorkerThread& thread);
+  // Of a reset, if it names seeds.
+  std::optional<uint64_t> SeedOf(uint32_t position) const;
   // Copies what is reported about a lane from its committed record to the reply.
   void WriteOutcome(uint32_t position);
 
@@ -53,6 +57,7 @@ Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), operation_));
   B4MRL_RETURN_IF_ERROR(ReadInputs());
+  if (operation_ == Operation::kReset) B4MRL_RETURN_IF_ERROR(CheckResets());
   PlanReply();
   items = static_cast<uint32_t>(selection_.execute.size());
   items_per_piece = owner().step_cost().ItemsPerPiece(items, threads);
@@ -94,6 +99,23 @@ Status LaneJob::ReadInputs() {
   return Status();
 }
 
+std::optional<uint64_t> LaneJob::SeedOf(uint32_t position) const {
+  if (seeds_.empty()) return std::nullopt;
+  return seeds_[position];
+}
+
+Status LaneJob::CheckResets() const {
+  for (const uint32_t position : selection_.execute) {
+    const uint32_t lane = selection_.lanes[position];
+    if (!owner().slot(lane).condemned(AttemptKey(Operation::kReset, SeedOf(position)))) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("the start of lane {} ended its worker twice; allowed: a reset with "
+                              "another seed, or a restore",
+                              lane));
+  }
+  return Status();
+}
+
 void LaneJob::PlanReply() {
   const size_t count = selection_.lanes.size();
   const size_t observation_size = owner().layout().observation_size;
@@ -119,7 +141,10 @@ void LaneJob::PlanReply() {
 
 void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
-  if (!environment.ok()) return Fail(environment.status());
+  if (!environment.ok()) {
+    // Other pieces may have committed their lanes, so not a status that promises the contrary.
+    return Fail(Status(StatusCode::kInternal, environment.status().message()));
+  }
   const Clock::time_point start = Clock::now();
   for (uint32_t item = first; item < first + count; ++item) {
     const uint32_t position = selection_.execute[item];
@@ -139,13 +164,20 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
   const uint64_t number = slot.committed() + 1;
   const ConstLaneRecord before = owner().committed_record(lane);
   const LaneRecord after(owner().layout(), slot.idle_buffer().data());
-  if (slot.condemned()) {
-    B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(
-        environment, before, operation_ == Operation::kStep, after));
-  } else {
-    const ScopedMark mark(thread.mark, MarkKind::kLane, global_lane, number);
-    ReachFaultPoint(FaultPoint::kBeforeOperation, global_lane, number);
-    B4MRL_RETURN_IF_ERROR(Compute(position, environment, before, after, thread));
+  const uint64_t attempt = operation_ == Operation::kStep
+                               ? AttemptKey(Operation::kStep)
+                               : AttemptKey(Operation::kReset, SeedOf(position));
+  if (slot.abandoned(attempt)) {
+    return Status(StatusCode::kInternal, "its step and the start after it both ended the worker");
+  }
+  {
+    const ScopedMark mark(thread.mark, global_lane, number, attempt);
+    if (operation_ == Operation::kStep && slot.condemned(attempt)) {
+      B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(environment, before, after));
+    } else {
+      ReachFaultPoint(FaultPoint::kBeforeOperation, global_lane, number);
+      B4MRL_RETURN_IF_ERROR(Compute(position, environment, before, after, thread));
+    }
   }
   ReachFaultPoint(FaultPoint::kSlotHalfWritten, global_lane, number, after.bytes());
   slot.Commit(operation_, owner().layout().bytes());
@@ -157,9 +189,7 @@ Status LaneJob::Compute(uint32_t position, Environment& environment, ConstLaneRe
                         LaneRecord after, WorkerThread& thread) {
   const LaneStepper& stepper = owner().stepper();
   if (operation_ == Operation::kReset) {
-    std::optional<uint64_t> seed;
-    if (!seeds_.empty()) seed = seeds_[position];
-    return stepper.Reset(environment, before, seed, after);
+    return stepper.Reset(environment, before, SeedOf(position), after);
   }
   const size_t action_size = stepper.spec().action.size();
   thread.action.resize(action_size);

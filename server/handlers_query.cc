@@ -44,8 +44,7 @@ class QueryJob : public RequestJob {
 
 Status QueryJob::Prepare(const pb::Request& request, uint32_t threads) {
   B4MRL_RETURN_IF_ERROR(owner().simulator().CheckQueryable());
-  const SessionRecord& record = owner().record();
-  if (record.query_blame >= kBlameLimit && record.blamed_query == request_id()) {
+  if (IsQueryCondemned(owner().record(), request_id())) {
     return Status(StatusCode::kInternal, "this query ended its worker twice and is not repeated");
   }
   const EnvironmentSpec& spec = owner().simulator().spec();
@@ -89,8 +88,8 @@ void QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
                                spec.observation.size());
   const ScopedThroughputSlice lanes_go_first;
   const Clock::time_point start = Clock::now();
-  const ScopedMark mark(thread.mark, MarkKind::kQuery, owner().index(), request_id());
   for (uint32_t row = first; row < first + count; ++row) {
+    const ScopedMark mark(thread.mark, owner().index(), request_id());
     ReachFaultPoint(FaultPoint::kBeforeQueryRow, row, request_id());
     RunRow(row, **environment, thread, next);
   }

@@ -69,14 +69,14 @@ Status RenderJob::Prepare(const pb::Request& request) {
   B4MRL_RETURN_IF_ERROR(ChooseSize(request.render()));
   const size_t bytes = lanes.size() * PictureBytes(picture_.width, picture_.height);
   if (bytes > limits::kMaxPayloadBytes) {
-    return Status(StatusCode::kLimitExceeded,
+    return Status(StatusCode::kInvalidArgument,
                   fmt::format("{} pictures of {} x {} have {} bytes, at most {}; name fewer lanes",
                               lanes.size(), picture_.width, picture_.height, bytes,
                               limits::kMaxPayloadBytes));
   }
   B4MRL_RETURN_IF_ERROR(CopyStates(lanes));
   picture_.simulator = owner().simulator_request();
-  picture_.identity = HashIdentity(owner().simulator().identity());
+  picture_.identity = owner().simulator().identity_hash();
   items = static_cast<uint32_t>(lanes.size());
   items_per_piece = 1;  // a picture takes longer than a piece of any other work
   reply_.mutable_render();

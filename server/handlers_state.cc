@@ -71,14 +71,15 @@ void SnapshotJob::WriteReply(const std::vector<NamedState>& states) {
       parts.emplace_back(name, layout.Add(name, DType::kFloat64, {count, values.size()}));
   }
   if (layout.payload_bytes() > limits::kMaxPayloadBytes) {
-    return Fail(Status(StatusCode::kLimitExceeded,
+    return Fail(Status(StatusCode::kInvalidArgument,
                        fmt::format("the snapshot has {} bytes, at most {}; name fewer lanes",
                                    layout.payload_bytes(), limits::kMaxPayloadBytes)));
   }
   reply_payload_ = layout.Allocate();
   for (size_t i = 0; i < count; ++i) {
     const std::span<std::byte> place(reply_payload_.data() + snapshot + i * bytes, bytes);
-    WriteSnapshot(owner().simulator().identity(), owner().committed_record(busy_lanes_[i]), place);
+    WriteSnapshot(owner().simulator().identity_hash(), owner().committed_record(busy_lanes_[i]),
+                  place);
     for (const auto& [name, offset] : parts) {
       WriteRow(reply_payload_, offset, DType::kFloat64, i, states[i].at(name));
     }
@@ -125,9 +126,9 @@ Status RestoreJob::Prepare(const pb::Request& request) {
   }
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
-    if (!owner().slot(lane).condemned()) continue;
-    return Status(StatusCode::kInternal,
-                  fmt::format("restoring lane {} ended its worker twice; reset it instead", lane));
+    if (!owner().slot(lane).condemned(AttemptKey(Operation::kRestore))) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane));
   }
   items = selection_.execute.empty() ? 0 : 1;
   busy_lanes_ = selection_.lanes;
@@ -152,7 +153,7 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
   if (parts_.empty()) {
     const size_t bytes = SnapshotBytes(layout);
     const std::span<const std::byte> source(snapshot_.data + position * bytes, bytes);
-    return ReadSnapshot(owner().simulator().identity(), layout, source, record);
+    return ReadSnapshot(owner().simulator().identity_hash(), layout, source, record);
   }
   const uint32_t lane = selection_.lanes[position];
   NamedState state;
@@ -162,8 +163,8 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
     values.resize(size);
     CopyToDoubles(view, position * size, values);
   }
-  const ScopedMark mark(thread.mark, MarkKind::kLane, owner().global_lane(lane),
-                        owner().lane(lane).committed + 1);
+  const ScopedMark mark(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
+                        AttemptKey(Operation::kRestore));
   return owner().stepper().SetNamedState(environment, owner().committed_record(lane), state,
                                          LaneRecord(layout, record.data()));
 }

@@ -3,6 +3,10 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include <algorithm>
+
+#include "proto/base/rng.h"
+
 namespace b4mrl {
 
 std::string_view OperationName(Operation operation) {
@@ -17,6 +21,11 @@ std::string_view OperationName(Operation operation) {
       return "a restore";
   }
   return "unknown";
+}
+
+uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed) {
+  const auto key = static_cast<uint64_t>(operation);
+  return seed ? MixSeeds(key, *seed) : key;
 }
 
 std::span<const std::byte> LaneSlot::committed_record() const {
@@ -48,6 +57,7 @@ void LaneSlot::Initialize(uint64_t generation, size_t size) {
   Seal(0, Operation::kNone, size);
   memory_->blame.store(0, std::memory_order_relaxed);
   memory_->blamed_number.store(0, std::memory_order_relaxed);
+  memory_->blamed_attempt.store(0, std::memory_order_relaxed);
   memory_->generation.store(generation, std::memory_order_relaxed);
   memory_->committed.store(0, std::memory_order_release);
 }
@@ -69,19 +79,24 @@ Status LaneSlot::Verify(uint64_t generation, size_t size) const {
   return Status();
 }
 
-void LaneSlot::AddBlame(uint64_t number, uint32_t blame) {
+void LaneSlot::AddBlame(uint64_t number, uint64_t attempt, uint32_t blame) {
   if (number != committed() + 1) return;
-  if (memory_->blamed_number.load(std::memory_order_relaxed) != number) {
+  if (memory_->blamed_number.load(std::memory_order_relaxed) != number ||
+      memory_->blamed_attempt.load(std::memory_order_relaxed) != attempt) {
     memory_->blamed_number.store(number, std::memory_order_relaxed);
+    memory_->blamed_attempt.store(attempt, std::memory_order_relaxed);
     memory_->blame.store(0, std::memory_order_relaxed);
   }
   const uint32_t so_far = memory_->blame.load(std::memory_order_relaxed);
-  memory_->blame.store(std::min(so_far + blame, kBlameLimit), std::memory_order_relaxed);
+  memory_->blame.store(std::min(so_far + blame, 2 * kBlameLimit), std::memory_order_relaxed);
 }
 
-bool LaneSlot::condemned() const {
-  return memory_->blame.load(std::memory_order_relaxed) >= kBlameLimit &&
-         memory_->blamed_number.load(std::memory_order_relaxed) == committed() + 1;
+uint32_t LaneSlot::Blame(uint64_t attempt) const {
+  const uint32_t blame = memory_->blame.load(std::memory_order_relaxed);
+  if (blame == 0) return 0;  // nearly always
+  const bool is_meant = memory_->blamed_number.load(std::memory_order_relaxed) == committed() + 1 &&
+                        memory_->blamed_attempt.load(std::memory_order_relaxed) == attempt;
+  return is_meant ? blame : 0;
 }
 
 }  // namespace b4mrl

@@ -14,6 +14,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "proto/base/limits.h"
@@ -30,6 +31,10 @@ inline constexpr uint32_t kCrashBlame = 4;
 inline constexpr uint32_t kKillBlame = 1;
 inline constexpr uint32_t kBlameLimit = 8;
 
+// What blame is about besides the lane and the number: the operation, and of a reset its seed, for
+// another seed may well be tried.
+uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed = std::nullopt);
+
 struct BufferSeal {
   uint64_t number = 0;
   uint64_t checksum = 0;
@@ -41,6 +46,7 @@ struct alignas(64) LaneSlotMemory {
   std::atomic<uint64_t> committed;
   std::atomic<uint64_t> generation;     // of the session that owns the lane
   std::atomic<uint64_t> blamed_number;  // the operation that `blame` is about
+  std::atomic<uint64_t> blamed_attempt;
   std::atomic<uint32_t> blame;
   std::array<BufferSeal, 2> seals;
   // The second buffer starts a little off a power of two, and so does the next slot, so that equal
@@ -72,11 +78,14 @@ class LaneSlot {
 
   // Supervisor: operation `number` was under way when its process died. Ignored if it was
   // committed.
-  void AddBlame(uint64_t number, uint32_t blame);
-  // Whether operation committed() + 1 has ended its process too often to be tried again.
-  bool condemned() const;
+  void AddBlame(uint64_t number, uint64_t attempt, uint32_t blame);
+  // Whether operation committed() + 1 has ended its process too often to be tried again in that
+  // way; and whether what is done instead has as well.
+  bool condemned(uint64_t attempt) const { return Blame(attempt) >= kBlameLimit; }
+  bool abandoned(uint64_t attempt) const { return Blame(attempt) >= 2 * kBlameLimit; }
 
  private:
+  uint32_t Blame(uint64_t attempt) const;
   const BufferSeal& seal(uint64_t number) const { return memory_->seals[number & 1]; }
   std::span<std::byte> buffer(uint64_t number) const {
     return (number & 1) == 0 ? std::span<std::byte>(memory_->first)

@@ -63,7 +63,7 @@ void MakeRoom(const std::string& cache_folder) {
 struct ModelStore::Cache {
   struct Entry {
     uint64_t folder_state;
-    std::string hash;
+    Result<std::string> hash;  // or why the file is refused
   };
 
   // Also tells the file system that the model is in use.
@@ -75,24 +75,25 @@ struct ModelStore::Cache {
                               const Deadline& deadline) {
     const std::optional<uint64_t> state = StateOfFolder(options.models_folder);
     const auto known = hashes.find({environment, file});
-    if (state && known != hashes.end() && known->second.folder_state == *state &&
-        InCache(known->second.hash)) {
-      return known->second.hash;
+    if (state && known != hashes.end() && known->second.folder_state == *state) {
+      const Result<std::string>& hash = known->second.hash;
+      if (!hash.ok() || InCache(*hash)) return hash;
     }
     std::error_code error;
     fs::create_directories(folder, error);
     if (error) return IoError("create cache folder", folder, error.value());
-    B4MRL_ASSIGN_OR_RETURN(
-        std::string hash,
-        CompileModelInChild(
-            options.program, {options.models_folder, file, environment, folder},
-            Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs))));
-    InCache(hash);
+    const Result<std::string> hash = CompileModelInChild(
+        options.program, {options.models_folder, file, environment, folder},
+        Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs)));
+    if (hash.ok()) InCache(*hash);
     MakeRoom(folder);
     if (hashes.size() >= limits::kMaxCompiledModels) hashes.clear();
-    // Changed while it was compiled: the next request compiles again.
-    if (state && StateOfFolder(options.models_folder) == state) {
-      hashes[{environment, file}] = {*state, hash};
+    // A refusal that the file has earned is kept, too: clients ask again and again. Changed while
+    // it was compiled: the next request compiles again.
+    const bool is_lasting = hash.ok() || hash.status().code() == StatusCode::kInvalidArgument ||
+                            hash.status().code() == StatusCode::kUnsupported;
+    if (is_lasting && state && StateOfFolder(options.models_folder) == state) {
+      hashes.insert_or_assign({environment, file}, Entry{*state, hash});
     }
     return hash;
   }

@@ -15,9 +15,8 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open) {
                          std::to_string(limits::kTokenBytes));
   }
   if (open->num_envs() > limits::kMaxLanesPerSession) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("num_envs is {}, allowed: 0..{}", open->num_envs(),
-                              limits::kMaxLanesPerSession));
+    return InvalidNumber("num_envs", open->num_envs(),
+                         fmt::format("0..{}", limits::kMaxLanesPerSession));
   }
   if (!pb::AutoresetMode_IsValid(open->autoreset_mode())) {
     return InvalidNumber("autoreset_mode", open->autoreset_mode(), "0, 1 or 2");
@@ -34,9 +33,8 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open) {
     open->set_seed(seed >> 1);  // fits a signed integer everywhere
   }
   if (open->ByteSizeLong() > limits::kMaxOpenRequestBytes) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the Open request has {} bytes, at most {}", open->ByteSizeLong(),
-                              limits::kMaxOpenRequestBytes));
+    return InvalidNumber("bytes of the Open request", static_cast<double>(open->ByteSizeLong()),
+                         fmt::format("at most {}", limits::kMaxOpenRequestBytes));
   }
   return Status();
 }
@@ -48,10 +46,10 @@ std::string ModelFileOf(const pb::OpenRequest& open) {
   return "";
 }
 
-Deadline DeadlineOf(const pb::Request& request) {
+Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms) {
   const int64_t deadline_ms =
       request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
-  return Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs));
+  return Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs) + grace_ms);
 }
 
 }  // namespace b4mrl

@@ -17,6 +17,6 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open);
 std::string ModelFileOf(const pb::OpenRequest& open);
 
 // The request's own deadline or the default, from now.
-Deadline DeadlineOf(const pb::Request& request);
+Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
 
 }  // namespace b4mrl

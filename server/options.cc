@@ -56,6 +56,7 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   };
   if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
   if (key == "threads") return count(&options->threads, limits::kMaxThreads);
+  if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
   if (key == "data") return text(&options->data_folder);
   if (key == "models") return text(&options->models_folder);
   if (key == "insecure") return flag(&options->insecure);
@@ -73,8 +74,8 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
     return Status();
   }
   return UnknownName("key", key,
-                     std::vector<std::string>{"bind", "workers", "threads", "pin", "data", "models",
-                                              "insecure", "single-port"});
+                     std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data",
+                                              "models", "insecure", "single-port"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
@@ -201,6 +202,10 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
       ->check(CLI::Range(1u, limits::kMaxWorkers));
   app.add_option("--threads", serve.threads, "threads of each worker (default: cores)")
       ->check(CLI::Range(1u, limits::kMaxThreads));
+  app.add_option("--lease", serve.lease_seconds,
+                 "seconds after which a session without requests ends (default: 3600, or 300 where "
+                 "other machines can connect)")
+      ->check(CLI::Range(1u, limits::kMaxLeaseSeconds));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");

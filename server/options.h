@@ -18,12 +18,13 @@ inline constexpr int kExitBadInput = 3;
 struct ServeOptions {
   std::vector<std::string> binds;  // "tcp://HOST:PORT" or "ipc://PATH"; port 0 picks a free one
   uint32_t workers = 0;
-  uint32_t threads = 0;       // of each worker
-  bool pin = false;           // those threads to cores
-  std::string data_folder;    // exists
-  std::string models_folder;  // exists, or "" for the default
-  bool insecure = false;      // allow addresses that other machines can reach
-  bool single_port = false;   // clients reach the gateway alone, which relays
+  uint32_t threads = 0;        // of each worker
+  bool pin = false;            // those threads to cores
+  uint32_t lease_seconds = 0;  // of a session without requests; 0: by who can connect
+  std::string data_folder;     // exists
+  std::string models_folder;   // exists, or "" for the default
+  bool insecure = false;       // allow addresses that other machines can reach
+  bool single_port = false;    // clients reach the gateway alone, which relays
 };
 
 struct CommandLine {

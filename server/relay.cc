@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "server/open_request.h"
 
 namespace b4mrl {
 namespace {
@@ -53,10 +54,7 @@ Status Relay::Forward(const RoutingId& client, const pb::Request& request, Messa
   if (!route->socket.Send(Copy(message)).ok()) {
     return Status(StatusCode::kLimitExceeded, "the relay's queue towards this process is full");
   }
-  const int64_t deadline_ms =
-      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
-  const Deadline deadline =
-      Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs) + kGraceMs);
+  const Deadline deadline = DeadlineOf(request, kGraceMs);
   route->last_use = Clock::now();
   route->bytes += bytes;
   bytes_ += bytes;
@@ -210,7 +208,9 @@ void Relay::Sweep() {
       const auto current = carried++;
       if (current->second.deadline.expired()) Settle(route, current);
     }
-    it = route.carried.empty() && route.last_use < oldest ? Drop(it) : std::next(it);
+    // A reply that comes after its request was forgotten still reaches its client.
+    const bool gone = route.carried.empty() && (route.last_use < oldest || !HandBackReplies(route));
+    it = gone ? Drop(it) : std::next(it);
   }
 }
 

@@ -95,12 +95,17 @@ class RequestJob : public QueuedWork {
 // Marks what a thread is doing for as long as it lives, so that a death can be blamed on it.
 class ScopedMark {
  public:
-  ScopedMark(ThreadMark* mark, MarkKind kind, uint32_t index, uint64_t number);
+  // An operation of a lane, which is an index into SharedState::lane.
+  ScopedMark(ThreadMark* mark, uint32_t lane, uint64_t number, uint64_t attempt);
+  // A row of a query.
+  ScopedMark(ThreadMark* mark, uint32_t session, uint64_t request_id);
   ~ScopedMark() { mark_->kind.store(MarkKind::kIdle, std::memory_order_release); }
   ScopedMark(const ScopedMark&) = delete;
   ScopedMark& operator=(const ScopedMark&) = delete;
 
  private:
+  void Begin(MarkKind kind, uint64_t number);
+
   ThreadMark* mark_;
 };
 

@@ -62,9 +62,11 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 }
 
 void ItemCost::Observe(double us_per_item) {
-  constexpr float kWeight = 0.1f;
+  constexpr float kWeight = 0.1f, kFarOff = 20;
   // Threads may overwrite each other's update; any of them is as good.
   const float before = us_.load(std::memory_order_relaxed);
+  // A first guess that is far off must not make pieces of seconds.
+  if (us_per_item > kFarOff * before) return us_.store(static_cast<float>(us_per_item));
   us_.store(before + kWeight * (static_cast<float>(us_per_item) - before),
             std::memory_order_relaxed);
 }
@@ -112,7 +114,19 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   return session;
 }
 
+bool Session::owns_record() const {
+  const SessionState state = record().state.load(std::memory_order_acquire);
+  return (state == SessionState::kOpening || state == SessionState::kLive) &&
+         record().generation.load(std::memory_order_relaxed) == generation_;
+}
+
+bool Session::live() const {
+  return record().state.load(std::memory_order_acquire) == SessionState::kLive &&
+         record().generation.load(std::memory_order_relaxed) == generation_;
+}
+
 void Session::InitializeLanes() {
+  record().simulator_hash.store(simulator().identity_hash());
   for (uint32_t lane = 0; lane < lane_count(); ++lane) {
     LaneSlot memory = slot(lane);
     stepper_.Initialize(request_.seed() + lane,
@@ -122,6 +136,10 @@ void Session::InitializeLanes() {
 }
 
 Status Session::AdoptLanes() {
+  if (record().simulator_hash != simulator().identity_hash()) {
+    return Status(StatusCode::kVersionMismatch,
+                  "its simulator is not what it was: a model's file has changed");
+  }
   for (uint32_t lane = 0; lane < lane_count(); ++lane) {
     const LaneSlot memory = slot(lane);
     const std::string context = fmt::format("lane {}", lane);

@@ -52,6 +52,7 @@ struct alignas(64) ThreadMark {
   std::atomic<uint32_t> lane;     // kLane: index into SharedState::lane
   std::atomic<uint32_t> session;  // kQuery: index into SharedState::session
   std::atomic<uint64_t> number;   // kLane: the operation; kQuery: the request id
+  std::atomic<uint64_t> attempt;  // kLane: its AttemptKey
   std::atomic<int64_t> since_ms;  // MonotonicMs() when it began
 };
 inline constexpr uint32_t kMarksPerWorker =
@@ -64,6 +65,12 @@ enum class SessionState : uint32_t {
   kClosed = 3,   // the worker is done with it; the gateway frees it
 };
 
+// Blame for a query, by its request id, as a lane slot has it for an operation. 0: nobody's.
+struct QueryBlame {
+  std::atomic<uint64_t> request_id;
+  std::atomic<uint32_t> blame;
+};
+
 struct alignas(64) SessionRecord {
   std::atomic<SessionState> state;
   std::atomic<uint32_t> worker;
@@ -73,8 +80,8 @@ struct alignas(64) SessionRecord {
   std::atomic<int64_t> last_activity_ms;  // MonotonicMs()
   std::atomic<uint64_t> steps;
   std::atomic<uint32_t> adoption_attempts;  // deaths while rebuilding it
-  std::atomic<uint32_t> query_blame;        // as a lane's, for the query `blamed_query`
-  std::atomic<uint64_t> blamed_query;
+  std::atomic<uint64_t> simulator_hash;     // of what the lanes were made with
+  std::array<QueryBlame, 4> query_blames;   // the most blamed ones
   std::array<uint8_t, limits::kTokenBytes> token;
   uint64_t request_hash;  // of the OpenRequest as it came, for the same token again
   // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and
@@ -133,6 +140,11 @@ class SharedState {
   int fd_ = -1;
   SharedMemory* memory_ = nullptr;
 };
+
+// Supervisor: query `request_id` was under way when its process died.
+void AddQueryBlame(SessionRecord& record, uint64_t request_id, uint32_t blame);
+// Whether it has ended its process too often to be tried again.
+bool IsQueryCondemned(const SessionRecord& record, uint64_t request_id);
 
 // The checksum that belongs into `record.checksum`.
 uint64_t SessionChecksum(const SessionRecord& record);

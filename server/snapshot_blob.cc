@@ -10,25 +10,20 @@ namespace {
 constexpr uint64_t kMagic = 0x4c4e44342d62346d;
 constexpr uint32_t kVersion = 2;
 
-uint64_t HashIdentity(std::string_view identity) {
-  return XXH3_64bits(identity.data(), identity.size());
-}
-
 }  // namespace
 
-void WriteSnapshot(std::string_view simulator_identity, ConstLaneRecord record,
-                   std::span<std::byte> out) {
+void WriteSnapshot(uint64_t simulator_hash, ConstLaneRecord record, std::span<std::byte> out) {
   SnapshotHeader header;
   header.magic = kMagic;
   header.version = kVersion;
   header.record_bytes = static_cast<uint32_t>(record.layout().bytes());
-  header.simulator_hash = HashIdentity(simulator_identity);
+  header.simulator_hash = simulator_hash;
   header.checksum = XXH3_64bits(record.bytes().data(), record.bytes().size());
   std::memcpy(out.data(), &header, sizeof(header));
   std::memcpy(out.data() + sizeof(header), record.bytes().data(), record.bytes().size());
 }
 
-Status ReadSnapshot(std::string_view simulator_identity, const LaneLayout& layout,
+Status ReadSnapshot(uint64_t simulator_hash, const LaneLayout& layout,
                     std::span<const std::byte> snapshot, std::span<std::byte> record) {
   if (snapshot.size() != SnapshotBytes(layout)) {
     return InvalidNumber("bytes of snapshot", static_cast<double>(snapshot.size()),
@@ -40,7 +35,7 @@ Status ReadSnapshot(std::string_view simulator_identity, const LaneLayout& layou
   if (header.magic != kMagic || header.record_bytes != body.size()) {
     return InvalidArgument("snapshot", "other bytes", "what Snapshot returned, unchanged");
   }
-  if (header.version != kVersion || header.simulator_hash != HashIdentity(simulator_identity)) {
+  if (header.version != kVersion || header.simulator_hash != simulator_hash) {
     return Status(StatusCode::kVersionMismatch,
                   "the snapshot is of another simulator, configuration or engine version");
   }

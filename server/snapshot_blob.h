@@ -27,12 +27,11 @@ inline size_t SnapshotBytes(const LaneLayout& layout) {
   return sizeof(SnapshotHeader) + layout.bytes();
 }
 // Writes SnapshotBytes(layout) bytes.
-void WriteSnapshot(std::string_view simulator_identity, ConstLaneRecord record,
-                   std::span<std::byte> out);
+void WriteSnapshot(uint64_t simulator_hash, ConstLaneRecord record, std::span<std::byte> out);
 // The record inside, copied to `record` (layout.bytes() long, 8-byte aligned) after every check.
 // kVersionMismatch if it is another simulator's, engine's or format's; kInvalidArgument if it is
 // damaged.
-Status ReadSnapshot(std::string_view simulator_identity, const LaneLayout& layout,
+Status ReadSnapshot(uint64_t simulator_hash, const LaneLayout& layout,
                     std::span<const std::byte> snapshot, std::span<std::byte> record);
 
 }  // namespace b4mrl

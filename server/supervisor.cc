@@ -142,7 +142,7 @@ int Supervisor::ReadSignals(int signal_fd) {
   int terminations = 0;
   signalfd_siginfo info{};
   while (read(signal_fd, &info, sizeof(info)) == static_cast<ssize_t>(sizeof(info))) {
-    if (info.ssi_signo == SIGTERM || info.ssi_signo == SIGINT) ++terminations;
+    if (info.ssi_signo != SIGCHLD) ++terminations;
   }
   return terminations;
 }
@@ -180,13 +180,14 @@ int Supervisor::Run(int signal_fd) {
   return exit_code;
 }
 
-// SIGCHLD wakes the loop; SIGTERM and SIGINT drain.
+// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal is closed) drain.
 int OpenSignals() {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGCHLD);
   sigaddset(&signals, SIGTERM);
   sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
   sigprocmask(SIG_BLOCK, &signals, nullptr);
   return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
 }
@@ -210,8 +211,9 @@ int RunSupervisor(const ServeOptions& options) {
     spdlog::error(listeners.status().message());
     return listeners.status().code() == StatusCode::kIoError ? kExitBadInput : kExitBadUsage;
   }
-  const int64_t lease_ms =
-      listeners->loopback_only ? limits::kLoopbackLeaseMs : limits::kRemoteLeaseMs;
+  const int64_t lease_ms = options.lease_seconds > 0  ? int64_t{options.lease_seconds} * 1000
+                           : listeners->loopback_only ? limits::kLoopbackLeaseMs
+                                                      : limits::kRemoteLeaseMs;
   Result<SharedState> shared = SharedState::Create(options.workers, lease_ms);
   if (!shared.ok()) {
     RemoveSocketFiles(*listeners);

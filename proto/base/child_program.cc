@@ -105,8 +105,15 @@ Status SendAll(int socket, std::span<const std::byte> bytes, const Deadline& dea
 
 int WaitForExit(pid_t child, const Deadline& deadline) {
   const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, child, 0)));
-  if (!WaitUntilReady(handle.get(), POLLIN, deadline).ok()) kill(child, SIGKILL);
   int wait_status = 0;
+  // Without a descriptor (a sandbox may forbid it) looking now and then has to do.
+  while (handle.get() < 0 && !deadline.expired()) {
+    constexpr int kLookMs = 10;
+    if (waitpid(child, &wait_status, WNOHANG) == child) return wait_status;
+    poll(nullptr, 0, kLookMs);
+  }
+  const bool has_ended = handle.get() >= 0 && WaitUntilReady(handle.get(), POLLIN, deadline).ok();
+  if (!has_ended) kill(child, SIGKILL);
   while (waitpid(child, &wait_status, 0) < 0 && errno == EINTR) {
   }
   return wait_status;

@@ -1,5 +1,6 @@
-// Every bound of the system in one place. Hello sends those that concern a client; exceeding one is
-// answered with kLimitExceeded and the limit's name, never with silence.
+// Every bound of the system in one place. Hello sends those that concern a client. What fills the
+// daemon for the moment is answered with kLimitExceeded, a request that is itself too large with
+// kInvalidArgument, both with the limit's name.
 #pragma once
 
 #include <cstddef>
@@ -34,6 +35,7 @@ inline constexpr uint32_t kMaxRowsPerBatch = 65536;  // Sample and Read
 inline constexpr uint32_t kMaxBatchesPerSample = 64;
 inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;
 inline constexpr int64_t kRemoteLeaseMs = 300'000;
+inline constexpr uint32_t kMaxLeaseSeconds = 30 * 86'400;
 
 // Time.
 inline constexpr int64_t kDefaultDeadlineMs = 10'000;

@@ -22,7 +22,7 @@ enum class StatusCode : int32_t {
   kBusy = 4,                 // the lane already executes another request
   kStale = 5,                // a step number below the lane's last one
   kGap = 6,                  // a step number beyond the lane's last one + 1
-  kLimitExceeded = 7,        // a documented limit of proto/base/limits.h
+  kLimitExceeded = 7,        // a limit of proto/base/limits.h, reached for the moment
   kDeadlineExceeded = 8,     // not executed: its deadline passed first
   kUnavailable = 9,          // the peer cannot be reached or is draining; try again
   kVersionMismatch = 10,     // protocol versions or engine versions differ

@@ -178,11 +178,19 @@ Result<TensorView> ArrayReader::Require(std::string_view name, std::initializer_
   return *view;
 }
 
+namespace {
+
+Status EnvelopeTooLarge(size_t bytes) {
+  return InvalidNumber("bytes of the envelope", static_cast<double>(bytes),
+                       fmt::format("at most {}", limits::kMaxEnvelopeBytes));
+}
+
+}  // namespace
+
 Result<Frame> SerializeEnvelope(const google::protobuf::MessageLite& envelope) {
   const size_t size = envelope.ByteSizeLong();
   if (size > limits::kMaxEnvelopeBytes) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("envelope of {} bytes, at most {}", size, limits::kMaxEnvelopeBytes));
+    return EnvelopeTooLarge(size);
   }
   Frame frame = Frame::OfSize(size);
   envelope.SerializeWithCachedSizesToArray(reinterpret_cast<uint8_t*>(frame.data()));
@@ -191,8 +199,7 @@ Result<Frame> SerializeEnvelope(const google::protobuf::MessageLite& envelope) {
 
 Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope) {
   if (frame.size() > limits::kMaxEnvelopeBytes) {
-    return Status(StatusCode::kLimitExceeded, fmt::format("envelope of {} bytes, at most {}",
-                                                          frame.size(), limits::kMaxEnvelopeBytes));
+    return EnvelopeTooLarge(frame.size());
   }
   // To Protocol Buffers nothing at all is a message of defaults; here it stands for a malformed
   // one.

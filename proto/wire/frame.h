@@ -109,7 +109,7 @@ class ArrayReader {
   std::vector<uint64_t> aligned_copy_;  // 8-byte aligned storage when the frame itself is not
 };
 
-// Serialises `envelope` into a frame; fails with kLimitExceeded above limits::kMaxEnvelopeBytes.
+// Serialises `envelope` into a frame; kInvalidArgument above limits::kMaxEnvelopeBytes.
 Result<Frame> SerializeEnvelope(const google::protobuf::MessageLite& envelope);
 // Parses frame 1 into `envelope`; refuses more than limits::kMaxEnvelopeBytes and what is no
 // message.

@@ -17,9 +17,8 @@ constexpr int kMaxDepth = 8;
 Result<Config> ParseConfig(std::string_view text) {
   if (text.empty()) return Config::object();
   if (text.size() > limits::kMaxOpenRequestBytes) {
-    return Status(
-        StatusCode::kLimitExceeded,
-        fmt::format("config has {} bytes, allowed: {}", text.size(), limits::kMaxOpenRequestBytes));
+    return InvalidNumber("bytes of config", static_cast<double>(text.size()),
+                         fmt::format("at most {}", limits::kMaxOpenRequestBytes));
   }
   bool too_deep = false;
   const auto watch_depth = [&too_deep](int depth, Config::parse_event_t, Config&) {

@@ -65,9 +65,8 @@ Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulat
                              simulator->spec().observation.size(),
                              simulator->spec().info_names.size()};
   if (layout.bytes() > limits::kLaneBufferBytes) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("a lane needs {} bytes, allowed: {}", layout.bytes(),
-                              limits::kLaneBufferBytes));
+    return InvalidNumber("bytes of a lane's state", static_cast<double>(layout.bytes()),
+                         fmt::format("at most {}", limits::kLaneBufferBytes));
   }
   return LaneStepper(std::move(simulator), mode, layout);
 }
@@ -83,7 +82,7 @@ void LaneStepper::Observe(const Environment& environment, LaneRecord record) con
   simulator_->perturbations().OnObservation(ContextOf(record.header()), record.observation());
 }
 
-Status LaneStepper::StartEpisode(Environment& environment, LaneRecord record) const {
+Status LaneStepper::TryStart(Environment& environment, LaneRecord record) const {
   LaneHeader& header = record.header();
   B4MRL_RETURN_IF_ERROR(environment.StartEpisode(header.lane_seed, header.episode));
   environment.SaveState(record.state());
@@ -94,6 +93,16 @@ Status LaneStepper::StartEpisode(Environment& environment, LaneRecord record) co
   Observe(environment, record);
   if (AllFinite(record.observation()) && AllFinite(record.infos())) return Status();
   return Status(StatusCode::kInternal, "a start observation is not finite");
+}
+
+Status LaneStepper::StartEpisode(Environment& environment, LaneRecord record) const {
+  constexpr int kMaxStarts = 8;
+  Status status = TryStart(environment, record);
+  for (int i = 1; i < kMaxStarts && !status.ok(); ++i) {
+    ++record.header().episode;
+    status = TryStart(environment, record);
+  }
+  return status;
 }
 
 Status LaneStepper::Reset(Environment& environment, ConstLaneRecord before,
@@ -199,20 +208,17 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
 }
 
 Status LaneStepper::TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
-                                       bool was_step, LaneRecord after) const {
+                                       LaneRecord after) const {
   CopyRecord(before, after);
   LaneHeader& header = after.header();
   ClearOutcome(header);
   header.truncated = 1;
   header.cause = Cause::kCrash;
-  const bool running = header.phase == LanePhase::kRunning;
-  if (running && was_step) {
+  if (header.phase == LanePhase::kRunning) {
     ++header.elapsed_steps;
   } else {
-    // A start crashed: the next reset must not draw it again.
+    // The start that this step was to be crashed: the next reset must not draw it again.
     ++header.episode;
-  }
-  if (!running) {
     header.elapsed_steps = 0;
     header.episode_return = 0;
   }
@@ -240,6 +246,9 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
     std::ranges::fill(after.perturbation_state(), 0);
   }
   Observe(environment, after);
+  if (!AllFinite(after.observation()) || !AllFinite(after.infos())) {
+    return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");
+  }
   AbsorbOutcome(after);
   return Status();
 }

@@ -34,7 +34,7 @@ enum class ActionPrecision { kFloat64, kFloat32 };
 
 class LaneStepper {
  public:
-  // kLimitExceeded if a record would not fit limits::kLaneBufferBytes.
+  // kInvalidArgument if a record would not fit limits::kLaneBufferBytes.
   static Result<LaneStepper> Create(std::shared_ptr<const Simulator> simulator, AutoresetMode mode);
 
   const Simulator& simulator() const { return *simulator_; }
@@ -46,7 +46,7 @@ class LaneStepper {
   void Initialize(uint64_t lane_seed, LaneRecord record) const;
 
   // Starts an episode: with a seed, episode 0 of that seed and a new digest; without, the next
-  // episode.
+  // episode. An episode whose start the engine warns about is skipped; kInternal after several.
   Status Reset(Environment& environment, ConstLaneRecord before, std::optional<uint64_t> seed,
                LaneRecord after) const;
 
@@ -58,10 +58,10 @@ class LaneStepper {
   // What Step would have refused, without stepping.
   Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
 
-  // Instead of a step (`was_step`) or reset that ended its process twice: the episode ends as
-  // truncated with cause kCrash, at the last observation. In mode same_step the next episode starts
-  // at once, else it is due.
-  Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before, bool was_step,
+  // Instead of a step that ended its process twice: the episode ends as truncated with cause
+  // kCrash, at the last observation. In mode same_step the next episode starts at once, else it is
+  // due.
+  Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
                             LaneRecord after) const;
 
   // The simulator's state under readable names.
@@ -77,6 +77,8 @@ class LaneStepper {
       : simulator_(std::move(simulator)), mode_(mode), layout_(layout) {}
 
   void Observe(const Environment& environment, LaneRecord record) const;
+  Status TryStart(Environment& environment, LaneRecord record) const;
+  // The record's episode, or the first after it whose start the engine accepts.
   Status StartEpisode(Environment& environment, LaneRecord record) const;
   Status Finish(Environment& environment, LaneRecord record) const;
 

@@ -1,9 +1,11 @@
 #include "server/environments/simulator.h"
 
 #include <fmt/format.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -13,6 +15,15 @@
 
 namespace b4mrl {
 namespace {
+
+// Scaling and noise may overflow: such a row is invalid and holds zeros, like one that the engine
+// warned about.
+QueryResult OnlyFinite(const QueryResult& result, std::span<double> next_observation) {
+  const auto is_finite = [](double x) { return std::isfinite(x); };
+  if (is_finite(result.reward) && std::ranges::all_of(next_observation, is_finite)) return result;
+  std::ranges::fill(next_observation, 0);
+  return {};
+}
 
 struct Registry {
   std::mutex mutex;
@@ -69,6 +80,7 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
       fmt::format("{}; config {}; perturbations {}; model {}; {}", entry->name,
                   simulator->config_json_, FormatNamedArguments(simulator->perturbations_.items()),
                   simulator->model_->Identity(), EngineVersion());
+  simulator->identity_hash_ = XXH3_64bits(simulator->identity_.data(), simulator->identity_.size());
   B4MRL_ASSIGN_OR_RETURN(const Lease first, simulator->Borrow());
   simulator->state_size_ = first->state_size();
   return std::shared_ptr<const Simulator>(std::move(simulator));
@@ -110,7 +122,9 @@ Status Simulator::CheckQueryable() const {
 QueryResult Simulator::Query(Environment& environment, const QueryRow& row,
                              std::span<const double> observation, std::span<const double> action,
                              std::span<double> next_observation) const {
-  if (perturbations_.empty()) return environment.Query(observation, action, next_observation);
+  if (perturbations_.empty()) {
+    return OnlyFinite(environment.Query(observation, action, next_observation), next_observation);
+  }
   const DrawContext context = {DrawContext::Kind::kQuery, row.seed, row.draw, row.row};
   std::array<double, limits::kMaxActionDimensions> changed;
   const std::span<double> perturbed_action = std::span(changed).first(action.size());
@@ -118,7 +132,7 @@ QueryResult Simulator::Query(Environment& environment, const QueryRow& row,
   perturbations_.OnAction(context, {}, perturbed_action);
   const QueryResult result = environment.Query(observation, perturbed_action, next_observation);
   if (result.valid) perturbations_.OnObservation(context, next_observation);
-  return result;
+  return OnlyFinite(result, next_observation);
 }
 
 }  // namespace b4mrl

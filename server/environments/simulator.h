@@ -56,6 +56,7 @@ class Simulator {
   // Text that names the dynamics: environment, settings, perturbations, model content, engine
   // version.
   const std::string& identity() const { return identity_; }
+  uint64_t identity_hash() const { return identity_hash_; }
   // Doubles of the environment's own state and of all perturbations' states.
   size_t state_size() const { return state_size_; }
   size_t perturbation_state_size() const { return perturbations_.state_size(); }
@@ -95,6 +96,7 @@ class Simulator {
   std::shared_ptr<const EnvironmentModel> model_;
   std::string config_json_;
   std::string identity_;
+  uint64_t identity_hash_ = 0;
   size_t state_size_ = 0;
   mutable std::mutex mutex_;
   mutable std::vector<std::unique_ptr<Environment>> pool_;

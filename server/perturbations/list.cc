@@ -173,8 +173,8 @@ Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string
 Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
                                           const EnvironmentSpec& spec, PerturbationUse use) {
   if (items.size() > limits::kMaxPerturbations) {
-    return Status(StatusCode::kLimitExceeded, fmt::format("{} perturbations, allowed: {}",
-                                                          items.size(), limits::kMaxPerturbations));
+    return InvalidNumber("number of perturbations", static_cast<double>(items.size()),
+                         fmt::format("at most {}", limits::kMaxPerturbations));
   }
   std::vector<std::unique_ptr<Perturbation>> members;
   std::map<std::string, uint64_t> occurrences;

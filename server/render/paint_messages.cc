@@ -100,10 +100,6 @@ Status CheckHeader(const RequestHeader& header) {
 
 }  // namespace
 
-uint64_t HashIdentity(const std::string& identity) {
-  return XXH3_64bits(identity.data(), identity.size());
-}
-
 Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& deadline) {
   const SimulatorTexts texts = ToTexts(request.simulator);
   RequestHeader header = {kRequestMagic,    request.width,

@@ -21,14 +21,12 @@ namespace b4mrl {
 // One picture of one lane.
 struct PaintRequest {
   SimulatorRequest simulator;
-  // Hash of Simulator::identity(): the model file may have changed since the session was opened.
+  // Simulator::identity_hash(): the model file may have changed since the session was opened.
   uint64_t identity = 0;
   uint32_t width = 0;  // pixels; limits::kMinPictureSide to limits::kMaxPictureSide
   uint32_t height = 0;
   std::vector<double> state;  // for Environment::LoadState
 };
-
-uint64_t HashIdentity(const std::string& identity);
 
 // Bytes of a picture: rows from the top, pixels from the left, red, green, blue.
 inline size_t PictureBytes(uint32_t width, uint32_t height) { return size_t{3} * width * height; }

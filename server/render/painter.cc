@@ -63,7 +63,7 @@ class PictureKind : public Canvas {
 Result<std::unique_ptr<PictureKind>> PictureKind::Open(const PaintRequest& request) {
   std::unique_ptr<PictureKind> kind(new PictureKind(request));
   B4MRL_ASSIGN_OR_RETURN(kind->simulator_, Simulator::Open(request.simulator));
-  if (HashIdentity(kind->simulator_->identity()) != request.identity) {
+  if (kind->simulator_->identity_hash() != request.identity) {
     return Status(StatusCode::kFailedPrecondition,
                   "the model's file has changed since the session was opened; open it anew");
   }

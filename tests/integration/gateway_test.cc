@@ -63,7 +63,7 @@ TEST_CASE("What cannot be opened is refused with the reason, and leaves nothing 
   REQUIRE(unknown.code() == StatusCode::kUnknownName);
   REQUIRE(unknown.message().find("did you mean 'HalfCheetah'") != std::string::npos);
   REQUIRE(refuse(OpenRequest("HalfCheetah", limits::kMaxLanesPerSession + 1), 'b').code() ==
-          StatusCode::kLimitExceeded);
+          StatusCode::kInvalidArgument);
   pb::Request perturbed = OpenRequest("HalfCheetah", 1);
   perturbed.mutable_open()->add_perturbations()->set_name("gravty");
   REQUIRE(refuse(perturbed, 'c').code() == StatusCode::kUnknownName);
@@ -71,7 +71,7 @@ TEST_CASE("What cannot be opened is refused with the reason, and leaves nothing 
   configured.mutable_open()->set_config("{\"max_episode_steps\": -1}");
   REQUIRE(refuse(configured, 'd').code() == StatusCode::kInvalidArgument);
   configured.mutable_open()->set_config(std::string(limits::kMaxOpenRequestBytes, ' '));
-  REQUIRE(refuse(configured, 'e').code() == StatusCode::kLimitExceeded);
+  REQUIRE(refuse(configured, 'e').code() == StatusCode::kInvalidArgument);
   pb::Request mode = OpenRequest("HalfCheetah", 1);
   mode.mutable_open()->set_autoreset_mode(static_cast<pb::AutoresetMode>(9));
   REQUIRE(refuse(mode, 'f').code() == StatusCode::kInvalidArgument);

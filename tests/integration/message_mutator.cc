@@ -345,7 +345,7 @@ bool MessageMutator::TooLarge() {
   } else {
     return false;
   }
-  Allow({StatusCode::kLimitExceeded, StatusCode::kInvalidArgument});
+  Allow({StatusCode::kInvalidArgument});
   return true;
 }
 

@@ -172,5 +172,86 @@ TEST_CASE("A session that nobody uses ends when its lease does") {
   REQUIRE(worker.Reset({1}).code() == StatusCode::kSessionLost);
 }
 
+// The record of a session that the worker has built and the gateway has not acknowledged yet.
+uint32_t OpenUnacknowledged(WorkerFixture& worker, const std::string& token) {
+  const uint32_t index = worker.Open(2, token);
+  worker.state().session(index).state.store(SessionState::kOpening);
+  return index;
+}
+
+TEST_CASE("A session is served only once the gateway has acknowledged it") {
+  WorkerFixture worker;
+  const uint32_t index = OpenUnacknowledged(worker, kToken);
+  REQUIRE(worker.Reset({1, 1}).code() == StatusCode::kSessionLost);
+  SessionTable(worker.state()).MakeLive(index);
+  REQUIRE(worker.Reset({1, 1}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A session whose record was given to another one reaches nothing of that one") {
+  WorkerFixture worker;
+  const uint32_t index = OpenUnacknowledged(worker, kToken);
+  SessionTable(worker.state()).Free(index);
+  const std::string other = "another token...";
+  REQUIRE(worker.Open(2, other) == index);
+  const auto call = [&worker](const std::string& token, pb::Request request,
+                              const std::vector<Input>& inputs) {
+    request.set_session_token(token);
+    return worker.Call(request, inputs).code();
+  };
+  pb::Request reset, close;
+  reset.mutable_reset();
+  close.mutable_close();
+  REQUIRE(call(other, reset, {Numbers({1, 1})}) == StatusCode::kOk);
+  REQUIRE(call(kToken, reset, {Numbers({2, 2})}) == StatusCode::kSessionLost);
+  REQUIRE(worker.state().lane(0).committed() == 1);
+  REQUIRE(call(kToken, close, {}) == StatusCode::kOk);
+  REQUIRE(worker.state().session(index).state == SessionState::kLive);
+  REQUIRE(call(other, reset, {Numbers({2, 2})}) == StatusCode::kOk);
+}
+
+TEST_CASE("An Attach that names an earlier session of the record is refused") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  pb::Request attach;
+  attach.mutable_attach()->set_session_index(index);
+  attach.mutable_attach()->set_generation(worker.state().session(index).generation - 1);
+  REQUIRE(worker.Call(attach, {}).code() == StatusCode::kSessionLost);
+}
+
+TEST_CASE("A session without its record is forgotten when leases are looked at") {
+  WorkerFixture worker;
+  const uint32_t index = OpenUnacknowledged(worker, kToken);
+  SessionTable(worker.state()).Free(index);
+  worker.dispatcher().ReapIdleSessions();
+  REQUIRE(worker.dispatcher().session_count() == 0);
+  REQUIRE(worker.state().session(index).state == SessionState::kFree);
+}
+
+TEST_CASE("A reset that ended its worker twice is refused, and another seed is not") {
+  WorkerFixture worker;
+  worker.Open(1);
+  for (int death = 0; death < 2; ++death) {
+    worker.state().lane(0).AddBlame(1, AttemptKey(Operation::kReset, 7), kCrashBlame);
+  }
+  pb::Request reset;
+  reset.mutable_reset();
+  const auto seed = [](uint64_t value) { return Array<uint64_t>("seeds", {1}, {value}); };
+  const Answer refused = worker.Call(reset, {Numbers({1}), seed(7)});
+  REQUIRE(refused.code() == StatusCode::kFailedPrecondition);
+  REQUIRE(refused.envelope.status().message().find("another seed") != std::string::npos);
+  REQUIRE(worker.Call(reset, {Numbers({1}), seed(8)}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A step that ended its worker four times, with what was done instead, is given up") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  const auto blame = [&worker] {
+    worker.state().lane(0).AddBlame(2, AttemptKey(Operation::kStep), kCrashBlame);
+  };
+  for (int death = 0; death < 4; ++death) blame();
+  REQUIRE(worker.Step({2}, 0).code() == StatusCode::kInternal);
+}
+
 }  // namespace
 }  // namespace b4mrl

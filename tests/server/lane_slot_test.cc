@@ -22,6 +22,8 @@ LaneSlot NewSlot(LaneSlotMemory* memory) {
   return slot;
 }
 
+const uint64_t kStep = AttemptKey(Operation::kStep);
+
 TEST_CASE("A new slot holds record 0 and verifies") {
   const auto memory = NewMemory();
   const LaneSlot slot = NewSlot(memory.get());
@@ -83,15 +85,29 @@ TEST_CASE("A damaged record is told from a whole one") {
 TEST_CASE("Two crashes condemn an operation, and the next one is innocent") {
   const auto memory = NewMemory();
   LaneSlot slot = NewSlot(memory.get());
-  slot.AddBlame(1, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned());
-  slot.AddBlame(1, kCrashBlame);
-  REQUIRE(slot.condemned());
+  slot.AddBlame(1, kStep, kCrashBlame);
+  REQUIRE_FALSE(slot.condemned(kStep));
+  slot.AddBlame(1, kStep, kCrashBlame);
+  REQUIRE(slot.condemned(kStep));
   Fill(slot.idle_buffer(), 2);
   slot.Commit(Operation::kStep, kSize);
-  REQUIRE_FALSE(slot.condemned());
-  slot.AddBlame(2, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned());
+  REQUIRE_FALSE(slot.condemned(kStep));
+  slot.AddBlame(2, kStep, kCrashBlame);
+  REQUIRE_FALSE(slot.condemned(kStep));
+}
+
+TEST_CASE("A condemned operation may be done in another way, and is abandoned after two more") {
+  const auto memory = NewMemory();
+  LaneSlot slot = NewSlot(memory.get());
+  const uint64_t reset = AttemptKey(Operation::kReset, 7);
+  for (int crash = 0; crash < 2; ++crash) slot.AddBlame(1, reset, kCrashBlame);
+  REQUIRE(slot.condemned(reset));
+  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kReset, 8)));
+  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kReset)));
+  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kRestore)));
+  REQUIRE_FALSE(slot.abandoned(reset));
+  for (int crash = 0; crash < 2; ++crash) slot.AddBlame(1, reset, kCrashBlame);
+  REQUIRE(slot.abandoned(reset));
 }
 
 TEST_CASE(
@@ -99,13 +115,13 @@ TEST_CASE(
     "blamed") {
   const auto memory = NewMemory();
   LaneSlot slot = NewSlot(memory.get());
-  for (uint32_t kills = 0; kills < 7; ++kills) slot.AddBlame(1, kKillBlame);
-  REQUIRE_FALSE(slot.condemned());
-  slot.AddBlame(0, kCrashBlame);
-  slot.AddBlame(2, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned());
-  slot.AddBlame(1, kKillBlame);
-  REQUIRE(slot.condemned());
+  for (uint32_t kills = 0; kills < 7; ++kills) slot.AddBlame(1, kStep, kKillBlame);
+  REQUIRE_FALSE(slot.condemned(kStep));
+  slot.AddBlame(0, kStep, kCrashBlame);
+  slot.AddBlame(2, kStep, kCrashBlame);
+  REQUIRE_FALSE(slot.condemned(kStep));
+  slot.AddBlame(1, kStep, kKillBlame);
+  REQUIRE(slot.condemned(kStep));
 }
 
 }  // namespace

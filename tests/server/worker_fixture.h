@@ -84,6 +84,7 @@ class WorkerFixture {
     REQUIRE(index.ok());
     pb::Request attach;
     attach.mutable_attach()->set_session_index(*index);
+    attach.mutable_attach()->set_generation(state_->session(*index).generation);
     REQUIRE(Call(attach, {}).code() == StatusCode::kOk);
     table.MakeLive(*index);
     return *index;

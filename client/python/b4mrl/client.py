@@ -201,14 +201,19 @@ class Client:
 
     def datasets(self) -> list[Any]:
         """The datasets that the daemon has: messages DatasetInfo of b4mrl.proto."""
-        request = Request()
-        request.list_datasets.SetInParent()
+        found: list[Any] = []
         connection = self._connect_datasets()
         try:
-            reply = connection.call(request, bytearray(), self.deadline_ms).reply
+            while True:
+                request = Request()
+                request.list_datasets.first = len(found)
+                request.list_datasets.SetInParent()
+                page = connection.call(request, bytearray(), self.deadline_ms).reply.list_datasets
+                found.extend(page.datasets)
+                if not page.datasets or len(found) >= page.total:
+                    return found
         finally:
             connection.close()
-        return list(reply.list_datasets.datasets)
 
     def dataset(
         self,

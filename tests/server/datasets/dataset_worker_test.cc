@@ -1,5 +1,8 @@
 #include "server/dataset_worker.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <filesystem>
@@ -162,6 +165,35 @@ TEST_CASE("datasets are listed before and after their import") {
   CHECK(daemon.heartbeat > 0);
 }
 
+TEST_CASE("a listing that is longer than an envelope comes in pages") {
+  constexpr int kFiles = 1500;
+  TemporaryFolder folder;
+  std::filesystem::create_directory(folder.File("HalfCheetah"));
+  for (int i = 0; i < kFiles; ++i) {
+    WriteBytes(folder.File(fmt::format("HalfCheetah/{:05}-{}.h5", i, std::string(60, 'x'))), "");
+  }
+  Daemon daemon(folder.path());
+  std::vector<std::string> names;
+  int pages = 0;
+  for (; names.size() < kFiles; ++pages) {
+    pb::Request list;
+    list.mutable_list_datasets()->set_first(static_cast<uint32_t>(names.size()));
+    const auto page = daemon.Ask(list);
+    REQUIRE(page.reply.list_datasets().total() == kFiles);
+    REQUIRE(page.reply.list_datasets().datasets_size() > 0);
+    for (const pb::DatasetInfo& info : page.reply.list_datasets().datasets()) {
+      names.push_back(info.name());
+    }
+  }
+  CHECK(pages > 1);
+  CHECK(names.size() == kFiles);
+  CHECK(std::ranges::is_sorted(names));
+  CHECK(std::ranges::adjacent_find(names) == names.end());
+  pb::Request beyond;
+  beyond.mutable_list_datasets()->set_first(UINT32_MAX);
+  CHECK(daemon.Ask(beyond).reply.list_datasets().datasets_size() == 0);
+}
+
 TEST_CASE("sampled rows are those of the file that the sampler names") {
   DataFolder files;
   Daemon daemon(files.folder.path());
@@ -309,7 +341,7 @@ TEST_CASE("bad requests are answered with typed errors") {
   CHECK(daemon.Sample(fingerprint, 0, 0, 1, limits::kMaxBatchesPerSample + 1).code() ==
         StatusCode::kInvalidArgument);
   CHECK(daemon.Sample(fingerprint, 0, 0, limits::kMaxRowsPerBatch, 64).code() ==
-        StatusCode::kLimitExceeded);
+        StatusCode::kInvalidArgument);
   pb::Request other;
   other.mutable_step();
   CHECK(daemon.Ask(other).code() == StatusCode::kUnsupported);

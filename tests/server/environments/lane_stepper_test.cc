@@ -1,5 +1,6 @@
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "proto/base/limits.h"
 #include "tests/server/environments/simulation.h"
@@ -236,16 +237,41 @@ TEST_CASE("A reset that crashes moves on to another start") {
   REQUIRE(lane.header().phase == LanePhase::kRunning);
 }
 
-TEST_CASE("A reset that crashes in the middle of an episode ends it where it was") {
-  TestLane lane(OpenHalfCheetah());
-  lane.Reset();
-  for (uint64_t k = 0; k < 5; ++k) lane.Step(Action(k));
-  const double episode_return = lane.header().episode_return;
-  lane.TruncateAfterCrash(/*was_step=*/false);
-  REQUIRE(lane.header().final_length == 5);
-  REQUIRE(lane.header().final_return == episode_return);
-  lane.Reset();
-  REQUIRE(lane.header().episode == 2);  // episode 1 was the start that crashed
+// Spoils the first observations of episodes 1 to `last`.
+class SpoiledStarts : public Perturbation {
+ public:
+  explicit SpoiledStarts(uint64_t last) : last_(last) {}
+  NamedArgument ToNamedArgument() const override { return {"spoiled", std::to_string(last_)}; }
+  void OnObservation(const DrawContext& context, std::span<double> observation) const override {
+    const bool is_spoiled = context.minor == 0 && context.major >= 1 && context.major <= last_;
+    if (is_spoiled) observation[0] = std::nan("");
+  }
+
+ private:
+  uint64_t last_;
+};
+
+std::shared_ptr<const Simulator> WithSpoiledStarts(uint64_t last) {
+  const EnvironmentSpec spec = OpenHalfCheetah("", kThreeSteps)->spec();
+  std::vector<std::unique_ptr<Perturbation>> members;
+  members.push_back(std::make_unique<SpoiledStarts>(last));
+  return Take(Simulator::Build("HalfCheetah", Take(ParseConfig(kThreeSteps)),
+                               PerturbationSet(spec, std::move(members)), ""));
+}
+
+TEST_CASE("An episode whose start is not finite is skipped, and after several the lane gives up") {
+  TestLane skips(WithSpoiledStarts(2), AutoresetMode::kSameStep);
+  skips.Reset();
+  for (uint64_t k = 0; k < 3; ++k) skips.Step(Action(k));
+  REQUIRE(skips.header().episode_ended == 1);
+  REQUIRE(skips.header().cause == Cause::kLimit);
+  REQUIRE(skips.header().episode == 3);
+  REQUIRE(skips.header().phase == LanePhase::kRunning);
+  TestLane stuck(WithSpoiledStarts(20), AutoresetMode::kSameStep);
+  stuck.Reset();
+  for (uint64_t k = 0; k < 2; ++k) stuck.Step(Action(k));
+  REQUIRE(stuck.TryStep(Action(2)).code() == StatusCode::kInternal);
+  REQUIRE(stuck.header().elapsed_steps == 2);
 }
 
 TEST_CASE("Equal records and actions give equal bytes, whichever scratch simulates them") {

@@ -91,8 +91,8 @@ class TestLane {
   void StepRandomly(uint64_t step, uint64_t seed = 1) {
     Step(RandomAction(stepper_.spec().action.size(), seed, step));
   }
-  void TruncateAfterCrash(bool was_step = true) {
-    RequireOk(Done(stepper_.TruncateAfterCrash(*environment_, record(), was_step, Next())));
+  void TruncateAfterCrash() {
+    RequireOk(Done(stepper_.TruncateAfterCrash(*environment_, record(), Next())));
   }
 
  private:

@@ -224,7 +224,7 @@ TEST_CASE("What remembers steps cannot be queried; noise can") {
 TEST_CASE("A delay that does not fit into a lane's memory is refused with the limit") {
   const auto simulator = Take(TryOpen("Humanoid", "action-delay=100"));
   const auto stepper = LaneStepper::Create(simulator, AutoresetMode::kNextStep);
-  REQUIRE(stepper.status().code() == StatusCode::kLimitExceeded);
+  REQUIRE(stepper.status().code() == StatusCode::kInvalidArgument);
 }
 
 }  // namespace

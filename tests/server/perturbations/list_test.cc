@@ -161,7 +161,7 @@ TEST_CASE("There is a limit to how many perturbations apply") {
   std::string text = "gravity=1";
   for (int i = 1; i < 16; ++i) text += ",gravity=1";
   CHECK(TryMake(text).ok());
-  CHECK(Refusal(text + ",gravity=1").code() == StatusCode::kLimitExceeded);
+  CHECK(Refusal(text + ",gravity=1").code() == StatusCode::kInvalidArgument);
 }
 
 TEST_CASE("The hidden dimensions of a list are known without building it") {

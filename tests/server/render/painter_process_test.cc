@@ -30,7 +30,7 @@ PaintRequest RequestFor(const std::string& environment, uint64_t episode = 0) {
   REQUIRE(scratch.ok());
   Rng rng(episode, "painter_process_test");
   REQUIRE((*scratch)->Reset(rng).ok());
-  request.identity = HashIdentity((*simulator)->identity());
+  request.identity = (*simulator)->identity_hash();
   request.width = request.height = kSide;
   request.state.resize((*scratch)->state_size());
   (*scratch)->SaveState(request.state);
