@@ -59,7 +59,8 @@ Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& opti
 Status CheckOpenReply(const pb::OpenDatasetReply& reply) {
   if (reply.fingerprint().empty() || reply.observation_size() == 0 ||
       reply.observation_size() > limits::kMaxObservationDimensions || reply.action_size() == 0 ||
-      reply.action_size() > limits::kMaxActionDimensions) {
+      reply.action_size() > limits::kMaxActionDimensions ||
+      reply.rows() > limits::kMaxDatasetRows) {
     return Status(StatusCode::kInternal, "the server's reply does not describe a dataset");
   }
   return Status();

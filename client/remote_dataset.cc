@@ -1,7 +1,5 @@
 #include "client/remote_dataset.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <utility>
 
@@ -93,16 +91,13 @@ Status BatchStream::ReceiveGroup() {
   if (requests_.empty()) B4MRL_RETURN_IF_ERROR(TopUp());
   const uint64_t id = requests_.front();
   requests_.pop_front();
-  Result<TransitionRows> group = dataset_->ReadRows(dataset_->connection_.Receive(id), group_end_);
+  Result<TransitionRows> group =
+      dataset_->ReadRows(dataset_->connection_.Receive(id), uint64_t{rows_} * batches_per_request_);
   if (!group.ok()) {
     Abandon();
     return group.status();
   }
-  if (group->rows != size_t{rows_} * batches_per_request_) {
-    Abandon();
-    return InvalidNumber("rows of a reply", static_cast<double>(group->rows),
-                         fmt::format("{} x {}", batches_per_request_, rows_));
-  }
+  group->first_batch = group_end_;
   group_ = std::move(*group);
   group_end_ += batches_per_request_;
   return Status();
@@ -156,7 +151,10 @@ Result<TransitionRows> RemoteDataset::Sample(uint32_t rows, uint64_t seed, uint6
                                              uint32_t batches, bool with_indices) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id,
                          SendSample(rows, seed, first_batch, batches, with_indices));
-  return ReadRows(connection_.Receive(id), first_batch);
+  B4MRL_ASSIGN_OR_RETURN(TransitionRows out,
+                         ReadRows(connection_.Receive(id), uint64_t{rows} * std::max(batches, 1u)));
+  out.first_batch = first_batch;
+  return out;
 }
 
 Result<TransitionRows> RemoteDataset::Read(uint64_t first_row, uint32_t rows) {
@@ -165,21 +163,21 @@ Result<TransitionRows> RemoteDataset::Read(uint64_t first_row, uint32_t rows) {
   read->set_fingerprint(fingerprint());
   read->set_first_row(first_row);
   read->set_rows(rows);
-  return ReadRows(connection_.Call(std::move(request), Frame(), NewDeadline()), 0);
+  // Behind the last row the server refuses, and says so better than this side could.
+  const uint64_t left = this->rows() - std::min(first_row, this->rows());
+  return ReadRows(connection_.Call(std::move(request), Frame(), NewDeadline()),
+                  std::min<uint64_t>(rows, left));
 }
 
-Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply,
-                                               uint64_t first_batch) const {
+Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply, uint64_t rows) const {
   if (!reply.ok()) return reply.status();
   TransitionRows out;
   out.reply = std::make_shared<const ReceivedReply>(std::move(*reply));
-  out.first_batch = first_batch;
+  out.rows = rows;
   const ArrayReader& arrays = out.reply->arrays;
   B4MRL_ASSIGN_OR_RETURN(
       const TensorView observations,
-      arrays.Require("observations", {DType::kFloat32}, {ArrayReader::kAny, observation_size()}));
-  const uint64_t rows = observations.rows();
-  out.rows = rows;
+      arrays.Require("observations", {DType::kFloat32}, {rows, observation_size()}));
   out.observations = observations.As<float>();
   B4MRL_ASSIGN_OR_RETURN(const TensorView actions,
                          arrays.Require("actions", {DType::kFloat32}, {rows, action_size()}));

@@ -113,7 +113,8 @@ class RemoteDataset {
         deadline_ms_(deadline_ms) {}
   Result<uint64_t> SendSample(uint32_t rows, uint64_t seed, uint64_t first_batch, uint32_t batches,
                               bool with_indices);
-  Result<TransitionRows> ReadRows(Result<ReceivedReply> reply, uint64_t first_batch) const;
+  // Refuses a reply with another number of rows: callers keep as much room as they asked for.
+  Result<TransitionRows> ReadRows(Result<ReceivedReply> reply, uint64_t rows) const;
   Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
 
   Connection connection_;

@@ -115,7 +115,7 @@ Result<StepOutcome> RemoteEnvironment::Reset(std::span<const uint32_t> lanes,
   request.request().mutable_reset();
   if (!seeds.empty()) request.Add("seeds", seeds, {count});
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, request.Send());
-  return ReadOutcome(ReceiveNumbered(id), /*is_step=*/false);
+  return ReadOutcome(ReceiveNumbered(id), count, /*is_step=*/false);
 }
 
 template <typename Scalar>
@@ -144,12 +144,12 @@ Result<uint64_t> RemoteEnvironment::Send(std::span<const double> actions,
 Result<StepOutcome> RemoteEnvironment::Step(std::span<const float> actions,
                                             std::span<const uint32_t> lanes) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, SendActions(actions, lanes));
-  return ReadOutcome(ReceiveNumbered(id), /*is_step=*/true);
+  return ReadOutcome(ReceiveNumbered(id), numbers_.CountOf(lanes), /*is_step=*/true);
 }
 Result<StepOutcome> RemoteEnvironment::Step(std::span<const double> actions,
                                             std::span<const uint32_t> lanes) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, SendActions(actions, lanes));
-  return ReadOutcome(ReceiveNumbered(id), /*is_step=*/true);
+  return ReadOutcome(ReceiveNumbered(id), numbers_.CountOf(lanes), /*is_step=*/true);
 }
 
 Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
@@ -158,17 +158,22 @@ Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
                  [](const UnderWay& entry) { return entry.id; });
   Delivery delivery = connection_.ReceiveAny(ids);
   if (failed_id != nullptr) *failed_id = delivery.id;
-  return ReadOutcome(Finish(std::move(delivery)), /*is_step=*/true);
+  const auto sent = FindUnderWay(delivery.id);
+  const size_t lanes = sent == under_way_.end() ? 0 : numbers_.CountOf(sent->lanes);
+  return ReadOutcome(Finish(std::move(delivery)), lanes, /*is_step=*/true);
 }
 
 Result<ReceivedReply> RemoteEnvironment::ReceiveNumbered(uint64_t id) {
   return Finish(connection_.ReceiveAny(std::span(&id, 1)));
 }
 
+std::vector<RemoteEnvironment::UnderWay>::iterator RemoteEnvironment::FindUnderWay(uint64_t id) {
+  return std::find_if(under_way_.begin(), under_way_.end(),
+                      [id](const UnderWay& entry) { return entry.id == id; });
+}
+
 Result<ReceivedReply> RemoteEnvironment::Finish(Delivery delivery) {
-  const auto found =
-      std::find_if(under_way_.begin(), under_way_.end(),
-                   [&delivery](const UnderWay& entry) { return entry.id == delivery.id; });
+  const auto found = FindUnderWay(delivery.id);
   if (found == under_way_.end()) return std::move(delivery.reply);
   LaneNumbers::Outcome outcome = LaneNumbers::Outcome::kUnknown;
   if (delivery.kind == Delivery::Kind::kReply) outcome = LaneNumbers::Outcome::kExecuted;
@@ -180,7 +185,7 @@ Result<ReceivedReply> RemoteEnvironment::Finish(Delivery delivery) {
   return std::move(delivery.reply);
 }
 
-Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply,
+Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply, uint64_t rows,
                                                    bool is_step) const {
   if (!reply.ok()) return reply.status();
   StepOutcome outcome;
@@ -189,17 +194,14 @@ Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply,
   outcome.timing = outcome.reply.envelope.timing();
   const ArrayReader& arrays = outcome.reply.arrays;
   const DType dtype = static_cast<DType>(in_force_.observation_dtype());
-  B4MRL_ASSIGN_OR_RETURN(
-      outcome.observations,
-      arrays.Require("observations", {dtype}, {ArrayReader::kAny, spec_.observation.size()}));
-  const uint64_t rows = outcome.observations.rows();
+  B4MRL_ASSIGN_OR_RETURN(outcome.observations,
+                         arrays.Require("observations", {dtype}, {rows, spec_.observation.size()}));
   if (arrays.Has("digests")) {
     B4MRL_ASSIGN_OR_RETURN(outcome.digests, ReadColumn<uint64_t>(arrays, "digests", rows));
   }
   // A Restore reports none.
-  const size_t infos = in_force_.with_infos() && (is_step || arrays.Has("infos"))
-                           ? spec_.info_names.size()
-                           : 0;
+  const size_t infos =
+      in_force_.with_infos() && (is_step || arrays.Has("infos")) ? spec_.info_names.size() : 0;
   B4MRL_ASSIGN_OR_RETURN(outcome.infos, ReadInfos(arrays, "infos", rows, infos));
   if (!is_step) return outcome;
   B4MRL_RETURN_IF_ERROR(ReadStepColumns(arrays, rows, &outcome));

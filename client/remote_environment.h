@@ -34,8 +34,8 @@ struct EnvironmentOptions {
   std::optional<uint64_t> seed;  // lane i gets seed + i; none: the daemon draws one
   AutoresetMode autoreset_mode = AutoresetMode::kNextStep;
   DType observation_dtype = DType::kFloat32;
-  std::string config;       // JSON object of the environment's settings
-  bool with_infos = false;  // fills StepOutcome::infos and final_infos
+  std::string config;                                // JSON object of the environment's settings
+  bool with_infos = false;                           // fills StepOutcome::infos and final_infos
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each request
 };
 
@@ -159,10 +159,12 @@ class RemoteEnvironment {
 
   template <typename Scalar>
   Result<uint64_t> SendActions(std::span<const Scalar> actions, std::span<const uint32_t> lanes);
+  std::vector<UnderWay>::iterator FindUnderWay(uint64_t id);
   // Settles the lanes' numbers.
   Result<ReceivedReply> Finish(Delivery delivery);
   Result<ReceivedReply> ReceiveNumbered(uint64_t id);
-  Result<StepOutcome> ReadOutcome(Result<ReceivedReply> reply, bool is_step) const;
+  // Refuses a reply whose arrays have other than `rows` rows, one for each lane of the request.
+  Result<StepOutcome> ReadOutcome(Result<ReceivedReply> reply, uint64_t rows, bool is_step) const;
 
   template <typename Scalar>
   Result<uint64_t> SendRows(std::span<const Scalar> observations, std::span<const Scalar> actions,

@@ -69,11 +69,10 @@ Result<Pictures> RemoteEnvironment::Render(std::span<const uint32_t> lanes, uint
                          connection_.Call(std::move(request), std::move(payload), NewDeadline()));
   pictures.width = width == 0 ? spec_.picture_width : width;
   pictures.height = height == 0 ? spec_.picture_height : height;
-  B4MRL_ASSIGN_OR_RETURN(
-      const TensorView frames,
-      pictures.reply.arrays.Require(
-          "frames", {DType::kUint8},
-          {numbers_.CountOf(lanes), pictures.height, pictures.width, uint64_t{3}}));
+  B4MRL_ASSIGN_OR_RETURN(const TensorView frames,
+                         pictures.reply.arrays.Require("frames", {DType::kUint8},
+                                                       {numbers_.CountOf(lanes), pictures.height,
+                                                        pictures.width, uint64_t{3}}));
   pictures.frames = frames.As<uint8_t>();
   return pictures;
 }
@@ -99,7 +98,7 @@ Result<StepOutcome> RemoteEnvironment::Restore(const LaneStates& states,
     }
   }
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, request.Send());
-  return ReadOutcome(ReceiveNumbered(id), /*is_step=*/false);
+  return ReadOutcome(ReceiveNumbered(id), count, /*is_step=*/false);
 }
 
 }  // namespace b4mrl

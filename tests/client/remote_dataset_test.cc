@@ -178,5 +178,42 @@ TEST_CASE("rows that do not fit the dataset are refused") {
   CHECK(dataset->Sample(1, 0, 0).status().code() == StatusCode::kInvalidArgument);
 }
 
+TEST_CASE("a reply must have the rows that were asked for, and no more than the dataset has") {
+  std::atomic<uint64_t> rows{0};
+  FakeDaemon daemon([&rows](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_sample() && !call.request.has_read()) return false;
+    pb::Reply reply;
+    ArrayLayout layout(reply.mutable_arrays());
+    layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
+    layout.Add("actions", DType::kFloat32, {rows, kActionSize});
+    layout.Add("rewards", DType::kFloat32, {rows});
+    layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize});
+    layout.Add("terminals", DType::kUint8, {rows});
+    server.Reply(call, std::move(reply), layout.Allocate());
+    return true;
+  });
+  Opened dataset(daemon);
+  for (const uint64_t answered : {0, 5, 7, 12}) {
+    rows = answered;
+    CHECK(dataset->Sample(6, 0, 0).status().code() == StatusCode::kInvalidArgument);
+    CHECK(dataset->Read(0, 6).status().code() == StatusCode::kInvalidArgument);
+  }
+  rows = 12;
+  CHECK(dataset->Sample(6, 0, 0, /*batches=*/2).ok());
+  CHECK(dataset->Read(0, 12).ok());
+  // The dataset has 100 rows: only 4 are left behind the first 96.
+  CHECK(dataset->Read(96, 12).status().code() == StatusCode::kInvalidArgument);
+  rows = 4;
+  CHECK(dataset->Read(96, 12)->rows == 4);
+}
+
+TEST_CASE("a dataset with more rows than any can have is refused") {
+  FakeDaemon daemon;
+  daemon.dataset_rows = limits::kMaxDatasetRows + 1;
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  CHECK(client->OpenDataset("Fake/medium").status().code() == StatusCode::kInternal);
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -116,6 +116,39 @@ TEST_CASE("a step without an answer loses its lanes and no others") {
   CHECK(session->Step(kOneAction, lane1).ok());
 }
 
+TEST_CASE("a reply must have one row for each lane of its request") {
+  // Answers as if so many lanes had been named, with all else as it should be.
+  std::atomic<size_t> rows{0};
+  FakeDaemon daemon([&rows](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_step() && !call.request.has_reset()) return false;
+    pb::Reply reply;
+    ArrayLayout layout(reply.mutable_arrays());
+    layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
+    layout.Add("rewards", DType::kFloat64, {rows});
+    for (const char* flag : {"terminated", "truncated", "cause"}) {
+      layout.Add(flag, DType::kUint8, {rows});
+    }
+    server.Reply(call, std::move(reply), layout.Allocate());
+    return true;
+  });
+  Session session(daemon);
+  const std::vector<uint32_t> lane1 = {1};
+  for (const size_t answered : {0, 1, 3}) {
+    rows = answered;
+    CHECK(session->Reset().status().code() == StatusCode::kInvalidArgument);
+    CHECK(session->Step(kTwoActions).status().code() == StatusCode::kInvalidArgument);
+    REQUIRE(session->Send(kTwoActions).ok());
+    CHECK(session->Receive().status().code() == StatusCode::kInvalidArgument);
+  }
+  rows = 1;
+  CHECK(session->Step(kOneAction, lane1).ok());
+  REQUIRE(session->Send(kOneAction, lane1).ok());
+  CHECK(session->Receive().ok());
+  rows = 2;
+  CHECK(session->Step(kOneAction, lane1).status().code() == StatusCode::kInvalidArgument);
+  CHECK(session->Step(kTwoActions).ok());
+}
+
 TEST_CASE("a query is cut into requests whose answers land in their places") {
   std::vector<uint64_t> first_rows;
   FakeDaemon daemon([&first_rows](FakeServer&, FakeCall& call) {
