@@ -19,19 +19,10 @@
 #include "algorithms/rl/replay_buffer.h"
 #include "algorithms/rl/sac_core.h"
 #include "algorithms/rl/training_dataset.h"
-#include "client/client.h"
+#include "algorithms/rl/training_simulator.h"
 
 namespace b4mrl {
 namespace {
-
-Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
-  EnvironmentOptions options;
-  options.simulator = context.simulator;
-  options.num_envs = 0;  // queries alone
-  options.deadline_ms = kLearnerDeadlineMs;
-  options.seed = context.seed;
-  return context.client->Make(context.environment.name, options);
-}
 
 // Room for all retained rollouts.
 uint64_t PoolCapacity(const Hyperparameters& values) {
@@ -127,7 +118,7 @@ Status ModelBased::Prepare(Progress& progress) {
                                                       ensemble_, progress, *context_.stop));
   // The training may have outlasted the idle session's lease.
   if (simulator_) {
-    B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenSimulator(context_));
+    B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenTrainingSimulator(context_, /*lanes=*/0));
   }
   StartStream();
   return Status();
@@ -263,7 +254,7 @@ Result<std::unique_ptr<Learner>> CreateModelBased(const LearnerContext& context,
       MaskOfDimensions(dataset->observation_size(), dataset->in_force().hidden_dimensions());
   std::optional<RemoteEnvironment> simulator;
   if (algorithm.uses_simulator) {
-    B4MRL_ASSIGN_OR_RETURN(simulator, OpenSimulator(context));
+    B4MRL_ASSIGN_OR_RETURN(simulator, OpenTrainingSimulator(context, /*lanes=*/0));
   }
   // Where there is no rule, a simulator tells; a model alone cannot.
   Result<Termination> rule = Termination::Of(context.environment, mask);

@@ -6,20 +6,10 @@
 #include "algorithms/rl/core_options.h"
 #include "algorithms/rl/hidden_dimensions.h"
 #include "algorithms/rl/tensor_rows.h"
-#include "client/client.h"
+#include "algorithms/rl/training_simulator.h"
 
 namespace b4mrl {
 namespace {
-
-Result<RemoteEnvironment> OpenSimulator(const LearnerContext& context) {
-  EnvironmentOptions options;
-  options.simulator = context.simulator;
-  options.num_envs = static_cast<uint32_t>(NumberOr(context.hyperparameters, "lanes", 1));
-  options.seed = context.seed;  // the lanes get their own seeds at the first reset
-  options.autoreset_mode = AutoresetMode::kSameStep;
-  options.deadline_ms = kLearnerDeadlineMs;
-  return context.client->Make(context.environment.name, options);
-}
 
 ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
   ReplayBuffer::Options options;
@@ -34,7 +24,8 @@ ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
 
 Result<OnlineLanes> OnlineLanes::Open(const LearnerContext& context,
                                       std::optional<std::vector<float>> mask) {
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenSimulator(context));
+  const auto lanes = static_cast<uint32_t>(NumberOr(context.hyperparameters, "lanes", 1));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenTrainingSimulator(context, lanes));
   if (!mask) {
     B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
                                                      simulator.in_force().perturbations()));
