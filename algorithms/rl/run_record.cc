@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "algorithms/nn/blas.h"
 #include "algorithms/nn/checkpoint.h"
 #include "data/atomic_file.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
@@ -18,45 +20,78 @@ constexpr size_t kMaxRecordBytes = 1 << 20;
 
 std::string RecordPath(const std::string& folder) { return folder + "/run.json"; }
 
-// Leaves `value` alone when the record lacks the name; false when it has another type.
-template <typename T>
-bool Take(const Json& json, const char* name, T& value) {
-  const auto found = json.find(name);
-  if (found == json.end() || found->is_null()) return true;
-  if constexpr (std::is_same_v<T, std::string>) {
-    if (!found->is_string()) return false;
-    value = found->get_ref<const std::string&>();
-  } else {
-    if (!found->is_number_unsigned()) return false;
-    value = found->get<T>();
-  }
-  return true;
+Status NotUnderstood(std::string_view name, const Json& value, const std::string& allowed) {
+  // Nested values are not written out: a file may nest them deeper than a stack is.
+  const std::string text = value.is_structured()
+                               ? std::string(value.type_name())
+                               : value.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return Status(StatusCode::kDataLoss, InvalidArgument(name, text, allowed).message());
 }
 
-bool TakeOptions(const Json& json, RunRecord& record) {
-  TrainOptions& options = record.options;
-  bool understood =
-      Take(json, "algorithm", options.algorithm) &&
-      Take(json, "environment", options.environment) &&
-      Take(json, "simulator", options.simulator) && Take(json, "dataset", options.dataset) &&
-      Take(json, "corruption", options.corruption) &&
-      Take(json, "history", options.history_length) && Take(json, "seed", options.seed) &&
-      Take(json, "updates", options.updates) && Take(json, "eval_every", options.eval_every) &&
-      Take(json, "eval_episodes", options.eval_episodes) &&
-      Take(json, "log_every", options.log_every) &&
-      Take(json, "checkpoint_every", options.checkpoint_every) &&
-      Take(json, "threads", options.threads);
+// Each leaves `value` alone when the record lacks the name; kDataLoss with the name, what is there
+// and what is allowed.
+Status Take(const Json& json, const char* name, std::string& value) {
+  const auto found = json.find(name);
+  if (found == json.end() || found->is_null()) return Status();
+  if (!found->is_string()) return NotUnderstood(name, *found, "a text");
+  value = found->get_ref<const std::string&>();
+  return Status();
+}
+
+// The training loop divides by some of these, and a wider number would be cut short.
+template <typename T>
+Status Take(const Json& json, const char* name, T& value, uint64_t low, uint64_t high) {
+  const auto found = json.find(name);
+  if (found == json.end() || found->is_null()) return Status();
+  if (!found->is_number_unsigned() || found->get<uint64_t>() < low ||
+      found->get<uint64_t>() > high) {
+    return NotUnderstood(name, *found, fmt::format("a whole number in {}..{}", low, high));
+  }
+  value = static_cast<T>(found->get<uint64_t>());
+  return Status();
+}
+
+Status TakeNumbers(const Json& json, TrainOptions& options) {
+  constexpr uint64_t kAny = std::numeric_limits<uint64_t>::max();
+  B4MRL_RETURN_IF_ERROR(Take(json, "history", options.history_length, 1, kMaxHistoryLength));
+  B4MRL_RETURN_IF_ERROR(Take(json, "seed", options.seed, 0, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "updates", options.updates, 0, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "eval_every", options.eval_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(
+      Take(json, "eval_episodes", options.eval_episodes, 1, limits::kMaxLanesPerSession));
+  B4MRL_RETURN_IF_ERROR(Take(json, "log_every", options.log_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "checkpoint_every", options.checkpoint_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "threads", options.threads, 1, kMaxTrainingThreads));
   const auto score = json.find("stop_at_score");
   if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
   options.eval_inline = json.value("eval_inline", Json()) == true;
-  const auto hyperparameters = json.find("hyperparameters");
-  if (hyperparameters == json.end() || !hyperparameters->is_object()) return false;
-  for (const auto& [name, value] : hyperparameters->items()) {
-    understood = understood && (value.is_number() || value.is_string());
-    if (value.is_number()) record.hyperparameters.emplace_back(name, value.dump());
-    if (value.is_string()) record.hyperparameters.emplace_back(name, value.get<std::string>());
+  return Status();
+}
+
+Status TakeHyperparameters(const Json& json, RunRecord& record) {
+  const auto table = json.find("hyperparameters");
+  if (table == json.end() || !table->is_object()) {
+    return Status(StatusCode::kDataLoss, "it has no table of hyperparameters");
   }
-  return understood;
+  for (const auto& [name, value] : table->items()) {
+    if (!value.is_number() && !value.is_string()) {
+      return NotUnderstood(name, value, "a number or a text");
+    }
+    record.hyperparameters.emplace_back(
+        name, value.is_number() ? value.dump() : value.get<std::string>());
+  }
+  return Status();
+}
+
+Status TakeOptions(const Json& json, RunRecord& record) {
+  TrainOptions& options = record.options;
+  B4MRL_RETURN_IF_ERROR(Take(json, "algorithm", options.algorithm));
+  B4MRL_RETURN_IF_ERROR(Take(json, "environment", options.environment));
+  B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
+  B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
+  B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
+  B4MRL_RETURN_IF_ERROR(TakeNumbers(json, options));
+  return TakeHyperparameters(json, record);
 }
 
 // A TOML string; JSON's escapes are among TOML's.
@@ -155,9 +190,12 @@ Result<RunRecord> ReadRunRecord(const std::string& folder) {
                          ReadSmallFile(RecordPath(folder), kMaxRecordBytes));
   const Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
   RunRecord record;
-  if (!json.is_object() || !TakeOptions(json, record)) {
+  if (!json.is_object()) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("{} is not a run's record", RecordPath(folder)));
+  }
+  if (const Status status = TakeOptions(json, record); !status.ok()) {
+    return status.WithContext(RecordPath(folder));
   }
   return record;
 }

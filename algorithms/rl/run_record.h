@@ -14,6 +14,9 @@
 
 namespace b4mrl {
 
+inline constexpr uint32_t kMaxHistoryLength = 64;
+inline constexpr uint32_t kMaxTrainingThreads = 64;
+
 struct TrainOptions {
   // Identity: two runs that agree here compute the same numbers, and a resumed run must agree.
   std::string algorithm;
@@ -56,7 +59,8 @@ struct RunRecord {
   std::vector<std::pair<std::string, std::string>> hyperparameters;  // as users write them
 };
 bool HasRunRecord(const std::string& folder);
-// kIoError when the folder has none; kDataLoss when it cannot be understood.
+// kIoError when the folder has none; kDataLoss when it cannot be understood or holds a number that
+// no option takes, with its name and what is allowed.
 Result<RunRecord> ReadRunRecord(const std::string& folder);
 
 }  // namespace b4mrl

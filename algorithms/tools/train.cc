@@ -13,6 +13,7 @@
 #include "algorithms/rl/train_loop.h"
 #include "algorithms/tools/command.h"
 #include "data/atomic_file.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
@@ -89,13 +90,13 @@ void TrainCommand::AddOptions() {
   app->add_option("--corruption", options.corruption,
                   "corruptions of the dataset: \"hidden-high\"");
   app->add_option("--history", options.history_length, "observations that the policy sees [1]")
-      ->check(CLI::Range(1u, 64u));
+      ->check(CLI::Range(1u, kMaxHistoryLength));
   app->add_option("--seed", options.seed, "of everything random in the run [0]");
   app->add_option("--updates", options.updates, "gradient steps [1000000]");
   app->add_option("--eval-every", options.eval_every, "updates between evaluations [10000]")
       ->check(CLI::PositiveNumber);
   app->add_option("--eval-episodes", options.eval_episodes, "episodes of an evaluation [10]")
-      ->check(CLI::Range(1u, 1024u));
+      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
   app->add_flag("--eval-inline", options.eval_inline,
                 "evaluate in this process while training waits, not in one beside it");
   app->add_option("--log-every", options.log_every, "updates between log lines [1000]")
@@ -109,7 +110,7 @@ void TrainCommand::AddOptions() {
   app->add_option("--threads", options.threads,
                   "of the updates: twin critics and ensemble members side by side, with the same "
                   "numbers [1]")
-      ->check(CLI::Range(1u, 64u));
+      ->check(CLI::Range(1u, kMaxTrainingThreads));
   app->add_option("--out", options.folder, "folder of the run [runs/ENVIRONMENT-ALGORITHM-sSEED]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");

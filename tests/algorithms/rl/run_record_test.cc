@@ -1,0 +1,85 @@
+#include "algorithms/rl/run_record.h"
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "data/atomic_file.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;
+
+// A run's folder whose record the test may change.
+class Recorded {
+ public:
+  Recorded() {
+    TrainOptions options;
+    options.algorithm = "sac";
+    options.environment = "HalfCheetah";
+    options.seed = UINT64_MAX;
+    options.folder = folder_.File("");
+    REQUIRE(WriteRunRecord(options).ok());
+    const auto text = ReadSmallFile(folder_.File("run.json"), 1 << 20);
+    REQUIRE(text.ok());
+    json_ = Json::parse(*text);
+  }
+
+  Result<RunRecord> Read() const { return ReadRunRecord(folder_.File("")); }
+  Result<RunRecord> ReadWith(const std::string& name, const Json& value) const {
+    Json changed = json_;
+    changed[name] = value;
+    return ReadText(changed.dump());
+  }
+  Result<RunRecord> ReadText(const std::string& text) const {
+    REQUIRE(WriteSmallFile(folder_.File("run.json"), text).ok());
+    return Read();
+  }
+
+ private:
+  TemporaryFolder folder_;
+  Json json_;
+};
+
+}  // namespace
+
+TEST_CASE("What a run's record keeps is what is read from it") {
+  const Recorded recorded;
+  const Result<RunRecord> record = recorded.Read();
+  REQUIRE(record.ok());
+  CHECK(record->options.algorithm == "sac");
+  CHECK(record->options.seed == UINT64_MAX);
+  CHECK(record->options.eval_every == TrainOptions().eval_every);
+}
+
+TEST_CASE("A number in a run's record that no option takes is refused by name and range") {
+  const Recorded recorded;
+  for (const char* name :
+       {"eval_every", "log_every", "checkpoint_every", "eval_episodes", "threads", "history"}) {
+    for (const Json& value : {Json(0), Json(-1), Json(1.5), Json("1"), Json::array()}) {
+      const Status status = recorded.ReadWith(name, value).status();
+      INFO(name << " " << value << " " << status.ToString());
+      CHECK(status.code() == StatusCode::kDataLoss);
+      CHECK(status.message().find(name) != std::string::npos);
+      CHECK(status.message().find("1..") != std::string::npos);
+    }
+    CHECK(recorded.ReadWith(name, 1).ok());
+  }
+  // These would fit after their upper half is cut off.
+  for (const char* name : {"eval_episodes", "threads", "history"}) {
+    CHECK(recorded.ReadWith(name, (1ull << 32) + 1).status().code() == StatusCode::kDataLoss);
+  }
+}
+
+TEST_CASE("A record that nests deeper than a stack is refused") {
+  const Recorded recorded;
+  const std::string deep = std::string(400'000, '[') + std::string(400'000, ']');
+  CHECK(recorded.ReadText("{\"threads\": " + deep + "}").status().code() == StatusCode::kDataLoss);
+  CHECK(recorded.ReadText("{\"hyperparameters\": {\"gamma\": " + deep + "}}").status().code() ==
+        StatusCode::kDataLoss);
+  CHECK(recorded.ReadText("{\"hyperparameters\": []}").status().code() == StatusCode::kDataLoss);
+}
+
+}  // namespace b4mrl
