@@ -9,6 +9,13 @@ namespace {
 // Several batches share a reply only while they are so small that its fixed cost matters.
 constexpr uint64_t kMaxGroupBytes = 1 << 20;
 
+// Of one row of a reply: its numbers, two flags and an index. Each of the seven arrays may be
+// padded.
+constexpr uint64_t RowBytes(uint64_t observation_size, uint64_t action_size) {
+  return (2 * observation_size + action_size + 1) * sizeof(float) + 2 + sizeof(uint64_t);
+}
+constexpr uint64_t kMaxPaddingBytes = 7 * limits::kArrayAlignment;
+
 // Rows [first, first + count) of `all`.
 TransitionRows SliceRows(const TransitionRows& all, size_t first, size_t count) {
   const auto slice = [&](const auto& column) {
@@ -115,6 +122,12 @@ Result<TransitionRows> BatchStream::Next() {
 BatchStream RemoteDataset::Stream(uint32_t rows, uint64_t seed, uint64_t first_batch,
                                   uint32_t credits) {
   return BatchStream(this, rows, credits, seed, first_batch);
+}
+
+uint32_t RemoteDataset::max_rows_per_request() const {
+  const uint64_t fitting =
+      (limits::kMaxPayloadBytes - kMaxPaddingBytes) / RowBytes(observation_size(), action_size());
+  return static_cast<uint32_t>(std::min<uint64_t>(fitting, limits::kMaxRowsPerBatch));
 }
 
 Result<DatasetStats> RemoteDataset::Stats() {

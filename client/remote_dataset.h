@@ -94,6 +94,8 @@ class RemoteDataset {
   uint64_t rows() const { return in_force_.rows(); }
   size_t observation_size() const { return in_force_.observation_size(); }
   size_t action_size() const { return in_force_.action_size(); }
+  // The most rows of one Sample or Read: wide ones fill a payload before limits::kMaxRowsPerBatch.
+  uint32_t max_rows_per_request() const;
 
   Result<DatasetStats> Stats();
   // `batches` batches of `rows` rows after one another.

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "algorithms/rl/batch_buffer.h"
 #include "algorithms/rl/core_metrics.h"
@@ -157,10 +158,10 @@ Status ModelBased::StartCycle(MetricMeans& metrics) {
 
 Status ModelBased::BeginRollout(uint64_t cycle, const PolicyWeights& policy) {
   B4MRL_ASSIGN_OR_RETURN(
-      const TransitionRows rows,
-      dataset_->Sample(static_cast<uint32_t>(context_.hyperparameters.Integer("rollout-rows")),
-                       RoleSeed(context_.seed, "rollout-starts"), cycle));
-  return rollout_.Begin(cycle, {rows.observations.begin(), rows.observations.end()}, policy);
+      std::vector<float> starts,
+      DrawStarts(*dataset_, static_cast<uint32_t>(context_.hyperparameters.Integer("rollout-rows")),
+                 RoleSeed(context_.seed, "rollout-starts"), cycle));
+  return rollout_.Begin(cycle, std::move(starts), policy);
 }
 
 Result<RolloutCounts> ModelBased::FinishRollout(Generation generation) {

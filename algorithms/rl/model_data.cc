@@ -30,7 +30,8 @@ class Columns {
   uint64_t rows() const { return dataset_.rows(); }
   // Reads and stores some rows from `first_row` on.
   Result<TransitionRows> Read(uint64_t first_row) {
-    B4MRL_ASSIGN_OR_RETURN(TransitionRows rows, dataset_.Read(first_row, kRowsPerRequest));
+    const uint32_t most = std::min(kRowsPerRequest, dataset_.max_rows_per_request());
+    B4MRL_ASSIGN_OR_RETURN(TransitionRows rows, dataset_.Read(first_row, most));
     if (rows.rows == 0) {
       return Status(StatusCode::kDataLoss, "the dataset ended before its last row");
     }

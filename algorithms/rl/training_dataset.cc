@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "client/client.h"
@@ -26,6 +27,21 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
                     context.environment.action.size()));
   }
   return dataset;
+}
+
+Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
+                                      uint64_t cycle) {
+  const uint32_t most = dataset.max_rows_per_request();
+  const uint64_t requests = (uint64_t{rows} + most - 1) / most;
+  std::vector<float> starts;
+  starts.reserve(rows * dataset.observation_size());
+  for (uint64_t i = 0; i < requests; ++i) {
+    const auto left = static_cast<uint32_t>(rows - i * most);
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows batch,
+                           dataset.Sample(std::min(left, most), seed, cycle * requests + i));
+    starts.insert(starts.end(), batch.observations.begin(), batch.observations.end());
+  }
+  return starts;
 }
 
 Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset) {

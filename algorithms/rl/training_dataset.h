@@ -1,7 +1,9 @@
 // Opening the dataset of a run, and making sure that a resumed run meets the same one.
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "algorithms/learner.h"
 #include "algorithms/nn/checkpoint.h"
@@ -14,6 +16,12 @@ namespace b4mrl {
 // kInvalidArgument when its sizes are not the environment's. The pointer stays valid: streams need
 // it.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
+
+// Observations of `rows` rows, row-major, for rollout number `cycle` to start from: a function of
+// (seed, cycle, rows and width of the dataset). Wide rows take several requests, each a batch of
+// its own; where one request holds them all, they are those of batch `cycle`.
+Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
+                                      uint64_t cycle);
 
 // kDataLoss unless the checkpoint's "dataset" is this one: a fingerprint covers file, corruptions
 // and seed.

@@ -232,10 +232,11 @@ Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
   options.observation_dimensions = static_cast<uint32_t>(dataset.observation_size());
   options.action_dimensions = static_cast<uint32_t>(dataset.action_size());
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(file, options));
+  const uint32_t most = std::min(kRowsPerRead, dataset.max_rows_per_request());
   Progress progress(quiet);
   progress.Start("export", "rows", dataset.rows());
   while (writer.rows() < dataset.rows()) {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(writer.rows(), kRowsPerRead));
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(writer.rows(), most));
     if (served.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
     DatasetRows out;
     out.rows = served.rows;

@@ -1,6 +1,7 @@
 // MOPO's targets and rollouts, which ask no simulator.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <vector>
 
 #include "algorithms/list.h"
@@ -67,7 +68,57 @@ std::vector<float> Column(const MatrixBuffer<float>& matrix, int column) {
   return {first, first + matrix.rows()};
 }
 
+// A dataset of Humanoid's width, whose first observation value is the row's number.
+void WriteWideDataset(const TestDaemon& daemon, int rows) {
+  constexpr int kWide = 376, kWideAction = 17;
+  std::filesystem::create_directories(daemon.folder("data/Humanoid"));
+  DatasetWriterOptions options;
+  options.observation_dimensions = kWide;
+  options.action_dimensions = kWideAction;
+  DatasetWriter writer =
+      Need(DatasetWriter::Create(daemon.folder("data/Humanoid/wide.h5"), options));
+  std::vector<float> observations(static_cast<size_t>(rows) * kWide);
+  for (int row = 0; row < rows; ++row) observations[row * kWide] = static_cast<float>(row);
+  const std::vector<float> actions(static_cast<size_t>(rows) * kWideAction), rewards(rows);
+  const std::vector<uint8_t> flags(rows);
+  NeedOk(writer.Append({.rows = static_cast<size_t>(rows),
+                        .observations = observations,
+                        .actions = actions,
+                        .next_observations = observations,
+                        .rewards = rewards,
+                        .terminals = flags,
+                        .timeouts = flags}));
+  NeedOk(writer.Commit());
+}
+
 }  // namespace
+
+TEST_CASE("Rollouts start from as many wide rows as are asked for") {
+  TestDaemon daemon;
+  WriteWideDataset(daemon, 500);
+  RemoteDataset dataset = Need(daemon.client().OpenDataset("Humanoid/wide"));
+  const uint32_t most = dataset.max_rows_per_request();
+  CHECK(most < 50'000);
+  CHECK(dataset.Sample(most, 7, 0, 1, /*with_indices=*/true).ok());
+  const std::vector<float> starts = Need(DrawStarts(dataset, 50'000, 7, 2));
+  REQUIRE(starts.size() == 50'000 * dataset.observation_size());
+  // Three requests a cycle, each a batch of its own.
+  const TransitionRows last = Need(dataset.Sample(50'000 - 2 * most, 7, 2 * 3 + 2));
+  CHECK(std::equal(last.observations.begin(), last.observations.end(),
+                   starts.end() - static_cast<std::ptrdiff_t>(last.observations.size())));
+  CHECK(last.observations[0] != starts[0]);
+}
+
+TEST_CASE("Rollouts start from one batch where one request holds it") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  RemoteDataset dataset = Need(daemon.client().OpenDataset("HalfCheetah/small"));
+  CHECK(dataset.max_rows_per_request() == limits::kMaxRowsPerBatch);
+  const std::vector<float> starts = Need(DrawStarts(dataset, 50'000, 7, 2));
+  const TransitionRows batch = Need(dataset.Sample(50'000, 7, 2));
+  CHECK(std::equal(starts.begin(), starts.end(), batch.observations.begin(),
+                   batch.observations.end()));
+}
 
 TEST_CASE("MOPO learns what a step changed, and the reward") {
   TestDaemon daemon;
