@@ -111,6 +111,7 @@ ModelBased::ModelBased(const LearnerContext& context, const ModelBasedAlgorithm&
 Status ModelBased::Prepare(Progress& progress) {
   B4MRL_ASSIGN_OR_RETURN(const ModelData data,
                          algorithm_.read_targets(context_, *dataset_, simulator(), progress));
+  if (*context_.stop) return Status();  // perhaps not all of them
   if (data.invalid_rows > 0) {
     progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
                                  data.invalid_rows, dataset_->rows()));

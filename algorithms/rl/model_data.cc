@@ -1,6 +1,7 @@
 #include "algorithms/rl/model_data.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <deque>
 #include <limits>
@@ -107,13 +108,14 @@ class Columns {
 // Keeps several blocks of rows at the simulator.
 class PrePass {
  public:
-  PrePass(Columns& columns, RemoteEnvironment& simulator, uint64_t query_seed)
-      : columns_(columns), simulator_(simulator), query_seed_(query_seed) {}
+  PrePass(Columns& columns, RemoteEnvironment& simulator, uint64_t query_seed,
+          const std::atomic<bool>& stop)
+      : columns_(columns), simulator_(simulator), query_seed_(query_seed), stop_(stop) {}
 
   Status Run(Progress& progress) {
     const uint64_t total = columns_.rows();
     progress.Start("query simulator", "rows", total);
-    for (uint64_t row = 0; row < total;) {
+    for (uint64_t row = 0; row < total && !stop_;) {
       B4MRL_RETURN_IF_ERROR(Send(row));
       row += static_cast<uint64_t>(in_flight_.back().rows);
       if (in_flight_.size() >= kRequestsInFlight) B4MRL_RETURN_IF_ERROR(Receive(progress));
@@ -156,6 +158,7 @@ class PrePass {
   Columns& columns_;
   RemoteEnvironment& simulator_;
   const uint64_t query_seed_;
+  const std::atomic<bool>& stop_;
   std::deque<Block> in_flight_;
   std::vector<float> next_;
   std::vector<double> rewards_;
@@ -168,7 +171,7 @@ Result<ModelData> ReadChanges(const LearnerContext& context, RemoteDataset& data
                               Progress& progress) {
   Columns columns(context, dataset);
   progress.Start("read dataset", "rows", columns.rows());
-  for (uint64_t row = 0; row < columns.rows();) {
+  for (uint64_t row = 0; row < columns.rows() && !*context.stop;) {
     B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, columns.Read(row));
     columns.Subtract(rows.observations, static_cast<int>(row));
     row += rows.rows;
@@ -182,7 +185,7 @@ Result<ModelData> QueryCorrections(const LearnerContext& context, RemoteDataset&
                                    RemoteEnvironment& simulator, uint64_t query_seed,
                                    Progress& progress) {
   Columns columns(context, dataset);
-  B4MRL_RETURN_IF_ERROR(PrePass(columns, simulator, query_seed).Run(progress));
+  B4MRL_RETURN_IF_ERROR(PrePass(columns, simulator, query_seed, *context.stop).Run(progress));
   return columns.Take();
 }
 

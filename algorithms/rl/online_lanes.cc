@@ -1,5 +1,7 @@
 #include "algorithms/rl/online_lanes.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -19,6 +21,9 @@ ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
       NumberOr(context.hyperparameters, "replay-capacity", static_cast<double>(options.capacity)));
   return options;
 }
+
+// A step fails now and then; so many after one another, and the simulator has nothing to give.
+constexpr uint64_t kBarrenVectorSteps = 1000;
 
 }  // namespace
 
@@ -68,11 +73,19 @@ Status OnlineLanes::Start() {
 
 Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
   progress.Start("warm up", "transitions", transitions);
-  while (replay_->length() < transitions) {
+  uint64_t last_stored = vector_steps_;
+  while (replay_->length() < transitions && !*context_->stop) {
+    const uint64_t length = replay_->length();
     Rng rng(RoleSeed(context_->seed, "warm-up"), "actions", vector_steps_);
     for (float& action : actions_.values()) action = static_cast<float>(rng.Uniform(-1, 1));
     B4MRL_RETURN_IF_ERROR(StepAndStore(nullptr));
     progress.Update(replay_->length());
+    if (replay_->length() > length) last_stored = vector_steps_;
+    if (vector_steps_ - last_stored < kBarrenVectorSteps) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("none of {} vector steps after one another led to states that the "
+                              "simulator could give",
+                              kBarrenVectorSteps));
   }
   progress.Finish();
   return Status();

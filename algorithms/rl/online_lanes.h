@@ -40,7 +40,8 @@ class OnlineLanes {
   Status Save(CheckpointWriter& writer);
   Status Load(CheckpointReader& reader);
 
-  // Vector steps of uniform actions until the replay file holds `transitions`.
+  // Vector steps of uniform actions until the replay file holds `transitions`, or the context's
+  // `stop` is set. kFailedPrecondition after many steps in a row that could not be stored.
   Status WarmUp(uint64_t transitions, Progress& progress);
   // One vector step under `policy`: sampled from it, or, where it is deterministic, its action plus
   // N(0, exploration-noise), clipped to [-1, 1]. Returns of episodes that end become the metric

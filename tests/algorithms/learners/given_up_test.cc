@@ -1,0 +1,94 @@
+// Learners and steps that the simulator gives up, or that nobody waits for any more.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <vector>
+
+#include "algorithms/learners/learners.h"
+#include "algorithms/rl/online_lanes.h"
+#include "tests/algorithms/learners/test_daemon.h"
+#include "tests/client/fake_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kLanes = 2;
+
+// Every step of every lane ends its episode with this cause.
+class GivingUp {
+ public:
+  explicit GivingUp(Cause cause) : cause_(cause) {}
+
+  bool operator()(FakeServer& server, FakeCall& call) const {
+    if (!call.request.has_step()) return false;
+    const size_t rows = Elements<uint64_t>(call, "numbers").size();
+    pb::Reply reply;
+    ArrayLayout layout(reply.mutable_arrays());
+    layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
+    layout.Add("rewards", DType::kFloat64, {rows});
+    layout.Add("terminated", DType::kUint8, {rows});
+    const size_t truncated = layout.Add("truncated", DType::kUint8, {rows});
+    const size_t causes = layout.Add("cause", DType::kUint8, {rows});
+    Frame payload = layout.Allocate();
+    std::fill_n(payload.data(), payload.size(), std::byte{0});
+    std::ranges::fill(ArrayAt<uint8_t>(payload, truncated, rows), uint8_t{1});
+    std::ranges::fill(ArrayAt<uint8_t>(payload, causes, rows), static_cast<uint8_t>(cause_));
+    server.Reply(call, std::move(reply), std::move(payload));
+    return true;
+  }
+
+ private:
+  Cause cause_;
+};
+
+LearnerContext FakeContext(Client& client, const std::string& folder) {
+  LearnerContext context;
+  context.client = &client;
+  context.environment.name = "Fake";
+  context.environment.observation.dimensions.resize(kObservationSize);
+  context.environment.action.dimensions.resize(kActionSize, {"", "", -1, 1, ""});
+  context.folder = folder;
+  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
+  NeedOk(context.hyperparameters.Set("lanes", kLanes));
+  return context;
+}
+
+}  // namespace
+
+TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
+  FakeDaemon daemon{GivingUp(Cause::kNumericalError)};
+  Client client = Need(Client::Connect(daemon.address()));
+  const TemporaryFolder folder;
+  const LearnerContext context = FakeContext(client, folder.File(""));
+  OnlineLanes lanes = Need(OnlineLanes::Open(context));
+  NeedOk(lanes.Start());
+  Progress quiet(true);
+  const Status status = lanes.WarmUp(10, quiet);
+  INFO(status.ToString());
+  CHECK(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(lanes.replay().length() == 0);
+}
+
+TEST_CASE("A run that is to end soon cuts its warm-up and its reading short") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 300);
+  const std::atomic<bool> stop = true;
+  LearnerContext context;
+  context.client = &daemon.client();
+  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.dataset = "HalfCheetah/small";
+  context.folder = daemon.folder("");
+  context.stop = &stop;
+  Progress quiet(true);
+
+  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
+  const std::unique_ptr<Learner> online = Need(CreateTd3(context));
+  NeedOk(online->Prepare(quiet));
+  CHECK(online->environment_steps() == 0);
+
+  context.hyperparameters = Hyperparameters(HymopoHyperparameters());
+  const std::unique_ptr<Learner> hybrid = Need(CreateHymopo(context));
+  NeedOk(hybrid->Prepare(quiet));
+  CHECK_FALSE(std::filesystem::exists(context.folder + "/ensemble.h5"));
+}
+
+}  // namespace b4mrl
