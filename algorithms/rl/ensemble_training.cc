@@ -103,19 +103,30 @@ Status Save(const std::string& path, const std::string& key, DynamicsEnsemble<fl
   return writer.Commit();
 }
 
-// False, leaving `ensemble` as it was, when the file is absent, damaged or of another key.
-bool Load(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
+// Leaves `ensemble` as it was, and says why, when the file is absent (kFailedPrecondition), damaged
+// or of another key.
+Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
   std::error_code error;
-  if (!fs::exists(path, error)) return false;
-  Result<CheckpointReader> reader = CheckpointReader::Open(path);
-  if (!reader.ok() || reader->Text("key") != key) return false;
+  if (!fs::exists(path, error))
+    return Status(StatusCode::kFailedPrecondition, path + " does not exist");
+  B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader, CheckpointReader::Open(path));
+  const std::string found = reader.Text("key");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (found != key) {
+    return Status(StatusCode::kDataLoss, path + " is of other data, options or another version");
+  }
   DynamicsEnsemble<float> loaded = ensemble;
-  reader->StateInto("ensemble", loaded);
-  const std::string state_hash = reader->Text("state_hash");
-  if (!reader->status().ok() || state_hash != StateHash(loaded)) return false;
+  reader.StateInto("ensemble", loaded);
+  const std::string state_hash = reader.Text("state_hash");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (state_hash != StateHash(loaded)) {
+    return Status(StatusCode::kDataLoss, path + " is damaged: its hash is another one");
+  }
   ensemble = std::move(loaded);
-  return true;
+  return Status();
 }
+
+bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
 
 // The longest unused files go until the rest fits.
 void BoundCache(const std::string& folder, uint64_t bytes_max) {
@@ -140,12 +151,13 @@ void BoundCache(const std::string& folder, uint64_t bytes_max) {
   }
 }
 
-bool LoadFromCache(const std::string& key, const EnsembleFiles& files,
-                   DynamicsEnsemble<float>& ensemble) {
-  if (files.cache_folder.empty() || !Load(CachePath(files, key), key, ensemble)) return false;
+Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
+                     DynamicsEnsemble<float>& ensemble) {
+  if (files.cache_folder.empty()) return Status(StatusCode::kFailedPrecondition, "nothing is kept");
+  B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), key, ensemble));
   std::error_code ignored;  // used just now; if that cannot be noted, it may go earlier
   fs::last_write_time(CachePath(files, key), fs::file_time_type::clock::now(), ignored);
-  return true;
+  return Status();
 }
 
 void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
@@ -173,10 +185,19 @@ Status CheckFinite(const DynamicsProgress& state) {
 // What was done before, by this run or another one.
 void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
             Progress& progress) {
-  if (Load(RunPath(files), key, ensemble)) {
+  const Status own = Load(RunPath(files), key, ensemble);
+  if (own.ok()) {
     if (!ensemble.trained()) progress.Message("training of the ensemble goes on where it stopped");
-  } else if (LoadFromCache(key, files, ensemble)) {
+    return;
+  }
+  const Status kept = LoadFromCache(key, files, ensemble);
+  if (kept.ok()) {
     progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
+    return;
+  }
+  for (const Status& refused : {own, kept}) {
+    if (!IsThere(refused)) continue;
+    progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));
   }
 }
 
@@ -232,10 +253,11 @@ Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const Ensembl
 
 Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,
                            DynamicsEnsemble<float>& ensemble) {
-  const bool loaded = Load(RunPath(files), key, ensemble) || LoadFromCache(key, files, ensemble);
+  const Status own = Load(RunPath(files), key, ensemble);
+  const bool loaded = own.ok() || LoadFromCache(key, files, ensemble).ok();
   if (loaded && ensemble.trained()) return Status();
   return Status(StatusCode::kDataLoss,
-                fmt::format("{} is damaged or not this run's ensemble", RunPath(files)));
+                own.ok() ? RunPath(files) + " holds no trained ensemble" : own.message());
 }
 
 }  // namespace b4mrl
