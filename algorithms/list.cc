@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "algorithms/learners/learners.h"
+#include "algorithms/rl/model_based_options.h"
 
 namespace b4mrl {
 
@@ -32,17 +33,20 @@ std::span<const Algorithm> Algorithms() {
        "model-based, offline on a dataset: SAC on short rollouts in a learned model",
        {.dataset = true},
        MopoHyperparameters(),
-       CreateMopo},
+       CreateMopo,
+       CheckModelBased},
       {"h2o",
        "model-free hybrid: SAC on data and in a simulator, trusted as far as discriminators say",
        {.simulator = true, .dataset = true},
        H2oHyperparameters(),
-       CreateH2o},
+       CreateH2o,
+       CheckH2o},
       {"hymopo",
        "model-based hybrid: a learned correction of the simulator, SAC in the corrected one",
        {.simulator = true, .dataset = true},
        HymopoHyperparameters(),
-       CreateHymopo},
+       CreateHymopo,
+       CheckModelBased},
   };
   return kAlgorithms;
 }

@@ -15,6 +15,9 @@ struct Algorithm {
   LearnerNeeds needs;
   std::span<const Hyperparameter> hyperparameters;
   Result<std::unique_ptr<Learner>> (*create)(const LearnerContext& context);
+  // What no range of a single value can say: kInvalidArgument where values do not go together, or
+  // not with the environment's sizes. Asks no daemon. nullptr: every combination will do.
+  Status (*check)(const LearnerContext& context) = nullptr;
 };
 
 std::span<const Algorithm> Algorithms();

@@ -41,16 +41,18 @@ SpaceSpec SpaceOf(const pb::Space& space) {
 }
 
 // What the client computes sizes from must be sane, whoever sent it.
-Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& options) {
+bool HasSaneSizes(const pb::EnvironmentInfo& info) {
   const auto in_range = [](int size, uint32_t most) {
     return size > 0 && static_cast<uint32_t>(size) <= most;
   };
-  const pb::EnvironmentInfo& info = reply.info();
+  return in_range(info.observation().dimensions_size(), limits::kMaxObservationDimensions) &&
+         in_range(info.action().dimensions_size(), limits::kMaxActionDimensions);
+}
+
+Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& options) {
   if (reply.num_envs() != options.num_envs ||
       static_cast<DType>(reply.observation_dtype()) != options.observation_dtype ||
-      reply.with_infos() != options.with_infos ||
-      !in_range(info.observation().dimensions_size(), limits::kMaxObservationDimensions) ||
-      !in_range(info.action().dimensions_size(), limits::kMaxActionDimensions)) {
+      reply.with_infos() != options.with_infos || !HasSaneSizes(reply.info())) {
     return Status(StatusCode::kInternal, "the server's reply does not fit what was opened");
   }
   return Status();
@@ -135,6 +137,9 @@ Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
   B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, Catalogue());
   std::vector<std::string> names;
   for (const pb::EnvironmentInfo& info : catalogue.environments()) {
+    if (info.name() == name && !HasSaneSizes(info)) {
+      return Status(StatusCode::kInternal, "the server's reply does not describe an environment");
+    }
     if (info.name() == name) return SpecOf(info);
     names.push_back(info.name());
   }

@@ -13,8 +13,6 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kMaxHiddenLayers = 16;
-constexpr uint32_t kMaxLayerWidth = 4096;  // inputs and outputs
-constexpr uint32_t kMaxHistoryLength = 64;
 constexpr std::string_view kPolicy = "metadata/policy";
 
 bool AllFiniteValues(const std::vector<float>& values) {
@@ -31,7 +29,8 @@ Status CheckLayer(std::string_view name, const AgentLayer& layer, uint64_t input
     return Inconsistent(fmt::format("layer {} is {} x {}, allowed: {} x {}", name, layer.outputs,
                                     layer.inputs, outputs == 0 ? layer.outputs : outputs, inputs));
   }
-  if (layer.outputs == 0 || layer.outputs > kMaxLayerWidth || layer.inputs > kMaxLayerWidth ||
+  if (layer.outputs == 0 || layer.outputs > kMaxAgentLayerWidth ||
+      layer.inputs > kMaxAgentLayerWidth ||
       layer.weight.size() != size_t{layer.inputs} * layer.outputs ||
       layer.bias.size() != layer.outputs) {
     return Inconsistent(fmt::format("layer {} has {} weights and {} biases for {} x {}", name,
@@ -62,9 +61,9 @@ Status WriteLayer(Hdf5Writer& file, std::string_view name, const AgentLayer& lay
 Result<AgentLayer> ReadLayer(const Hdf5Reader& file, std::string_view name) {
   const std::string weight_path = fmt::format("{}/{}/weight", kPolicy, name);
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Column weight, file.OpenColumn(weight_path));
-  if (weight.shape().size() != 2 || weight.rows() > kMaxLayerWidth) {
+  if (weight.shape().size() != 2 || weight.rows() > kMaxAgentLayerWidth) {
     return Inconsistent(
-        fmt::format("{} is not a matrix of at most {} rows", weight_path, kMaxLayerWidth));
+        fmt::format("{} is not a matrix of at most {} rows", weight_path, kMaxAgentLayerWidth));
   }
   AgentLayer layer;
   layer.outputs = static_cast<uint32_t>(weight.rows());
@@ -167,7 +166,7 @@ Status ReadLayers(const Hdf5Reader& file, Agent* agent) {
 Status ReadInputs(const Hdf5Reader& file, Agent* agent) {
   uint64_t history = 1;
   B4MRL_RETURN_IF_ERROR(
-      ReadOptional(file, fmt::format("{}/history_length", kPolicy), kMaxHistoryLength, &history));
+      ReadOptional(file, fmt::format("{}/history_length", kPolicy), kMaxAgentHistory, &history));
   agent->history_length = static_cast<uint32_t>(history);
   std::vector<float> mask;
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, fmt::format("{}/observation_mask", kPolicy), &mask));
@@ -191,7 +190,7 @@ void Agent::FillDefaults() {
 Status Agent::Validate() const {
   if (observation_dimensions == 0 || observation_dimensions > limits::kMaxObservationDimensions ||
       action_dimensions == 0 || action_dimensions > limits::kMaxActionDimensions ||
-      history_length == 0 || history_length > kMaxHistoryLength) {
+      history_length == 0 || history_length > kMaxAgentHistory) {
     return Inconsistent(fmt::format("{} observation dimensions x {} steps, {} action dimensions",
                                     observation_dimensions, history_length, action_dimensions));
   }

@@ -30,6 +30,9 @@
 
 namespace b4mrl {
 
+inline constexpr uint32_t kMaxAgentLayerWidth = 4096;  // inputs and outputs of a layer
+inline constexpr uint32_t kMaxAgentHistory = 64;       // observations that a policy sees
+
 struct AgentLayer {
   uint32_t inputs = 0;
   uint32_t outputs = 0;

@@ -31,6 +31,9 @@
 
 namespace b4mrl {
 
+// Of one array that ReadFloats takes: what is written to be read by it must not be longer.
+inline constexpr uint64_t kMaxReadFloats = 64ull << 20;
+
 enum class Hdf5Type { kFloat32, kFloat64, kInteger, kBool, kString };
 std::string_view Hdf5TypeName(Hdf5Type type);
 
@@ -75,7 +78,7 @@ class Hdf5Reader {
   // False also for a path that goes over anything but hard links.
   bool Exists(std::string_view path) const;
   Result<Hdf5Column> OpenColumn(std::string_view path) const;
-  // Whole small datasets (at most 64 Mi elements).
+  // Whole small datasets (at most kMaxReadFloats elements).
   Result<std::vector<float>> ReadFloats(std::string_view path) const;
   // A scalar number, or the only element of an array.
   Result<double> ReadNumber(std::string_view path) const;

@@ -15,7 +15,6 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kMaxStringBytes = 64 * 1024;
-constexpr uint64_t kMaxSmallElements = 64ull << 20;
 constexpr uint64_t kMaxChunkBytes = 256ull << 20;
 constexpr uint64_t kMaxBlockBytes = 64ull << 20;
 constexpr uint64_t kDefaultBlockRows = 65536;
@@ -321,9 +320,9 @@ Result<Hdf5Column> Hdf5Reader::OpenColumn(std::string_view path) const {
 Result<std::vector<float>> Hdf5Reader::ReadFloats(std::string_view path) const {
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Column column, OpenColumn(path));
   const uint64_t elements = column.rows() * column.width();
-  if (elements > kMaxSmallElements) {
+  if (elements > kMaxReadFloats) {
     return Refuse(StatusCode::kLimitExceeded, path,
-                  fmt::format("has {} elements, allowed: {}", elements, kMaxSmallElements));
+                  fmt::format("has {} elements, allowed: {}", elements, kMaxReadFloats));
   }
   std::vector<float> values(elements);
   B4MRL_RETURN_IF_ERROR(column.Read(0, values));

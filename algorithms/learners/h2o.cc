@@ -18,6 +18,8 @@
 //
 // A policy sees what D shows: dimensions hidden there are zero in B as well. There is no warm-up.
 // An episode that ends by the step limit keeps d = 0.
+#include <fmt/format.h>
+
 #include <memory>
 #include <optional>
 #include <string>
@@ -65,13 +67,18 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"gap-limit", 1000, 0, 1e9, false, "of the penalty before its weight", "return", kAuthors},
     {"ratio-min", 1e-5, 1e-9, 1, false, "smallest p_real / p_sim; at least exp(-4) occurs", "",
      kAuthors},
-    {"hidden-width", 256, 1, 4096, true, "of each of the two hidden layers", "units", kAuthors},
+    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kAuthors},
     {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of all networks and the entropy weight", "",
      kAuthors},
     {"gamma", 0.99, 0, 1, false, "discount", "", kAuthors},
     {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kAuthors},
     {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start", "", kAuthors},
 };
+
+// Of a batch of the update of actor and critics.
+int RealRows(const Hyperparameters& values) {
+  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
+}
 
 H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats) {
   const Hyperparameters& values = context.hyperparameters;
@@ -204,14 +211,23 @@ Status H2o::Load(CheckpointReader& reader) {
 
 std::span<const Hyperparameter> H2oHyperparameters() { return kHyperparameters; }
 
-Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context) {
+Status CheckH2o(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   const int batch_size = values.Integer("batch-size");
-  const auto real_rows = static_cast<int>(values.Number("real-ratio") * batch_size);
+  const int real_rows = RealRows(values);
   if (real_rows < 1 || real_rows >= batch_size) {
     return InvalidNumber("real-ratio", values.Number("real-ratio"),
                          "at least one real and one simulated row in a batch");
   }
+  const int most = MostGapSamples(context.observation_size(), batch_size);
+  if (values.Integer("gap-samples") <= most) return Status();
+  return InvalidNumber("gap-samples", values.Number("gap-samples"),
+                       fmt::format("1..{} with a batch-size of {} and {} values in an observation",
+                                   most, batch_size, context.observation_size()));
+}
+
+Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context) {
+  B4MRL_RETURN_IF_ERROR(CheckH2o(context));
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
   B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset->Stats());
   B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(CoreOptions(context, stats)));
@@ -219,8 +235,9 @@ Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context) {
       OnlineLanes lanes,
       OnlineLanes::Open(context, MaskOfDimensions(dataset->observation_size(),
                                                   dataset->in_force().hidden_dimensions())));
-  return std::unique_ptr<Learner>(std::make_unique<H2o>(
-      context, std::move(core), std::move(dataset), std::move(lanes), real_rows));
+  return std::unique_ptr<Learner>(std::make_unique<H2o>(context, std::move(core),
+                                                        std::move(dataset), std::move(lanes),
+                                                        RealRows(context.hyperparameters)));
 }
 
 }  // namespace b4mrl

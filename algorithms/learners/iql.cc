@@ -50,7 +50,7 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"action-clip", 0, 0, 0.5, false, "dataset actions are kept so far from +-1; 0: as they are",
      "half the action range", "Manchery/iql-pytorch; the original: 1e-5"},
     {"batch-size", 256, 1, 65'536, true, "of one update", "transitions", kBoth},
-    {"hidden-width", 256, 1, 4096, true, "of each of the two hidden layers", "units", kBoth},
+    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kBoth},
     {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of V, actor and critics", "", kBoth},
     {"gamma", 0.99, 0, 1, false, "discount", "", kBoth},
     {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kBoth},

@@ -25,6 +25,7 @@ Result<std::unique_ptr<Learner>> CreateMopo(const LearnerContext& context);
 
 std::span<const Hyperparameter> H2oHyperparameters();
 Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context);
+Status CheckH2o(const LearnerContext& context);
 
 std::span<const Hyperparameter> HymopoHyperparameters();
 Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context);

@@ -35,7 +35,7 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"replay-capacity", 1e6, 1, 1e9, true, "newest that batches are drawn from", "transitions",
      kPublished},
     {"batch-size", 256, 1, 65'536, true, "of one update", "transitions", kPublished},
-    {"hidden-width", 256, 1, 4096, true, "of each of the two hidden layers", "units", kPublished},
+    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kPublished},
     {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of actor and critics", "", kPublished},
     {"gamma", 0.99, 0, 1, false, "discount", "", kPublished},
     {"tau", 0.005, 0, 1, false, "how far the targets follow when they move", "", kPublished},

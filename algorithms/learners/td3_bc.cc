@@ -24,7 +24,7 @@ constexpr std::string_view kAuthors = "sfujim/TD3_BC, which the paper's authors 
 constexpr Hyperparameter kHyperparameters[] = {
     {"bc-alpha", 2.5, 0, 1e6, false, "weight of the value against cloning", "", kAuthors},
     {"batch-size", 256, 1, 65'536, true, "of one update", "transitions", kAuthors},
-    {"hidden-width", 256, 1, 4096, true, "of each of the two hidden layers", "units", kAuthors},
+    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kAuthors},
     {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of actor and critics", "", kAuthors},
     {"gamma", 0.99, 0, 1, false, "discount", "", kAuthors},
     {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kAuthors},

@@ -68,6 +68,14 @@ std::vector<DecayRange> DecayRanges(const DynamicsEnsembleOptions& options,
 
 }  // namespace
 
+MlpLayout LayoutOf(const DynamicsEnsembleOptions& options) {
+  return MlpLayout({.members = options.members,
+                    .inputs = options.observation_size + options.action_size,
+                    .hidden = options.hidden,
+                    .outputs = 2 * (options.observation_size + 1),
+                    .activation = Activation::kSwish});
+}
+
 template <typename Scalar>
 Result<DynamicsEnsemble<Scalar>> DynamicsEnsemble<Scalar>::Create(
     const DynamicsEnsembleOptions& options, int threads) {
@@ -79,11 +87,7 @@ Result<DynamicsEnsemble<Scalar>> DynamicsEnsemble<Scalar>::Create(
 template <typename Scalar>
 DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& options, int threads)
     : options_(options),
-      layout_({.members = options.members,
-               .inputs = options.observation_size + options.action_size,
-               .hidden = options.hidden,
-               .outputs = 2 * (options.observation_size + 1),
-               .activation = Activation::kSwish}),
+      layout_(LayoutOf(options)),
       parameters_(layout_.size()),
       gradient_(layout_.size()),
       bounds_(2 * static_cast<size_t>(output_size())),

@@ -83,6 +83,9 @@ struct DynamicsProgress {
   std::vector<double> holdout_mse;  // per member, of the last epoch
 };
 
+// Of the members' networks, all together.
+MlpLayout LayoutOf(const DynamicsEnsembleOptions& options);
+
 template <typename Scalar>
 class DynamicsEnsemble {
  public:

@@ -15,6 +15,11 @@ Status Validate(const H2oOptions& options) {
   if (options.gap_samples < 1 || options.gap_samples > 1024) {
     return InvalidArgument("gap_samples", std::to_string(options.gap_samples), "1..1024");
   }
+  const int most = MostGapSamples(options.observation_size, options.batch_max);
+  if (options.gap_samples > most) {
+    return InvalidNumber("gap_samples", options.gap_samples,
+                         "at most " + std::to_string(most) + " for such a batch");
+  }
   if (std::ssize(options.gap_noise) != options.observation_size) {
     return InvalidArgument("gap_noise", std::to_string(options.gap_noise.size()) + " numbers",
                            std::to_string(options.observation_size) + ", one a dimension");
@@ -58,10 +63,17 @@ std::vector<double> GapNoise(std::span<const double> mean, std::span<const doubl
   return noise;
 }
 
+int MostGapSamples(int observation_size, int batch_max) {
+  constexpr int64_t kCopiedNumbersMax = 1 << 27;  // 512 MiB of floats
+  const int64_t batch_numbers = int64_t{observation_size} * batch_max;
+  return static_cast<int>(std::clamp<int64_t>(kCopiedNumbersMax / batch_numbers - 1, 0, 1024));
+}
+
 template <typename Scalar>
 Result<H2oCore<Scalar>> H2oCore<Scalar>::Create(const H2oOptions& options) {
-  B4MRL_RETURN_IF_ERROR(Validate(options));
+  // Checks the sizes.
   B4MRL_ASSIGN_OR_RETURN(SacCore<Scalar> sac, SacCore<Scalar>::Create(options));
+  B4MRL_RETURN_IF_ERROR(Validate(options));
   B4MRL_ASSIGN_OR_RETURN(Discriminators<Scalar> discriminators,
                          Discriminators<Scalar>::Create(DiscriminatorsOf(options)));
   return H2oCore(options, std::move(sac), std::move(discriminators));

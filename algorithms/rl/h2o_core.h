@@ -31,6 +31,9 @@ enum class GapNoiseStd {
   kData,  // the dataset's observations, as the same laboratory's later code (D2C) has it
 };
 
+// How many noisy copies of s' a batch may have: all of them are in memory at once.
+int MostGapSamples(int observation_size, int batch_max);
+
 // scale * (deviation + 0.001) for each dimension, from the dataset's mean and population deviation.
 std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
                              GapNoiseStd over, double scale);

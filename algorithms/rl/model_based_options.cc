@@ -1,8 +1,11 @@
 #include "algorithms/rl/model_based_options.h"
 
+#include <fmt/format.h>
+
 #include <utility>
 
 #include "algorithms/rl/core_options.h"
+#include "data/hdf5_file.h"
 
 namespace b4mrl {
 namespace {
@@ -15,7 +18,7 @@ constexpr Hyperparameter kShared[] = {
     {"model-retain", 5, 1, 1000, true, "whose rollouts are kept", "cycles", kAuthors},
     {"real-ratio", 0.05, 0, 1, false, "share of a batch that comes from the dataset", "", kAuthors},
     {"batch-size", 256, 1, 65'536, true, "of one update", "rows", kAuthors},
-    {"hidden-width", 256, 1, 4096, true, "of each of the policy's two hidden layers", "units",
+    {"hidden-width", 256, 1, 2048, true, "of each of the policy's two hidden layers", "units",
      kAuthors},
     {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of actor, critics and entropy weight", "",
      kAuthors},
@@ -55,6 +58,12 @@ constexpr Hyperparameter kShared[] = {
     {"ensemble-cache", 1, 0, 1, true, "keep trained ensembles, and use one that was trained alike",
      "", "ours: it changes no bit of a run"},
 };
+
+// Whether ensemble.h5 can be read again: its longest arrays have a number for each weight of all
+// members.
+bool HeldByFile(const DynamicsEnsembleOptions& options) {
+  return static_cast<uint64_t>(LayoutOf(options).size()) <= kMaxReadFloats;
+}
 
 }  // namespace
 
@@ -103,6 +112,24 @@ ModelRolloutOptions RolloutOptionsOf(const LearnerContext& context, std::vector<
   options.mask = std::move(mask);
   options.termination = std::move(termination);
   return options;
+}
+
+Status CheckModelBased(const LearnerContext& context) {
+  DynamicsEnsembleOptions options = EnsembleOptionsOf(context);
+  if (options.elites > options.members) {
+    return InvalidNumber("ensemble-elites", options.elites,
+                         fmt::format("1..{}, the ensemble-members", options.members));
+  }
+  const int width = options.hidden.front();
+  if (HeldByFile(options)) return Status();
+  int most = width;
+  while (most > 0 && !HeldByFile(options)) {
+    --most;
+    options.hidden.assign(options.hidden.size(), most);
+  }
+  return InvalidNumber("ensemble-width", width,
+                       fmt::format("1..{} with {} ensemble-members in {}", most, options.members,
+                                   context.environment.name));
 }
 
 EnsembleFiles EnsembleFilesOf(const LearnerContext& context) {

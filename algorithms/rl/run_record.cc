@@ -8,6 +8,7 @@
 
 #include "algorithms/nn/blas.h"
 #include "algorithms/nn/checkpoint.h"
+#include "data/agent_file.h"
 #include "data/atomic_file.h"
 #include "proto/base/limits.h"
 
@@ -53,7 +54,7 @@ Status Take(const Json& json, const char* name, T& value, uint64_t low, uint64_t
 
 Status TakeNumbers(const Json& json, TrainOptions& options) {
   constexpr uint64_t kAny = std::numeric_limits<uint64_t>::max();
-  B4MRL_RETURN_IF_ERROR(Take(json, "history", options.history_length, 1, kMaxHistoryLength));
+  B4MRL_RETURN_IF_ERROR(Take(json, "history", options.history_length, 1, kMaxAgentHistory));
   B4MRL_RETURN_IF_ERROR(Take(json, "seed", options.seed, 0, kAny));
   B4MRL_RETURN_IF_ERROR(Take(json, "updates", options.updates, 0, kAny));
   B4MRL_RETURN_IF_ERROR(Take(json, "eval_every", options.eval_every, 1, kAny));

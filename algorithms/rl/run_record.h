@@ -14,7 +14,6 @@
 
 namespace b4mrl {
 
-inline constexpr uint32_t kMaxHistoryLength = 64;
 inline constexpr uint32_t kMaxTrainingThreads = 64;
 
 struct TrainOptions {

@@ -114,6 +114,7 @@ Status TrainRun::CreateLearner() {
   context_.threads = options_.threads;
   context_.stop = &stop_;
   context_.hyperparameters = options_.hyperparameters;
+  B4MRL_RETURN_IF_ERROR(CheckTraining(options_, context_.environment));
   B4MRL_ASSIGN_OR_RETURN(learner_, algorithm->create(context_));
   return Status();
 }
@@ -301,6 +302,23 @@ std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary
     }
   }
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment) {
+  LearnerContext context;
+  context.environment = environment;
+  context.history_length = options.history_length;
+  context.seed = options.seed;
+  context.hyperparameters = options.hyperparameters;
+  const uint64_t values = environment.observation.size();
+  const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
+  if (options.history_length < 1 || options.history_length > most) {
+    return InvalidNumber("--history", options.history_length,
+                         fmt::format("1..{} with the {} values of an observation of {}", most,
+                                     values, environment.name));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
+  return algorithm->check == nullptr ? Status() : algorithm->check(context);
 }
 
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,

@@ -23,6 +23,7 @@
 #include "algorithms/rl/evaluate.h"
 #include "algorithms/rl/progress.h"
 #include "algorithms/rl/run_record.h"
+#include "proto/base/spec.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -42,6 +43,11 @@ struct TrainSummary {
 
 // The summary as one JSON object: what result.json holds.
 std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary);
+
+// What can be told of a run before anything is opened: kInvalidArgument, with the option's name,
+// for more observations at once than an agent file holds, and for hyperparameters that do not go
+// together or not with `environment`. Train checks it too.
+Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment);
 
 // `stop`, set by a signal handler, ends the run after the present update with a checkpoint.
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,

@@ -12,6 +12,7 @@
 #include "algorithms/list.h"
 #include "algorithms/rl/train_loop.h"
 #include "algorithms/tools/command.h"
+#include "data/agent_file.h"
 #include "data/atomic_file.h"
 #include "proto/base/limits.h"
 
@@ -42,6 +43,7 @@ struct TrainCommand {
   Status MergeRecord(NamedTexts& hyperparameters);
   Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
   Status CheckNeeds(const Algorithm& algorithm) const;
+  std::optional<Failure> CheckEnvironment(Client& client) const;
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
   Status Merge(const std::string& name, T& given, const T& recorded);
@@ -90,7 +92,7 @@ void TrainCommand::AddOptions() {
   app->add_option("--corruption", options.corruption,
                   "corruptions of the dataset: \"hidden-high\"");
   app->add_option("--history", options.history_length, "observations that the policy sees [1]")
-      ->check(CLI::Range(1u, kMaxHistoryLength));
+      ->check(CLI::Range(1u, kMaxAgentHistory));
   app->add_option("--seed", options.seed, "of everything random in the run [0]");
   app->add_option("--updates", options.updates, "gradient steps [1000000]");
   app->add_option("--eval-every", options.eval_every, "updates between evaluations [10000]")
@@ -226,6 +228,15 @@ Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
   return Status();
 }
 
+std::optional<Failure> TrainCommand::CheckEnvironment(Client& client) const {
+  const auto environment = client.FindEnvironment(options.environment);
+  if (!environment.ok()) return FromDaemon(environment.status());
+  if (Status status = CheckTraining(options, *environment); !status.ok()) {
+    return BadUsage(std::move(status));
+  }
+  return std::nullopt;
+}
+
 // Of a run that had begun: one that diverged is nobody's bad input.
 Failure RunFailure(const Status& status) {
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
@@ -254,6 +265,7 @@ std::optional<Failure> TrainCommand::Run() {
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
+  if (auto failure = CheckEnvironment(connection->client())) return failure;
   std::signal(SIGINT, RequestStop);
   std::signal(SIGTERM, RequestStop);
   Progress progress(quiet);

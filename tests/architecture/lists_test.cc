@@ -87,7 +87,7 @@ TEST_CASE("Each perturbation is one file and one line of the list") {
 
 TEST_CASE("Each learner is one file and one line of the list") {
   const std::string list = ReadSource("algorithms/list.cc").text();
-  const std::set<std::string> listed = MatchesIn(list, std::regex(R"(\bCreate(\w+)\})"));
+  const std::set<std::string> listed = MatchesIn(list, std::regex(R"(\bCreate(\w+)[,}])"));
   std::set<std::string> files;
   for (const std::string& stem : StemsIn("algorithms/learners", ".cc")) {
     files.insert(CamelCase(stem));

@@ -67,6 +67,23 @@ TEST_CASE("Bad usage ends with code 2 and names the nearest known thing") {
   CHECK(Run({}).exit_code == 2);
 }
 
+TEST_CASE("Options that do not go together end with code 2, before anything is trained") {
+  const TemporaryFolder folder;
+  const auto usage = [&](const Words& words) {
+    const Outcome outcome = Run(Words{"train", "--out", folder.File("run"), "--algorithm"} + words);
+    CHECK(outcome.exit_code == 2);
+    CHECK_FALSE(std::filesystem::exists(folder.File("run")));
+    return outcome.err;
+  };
+  const Words cheetah = {"--environment", "HalfCheetah", "--dataset", "HalfCheetah/none"};
+  CHECK(usage(Words{"h2o"} + cheetah + Words{"--real-ratio", "1"}).find("real-ratio") !=
+        std::string::npos);
+  CHECK(usage(Words{"mopo"} + cheetah + Words{"--ensemble-elites", "8"}).find("1..7") !=
+        std::string::npos);
+  CHECK(usage({"sac", "--environment", "Humanoid", "--history", "11"}).find("1..10") !=
+        std::string::npos);
+}
+
 TEST_CASE("Bad input ends with code 3, no daemon with 4, a refusal with 5") {
   TemporaryFolder folder;
   WriteBytes(folder.File("agent.h5"), "no agent");
