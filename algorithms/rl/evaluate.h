@@ -27,6 +27,9 @@ namespace b4mrl {
 struct EvaluationResult {
   std::vector<double> returns;  // undiscounted, one an episode
   std::vector<uint32_t> lengths;
+  // Episodes that the daemon or the physics engine gave up: cut short through no rule of the task,
+  // they count in the mean with what they had until then.
+  uint32_t given_up = 0;
   double mean_return = 0;
   double std_return = 0;        // over episodes, population
   std::optional<double> score;  // of the mean, normalised as D4RL; none without reference returns
@@ -60,7 +63,7 @@ class Evaluator {
   uint64_t seed_;
 };
 
-// One result in a checkpoint, under "<name>/".
+// One result in a checkpoint, under "<name>/", but for given_up, which is said when it happens.
 void SaveEvaluation(CheckpointWriter& writer, const std::string& name,
                     const EvaluationResult& result);
 EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& name);

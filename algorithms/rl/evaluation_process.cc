@@ -40,6 +40,10 @@ Result<EvaluationResult> ParseEvaluation(std::string_view text) {
   for (const auto& item : json["lengths"]) result.lengths.push_back(item.get<uint32_t>());
   result.mean_return = json["mean_return"].get<double>();
   result.std_return = json["std_return"].get<double>();
+  const auto given_up = json.find("given_up_episodes");
+  if (given_up != json.end() && given_up->is_number_unsigned()) {
+    result.given_up = given_up->get<uint32_t>();
+  }
   const auto score = json.find("score");
   if (score != json.end() && score->is_number()) result.score = score->get<double>();
   return result;

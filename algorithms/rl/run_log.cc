@@ -114,6 +114,10 @@ Status RunLog::Take(EvaluationResult result) {
                                          : fmt::format("return {:.1f}", result.mean_return);
   progress_->Message(fmt::format("update {}: return {:.1f} +- {:.1f}, {}", row.front().value,
                                  result.mean_return, result.std_return, score));
+  if (result.given_up > 0) {
+    progress_->Message(fmt::format("{} of {} episodes were given up by the simulator",
+                                   result.given_up, result.returns.size()));
+  }
   progress_->Note(score);
   evaluations_.push_back(std::move(result));
   if (evaluations_.size() > kEvaluationsKept) evaluations_.erase(evaluations_.begin());

@@ -295,6 +295,7 @@ std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary
     json["returns"] = summary.last->returns;
     json["mean_return"] = summary.last->mean_return;
     json["std_return"] = summary.last->std_return;
+    if (summary.last->given_up > 0) json["given_up_episodes"] = summary.last->given_up;
     if (summary.last->score) json["score"] = *summary.last->score;
     json["mean_return_of_last_ten"] = summary.mean_return_of_last_ten;
     if (summary.mean_score_of_last_ten) {

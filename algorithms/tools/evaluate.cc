@@ -97,6 +97,7 @@ void EvaluateCommand::Print(const EvaluationResult& result) const {
     out["lengths"] = result.lengths;
     out["mean_return"] = result.mean_return;
     out["std_return"] = result.std_return;
+    out["given_up_episodes"] = result.given_up;
     if (result.score) out["score"] = *result.score;
     fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     return;
@@ -107,6 +108,9 @@ void EvaluateCommand::Print(const EvaluationResult& result) const {
   }
   fmt::print("mean return {:.2f} +- {:.2f}\n", result.mean_return, result.std_return);
   if (result.score) fmt::print("normalised score {:.2f}\n", *result.score);
+  if (result.given_up > 0) {
+    fmt::print("{} of the episodes were given up by the simulator\n", result.given_up);
+  }
 }
 
 }  // namespace

@@ -1,10 +1,16 @@
 // Learners and steps that the simulator gives up, or that nobody waits for any more.
+#include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <filesystem>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "algorithms/learners/learners.h"
+#include "algorithms/rl/evaluate.h"
 #include "algorithms/rl/online_lanes.h"
+#include "algorithms/rl/td3_core.h"
 #include "tests/algorithms/learners/test_daemon.h"
 #include "tests/client/fake_daemon.h"
 
@@ -66,6 +72,24 @@ TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
   INFO(status.ToString());
   CHECK(status.code() == StatusCode::kFailedPrecondition);
   CHECK(lanes.replay().length() == 0);
+}
+
+TEST_CASE("An evaluation counts the episodes that the simulator gave up, and those alone") {
+  const auto [cause, given_up] =
+      GENERATE(std::pair{Cause::kCrash, 3u}, std::pair{Cause::kNumericalError, 3u},
+               std::pair{Cause::kLimit, 0u});
+  FakeDaemon daemon{GivingUp(cause)};
+  Client client = Need(Client::Connect(daemon.address()));
+  Td3Options options;
+  options.observation_size = kObservationSize;
+  options.action_size = kActionSize;
+  options.hidden = {8, 8};
+  const std::vector<float> scale(kActionSize, 1.0f);
+  const Agent agent = MakeAgent(Need(Td3Core<float>::Create(options)).Policy(), 1, scale);
+  Evaluator evaluator = Need(Evaluator::Open(client, "Fake", {}, /*episodes=*/3));
+  const EvaluationResult result = Need(evaluator.Run(Need(AgentPolicy::Create(agent))));
+  CHECK(result.lengths == std::vector<uint32_t>{1, 1, 1});
+  CHECK(result.given_up == given_up);
 }
 
 TEST_CASE("A run that is to end soon cuts its warm-up and its reading short") {

@@ -138,10 +138,12 @@ TEST_CASE("What is no evaluation's result is refused") {
     INFO(text);
     CHECK(ParseEvaluation(text).status().code() == StatusCode::kDataLoss);
   }
-  const EvaluationResult result = Need(ParseEvaluation(
-      R"({"returns":[0.1],"lengths":[7],"mean_return":0.1,"std_return":0,"score":3})"));
+  const EvaluationResult result =
+      Need(ParseEvaluation(R"({"returns":[0.1],"lengths":[7],"mean_return":0.1,"std_return":0,)"
+                           R"("score":3,"given_up_episodes":1})"));
   CHECK(result.returns == std::vector<double>{0.1});
   CHECK(result.score == 3);
+  CHECK(result.given_up == 1);
 }
 
 }  // namespace b4mrl
