@@ -38,6 +38,10 @@ inline void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {
 
 inline void AddMetrics(const H2oMetrics& values, MetricMeans& metrics) {
   AddMetrics(values.sac, metrics);
+  metrics.Add("critic_loss_real", values.critic.real_loss);
+  metrics.Add("critic_loss_simulated", values.critic.simulated_loss);
+  metrics.Add("mean_q_real", values.critic.mean_real_q);
+  metrics.Add("mean_q_simulated", values.critic.mean_simulated_q);
   metrics.Add("gap_penalty", values.gap_penalty);
   metrics.Add("mean_gap", values.mean_gap);
   metrics.Add("mean_weight", values.mean_weight);

@@ -101,6 +101,7 @@ H2oMetrics H2oCore<Scalar>::Update(const HybridBatch<Scalar>& batch,
   metrics.discriminators = discriminators_.Update(discriminator_batch);
   WeighSimulated(batch.simulated(), metrics);
   metrics.sac = sac_.Update(batch.rows, Objective());
+  metrics.critic = critic_loss_;
   metrics.gap_penalty = gap_penalty_;
   return metrics;
 }
@@ -116,6 +117,7 @@ H2oMetrics H2oCore<Scalar>::UpdateWithNoise(const HybridBatch<Scalar>& batch,
       discriminators_.UpdateWithNoise(discriminator_batch, noise.discriminators);
   WeighSimulated(batch.simulated(), metrics);
   metrics.sac = sac_.UpdateWithNoise(batch.rows, noise.actions, noise.next_actions, Objective());
+  metrics.critic = critic_loss_;
   metrics.gap_penalty = gap_penalty_;
   return metrics;
 }
@@ -155,7 +157,8 @@ CriticLoss H2oCore<Scalar>::Loss(MatrixView<const Scalar> q, std::span<const Sca
                                  MatrixView<Scalar> q_gradient) {
   const auto weights = std::span<const Scalar>(weights_).first(simulated_rows_);
   const auto log_gap_weights = std::span<const double>(log_gap_weights_).first(simulated_rows_);
-  const CriticLoss loss = HybridSquaredError<Scalar>(q, targets, weights, q_gradient);
+  const HybridCriticLoss loss = HybridSquaredError<Scalar>(q, targets, weights, q_gradient);
+  critic_loss_ = loss;
   gap_penalty_ = AddGapPenalty<Scalar>(q, log_gap_weights, options_.gap_weight, options_.gap_limit,
                                        q_gradient);
   return loss;

@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "algorithms/rl/discriminators.h"
+#include "algorithms/rl/h2o_losses.h"
 #include "algorithms/rl/sac_core.h"
 
 namespace b4mrl {
@@ -61,6 +62,7 @@ struct H2oOptions : SacOptions {
 
 struct H2oMetrics {
   SacMetrics sac;  // critic_loss is the weighted error alone
+  HybridCriticLoss critic;
   DiscriminatorMetrics discriminators;
   double gap_penalty = 0;
   double mean_weight = 0;  // w
@@ -116,7 +118,8 @@ class H2oCore {
   SacCore<Scalar> sac_;
   Discriminators<Scalar> discriminators_;
 
-  int simulated_rows_ = 0;  // of the present batch
+  int simulated_rows_ = 0;        // of the present batch
+  HybridCriticLoss critic_loss_;  // of the present update, as is the penalty
   double gap_penalty_ = 0;
   MatrixBuffer<Scalar> next_copies_;  // s' of all simulated rows, then its noisy copies by sample
   AlignedVector<Scalar> log_ratios_;  // one a column of next_copies_

@@ -46,9 +46,10 @@ double LogGapWeights(std::span<const Scalar> gaps, double gap_max, std::span<dou
 }
 
 template <typename Scalar>
-CriticLoss HybridSquaredError(MatrixView<const Scalar> q, std::span<const Scalar> targets,
-                              std::span<const Scalar> weights, MatrixView<Scalar> q_gradient) {
-  CriticLoss result;
+HybridCriticLoss HybridSquaredError(MatrixView<const Scalar> q, std::span<const Scalar> targets,
+                                    std::span<const Scalar> weights,
+                                    MatrixView<Scalar> q_gradient) {
+  HybridCriticLoss result;
   const int simulated = static_cast<int>(weights.size()), real = q.columns - simulated;
   for (int i = 0; i < q.columns; ++i) {
     const Scalar share = i < real ? Scalar(1) / static_cast<Scalar>(real)
@@ -56,10 +57,15 @@ CriticLoss HybridSquaredError(MatrixView<const Scalar> q, std::span<const Scalar
     for (int critic = 0; critic < q.rows; ++critic) {
       const Scalar error = q(critic, i) - targets[i];
       q_gradient(critic, i) = 2 * share * error;
-      result.loss += static_cast<double>(share) * error * error;
+      const double loss = static_cast<double>(share) * error * error;
+      result.loss += loss;
       result.mean_q += q(critic, i);
+      (i < real ? result.real_loss : result.simulated_loss) += loss;
+      (i < real ? result.mean_real_q : result.mean_simulated_q) += q(critic, i);
     }
   }
+  result.mean_real_q /= static_cast<double>(q.rows) * real;
+  result.mean_simulated_q /= static_cast<double>(q.rows) * simulated;
   result.mean_q /= static_cast<double>(q.rows) * q.columns;
   return result;
 }
@@ -90,9 +96,9 @@ double AddGapPenalty(MatrixView<const Scalar> q, std::span<const double> log_wei
 #define B4MRL_INSTANTIATE(Scalar)                                                                  \
   template double DynamicsWeights<Scalar>(std::span<const Scalar>, double, std::span<Scalar>);     \
   template double LogGapWeights<Scalar>(std::span<const Scalar>, double, std::span<double>);       \
-  template CriticLoss HybridSquaredError<Scalar>(MatrixView<const Scalar>,                         \
-                                                 std::span<const Scalar>, std::span<const Scalar>, \
-                                                 MatrixView<Scalar>);                              \
+  template HybridCriticLoss HybridSquaredError<Scalar>(                                            \
+      MatrixView<const Scalar>, std::span<const Scalar>, std::span<const Scalar>,                  \
+      MatrixView<Scalar>);                                                                         \
   template double AddGapPenalty<Scalar>(MatrixView<const Scalar>, std::span<const double>, double, \
                                         double, MatrixView<Scalar>);
 B4MRL_INSTANTIATE(float)

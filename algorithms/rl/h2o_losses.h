@@ -26,11 +26,19 @@ double DynamicsWeights(std::span<const Scalar> log_ratios, double ratio_min,
 template <typename Scalar>
 double LogGapWeights(std::span<const Scalar> gaps, double gap_max, std::span<double> log_weights);
 
+// TD's two parts and their sum, over the critics and on each kind of rows.
+struct HybridCriticLoss : CriticLoss {
+  double real_loss = 0;
+  double simulated_loss = 0;
+  double mean_real_q = 0;
+  double mean_simulated_q = 0;
+};
+
 // TD, summed over the critics, and mean Q; writes q_gradient (critics x n). The simulated columns
 // are the last weights.size() of q's.
 template <typename Scalar>
-CriticLoss HybridSquaredError(MatrixView<const Scalar> q, std::span<const Scalar> targets,
-                              std::span<const Scalar> weights, MatrixView<Scalar> q_gradient);
+HybridCriticLoss HybridSquaredError(MatrixView<const Scalar> q, std::span<const Scalar> targets,
+                                    std::span<const Scalar> weights, MatrixView<Scalar> q_gradient);
 
 // The gap term, summed over the critics; its gradient is added to q_gradient.
 template <typename Scalar>

@@ -90,6 +90,21 @@ TEST_CASE("the hybrid error has the gradient of its finite differences") {
   CheckGradient(q.values(), analytic, loss);
 }
 
+TEST_CASE("the hybrid error and mean Q are told apart by where rows come from") {
+  MatrixBuffer<double> q(2, 3), gradient(2, 3);
+  const std::vector<double> values = {1, 3, 5, 7, 10, 20};  // two critics a column
+  std::copy(values.begin(), values.end(), q.values().begin());
+  const std::vector<double> targets = {0, 0, 0}, weights = {0.5};
+  const HybridCriticLoss loss =
+      HybridSquaredError<double>(q.view(), targets, weights, gradient.view());
+  CHECK(loss.mean_real_q == Approx(4));
+  CHECK(loss.mean_simulated_q == Approx(15));
+  CHECK(loss.mean_q == Approx(46.0 / 6));
+  CHECK(loss.real_loss == Approx((1 + 9 + 25 + 49) / 2.0));
+  CHECK(loss.simulated_loss == Approx(0.5 * (100 + 400)));
+  CHECK(loss.loss == Approx(loss.real_loss + loss.simulated_loss));
+}
+
 TEST_CASE("the gap penalty adds the gradient of its finite differences") {
   MatrixBuffer<double> q = Normals(2, kBatch, 5), gradient(2, kBatch);
   std::vector<double> log_weights(kSimulated);
