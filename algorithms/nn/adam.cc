@@ -101,18 +101,7 @@ void Adam<Scalar>::VisitCounters(std::string_view prefix, const CounterVisitor& 
   visitor({std::string(prefix) + "/steps", &steps_});
 }
 
-template <typename Scalar>
-void Polyak(double tau, std::span<const Scalar> online, std::span<Scalar> target) {
-  const Scalar rate = static_cast<Scalar>(tau);
-  const Scalar* __restrict p = online.data();
-  Scalar* __restrict t = target.data();
-  const size_t size = target.size();
-  for (size_t i = 0; i < size; ++i) t[i] = (1 - rate) * t[i] + rate * p[i];
-}
-
 template class Adam<float>;
 template class Adam<double>;
-template void Polyak<float>(double, std::span<const float>, std::span<float>);
-template void Polyak<double>(double, std::span<const double>, std::span<double>);
 
 }  // namespace b4mrl

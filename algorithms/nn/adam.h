@@ -76,8 +76,4 @@ class Adam {
   AlignedVector<Scalar> second_moment_;
 };
 
-// target <- tau * online + (1 - tau) * target.
-template <typename Scalar>
-void Polyak(double tau, std::span<const Scalar> online, std::span<Scalar> target);
-
 }  // namespace b4mrl

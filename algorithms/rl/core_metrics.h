@@ -15,12 +15,14 @@ inline void AddMetrics(const SacMetrics& values, MetricMeans& metrics) {
   metrics.Add("alpha_loss", values.alpha_loss);
   metrics.Add("alpha", values.alpha);
   metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
   metrics.Add("entropy", values.entropy);
 }
 
 inline void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
   metrics.Add("critic_loss", values.critic_loss);
   metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
   const size_t count = values.actor_step ? 1 : 0;  // each step of the actor counts once
   metrics.AddAll("actor_loss", {&values.actor_loss, count});
   if (values.bc_loss) metrics.AddAll("bc_loss", {&*values.bc_loss, count});
@@ -34,6 +36,7 @@ inline void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {
   metrics.Add("mean_value", values.mean_value);
   metrics.Add("mean_weight", values.mean_weight);
   metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
 }
 
 inline void AddMetrics(const H2oMetrics& values, MetricMeans& metrics) {

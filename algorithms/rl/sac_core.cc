@@ -96,11 +96,6 @@ MatrixView<const Scalar> SacCore<Scalar>::CriticInput(MatrixView<const Scalar> o
 }
 
 template <typename Scalar>
-double SacCore<Scalar>::alpha() const {
-  return std::exp(static_cast<double>(log_alpha_[0]));
-}
-
-template <typename Scalar>
 SacMetrics SacCore<Scalar>::Update(const TransitionBatch<Scalar>& batch,
                                    const CriticObjective<Scalar>& objective) {
   const MatrixView<Scalar> noise = noise_.view(2 * batch.size());
@@ -159,7 +154,7 @@ void SacCore<Scalar>::UpdateAlpha(SacMetrics& metrics) {
   const double gradient = metrics.entropy - target_entropy;
   metrics.alpha_loss = gradient * log_alpha_[0];
   log_alpha_gradient_[0] = static_cast<Scalar>(gradient);
-  if (options_.learn_alpha) alpha_adam_.Step(log_alpha_, log_alpha_gradient_);
+  alpha_adam_.Step(log_alpha_, log_alpha_gradient_);
 }
 
 template <typename Scalar>

@@ -36,7 +36,6 @@ namespace b4mrl {
 struct SacOptions : ActorCriticOptions {
   double alpha_learning_rate = 3e-4;
   double initial_alpha = 1.0;
-  bool learn_alpha = true;
   std::optional<double> target_entropy;  // nothing: -action_size
   double critic_loss_scale = 0.5;
   bool entropy_in_target = true;
@@ -56,10 +55,10 @@ struct SacMetrics {
   double critic_loss = 0;
   double actor_loss = 0;
   double alpha_loss = 0;
-  double alpha = 0;   // used in this update
-  double mean_q = 0;  // of both critics on the batch
-  double mean_target = 0;
-  double entropy = 0;  // -mean log pi(a|s)
+  double alpha = 0;        // used in this update
+  double mean_q = 0;       // of both critics on the batch
+  double mean_target = 0;  // y
+  double entropy = 0;      // -mean log pi(a|s)
 };
 
 template <typename Scalar>
@@ -78,8 +77,6 @@ class SacCore {
 
   const SacOptions& options() const { return options_; }
   int64_t updates() const { return updates_; }
-  double alpha() const;
-  void set_actor_learning_rate(double value) { actor_adam_.set_learning_rate(value); }
 
   // The present actor for the fixed-order inference: what acts, evaluates and goes into files.
   PolicyWeights Policy() const;

@@ -37,8 +37,8 @@ struct Td3Options : ActorCriticOptions {
 
 struct Td3Metrics {
   double critic_loss = 0;
-  double mean_q = 0;  // of both critics on the batch
-  double mean_target = 0;
+  double mean_q = 0;       // of both critics on the batch
+  double mean_target = 0;  // y
   // Of the last step of the actor, which is this update's if `actor_step`.
   bool actor_step = false;
   double actor_loss = 0;
@@ -59,7 +59,6 @@ class Td3Core {
 
   const Td3Options& options() const { return options_; }
   int64_t updates() const { return updates_; }
-  void set_actor_learning_rate(double value) { actor_adam_.set_learning_rate(value); }
 
   // The present actor for the fixed-order inference; observation mean and std are the learner's.
   PolicyWeights Policy() const;

@@ -39,14 +39,13 @@ TEST_CASE("a decay range adds its term to the gradient there and nowhere else") 
 
 TEST_CASE("the fused step moves the target towards the new parameters") {
   Adam<double> fused({.learning_rate = 0.1}, 2), plain({.learning_rate = 0.1}, 2);
-  std::vector<double> a = {1, -1}, b = a, fused_target = {10, 20}, target = fused_target;
+  std::vector<double> a = {1, -1}, b = a, target = {10, 20};
   const std::vector<double> gradient = {0.3, -0.2};
-  fused.StepWithPolyak(a, gradient, 0.25, fused_target);
+  fused.StepWithPolyak(a, gradient, 0.25, target);
   plain.Step(b, gradient);
-  Polyak<double>(0.25, b, target);
   CHECK(a == b);
-  CHECK(fused_target == target);
-  CHECK(target[0] == Approx(0.75 * 10 + 0.25 * 0.9));
+  CHECK(target[0] == Approx(0.75 * 10 + 0.25 * b[0]));
+  CHECK(target[1] == Approx(0.75 * 20 + 0.25 * b[1]));
 }
 
 TEST_CASE("a NaN gradient shows in the parameter") {
