@@ -74,7 +74,7 @@ class TrainRun {
   uint64_t update_ = 0;
   uint64_t checkpoint_update_ = UINT64_MAX;  // of the newest checkpoint
   double seconds_before_ = 0;                // spent before the last resume
-  Clock::time_point start_ = Clock::now();
+  Clock::time_point start_ = Clock::now();   // of this process's Run, preparation included
   Clock::time_point last_log_ = Clock::now();
   uint64_t last_log_update_ = 0;
 };
@@ -149,6 +149,7 @@ Status TrainRun::Restore(uint64_t update) {
 }
 
 Status TrainRun::Run() {
+  start_ = Clock::now();
   const bool fresh = checkpoint_update_ == UINT64_MAX;
   if (fresh) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
@@ -156,7 +157,7 @@ Status TrainRun::Run() {
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
   if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
-  start_ = last_log_ = Clock::now();
+  last_log_ = Clock::now();
   progress_.Start("train", "updates", options_.updates, update_);
   while (update_ < options_.updates && !ReachedScore() && !stop_) {
     B4MRL_RETURN_IF_ERROR(Update());

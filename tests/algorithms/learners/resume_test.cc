@@ -190,6 +190,22 @@ TEST_CASE("A run ends with the same bits whether its evaluations run in its proc
   CHECK(RowsWithoutTimes(here.folder) == RowsWithoutTimes(beside.folder));
 }
 
+TEST_CASE("The seconds in a log include the preparation") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  NeedOk(options.hyperparameters.Set("warm-up", 2000));  // takes longer than ten updates
+  options.updates = 30;
+  RunTraining(options, daemon.client());
+  const double prepared =
+      Need(CheckpointReader::Open(CheckpointPath(options.folder, 0))).Number("run/seconds");
+  std::ifstream lines(options.folder + "/metrics.jsonl");
+  std::string line;
+  REQUIRE(std::getline(lines, line));
+  const auto row = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
+  CHECK(prepared > 0);
+  CHECK(row["seconds"] > prepared);
+}
+
 TEST_CASE("Another seed gives other weights") {
   TestDaemon daemon;
   TrainOptions a = SmallRun("sac", daemon.folder("a"));
