@@ -18,6 +18,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxRecordBytes = 1 << 20;
+constexpr std::ptrdiff_t kSessionsKept = 100;
 
 std::string RecordPath(const std::string& folder) { return folder + "/run.json"; }
 
@@ -95,6 +96,35 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   return TakeHyperparameters(json, record);
 }
 
+RunSession SessionOf(const Json& json) {
+  const auto text = [&](const char* name) {
+    const auto found = json.find(name);
+    return found != json.end() && found->is_string() ? found->get<std::string>() : "";
+  };
+  return {text("version"), text("blas_kernel")};
+}
+
+// A record of an older version has the last session alone.
+std::vector<RunSession> TakeSessions(const Json& json) {
+  std::vector<RunSession> sessions;
+  const auto found = json.find("sessions");
+  if (found != json.end() && found->is_array()) {
+    for (const Json& item : *found) {
+      if (item.is_object()) sessions.push_back(SessionOf(item));
+    }
+  }
+  if (sessions.empty() && json.contains("version")) sessions.push_back(SessionOf(json));
+  return sessions;
+}
+
+// The newest ones, one for each change.
+std::vector<RunSession> WithPresent(std::span<const RunSession> before, const RunSession& present) {
+  std::vector<RunSession> all(before.begin(), before.end());
+  if (all.empty() || all.back() != present) all.push_back(present);
+  if (all.size() > kSessionsKept) all.erase(all.begin(), all.end() - kSessionsKept);
+  return all;
+}
+
 // A TOML string; JSON's escapes are among TOML's.
 std::string Quoted(const std::string& text) {
   return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -139,7 +169,7 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   return WriteSmallFile(options.folder + "/config.toml", text);
 }
 
-Status WriteRunRecord(const TrainOptions& options) {
+Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> before) {
   Json json;
   json["algorithm"] = options.algorithm;
   json["environment"] = options.environment;
@@ -166,12 +196,20 @@ Status WriteRunRecord(const TrainOptions& options) {
     }
   }
   json["command"] = options.command;
-  json["version"] = B4MRL_VERSION;
-  json["blas_kernel"] = BlasKernelName();
+  const RunSession present = PresentSession();
+  json["version"] = present.version;
+  json["blas_kernel"] = present.blas_kernel;
+  json["sessions"] = Json::array();
+  for (const RunSession& session : WithPresent(before, present)) {
+    json["sessions"].push_back(
+        {{"version", session.version}, {"blas_kernel", session.blas_kernel}});
+  }
   // Bytes of the command line that are not UTF-8 must not throw.
   return WriteSmallFile(RecordPath(options.folder),
                         json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
+
+RunSession PresentSession() { return {B4MRL_VERSION, BlasKernelName()}; }
 
 Status CheckNoEarlierRun(const TrainOptions& options) {
   if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
@@ -198,6 +236,7 @@ Result<RunRecord> ReadRunRecord(const std::string& folder) {
   if (const Status status = TakeOptions(json, record); !status.ok()) {
     return status.WithContext(RecordPath(folder));
   }
+  record.sessions = TakeSessions(json);
   return record;
 }
 

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,8 +44,17 @@ struct TrainOptions {
   std::string command;    // as typed, for provenance
 };
 
-// Atomic. Adds the program's version and the BLAS kernel, under which training is reproducible.
-Status WriteRunRecord(const TrainOptions& options);
+// Under what a run computed: training is reproducible among sessions that are equal.
+struct RunSession {
+  std::string version;  // of the program
+  std::string blas_kernel;
+  bool operator==(const RunSession&) const = default;
+};
+RunSession PresentSession();
+
+// Atomic. `before`: what the run's earlier record says; the present session is added where it
+// differs from the last one.
+Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> before = {});
 
 // config.toml: every option and hyperparameter in force, so that `b4mrl train --config FILE --out
 // FOLDER` repeats the run. Atomic.
@@ -56,6 +66,7 @@ Status CheckNoEarlierRun(const TrainOptions& options);
 struct RunRecord {
   TrainOptions options;  // without hyperparameters, folder and resume
   std::vector<std::pair<std::string, std::string>> hyperparameters;  // as users write them
+  std::vector<RunSession> sessions;                                  // oldest first
 };
 bool HasRunRecord(const std::string& folder);
 // kIoError when the folder has none; kDataLoss when it cannot be understood or holds a number that

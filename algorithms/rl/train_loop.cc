@@ -50,6 +50,7 @@ class TrainRun {
 
  private:
   Status OpenFolder();
+  std::vector<RunSession> EarlierSessions() const;
   Status CreateLearner();
   Status RestoreNewest();
   Status Restore(uint64_t update);
@@ -87,9 +88,25 @@ Status TrainRun::Open() {
   log_.emplace(std::move(log));
 
   const bool resumes = options_.resume && !ListCheckpoints(options_.folder).empty();
-  B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_));
+  std::vector<RunSession> earlier;
+  if (resumes) earlier = EarlierSessions();
+  B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
   B4MRL_RETURN_IF_ERROR(WriteRunConfiguration(options_));
   return resumes ? RestoreNewest() : log_->Begin();
+}
+
+// Those of a resumed run. A record that cannot be read has been reported by whoever needs it.
+std::vector<RunSession> TrainRun::EarlierSessions() const {
+  const Result<RunRecord> record = ReadRunRecord(options_.folder);
+  if (!record.ok() || record->sessions.empty()) return {};
+  const RunSession &last = record->sessions.back(), present = PresentSession();
+  if (last != present) {
+    progress_.Message(
+        fmt::format("the run was last computed by version {} on BLAS kernel {}, now by {} on {}: "
+                    "from here on its numbers may differ from an uninterrupted run's",
+                    last.version, last.blas_kernel, present.version, present.blas_kernel));
+  }
+  return record->sessions;
 }
 
 Status TrainRun::OpenFolder() {

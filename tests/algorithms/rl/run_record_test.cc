@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "data/atomic_file.h"
 #include "tests/data/temporary_folder.h"
@@ -52,6 +53,31 @@ TEST_CASE("What a run's record keeps is what is read from it") {
   CHECK(record->options.algorithm == "sac");
   CHECK(record->options.seed == UINT64_MAX);
   CHECK(record->options.eval_every == TrainOptions().eval_every);
+}
+
+TEST_CASE("A record keeps each change of version and kernel that the run went through") {
+  const TemporaryFolder folder;
+  TrainOptions options;
+  options.folder = folder.File("");
+  const RunSession present = PresentSession(), older = {"0.0.1", "Prescott"};
+  const auto write = [&](const std::vector<RunSession>& before) {
+    REQUIRE(WriteRunRecord(options, before).ok());
+    const Result<RunRecord> record = ReadRunRecord(options.folder);
+    REQUIRE(record.ok());
+    return record->sessions;
+  };
+  CHECK(write({}) == std::vector{present});
+  CHECK(write({present}) == std::vector{present});
+  CHECK(write({older}) == std::vector{older, present});
+  CHECK(write({present, older}) == std::vector{present, older, present});
+  CHECK(write(std::vector<RunSession>(500, older)).size() == 100);
+}
+
+TEST_CASE("A record of an older version names one session") {
+  const Recorded recorded;
+  const Result<RunRecord> record = recorded.ReadWith("sessions", nullptr);
+  REQUIRE(record.ok());
+  CHECK(record->sessions == std::vector{PresentSession()});
 }
 
 TEST_CASE("A number in a run's record that no option takes is refused by name and range") {
