@@ -67,6 +67,7 @@ struct DatasetCommand {
   uint64_t seed = 0;
   bool quiet = false;
   bool json = false;
+  bool replace = false;
   DaemonOptions daemon;
 
   std::optional<Failure> Make();
@@ -113,6 +114,10 @@ std::optional<Failure> DatasetCommand::Make() {
   daemon.data_folder = DataFolder();
   const auto path = DatasetPath(daemon.data_folder, name);
   if (!path.ok()) return BadInput(path.status());
+  if (std::error_code error; !replace && fs::exists(*path, error)) {
+    return BadInput(Status(StatusCode::kFailedPrecondition,
+                           fmt::format("{} exists; choose another name, or --replace it", *path)));
+  }
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   const auto summary = WriteEpisodes(*agent, *agent_file, *path, connection->client());
@@ -314,6 +319,7 @@ std::vector<Command> AddDatasetCommands(CLI::App& app) {
       ->check(CLI::Range(uint64_t{1}, limits::kMaxDatasetRows));
   make_app->add_option("--seed", make->seed, "of environments and policy [0]");
   make_app->add_option("--agent", make->agent_path, "behaviour policy; none: the shipped one");
+  make_app->add_flag("--replace", make->replace, "where a file of that name exists");
   make_app->add_flag("--json", make->json, "print JSON");
 
   const auto [import, import_app] = add("import", "check a D4RL-layout HDF5 file and copy it in");

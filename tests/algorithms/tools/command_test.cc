@@ -198,6 +198,20 @@ TEST_CASE("Datasets and scores have equal bytes under another BLAS kernel") {
   CHECK(here.out == Run(evaluate, {haswell}).out);
 }
 
+TEST_CASE("Making a dataset replaces an existing one only when told to") {
+  const TemporaryFolder folder;
+  const Words make = {"dataset", "make", "HalfCheetah/medium", "--data", folder.File("data")};
+  REQUIRE(Run(make + Words{"--rows", "1000"}).exit_code == 0);
+  const std::string path = folder.File("data/HalfCheetah/medium.h5");
+  const std::string first = ReadBytes(path);
+  const Outcome refused = Run(make + Words{"--rows", "2000"});
+  CHECK(refused.exit_code == 3);
+  CHECK(refused.err.find("--replace") != std::string::npos);
+  CHECK(ReadBytes(path) == first);
+  CHECK(Run(make + Words{"--rows", "2000", "--replace"}).exit_code == 0);
+  CHECK(ReadBytes(path).size() > first.size());
+}
+
 TEST_CASE("A dataset survives export and import") {
   TemporaryFolder folder;
   const Words data = {"--data", folder.File("data")};
