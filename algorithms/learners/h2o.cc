@@ -180,6 +180,8 @@ Status H2o::FillBatches() {
   B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, stream_->Next());
   batch_.SetRows(rows, 0, real_rows_, action_scale_);
   discriminator_batch_.SetRows(rows, real_rows_, discriminator_real_rows_, action_scale_);
+  batch_.ClipActions(real_rows_);  // as the authors' code clips D's
+  discriminator_batch_.ClipActions(discriminator_real_rows_);
   Rng rng(RoleSeed(context_.seed, "replay"), "rows", static_cast<uint64_t>(core_.updates()));
   lanes_.replay().Sample(rng, real_rows_, batch_.size() - real_rows_, batch_);
   lanes_.replay().Sample(rng, discriminator_real_rows_,

@@ -34,6 +34,12 @@ struct BatchBuffer {
           rows[i] / scale[dimension];
     }
   }
+  // Of the first `count` columns, to [-1, 1].
+  void ClipActions(size_t count) {
+    const auto clipped =
+        std::span<float>(actions.values()).first(count * static_cast<size_t>(actions.rows()));
+    for (float& action : clipped) action = std::clamp(action, -1.0f, 1.0f);
+  }
   void SetOutcomes(std::span<const float> given, std::span<const uint8_t> terminals) {
     for (size_t i = 0; i < given.size(); ++i) {
       rewards[i] = given[i];

@@ -1,9 +1,11 @@
 // H2O's turns in the simulator, against a real daemon.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <string>
 #include <vector>
 
 #include "algorithms/learners/learners.h"
+#include "algorithms/rl/batch_buffer.h"
 #include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
@@ -55,6 +57,17 @@ TEST_CASE("H2O's policy sees what its dataset shows, whatever the simulator woul
   std::vector<float> expected(17, 1.0f);
   expected[9] = 0;
   CHECK(learner->Policy().observation_mask == expected);
+}
+
+TEST_CASE("Actions beyond the bounds are clipped in the columns asked for, and there alone") {
+  BatchBuffer batch(1, 2, 3);
+  std::ranges::fill(batch.actions.values(), -1.5f);
+  batch.actions.view()(1, 0) = 0.5f;
+  batch.ClipActions(2);
+  CHECK(batch.actions.view()(0, 0) == -1);
+  CHECK(batch.actions.view()(1, 0) == 0.5f);
+  CHECK(batch.actions.view()(1, 1) == -1);
+  CHECK(batch.actions.view()(0, 2) == -1.5f);
 }
 
 TEST_CASE("H2O refuses batches of real or of simulated rows alone") {
