@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
@@ -102,7 +103,7 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms)
   B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, ""));
   Client client(std::move(context), endpoint, std::move(gateway));
   pb::Request request;
-  request.mutable_hello()->set_client(kClientName);
+  request.mutable_hello()->set_client(fmt::format("{} {}", kClientName, ProjectVersion()));
   Result<ReceivedReply> reply =
       client.gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(deadline_ms));
   if (!reply.ok()) return reply.status().WithContext(endpoint);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "proto/base/limits.h"
+#include "proto/base/version.h"
 #include "server/environments/list.h"
 #include "server/model_compiler.h"
 #include "server/perturbations/list.h"
@@ -124,6 +125,6 @@ Status VersionMismatch(uint32_t version) {
                             ServerVersion(), limits::kProtocolVersion));
 }
 
-std::string_view ServerVersion() { return "0.1.0"; }
+std::string_view ServerVersion() { return ProjectVersion(); }
 
 }  // namespace b4mrl

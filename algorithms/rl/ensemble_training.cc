@@ -14,6 +14,7 @@
 
 #include "algorithms/nn/checkpoint.h"
 #include "data/file_hash.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
@@ -70,7 +71,7 @@ std::string Describe(const DynamicsEnsembleOptions& options) {
 std::string KeyAfterFirstUpdate(const DynamicsData<float>& data,
                                 DynamicsEnsemble<float>& ensemble) {
   StreamHash hash;
-  HashText(hash, B4MRL_VERSION);
+  HashText(hash, std::string(ProjectVersion()));
   HashText(hash, Describe(ensemble.options()));
   HashColumns(hash, data.observations);
   HashColumns(hash, data.actions);

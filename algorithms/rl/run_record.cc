@@ -11,6 +11,7 @@
 #include "data/agent_file.h"
 #include "data/atomic_file.h"
 #include "proto/base/limits.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
@@ -209,7 +210,7 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
                         json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-RunSession PresentSession() { return {B4MRL_VERSION, BlasKernelName()}; }
+RunSession PresentSession() { return {std::string(ProjectVersion()), BlasKernelName()}; }
 
 Status CheckNoEarlierRun(const TrainOptions& options) {
   if (options.resume || ListCheckpoints(options.folder).empty()) return Status();

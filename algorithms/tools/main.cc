@@ -9,6 +9,7 @@
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/config_file.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
@@ -51,7 +52,7 @@ int Report(const Failure& failure) {
 int Run(int argc, char** argv) {
   CLI::App app(kDescription, "b4mrl");
   app.require_subcommand(1);
-  app.set_version_flag("--version", "b4mrl " B4MRL_VERSION);
+  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
   app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   std::vector<Command> commands;
   for (auto& added : {AddTrainCommand(app, CommandLine(argc, argv)), AddEvaluateCommand(app),

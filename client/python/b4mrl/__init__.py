@@ -21,8 +21,8 @@ from b4mrl.registration import connect, register
 from b4mrl.serve import PrivateDaemon, serve
 from b4mrl.spec import EnvironmentSpec, SpaceSpec
 from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.version import __version__ as __version__
 
-__version__ = "0.1.0"
 __all__ = [
     "B4mrlError",
     "Client",

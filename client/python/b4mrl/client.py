@@ -21,8 +21,9 @@ from b4mrl.routes import Routes
 from b4mrl.session import Session
 from b4mrl.spec import EnvironmentSpec, parse_named, spec_of
 from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.version import __version__
 
-_CLIENT_NAME = "b4mrl-python 0.1.0"
+_CLIENT_NAME = f"b4mrl-python {__version__}"
 _MAX_QUERY_SESSIONS = 16  # kept open for further queries; the longest unused one goes first
 _OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a file imports it
 

@@ -1,0 +1,10 @@
+// The project's version, "0.1.0": that of `project` in CMakeLists.txt.
+#pragma once
+
+#include <string_view>
+
+namespace b4mrl {
+
+std::string_view ProjectVersion();
+
+}  // namespace b4mrl
