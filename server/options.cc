@@ -9,10 +9,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <thread>
 
+#include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
 
@@ -99,17 +99,9 @@ Status CheckFolder(const char* flag, const std::string& path) {
   return Status();
 }
 
-// Where datasets live when no folder is given; made on first use.
-Result<std::string> DefaultDataFolder() {
-  std::string folder;
-  if (const char* own = std::getenv("B4MRL_DATA"); own != nullptr && *own != '\0') {
-    folder = own;
-  } else if (const char* data = std::getenv("XDG_DATA_HOME"); data != nullptr && *data == '/') {
-    folder = fmt::format("{}/b4mrl", data);
-  } else {
-    const char* home = std::getenv("HOME");
-    folder = fmt::format("{}/.local/share/b4mrl", home != nullptr ? home : "/var/lib");
-  }
+// The default data folder, made on first use.
+Result<std::string> MakeDefaultDataFolder() {
+  const std::string folder = DefaultDataFolder();
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return IoError("make the data folder", folder, error.value());
@@ -125,7 +117,7 @@ Status Complete(Flags* flags) {
   if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
   if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
   if (serve.data_folder.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(serve.data_folder, DefaultDataFolder());
+    B4MRL_ASSIGN_OR_RETURN(serve.data_folder, MakeDefaultDataFolder());
   }
   B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
   if (!serve.models_folder.empty()) {

@@ -19,22 +19,12 @@
 #include "data/atomic_file.h"
 #include "data/file_hash.h"
 #include "data/writer.h"
+#include "proto/base/folders.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Where the daemon looks when it is given no folder (server/options.cc).
-std::string DefaultDataFolder() {
-  for (const auto& [variable, suffix] : {std::pair{"B4MRL_DATA", ""},
-                                         {"XDG_DATA_HOME", "/b4mrl"},
-                                         {"HOME", "/.local/share/b4mrl"}}) {
-    const char* value = std::getenv(variable);
-    if (value != nullptr && *value != '\0') return std::string(value) + suffix;
-  }
-  return "/var/lib/.local/share/b4mrl";
-}
 
 // "HalfCheetah/medium" is two names; anything else could point outside the data folder.
 Result<std::pair<std::string, std::string>> SplitName(const std::string& name) {
@@ -90,11 +80,13 @@ struct DatasetCommand {
 
 // ---- make
 
-// The given one, or the shipped behaviour policy: data/agents/halfcheetah-medium.h5.
+// The given one, or the shipped behaviour policy, such as halfcheetah-medium.h5.
 Result<std::string> DatasetCommand::AgentPath() const {
   if (!agent_path.empty()) return agent_path;
   const char* variable = std::getenv("B4MRL_AGENTS");
-  const std::string folder = variable != nullptr && *variable != '\0' ? variable : B4MRL_AGENTS_DIR;
+  const std::string folder = variable != nullptr && *variable != '\0'
+                                 ? variable
+                                 : SharedFolder("agents", B4MRL_AGENTS_FOLDER);
   std::string stem = name;
   std::replace(stem.begin(), stem.end(), '/', '-');
   std::transform(stem.begin(), stem.end(), stem.begin(),

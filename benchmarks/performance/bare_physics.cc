@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "benchmarks/performance/parallel_rate.h"
+#include "proto/base/folders.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
@@ -93,7 +94,7 @@ std::span<const PhysicsTask> PhysicsTasks() {
 const PhysicsTask& HalfCheetahTask() { return PhysicsTasks().front(); }
 
 Result<std::unique_ptr<BarePhysics>> BarePhysics::Load(const PhysicsTask& task) {
-  const std::string path = std::string(B4MRL_MODELS_FOLDER) + "/" + task.model_file;
+  const std::string path = SharedFolder("models", B4MRL_MODELS_FOLDER) + "/" + task.model_file;
   char error[1000] = "";
   mjModel* model = mj_loadXML(path.c_str(), nullptr, error, sizeof(error));
   if (model == nullptr) return InvalidArgument("model", path, error);

@@ -4,6 +4,7 @@
 
 #include "algorithms/rl/agent_policy.h"
 #include "data/agent_file.h"
+#include "proto/base/folders.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
@@ -16,7 +17,9 @@ constexpr int kRecordedSteps = kRecordedRows / kRecordedLanes;
 
 Result<RecordedRows> RecordRows(Client& client, const Options& options) {
   const std::string agent_file =
-      options.agent_file.empty() ? B4MRL_BEHAVIOUR_AGENT : options.agent_file;
+      options.agent_file.empty()
+          ? SharedFolder("agents", B4MRL_AGENTS_FOLDER) + "/halfcheetah-medium.h5"
+          : options.agent_file;
   B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_file));
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
   EnvironmentOptions lanes;

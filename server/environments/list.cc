@@ -6,6 +6,8 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
+#include "proto/base/folders.h"
+
 namespace b4mrl {
 
 // Each is defined in the environment's own file.
@@ -35,7 +37,11 @@ Result<EnvironmentSpec> DescribeEnvironment(std::string_view name) {
   return entry->describe(config);
 }
 
-std::string DefaultModelsFolder() { return B4MRL_MODELS_FOLDER; }
+std::string DefaultModelsFolder() {
+  // Looked up once: a process keeps its folder, also when its program's file is replaced.
+  static const std::string folder = SharedFolder("models", B4MRL_MODELS_FOLDER);
+  return folder;
+}
 
 std::string EngineVersion() { return fmt::format("MuJoCo {}", mj_versionString()); }
 

@@ -49,7 +49,8 @@ Result<const EnvironmentEntry*> FindEnvironment(std::string_view name);
 // The specification under the default configuration.
 Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
 
-// The folder with the MJCF files when none is given: the checkout's data/models.
+// The folder with the MJCF files when none is given: the installation's, else the checkout's
+// data/models.
 std::string DefaultModelsFolder();
 // The engine whose version decides the numbers: "MuJoCo 2.2.2".
 std::string EngineVersion();

@@ -1,0 +1,31 @@
+#include "proto/base/folders.h"
+
+#include <fmt/format.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+
+std::string DefaultDataFolder() {
+  const char* own = std::getenv("B4MRL_DATA");
+  if (own != nullptr && *own != '\0') return own;
+  const char* data = std::getenv("XDG_DATA_HOME");
+  if (data != nullptr && *data == '/') return fmt::format("{}/b4mrl", data);
+  const char* home = std::getenv("HOME");
+  if (home != nullptr && *home == '/') return fmt::format("{}/.local/share/b4mrl", home);
+  return "/var/lib/.local/share/b4mrl";
+}
+
+std::string SharedFolder(std::string_view name, const std::string& in_source_tree) {
+  namespace fs = std::filesystem;
+  const fs::path program_folder = fs::path(ProgramBesideThisOne("")).parent_path();
+  const fs::path installed = program_folder.parent_path() / "share" / "b4mrl" / name;
+  std::error_code error;
+  return fs::is_directory(installed, error) ? installed.string() : in_source_tree;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,74 @@
+#include "proto/base/folders.h"
+
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Sets or (nullptr) removes an environment variable while it lives.
+class Variable {
+ public:
+  Variable(const char* name, const char* value) : name_(name) {
+    if (const char* old = std::getenv(name)) old_ = old;
+    Set(value);
+  }
+  ~Variable() { Set(old_ ? old_->c_str() : nullptr); }
+  Variable(const Variable&) = delete;
+  Variable& operator=(const Variable&) = delete;
+
+ private:
+  void Set(const char* value) {
+    if (value != nullptr) {
+      setenv(name_, value, 1);
+    } else {
+      unsetenv(name_);
+    }
+  }
+  const char* name_;
+  std::optional<std::string> old_;
+};
+
+std::string DataFolderWith(const char* own, const char* xdg, const char* home) {
+  const Variable first("B4MRL_DATA", own);
+  const Variable second("XDG_DATA_HOME", xdg);
+  const Variable third("HOME", home);
+  return DefaultDataFolder();
+}
+
+TEST_CASE("The data folder is B4MRL_DATA, else below XDG_DATA_HOME, else below HOME") {
+  CHECK(DataFolderWith("/own", "/xdg", "/user") == "/own");
+  CHECK(DataFolderWith(nullptr, "/xdg", "/user") == "/xdg/b4mrl");
+  CHECK(DataFolderWith(nullptr, nullptr, "/user") == "/user/.local/share/b4mrl");
+  CHECK(DataFolderWith(nullptr, nullptr, nullptr) == "/var/lib/.local/share/b4mrl");
+}
+
+TEST_CASE("Empty variables and relative folders of XDG or HOME say nothing") {
+  CHECK(DataFolderWith("", "", "/user") == "/user/.local/share/b4mrl");
+  CHECK(DataFolderWith(nullptr, "data", "/user") == "/user/.local/share/b4mrl");
+  CHECK(DataFolderWith(nullptr, nullptr, "user") == "/var/lib/.local/share/b4mrl");
+}
+
+TEST_CASE("Shared files are the source tree's unless the program was installed with them") {
+  const std::string name = "folders-test-of-" + std::to_string(getpid());
+  CHECK(SharedFolder(name, "/sources") == "/sources");
+  const fs::path share = fs::path(ProgramBesideThisOne("")).parent_path().parent_path() / "share";
+  const bool had_share = fs::exists(share);
+  fs::create_directories(share / "b4mrl" / name);
+  const std::string found = SharedFolder(name, "/sources");
+  fs::remove(share / "b4mrl" / name);
+  if (!had_share) fs::remove_all(share);
+  CHECK(found == share / "b4mrl" / name);
+}
+
+}  // namespace
+}  // namespace b4mrl
