@@ -1,0 +1,12 @@
+# `cmake --install build/release --prefix FOLDER`. The programs find each other in their own folder and
+# what they read in ../share/b4mrl (proto/base/folders.h), so these two names are fixed and the whole
+# may be moved.
+install(TARGETS b4mrl b4mrl-serve b4mrl-render b4mrl-tools b4mrl-perf RUNTIME DESTINATION bin)
+install(DIRECTORY data/models data/agents DESTINATION share/b4mrl)
+# The documents keep their places to each other, for they link to each other.
+install(FILES LICENSE README.md ARCHITECTURE.md CHANGELOG.md CONTRIBUTING.md SECURITY.md
+        DESTINATION share/doc/b4mrl)
+foreach(document proto/PROTOCOL.md data/README.md benchmarks/RESULTS.md client/python/README.md)
+  cmake_path(GET document PARENT_PATH folder)
+  install(FILES ${document} DESTINATION share/doc/b4mrl/${folder})
+endforeach()
