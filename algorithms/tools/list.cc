@@ -1,5 +1,5 @@
-// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's; algorithms
-// and benchmarks are this program's.
+// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's, algorithms
+// this program's.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -116,8 +116,8 @@ struct ListCommand {
   void Print(const Json& items) const;
 };
 
-const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations",
-                                         "datasets",     "algorithms", "benchmarks"};
+const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations", "datasets",
+                                         "algorithms"};
 
 std::optional<Failure> ListCommand::Run() {
   if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) {
@@ -129,7 +129,7 @@ std::optional<Failure> ListCommand::Run() {
   Json items = Json::array();
   if (kind == "algorithms") {
     for (const Algorithm& algorithm : Algorithms()) items.push_back(AlgorithmItem(algorithm));
-  } else if (kind != "benchmarks") {
+  } else {
     auto connection = DaemonConnection::Open(daemon);
     if (!connection.ok()) return FromDaemon(connection.status());
     auto listed = Items(connection->client());
@@ -188,7 +188,7 @@ void ListCommand::Print(const Json& items) const {
 std::vector<Command> AddListCommand(CLI::App& app) {
   auto command = std::make_shared<ListCommand>();
   command->app = app.add_subcommand(
-      "list", "environments, dimensions E, perturbations, datasets, algorithms or benchmarks");
+      "list", "environments, dimensions E, perturbations, datasets or algorithms");
   command->app->add_option("kind", command->kind, "what to list")->required();
   command->app->add_option("environment", command->environment, "of `list dimensions`");
   command->app->add_flag("--json", command->json, "print one JSON array");
