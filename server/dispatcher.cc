@@ -127,7 +127,7 @@ void Dispatcher::HandleAttach(const Envelope& from, const pb::AttachRequest& req
   DescribeSession(**session, reply.mutable_attach());
   if (reply.ByteSizeLong() + kEnvelopeRest > limits::kMaxEnvelopeBytes) {
     // The client cannot be told what it would get, and the gateway frees the record.
-    sessions_.erase((*session)->token());
+    sessions_.erase(std::string((*session)->token()));
     return Reply(
         from, Status(StatusCode::kInvalidArgument,
                      fmt::format("the session's description has {} bytes, allowed: {}",
