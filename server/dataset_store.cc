@@ -252,8 +252,11 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fin
   const Status unknown(
       StatusCode::kUnknownName,
       fmt::format("no dataset has the fingerprint {}; open it again", fingerprint));
-  if (std::shared_ptr<const Dataset> mapped = mapped_[fingerprint].lock()) return mapped;
-  mapped_.erase(fingerprint);
+  {
+    const std::lock_guard lock(mutex_);
+    if (std::shared_ptr<const Dataset> mapped = mapped_[fingerprint].lock()) return mapped;
+    mapped_.erase(fingerprint);
+  }
   const std::string folder = CacheFolder(fingerprint);
   std::error_code error;
   if (!fs::exists(folder, error)) return unknown;
@@ -270,6 +273,7 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fin
     return status;
   }
   Touch(folder);
+  const std::lock_guard lock(mutex_);
   mapped_[fingerprint] = *dataset;
   return dataset;
 }

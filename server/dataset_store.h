@@ -4,9 +4,9 @@
 //   DATA/.cache/<fingerprint>/      a column cache: of a file, or derived from one
 //   DATA/.cache/index/<hash>.json   what a file was when it was imported: size, time, SHA-256
 //
-// Calls may take as long as an import does. Thread rule: one thread at a time; the Datasets that it
-// returns are immutable and may be read by any. Errors: kUnknownName, those of the importer,
-// kIoError.
+// An Open may take as long as an import does. Thread rule: one thread opens, another one may list
+// and load meanwhile; the Datasets that it returns are immutable and may be read by any. Errors:
+// kUnknownName, those of the importer, kIoError.
 #pragma once
 
 #include <atomic>
@@ -14,6 +14,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -94,7 +95,8 @@ class DatasetStore {
   void MakeRoom(uint64_t bytes);
 
   Options options_;
-  // What somebody still holds need not be mapped and verified again.
+  std::mutex mutex_;
+  // What somebody still holds need not be mapped and verified again. Under mutex_.
   std::map<std::string, std::weak_ptr<const Dataset>> mapped_;
 };
 

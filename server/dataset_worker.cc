@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <list>
 #include <map>
@@ -117,31 +118,34 @@ class DatasetWorker {
 
   const DatasetWorkerOptions& options_;
   RouterSocket* socket_;
-  DatasetStore store_;  // background thread only
+  DatasetStore store_;  // background threads only
   std::map<std::string, Served> served_;
   uint64_t uses_ = 0;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;
   // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
   std::map<std::string, std::vector<uint64_t>> loading_;
-  BackgroundThread background_;  // last: its tasks use the members above
+  // Last: their tasks use the members above.
+  BackgroundThread preparing_;  // imports and corrupts: minutes
+  BackgroundThread mapping_;    // lists and maps what is prepared: milliseconds
 };
 
 void DatasetWorker::Run() {
-  background_.Submit([this] {
+  preparing_.Submit([this] {
     store_.RemoveUnfinished();
     return [] {};
   });
-  const int wake = background_.fd();
+  const std::array<int, 2> wakes = {preparing_.fd(), mapping_.fd()};
   while (!draining()) {
     Beat();
-    WaitReadable(socket_->handle(), std::span(&wake, 1), kBeatMs);
+    WaitReadable(socket_->handle(), wakes, kBeatMs);
     for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
       std::optional<IncomingMessage> incoming = socket_->TryReceive();
       if (!incoming) break;
       Handle(std::move(*incoming));
     }
-    background_.RunCompletions();
+    preparing_.RunCompletions();
+    mapping_.RunCompletions();
     ExpireParked();
   }
   AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
@@ -184,7 +188,8 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
   // A parked request that expires frees its place, but its task stays in the backlog.
-  if (std::max(parked_.size(), background_.backlog()) >= limits::kMaxPendingDatasetRequests) {
+  const size_t backlog = preparing_.backlog() + mapping_.backlog();
+  if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests) {
     ReplyError(pending, Status(StatusCode::kLimitExceeded,
                                fmt::format("{} requests already wait for datasets",
                                            limits::kMaxPendingDatasetRequests)));
@@ -214,7 +219,7 @@ void DatasetWorker::SubmitOpen(PendingRequest pending) {
   }
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  background_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
+  preparing_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
     auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
     return [this, id, opened] { FinishOpen(id, *opened); };
   });
@@ -246,7 +251,7 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
 void DatasetWorker::SubmitList(PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  background_.Submit([this, id]() -> BackgroundThread::Completion {
+  mapping_.Submit([this, id]() -> BackgroundThread::Completion {
     auto list = std::make_shared<Result<std::vector<DatasetFileInfo>>>(store_.List());
     return [this, id, list] { FinishList(id, *list); };
   });
@@ -278,7 +283,7 @@ void DatasetWorker::SubmitLoad(PendingRequest pending) {
   std::vector<uint64_t>& waiting = loading_[fingerprint];
   waiting.push_back(id);
   if (waiting.size() > 1) return;  // on its way already
-  background_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
+  mapping_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
     auto dataset = std::make_shared<Result<DatasetPointer>>(store_.Load(fingerprint));
     return [this, fingerprint, dataset] { FinishLoad(fingerprint, *dataset); };
   });

@@ -6,9 +6,10 @@
 // and Sample, Read and Stats name the fingerprint, so a worker that was killed and started again
 // serves them with no other state.
 //
-// One thread receives, gathers straight into the reply's frame and sends. A second one imports,
-// corrupts, verifies and maps, so that one client's Open does not hold up another's batches;
-// requests for a dataset that is still being prepared wait for it, each at most its own deadline.
+// One thread receives, gathers straight into the reply's frame and sends. A second one imports and
+// corrupts, a third one lists and maps what is prepared, so that one client's Open does not hold up
+// another's batches, not even where a replaced worker has to map their dataset again. Requests for
+// a dataset that is still being prepared wait for it, each at most its own deadline.
 //
 // Datasets are DATA/<Environment>/<level>.h5, named "<Environment>/<level>", and
 // DATA/d4rl/<name>.hdf5, named "d4rl/<name>".

@@ -23,10 +23,11 @@ constexpr int64_t kPatienceMs = 60'000;
 // A worker on a thread of this process, and a client.
 class Daemon {
  public:
-  explicit Daemon(const std::string& data_folder) {
+  explicit Daemon(const std::string& data_folder,
+                  const std::string& importer = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve") {
     options_.endpoints = {{"ipc://" + folder_.File("socket")}};
     options_.data_folder = data_folder;
-    options_.importer_program = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve";
+    options_.importer_program = importer;
     options_.drain = &drain_;
     options_.heartbeat = &heartbeat;
     options_.errors = &errors;
@@ -163,6 +164,30 @@ TEST_CASE("datasets are listed before and after their import") {
   CHECK(after.reply.list_datasets().datasets(0).rows() == 1500);
   CHECK(after.reply.list_datasets().datasets(0).sha256().size() == 64);
   CHECK(daemon.heartbeat > 0);
+}
+
+TEST_CASE("an import that takes long holds up neither batches nor listings") {
+  DataFolder files;
+  const std::string fingerprint =
+      Daemon(files.folder.path()).Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
+  REQUIRE_FALSE(fingerprint.empty());
+  REQUIRE(WriteExample(files.folder.File("HalfCheetah/other.h5"), files.data).ok());
+  const std::string importer = files.folder.File("importer");
+  WriteBytes(importer, "#!/bin/sh\nexec sleep 1000\n");
+  std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
+  Daemon daemon(files.folder.path(), importer);  // has mapped nothing yet, like a replacement
+  DealerSocket patient = daemon.Connect();
+  pb::Request open;
+  open.set_protocol_version(limits::kProtocolVersion);
+  open.mutable_open_dataset()->set_dataset("HalfCheetah/other");
+  REQUIRE(patient.Send({SerializeEnvelope(open).value(), Frame()}).ok());
+  const Deadline soon = Deadline::AfterMs(kPatienceMs / 2);
+  pb::Request list;
+  list.mutable_list_datasets();
+  CHECK(daemon.Ask(list).reply.list_datasets().datasets_size() == 2);
+  CHECK(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
+  CHECK_FALSE(soon.expired());
+  CHECK_FALSE(patient.TryReceive().has_value());
 }
 
 TEST_CASE("a listing that is longer than an envelope comes in pages") {
