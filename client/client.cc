@@ -201,6 +201,15 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   // answers.
   const std::string token = DrawToken();
   B4MRL_ASSIGN_OR_RETURN(Connection opener, Connection::Open(*context_, endpoint_, token));
+  Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
+  // It is open, or may still be, and of no use. A server that was never reached opens nothing.
+  if (!session.ok() && opener.connections() > 0) opener.CloseSession();
+  return session;
+}
+
+Result<RemoteEnvironment> Client::OpenSession(Connection& opener, const std::string& token,
+                                              pb::Request request,
+                                              const EnvironmentOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(ReceivedReply reply, opener.Call(std::move(request), Frame(),
                                                           Deadline::AfterMs(options.deadline_ms)));
   pb::OpenReply& in_force = *reply.envelope.mutable_open();

@@ -56,6 +56,9 @@ class Client {
 
  private:
   Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway);
+  // What Make does with its Open request, which goes over `opener`.
+  Result<RemoteEnvironment> OpenSession(Connection& opener, const std::string& token,
+                                        pb::Request request, const EnvironmentOptions& options);
   // A connection to the process that listens on `port`: directly, or through the gateway.
   Result<Connection> Reach(const pb::Port& port, const std::string& token);
   // "" if the port does not exist.

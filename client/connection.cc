@@ -109,6 +109,13 @@ void Connection::Abandon(uint64_t id) {
   std::erase_if(arrived_, is_it);
 }
 
+void Connection::CloseSession() {
+  constexpr int64_t kFarewellMs = 500;
+  pb::Request request;
+  request.mutable_close();
+  (void)Call(std::move(request), Frame(), Deadline::AfterMs(kFarewellMs));
+}
+
 Clock::time_point Connection::ResendTime(const Pending& pending) const {
   return std::max(pending.sent, last_reply_) + pending.patience;
 }

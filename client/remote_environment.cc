@@ -10,9 +10,6 @@
 namespace b4mrl {
 namespace {
 
-// A destructor waits so long for the daemon to take a session back; its lease settles the rest.
-constexpr int64_t kFarewellMs = 500;
-
 template <typename T>
 Result<std::span<const T>> ReadColumn(const ArrayReader& arrays, std::string_view name,
                                       uint64_t rows) {
@@ -92,9 +89,7 @@ RemoteEnvironment::~RemoteEnvironment() { EndSession(); }
 
 void RemoteEnvironment::EndSession() {
   if (!std::exchange(open_, false)) return;
-  pb::Request request;
-  request.mutable_close();
-  (void)connection_.Call(std::move(request), Frame(), Deadline::AfterMs(kFarewellMs));
+  connection_.CloseSession();
 }
 
 Status RemoteEnvironment::Close() {

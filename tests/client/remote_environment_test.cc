@@ -252,6 +252,25 @@ TEST_CASE("each session is closed once, however it is moved") {
   CHECK(daemon.closed_sessions() == 2);
 }
 
+TEST_CASE("a session whose opening failed half way is given back") {
+  SECTION("no answer in time") {
+    FakeDaemon daemon([](FakeServer&, FakeCall& call) { return call.request.has_open(); });
+    Result<Client> client = Client::Connect(daemon.address());
+    REQUIRE(client.ok());
+    CHECK(client->Make("Fake", {.deadline_ms = 100}).status().code() ==
+          StatusCode::kDeadlineExceeded);
+    CHECK(daemon.closed_sessions() == 1);
+  }
+  SECTION("an answer that does not fit") {
+    FakeDaemon daemon;
+    daemon.open_reply.set_observation_dtype(pb::UINT8);
+    Result<Client> client = Client::Connect(daemon.address());
+    REQUIRE(client.ok());
+    CHECK_FALSE(client->Make("Fake").ok());
+    CHECK(daemon.closed_sessions() == 1);
+  }
+}
+
 TEST_CASE("a server of another protocol is refused with both versions") {
   FakeDaemon daemon;
   daemon.protocol_version = 9;

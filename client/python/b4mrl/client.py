@@ -18,7 +18,7 @@ from b4mrl.dataset import Dataset
 from b4mrl.environment import Environment
 from b4mrl.messages import AUTORESET_MODES, Request
 from b4mrl.routes import Routes
-from b4mrl.session import Session
+from b4mrl.session import Session, close_request
 from b4mrl.spec import EnvironmentSpec, parse_named, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
@@ -299,14 +299,19 @@ class Client:
         # The token goes with Open, which the gateway answers, and with all that the worker answers.
         token = secrets.token_bytes(limits.TOKEN_BYTES)
         opener = Connection(self.endpoint, token)
+        asked = request.open
         try:
             reply = opener.call(request, bytearray(), deadline_ms).reply.open
-        finally:
-            opener.close()
-        asked = request.open
-        if (reply.num_envs, reply.observation_dtype) != (asked.num_envs, asked.observation_dtype):
-            raise errors.InternalError("the server's reply does not fit what was opened")
-        worker = self._routes.reach(reply.port, token)
+            if (reply.num_envs, reply.observation_dtype) != (
+                asked.num_envs,
+                asked.observation_dtype,
+            ):
+                raise errors.InternalError("the server's reply does not fit what was opened")
+            worker = self._routes.reach(reply.port, token)
+        except BaseException:
+            opener.farewell(close_request())  # it is open, or may still be, and of no use
+            raise
+        opener.close()
         return Session(worker, reply, spec_of(reply.info), deadline_ms)
 
     def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:

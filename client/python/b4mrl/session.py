@@ -103,7 +103,7 @@ class Session:
         self._under_way: dict[int, Lanes | None] = {}
         self._interrupted: set[int] = set()
         # A session that nobody closed is given back when it is collected, or the program ends.
-        self._farewell = weakref.finalize(self, connection.farewell, _close_request())
+        self._farewell = weakref.finalize(self, connection.farewell, close_request())
 
     @property
     def num_envs(self) -> int:
@@ -238,7 +238,7 @@ class Session:
             return
         try:
             deadline_ms = min(self.deadline_ms, FAREWELL_MS)
-            self._connection.call(_close_request(), bytearray(), deadline_ms)
+            self._connection.call(close_request(), bytearray(), deadline_ms)
         except errors.B4mrlError:
             pass  # the lease settles it
         finally:
@@ -351,7 +351,7 @@ class Session:
         )
 
 
-def _close_request() -> Any:
+def close_request() -> Any:
     request = Request()
     request.close.SetInParent()
     return request
