@@ -32,6 +32,13 @@ def simulators() -> list[tuple[str, str]]:
     return pairs
 
 
+def pytest_sessionfinish() -> None:
+    if shared_client.cache_info().currsize:
+        shared_client().close()
+    if daemon.cache_info().currsize:
+        daemon().stop()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run the long proofs in full length")
 
