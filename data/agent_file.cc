@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "proto/base/finite.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
 
@@ -14,10 +15,6 @@ namespace {
 
 constexpr size_t kMaxHiddenLayers = 16;
 constexpr std::string_view kPolicy = "metadata/policy";
-
-bool AllFiniteValues(const std::vector<float>& values) {
-  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
-}
 
 Status Inconsistent(std::string message) {
   return Status(StatusCode::kInvalidArgument, "agent: " + std::move(message));
@@ -37,7 +34,7 @@ Status CheckLayer(std::string_view name, const AgentLayer& layer, uint64_t input
                                     layer.weight.size(), layer.bias.size(), layer.outputs,
                                     layer.inputs));
   }
-  if (!AllFiniteValues(layer.weight) || !AllFiniteValues(layer.bias)) {
+  if (!AllFinite(layer.weight) || !AllFinite(layer.bias)) {
     return Inconsistent(fmt::format("layer {} has a weight that is not finite", name));
   }
   return Status();
@@ -218,7 +215,7 @@ Status Agent::Validate() const {
   B4MRL_RETURN_IF_ERROR(CheckPerDimension("action_scale", action_scale, action_dimensions));
   const bool positive_std = std::all_of(observation_std.begin(), observation_std.end(),
                                         [](float std) { return std > 0 && std::isfinite(std); });
-  if (!positive_std || !AllFiniteValues(observation_mean) || !AllFiniteValues(action_scale)) {
+  if (!positive_std || !AllFinite(observation_mean) || !AllFinite(action_scale)) {
     return Inconsistent("mean and action scale must be finite, std finite and above 0");
   }
   return Status();

@@ -49,9 +49,6 @@ constexpr int64_t kStartingMs = 20'000;
 
 uint32_t BlameFor(Death death) { return death == Death::kKilled ? kKillBlame : kCrashBlame; }
 
-// Session and request id.
-using QueryName = std::pair<uint32_t, uint64_t>;
-
 }  // namespace
 
 ChildProcess::ChildProcess(uint32_t child, ChildOptions options, SharedState* shared)
@@ -141,7 +138,8 @@ void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
                                        [](const ThreadMark& mark) { return mark.crashed != 0; });
   const int64_t now = MonotonicMs();
   const uint32_t blame = BlameFor(death);
-  std::set<QueryName> queries;  // many threads may share one, whose blame is that of one death
+  // By session and request id: many threads may share one, whose blame is that of one death.
+  std::set<std::pair<uint32_t, uint64_t>> queries;
   for (ThreadMark& mark : marks) {
     const bool accused = death == Death::kCrashed && one_crashed ? mark.crashed != 0
                          : death == Death::kFrozen

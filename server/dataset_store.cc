@@ -89,6 +89,17 @@ Status AppendUnderD4rl(const TransitionColumns& all, DatasetBuilder* builder) {
   return Status();
 }
 
+// Of a cache's files. A passing shortage of memory or descriptors says nothing about them.
+bool IsDamage(const Status& status) {
+  return status.code() == StatusCode::kDataLoss || status.code() == StatusCode::kVersionMismatch;
+}
+
+// Whether a dataset that was loaded with `status` is to be imported or derived: it was not there,
+// or not usable.
+bool IsToBeMade(const Status& status) {
+  return status.code() == StatusCode::kUnknownName || IsDamage(status);
+}
+
 }  // namespace
 
 struct DatasetStore::IndexEntry {
@@ -233,10 +244,8 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::OpenSource(const File& file
                                                                 IndexEntry* entry) {
   if (const std::optional<IndexEntry> known = ReadIndex(file)) {
     Result<std::shared_ptr<const Dataset>> dataset = Load(known->fingerprint);
-    if (dataset.ok()) {
-      *entry = *known;
-      return dataset;
-    }
+    *entry = *known;
+    if (!IsToBeMade(dataset.status())) return dataset;
   }
   B4MRL_ASSIGN_OR_RETURN(*entry, Import(file));
   B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Dataset> dataset, Load(entry->fingerprint));
@@ -262,16 +271,11 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fin
   if (!fs::exists(folder, error)) return unknown;
   Result<std::shared_ptr<const Dataset>> dataset = Dataset::Open(folder);
   const Status status = dataset.ok() ? (*dataset)->cache().Verify() : dataset.status();
-  // A passing shortage of memory or descriptors says nothing about the files.
-  const bool is_damaged =
-      status.code() == StatusCode::kDataLoss || status.code() == StatusCode::kVersionMismatch;
-  if (!status.ok() && !is_damaged) return status;
-  if (is_damaged) {
-    // Whoever asks for it by name gets it made anew.
+  if (IsDamage(status)) {
     spdlog::error("removing a damaged cache: {}", status.ToString());
     RemoveCache(folder);
-    return status;
   }
+  if (!status.ok()) return status;
   Touch(folder);
   const std::lock_guard lock(mutex_);
   mapped_[fingerprint] = *dataset;
@@ -282,7 +286,7 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::LoadOrDerive(
     const std::string& fingerprint, const Dataset& source,
     const std::function<Status(DatasetBuilder*)>& derive) {
   Result<std::shared_ptr<const Dataset>> cached = Load(fingerprint);
-  if (cached.ok()) return cached;
+  if (!IsToBeMade(cached.status())) return cached;
   MakeRoom(source.cache().bytes());
   B4MRL_ASSIGN_OR_RETURN(
       DatasetBuilder builder,

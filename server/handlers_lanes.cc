@@ -107,7 +107,7 @@ std::optional<uint64_t> LaneJob::SeedOf(uint32_t position) const {
 Status LaneJob::CheckResets() const {
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
-    if (!owner().slot(lane).condemned(AttemptKey(Operation::kReset, SeedOf(position)))) continue;
+    if (!owner().slot(lane).condemned(AttemptKey(operation_, SeedOf(position)))) continue;
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("the start of lane {} ended its worker twice; allowed: a reset with "
                               "another seed, or a restore",
@@ -164,9 +164,7 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
   const uint64_t number = slot.committed() + 1;
   const ConstLaneRecord before = owner().committed_record(lane);
   const LaneRecord after(owner().layout(), slot.idle_buffer().data());
-  const uint64_t attempt = operation_ == Operation::kStep
-                               ? AttemptKey(Operation::kStep)
-                               : AttemptKey(Operation::kReset, SeedOf(position));
+  const uint64_t attempt = AttemptKey(operation_, SeedOf(position));
   if (slot.abandoned(attempt)) {
     return Status(StatusCode::kInternal, "its step and the start after it both ended the worker");
   }

@@ -85,8 +85,10 @@ struct ModelStore::Cache {
     const Result<std::string> hash = CompileModelInChild(
         options.program, {options.models_folder, file, environment, folder},
         Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs)));
-    if (hash.ok()) InCache(*hash);
-    MakeRoom(folder);
+    if (hash.ok()) {
+      InCache(*hash);
+      MakeRoom(folder);
+    }
     if (hashes.size() >= limits::kMaxCompiledModels) hashes.clear();
     // A refusal that the file has earned is kept, too: clients ask again and again. Changed while
     // it was compiled: the next request compiles again.

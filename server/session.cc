@@ -114,15 +114,10 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   return session;
 }
 
-bool Session::owns_record() const {
+SessionState Session::state() const {
   const SessionState state = record().state.load(std::memory_order_acquire);
-  return (state == SessionState::kOpening || state == SessionState::kLive) &&
-         record().generation.load(std::memory_order_relaxed) == generation_;
-}
-
-bool Session::live() const {
-  return record().state.load(std::memory_order_acquire) == SessionState::kLive &&
-         record().generation.load(std::memory_order_relaxed) == generation_;
+  const bool is_its_own = record().generation.load(std::memory_order_relaxed) == generation_;
+  return is_its_own ? state : SessionState::kFree;
 }
 
 void Session::InitializeLanes() {

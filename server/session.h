@@ -67,10 +67,14 @@ class Session {
   const std::string& token() const { return token_; }
   uint64_t generation() const { return generation_; }
   SessionRecord& record() const { return shared_.session(index_); }
-  // Whether the record is still this session's. The gateway takes back one that never became live.
-  bool owns_record() const;
-  // Whether it is, and the gateway has told the client so. Only then is it served.
-  bool live() const;
+  // The record's; kFree where it is another session's by now.
+  SessionState state() const;
+  // The gateway takes back a record that never became live.
+  bool owns_record() const {
+    return state() == SessionState::kOpening || state() == SessionState::kLive;
+  }
+  // Whether the gateway has told the client of the session. Only then is it served.
+  bool live() const { return state() == SessionState::kLive; }
   // What the client asked for, with the seed filled in.
   const pb::OpenRequest& request() const { return request_; }
   const Simulator& simulator() const { return stepper_.simulator(); }

@@ -3,11 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <system_error>
 #include <utility>
 
+#include "proto/base/finite.h"
 #include "proto/base/spec.h"
 
 namespace b4mrl {
@@ -67,9 +67,7 @@ void CheckpointWriter::Bytes(std::string_view name, std::span<const uint8_t> val
 ArrayVisitor<float> CheckpointWriter::Arrays(std::string prefix) {
   return [this, prefix = std::move(prefix)](const NamedArray<float>& array) {
     const std::string name = Join(prefix, array.name);
-    const bool finite = std::all_of(array.values.begin(), array.values.end(),
-                                    [](float value) { return std::isfinite(value); });
-    if (!finite && !first_nonfinite_) first_nonfinite_ = name;
+    if (!AllFinite(array.values) && !first_nonfinite_) first_nonfinite_ = name;
     Floats(name, array.values);
   };
 }

@@ -1,12 +1,12 @@
 #include "algorithms/nn/inference.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <string>
 #include <utility>
 
 #include "algorithms/nn/inference_kernels.h"
+#include "proto/base/finite.h"
 
 namespace b4mrl {
 namespace {
@@ -38,10 +38,6 @@ PackedLayer Pack(const DenseWeights& dense) {
     }
   }
   return packed;
-}
-
-bool AllFinite(const std::vector<float>& values) {
-  return std::all_of(values.begin(), values.end(), [](float x) { return std::isfinite(x); });
 }
 
 Status ValidateLayer(const std::string& name, const DenseWeights& dense, int inputs) {

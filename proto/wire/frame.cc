@@ -58,6 +58,11 @@ Status CheckEntry(const pb::Array& entry, size_t payload_size) {
   return Status();
 }
 
+Status EnvelopeTooLarge(size_t bytes) {
+  return InvalidNumber("bytes of the envelope", static_cast<double>(bytes),
+                       fmt::format("at most {}", limits::kMaxEnvelopeBytes));
+}
+
 }  // namespace
 
 Frame::Frame() { zmq_msg_init(AsZmq(storage_.data())); }
@@ -177,15 +182,6 @@ Result<TensorView> ArrayReader::Require(std::string_view name, std::initializer_
   }
   return *view;
 }
-
-namespace {
-
-Status EnvelopeTooLarge(size_t bytes) {
-  return InvalidNumber("bytes of the envelope", static_cast<double>(bytes),
-                       fmt::format("at most {}", limits::kMaxEnvelopeBytes));
-}
-
-}  // namespace
 
 Result<Frame> SerializeEnvelope(const google::protobuf::MessageLite& envelope) {
   const size_t size = envelope.ByteSizeLong();

@@ -1,17 +1,10 @@
 #include "proto/wire/tensor.h"
 
 #include <algorithm>
-#include <cmath>
+
+#include "proto/base/finite.h"
 
 namespace b4mrl {
-namespace {
-
-template <typename T>
-bool SpanIsFinite(std::span<const T> values) {
-  return std::all_of(values.begin(), values.end(), [](T x) { return std::isfinite(x); });
-}
-
-}  // namespace
 
 size_t DTypeSize(DType dtype) {
   switch (dtype) {
@@ -69,8 +62,8 @@ void CopyToDoubles(const TensorView& tensor, size_t first, std::span<double> out
 }
 
 bool AllFinite(const TensorView& tensor) {
-  if (tensor.dtype == DType::kFloat64) return SpanIsFinite(tensor.As<double>());
-  if (tensor.dtype == DType::kFloat32) return SpanIsFinite(tensor.As<float>());
+  if (tensor.dtype == DType::kFloat64) return AllFinite(tensor.As<double>());
+  if (tensor.dtype == DType::kFloat32) return AllFinite(tensor.As<float>());
   return true;
 }
 

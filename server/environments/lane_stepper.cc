@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "proto/base/finite.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -27,10 +28,6 @@ void AbsorbOutcome(LaneRecord record) {
   const std::array<double, 4> outcome = {header.reward, double(header.terminated),
                                          double(header.truncated), double(header.cause)};
   header.digest = Absorb(header.digest, outcome);
-}
-
-bool AllFinite(std::span<const double> values) {
-  return std::ranges::all_of(values, [](double x) { return std::isfinite(x); });
 }
 
 // False for what a perturbation has changed: NumPy's noise makes a float64 of a float32, too.

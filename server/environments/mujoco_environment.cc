@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "proto/base/finite.h"
 #include "server/environments/canvas.h"
 #include "server/environments/mujoco_guard.h"
 
@@ -15,10 +16,6 @@ namespace {
 constexpr double kLargestValue = 1e10;
 
 void CopyInto(std::span<const double> from, double* to) { std::copy(from.begin(), from.end(), to); }
-
-bool AllFinite(std::span<const double> values) {
-  return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
-}
 
 Status CheckPart(const std::string& name, std::span<const double> values, size_t size) {
   if (values.size() != size) {

@@ -9,6 +9,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "proto/base/finite.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/perturbations/list.h"
@@ -19,8 +20,7 @@ namespace {
 // Scaling and noise may overflow: such a row is invalid and holds zeros, like one that the engine
 // warned about.
 QueryResult OnlyFinite(const QueryResult& result, std::span<double> next_observation) {
-  const auto is_finite = [](double x) { return std::isfinite(x); };
-  if (is_finite(result.reward) && std::ranges::all_of(next_observation, is_finite)) return result;
+  if (std::isfinite(result.reward) && AllFinite(next_observation)) return result;
   std::ranges::fill(next_observation, 0);
   return {};
 }
