@@ -1,9 +1,7 @@
 #include "server/sandboxed_child.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
-#include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -16,8 +14,6 @@
 
 #include "proto/base/child_program.h"
 
-extern char** environ;
-
 namespace b4mrl {
 namespace {
 
@@ -25,35 +21,6 @@ using Json = nlohmann::json;
 
 constexpr size_t kMaxAnswerBytes = 64 * 1024;
 constexpr int64_t kPollMs = 100;
-
-struct Child {
-  pid_t id = -1;
-  UniqueFd output;
-};
-
-// stdin is /dev/null, stdout a pipe, stderr ours; nothing else is passed on.
-Result<Child> Spawn(const SandboxedChild& wanted) {
-  std::array<int, 2> ends{};
-  if (pipe2(ends.data(), O_CLOEXEC) != 0) return IoError("make a pipe for", wanted.program, errno);
-  Child child;
-  child.output = UniqueFd(ends[0]);
-  const UniqueFd input(ends[1]);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_adddup2(&actions, input.get(), STDOUT_FILENO);
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  std::vector<std::string> arguments = {"b4mrl-serve"};
-  arguments.insert(arguments.end(), wanted.arguments.begin(), wanted.arguments.end());
-  std::vector<char*> argv;
-  for (std::string& argument : arguments) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  const int error =
-      posix_spawn(&child.id, wanted.program.c_str(), &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error != 0) return IoError("start", wanted.program, error);
-  return child;
-}
 
 // Everything up to the end of output; false when the deadline, the size limit or `cancelled` comes
 // first.
@@ -91,14 +58,17 @@ Result<std::string> ParseAnswer(const std::string& text, const std::string& name
 
 ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& deadline,
                               const std::atomic<bool>* cancelled) {
-  Result<Child> child = Spawn(wanted);
-  if (!child.ok()) return {-1, false, child.status()};
+  std::vector<std::string> words = {"b4mrl-serve"};
+  words.insert(words.end(), wanted.arguments.begin(), wanted.arguments.end());
+  ProgramWithOutput child;
+  const int error = StartWithOutput(wanted.program, std::move(words), &child);
+  if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
   std::string text;
-  const bool answered = ReadUntilEnd(child->output.get(), deadline, cancelled, &text);
-  if (!answered) kill(child->id, SIGKILL);
-  const int exit_status = WaitForExit(child->id, deadline);
+  const bool answered = ReadUntilEnd(child.output.get(), deadline, cancelled, &text);
+  if (!answered) kill(child.process_id, SIGKILL);
+  const int exit_status = WaitForExit(child.process_id, deadline);
   const auto result = [&](Result<std::string> json) {
-    return ChildAnswer{child->id, exit_status == 0, std::move(json)};
+    return ChildAnswer{child.process_id, exit_status == 0, std::move(json)};
   };
   if (!answered) {
     return result(
