@@ -66,8 +66,10 @@ class Connection {
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
   // The reply to `id` is not wanted any more. The server may execute the request all the same.
   void Abandon(uint64_t id);
-  // Gives the token's session back, if there is one. Waits at most half a second; nobody is told
-  // how it went, and the lease settles the rest.
+  // Abandon for everything in flight.
+  void AbandonAll();
+  // Abandons everything and gives the token's session back, if there is one. Waits at most half a
+  // second; nobody is told how it went, and the lease settles the rest.
   void CloseSession();
 
   // Waits until the connection is made for the first time; false if it is not by then.

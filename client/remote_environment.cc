@@ -93,10 +93,12 @@ void RemoteEnvironment::EndSession() {
 }
 
 Status RemoteEnvironment::Close() {
-  open_ = false;
+  connection_.AbandonAll();
   pb::Request request;
   request.mutable_close();
-  return connection_.Call(std::move(request), Frame(), NewDeadline()).status();
+  Status status = connection_.Call(std::move(request), Frame(), NewDeadline()).status();
+  if (status.ok()) open_ = false;  // otherwise the destructor tries once more
+  return status;
 }
 
 Result<StepOutcome> RemoteEnvironment::Reset(std::span<const uint32_t> lanes,

@@ -143,7 +143,8 @@ class RemoteEnvironment {
   Result<Pictures> Render(std::span<const uint32_t> lanes = {}, uint32_t width = 0,
                           uint32_t height = 0);
 
-  // Ends the session in the daemon. The destructor does it too, and waits at most half a second.
+  // Abandons what is in flight and ends the session in the daemon. The destructor does it too, and
+  // waits at most half a second.
   Status Close();
 
  private:

@@ -10,7 +10,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr int64_t kPatientMs = 20'000;
+constexpr int64_t kPatientMs = 600'000;  // an eighth is longer than FakeServer::Take waits
 
 class Fixture {
  public:
@@ -311,7 +311,7 @@ TEST_CASE("an error code of a newer server is internal and named") {
 
 TEST_CASE("a passing refusal of a request that was sent twice settles nothing") {
   Fixture fixture;
-  const std::array ids = {fixture.Send("x", 1'000)};
+  const std::array ids = {fixture.Send("x", 8'000)};
   (void)fixture.Take();
   std::thread server([&fixture] {
     if (const std::optional<FakeCall> again = fixture.server().Take()) {

@@ -14,10 +14,12 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
       return server.Reply(call, std::move(reply));
     case pb::Request::kOpen:
       return AnswerOpen(server, call);
-    case pb::Request::kClose:
-      ++closed_;
+    case pb::Request::kClose: {
+      const std::lock_guard lock(mutex_);
+      closed_tokens_.insert(call.request.session_token());
       reply.mutable_close();
       return server.Reply(call, std::move(reply));
+    }
     case pb::Request::kStep:
     case pb::Request::kReset:
     case pb::Request::kRestore:

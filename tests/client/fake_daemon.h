@@ -5,6 +5,7 @@
 #include <functional>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -37,7 +38,11 @@ class FakeDaemon {
   uint32_t protocol_version = limits::kProtocolVersion;
   uint64_t dataset_rows = 100;
 
-  uint64_t closed_sessions() const { return closed_; }
+  // Sessions that were given back; a Close that comes twice counts once.
+  uint64_t closed_sessions() const {
+    const std::lock_guard lock(mutex_);
+    return closed_tokens_.size();
+  }
 
  private:
   void AnswerOpen(FakeServer& server, const FakeCall& call);
@@ -46,7 +51,8 @@ class FakeDaemon {
   void AnswerSample(FakeServer& server, const FakeCall& call);
 
   SocketFolder folder_;
-  std::atomic<uint64_t> closed_{0};
+  mutable std::mutex mutex_;
+  std::set<std::string> closed_tokens_;  // under mutex_
   uint32_t num_envs_ = 0;
   Hook hook_;
   FakeServerThread server_;  // last: its thread uses the members above

@@ -107,7 +107,7 @@ TEST_CASE("a step without an answer loses its lanes and no others") {
   std::atomic<bool> silent{true};
   FakeDaemon daemon(
       [&silent](FakeServer&, FakeCall& call) { return silent && call.request.has_step(); });
-  Session session(daemon, {.num_envs = 2, .deadline_ms = 150});
+  Session session(daemon, {.num_envs = 2, .deadline_ms = 1'000});
   const std::vector<uint32_t> lane0 = {0};
   const std::vector<uint32_t> lane1 = {1};
   CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kDeadlineExceeded);
@@ -252,12 +252,35 @@ TEST_CASE("each session is closed once, however it is moved") {
   CHECK(daemon.closed_sessions() == 2);
 }
 
+TEST_CASE("a session with as many requests in flight as may be is given back") {
+  FakeDaemon daemon([](FakeServer&, FakeCall& call) { return call.request.has_step(); });
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  const uint32_t lanes = limits::kMaxRequestsInFlight;
+  const auto fill = [lanes](RemoteEnvironment& environment) {
+    for (uint32_t lane = 0; lane < lanes; ++lane) {
+      REQUIRE(environment.Send(kOneAction, std::span(&lane, 1)).ok());
+    }
+  };
+  Result<RemoteEnvironment> closed = client->Make("Fake", {.num_envs = lanes});
+  REQUIRE(closed.ok());
+  fill(*closed);
+  CHECK(closed->Close().ok());
+  CHECK(daemon.closed_sessions() == 1);
+  {
+    Result<RemoteEnvironment> forgotten = client->Make("Fake", {.num_envs = lanes});
+    REQUIRE(forgotten.ok());
+    fill(*forgotten);
+  }
+  CHECK(daemon.closed_sessions() == 2);
+}
+
 TEST_CASE("a session whose opening failed half way is given back") {
   SECTION("no answer in time") {
     FakeDaemon daemon([](FakeServer&, FakeCall& call) { return call.request.has_open(); });
     Result<Client> client = Client::Connect(daemon.address());
     REQUIRE(client.ok());
-    CHECK(client->Make("Fake", {.deadline_ms = 100}).status().code() ==
+    CHECK(client->Make("Fake", {.deadline_ms = 1'000}).status().code() ==
           StatusCode::kDeadlineExceeded);
     CHECK(daemon.closed_sessions() == 1);
   }

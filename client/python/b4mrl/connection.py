@@ -136,6 +136,7 @@ class Connection:
     def farewell(self, request: Any) -> None:
         """Sends a last request, whose reply nobody waits for, and closes."""
         if self._process_id == os.getpid():
+            self.abandon_all()  # as many as may be in flight must not keep the last one back
             with contextlib.suppress(errors.B4mrlError):
                 self.send(request, bytearray(), FAREWELL_MS)
         self.close(linger_ms=FAREWELL_MS)
@@ -241,6 +242,11 @@ class Connection:
         """The reply is not wanted any more. The server may execute the request all the same."""
         self._pending.pop(request_id, None)
         self._arrived.pop(request_id, None)
+
+    def abandon_all(self) -> None:
+        """Abandons everything in flight."""
+        self._pending.clear()
+        self._arrived.clear()
 
     def _transmit(self, request_id: int, pending: _Pending) -> bool:
         now = time.monotonic()

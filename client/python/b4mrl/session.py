@@ -236,6 +236,7 @@ class Session:
         """Gives the session back to the daemon. The daemon's errors are of no use any more."""
         if self._farewell.detach() is None:
             return
+        self._connection.abandon_all()
         try:
             deadline_ms = min(self.deadline_ms, FAREWELL_MS)
             self._connection.call(close_request(), bytearray(), deadline_ms)

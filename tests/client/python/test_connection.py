@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -112,7 +113,8 @@ def test_silence_makes_it_ask_again_with_the_same_id_and_less_time(start, connec
 def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
     server = start(lambda request, count: [])
     connection = connect(server.address)
-    request_id = connection.send(hello(), bytearray(), 20_000)
+    # An eighth of it is longer than `receive` may take: the handshake alone can trigger the copy.
+    request_id = connection.send(hello(), bytearray(), 600_000)
     waited = threading.Event()
 
     def replace() -> None:
@@ -123,9 +125,10 @@ def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
 
     replacement = threading.Thread(target=replace)
     replacement.start()
-    # An eighth of 20 s would be too late: the handshake alone can have triggered the copy.
+    started = time.monotonic()
     delivery = connection.receive(request_id)
     replacement.join()
+    assert time.monotonic() - started < 60
     assert delivery.error is None
     assert connection.handshakes == 2
 

@@ -126,8 +126,9 @@ def test_a_signal_reaches_a_call_that_waits() -> None:
 
 def test_no_answer_within_the_deadline_ends_the_environment_and_no_other() -> None:
     with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
-        env = client.make("HalfCheetah", deadline_ms=100)
+        env = client.make("HalfCheetah")
         env.reset()
+        env.session.deadline_ms = 100
         (worker,) = environment_workers(client)
         os.kill(worker, signal.SIGSTOP)
         with pytest.raises(TimeoutError):
@@ -165,7 +166,7 @@ def close_request():
 
 def test_a_daemon_that_is_gone_is_unavailable() -> None:
     with b4mrl.serve(tcp=True) as endpoint:
-        client = b4mrl.connect(endpoint, deadline_ms=300)
+        client = b4mrl.connect(endpoint, deadline_ms=2_000)
     with pytest.raises((ConnectionError, TimeoutError)):
         client.make("HalfCheetah")
     with pytest.raises(ConnectionError, match=endpoint):
