@@ -231,12 +231,16 @@ Result<DatasetStore::IndexEntry> DatasetStore::Import(const File& file) {
   const Deadline deadline =
       Deadline::AfterMs(kMinImportMs + static_cast<int64_t>(entry.file_bytes / kImportBytesPerMs));
   spdlog::info("importing {} ({} bytes)", file.path, entry.file_bytes);
-  B4MRL_ASSIGN_OR_RETURN(const ImportResult imported,
-                         ImportInChild(options_.importer_program, {file.path, CacheRoot()},
-                                       deadline, options_.cancelled));
-  entry.sha256 = imported.sha256;
-  entry.fingerprint = imported.fingerprint;
-  entry.rows = imported.rows;
+  const Result<ImportResult> imported = ImportInChild(
+      options_.importer_program, {file.path, CacheRoot()}, deadline, options_.cancelled);
+  if (imported.status().code() == StatusCode::kDeadlineExceeded) {
+    // Not the client's deadline: asking again would not help.
+    return Status(StatusCode::kDataLoss, imported.status().message());
+  }
+  if (!imported.ok()) return imported.status();
+  entry.sha256 = imported->sha256;
+  entry.fingerprint = imported->fingerprint;
+  entry.rows = imported->rows;
   return entry;
 }
 

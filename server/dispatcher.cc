@@ -7,6 +7,7 @@
 
 #include "proto/base/limits.h"
 #include "server/describe.h"
+#include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/open_request.h"
 
@@ -157,14 +158,27 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
       return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
     }
   }
+  ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, record.generation);
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                          Session::Build(shared_, index, models_folder_));
   return (sessions_[token] = std::move(session)).get();
 }
 
+bool Dispatcher::LivesElsewhere(const std::string& token) const {
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    const SessionRecord& record = shared_.session(index);
+    const bool is_live = record.state.load(std::memory_order_acquire) == SessionState::kLive;
+    if (is_live && record.worker != worker_ && SessionToken(record) == token) return true;
+  }
+  return false;
+}
+
 void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
   const auto found = sessions_.find(token);
-  if (found == sessions_.end()) return Reply(from, Closed());  // closed already
+  if (found == sessions_.end()) {
+    if (!LivesElsewhere(token)) return Reply(from, Closed());  // closed already
+    return Reply(from, Status(StatusCode::kSessionLost, "the session lives on another worker"));
+  }
   Session* session = found->second.get();
   if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
     return Reply(from, Status(StatusCode::kLimitExceeded, "the session is closing already"));

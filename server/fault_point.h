@@ -8,6 +8,7 @@
 namespace b4mrl {
 
 enum class FaultPoint : uint8_t {
+  kBeforeAttach,     // nothing was built of the session; `lane` is its number of lanes
   kBeforeOperation,  // the lane is marked as running; nothing was computed
   kSlotHalfWritten,  // the idle buffer holds the new record without its seal
   kAfterCommit,      // committed, not answered

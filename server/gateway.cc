@@ -88,10 +88,12 @@ class Gateway {
   void SendAttach(uint64_t id, const PendingOpen& open);
   void ReadWorker(uint32_t worker);
   void FinishOpen(uint64_t id, const pb::Reply& attach);
+  // Frees the record of a session that no worker holds. A live one (asked for again) keeps its own.
+  void FreeUnopened(const PendingOpen& open);
   void RepeatAttaches(uint32_t worker);
   void DropExpiredOpens();
   void Wait();
-  // While draining: whether nothing is under way that somebody could still answer.
+  // While draining: all others have ended, whose clients are told so here.
   bool MayLeave();
 
   void Reply(const Envelope& to, const Status& error);
@@ -233,13 +235,12 @@ void Gateway::StartOpen(const Envelope& from, const std::string& token,
     return Reply(from, Status(StatusCode::kSessionLost, "the session's record is damaged"));
   }
   const uint64_t id = next_attach_id_++;
-  PendingOpen& open = opens_[id];
-  open.sender = from.sender;
-  open.request_id = from.request_id;
-  open.session_index = *index;
-  open.generation = record.generation;
-  open.worker = record.worker;
-  open.deadline = deadline;
+  const PendingOpen& open = opens_[id] = {.sender = from.sender,
+                                          .request_id = from.request_id,
+                                          .session_index = *index,
+                                          .generation = record.generation,
+                                          .worker = record.worker,
+                                          .deadline = deadline};
   SendAttach(id, open);
 }
 
@@ -250,8 +251,7 @@ void Gateway::SendAttach(uint64_t id, const PendingOpen& open) {
   request.mutable_attach()->set_session_index(open.session_index);
   request.mutable_attach()->set_generation(open.generation);
   Result<Frame> envelope = SerializeEnvelope(request);
-  // A full queue is a worker that does not read; it is replaced soon, and RepeatAttaches sends
-  // again.
+  // A full queue is a worker that does not read; for its replacement RepeatAttaches sends again.
   if (envelope.ok()) (void)links_[open.worker].socket.Send({std::move(*envelope), Frame()});
 }
 
@@ -277,13 +277,11 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
   opens_.erase(found);
   const Envelope to{open.sender, open.request_id};
   SessionRecord& record = context_.shared().session(open.session_index);
-  const bool is_still_meant = record.generation == open.generation;
   if (const Status status = GetStatus(attach.status()); !status.ok()) {
-    // Refused: no worker holds it. A live one (asked for again) keeps its record.
-    if (is_still_meant && record.state == SessionState::kOpening) table_.Free(open.session_index);
+    FreeUnopened(open);
     return Reply(to, status);
   }
-  if (!is_still_meant) {
+  if (record.generation != open.generation) {
     return Reply(to, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
   }
   table_.MakeLive(open.session_index);
@@ -301,6 +299,13 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
   Reply(to, std::move(reply));
 }
 
+void Gateway::FreeUnopened(const PendingOpen& open) {
+  const SessionRecord& record = context_.shared().session(open.session_index);
+  if (record.generation == open.generation && record.state == SessionState::kOpening) {
+    table_.Free(open.session_index);
+  }
+}
+
 void Gateway::RepeatAttaches(uint32_t worker) {
   for (auto it = opens_.begin(); it != opens_.end();) {
     PendingOpen& open = it->second;
@@ -310,6 +315,7 @@ void Gateway::RepeatAttaches(uint32_t worker) {
       SendAttach(it->first, open);
       ++it;
     } else {
+      FreeUnopened(open);
       Reply({open.sender, open.request_id},
             Status(StatusCode::kInternal, "opening this session ended its worker twice"));
       it = opens_.erase(it);
@@ -336,16 +342,17 @@ void Gateway::Wait() {
   relay_.AppendSockets(&sockets);
   // Reconnections of workers show on no socket here, so look for them often while somebody waits.
   constexpr int64_t kWatchfulMs = 5;
-  const bool somebody_waits = !opens_.empty() || relay_.in_flight() > 0 || !models_.idle();
+  const bool somebody_waits =
+      !opens_.empty() || relay_.in_flight() > 0 || !models_.idle() || context_.draining();
   WaitAnyReadable(sockets, somebody_waits ? kWatchfulMs : kBeatIntervalMs);
 }
 
 bool Gateway::MayLeave() {
   if (!opens_.empty() || !models_.idle()) return false;
-  if (relay_.in_flight() == 0) return true;
   for (uint32_t child = 0; child < kFirstWorkerChild + links_.size(); ++child) {
     if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
   }
+  if (relay_.in_flight() == 0) return true;
   if (!last_words_) last_words_ = Deadline::AfterMs(kLastWordsMs);
   return last_words_->expired();
 }

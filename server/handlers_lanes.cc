@@ -1,6 +1,9 @@
 // Step and Reset: operations that move lanes on by one number.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "proto/base/limits.h"
 #include "server/fault_point.h"
 #include "server/handlers.h"
@@ -75,6 +78,16 @@ Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
   return Status();
 }
 
+// The refusal of actions, one row a lane, of which one is not finite.
+Status NamesNotFinite(const TensorView& actions, std::span<const uint32_t> lanes) {
+  std::vector<double> values(actions.elements());
+  CopyToDoubles(actions, 0, values);
+  const auto bad = std::ranges::find_if_not(values, [](double x) { return std::isfinite(x); });
+  const size_t index = bad - values.begin(), width = values.size() / lanes.size();
+  return InvalidArgument(fmt::format("lane {}: actions[{}]", lanes[index / width], index % width),
+                         fmt::format("{}", *bad), "finite numbers");
+}
+
 Status LaneJob::ReadInputs() {
   const size_t count = selection_.lanes.size();
   if (operation_ == Operation::kReset) {
@@ -87,9 +100,7 @@ Status LaneJob::ReadInputs() {
   const size_t action_size = owner().simulator().spec().action.size();
   B4MRL_ASSIGN_OR_RETURN(actions_, arrays_->Require("actions", {DType::kFloat32, DType::kFloat64},
                                                     {count, action_size}));
-  if (!AllFinite(actions_)) {
-    return InvalidArgument("actions", "NaN or infinity", "finite numbers");
-  }
+  if (!AllFinite(actions_)) return NamesNotFinite(actions_, selection_.lanes);
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
     if (!owner().lane(lane).fresh) continue;

@@ -114,10 +114,17 @@ class RestoreJob : public RequestJob {
   std::map<std::string, TensorView> parts_;
 };
 
+bool IsNoPart(const std::string& name) { return name == "lanes" || name == "numbers"; }
+
 Status RestoreJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), Operation::kRestore));
   if (arrays_->Has("snapshot")) {
+    for (const pb::Array& array : request.arrays()) {
+      if (IsNoPart(array.name()) || array.name() == "snapshot") continue;
+      return InvalidArgument("arrays", fmt::format("a snapshot and '{}'", array.name()),
+                             "a snapshot, or parts of a state");
+    }
     B4MRL_ASSIGN_OR_RETURN(
         snapshot_, arrays_->Require("snapshot", {DType::kUint8},
                                     {selection_.lanes.size(), SnapshotBytes(owner().layout())}));
@@ -137,7 +144,7 @@ Status RestoreJob::Prepare(const pb::Request& request) {
 
 Status RestoreJob::ReadNamedParts(const pb::Request& request) {
   for (const pb::Array& array : request.arrays()) {
-    if (array.name() == "lanes" || array.name() == "numbers") continue;
+    if (IsNoPart(array.name())) continue;
     B4MRL_ASSIGN_OR_RETURN(parts_[array.name()],
                            arrays_->Require(array.name(), {DType::kFloat64},
                                             {selection_.lanes.size(), ArrayReader::kAny}));

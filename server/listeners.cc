@@ -13,6 +13,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 
 #include "proto/base/child_program.h"
 #include "proto/base/spec.h"
@@ -116,7 +117,8 @@ Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
   for (const std::string& bind : binds) {
     if (bind.starts_with("ipc://")) {
       B4MRL_ASSIGN_OR_RETURN(std::string path, ParseIpcAddress(bind));
-      plan.ipc.push_back(std::move(path));
+      // Clients are told it, and may be in another folder.
+      plan.ipc.push_back(std::filesystem::absolute(path));
       continue;
     }
     B4MRL_ASSIGN_OR_RETURN(const TcpAddress address, ParseTcpAddress(bind));

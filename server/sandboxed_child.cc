@@ -22,22 +22,28 @@ using Json = nlohmann::json;
 constexpr size_t kMaxAnswerBytes = 64 * 1024;
 constexpr int64_t kPollMs = 100;
 
-// Everything up to the end of output; false when the deadline, the size limit or `cancelled` comes
-// first.
-bool ReadUntilEnd(int fd, const Deadline& deadline, const std::atomic<bool>* cancelled,
-                  std::string* text) {
+// Everything up to the end of output, or why the child is to be ended before it.
+Status ReadUntilEnd(const SandboxedChild& child, int fd, const Deadline& deadline,
+                    const std::atomic<bool>* cancelled, std::string* text) {
   std::array<char, 4096> block;
-  while (text->size() <= kMaxAnswerBytes && !deadline.expired() &&
-         (cancelled == nullptr || !cancelled->load(std::memory_order_relaxed))) {
+  while (true) {
+    if (text->size() > kMaxAnswerBytes) {
+      return Status(StatusCode::kDataLoss, child.name + " answered more than it may");
+    }
+    if (deadline.expired()) {
+      return Status(StatusCode::kDeadlineExceeded, child.name + " did not end in time");
+    }
+    if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) {
+      return Status(StatusCode::kUnavailable, "the daemon is stopping");
+    }
     pollfd waiting{fd, POLLIN, 0};
     const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
     if (poll(&waiting, 1, wait_ms) <= 0) continue;
     const ssize_t got = read(fd, block.data(), block.size());
     if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return true;
+    if (got <= 0) return Status();
     text->append(block.data(), static_cast<size_t>(got));
   }
-  return false;
 }
 
 Result<std::string> ParseAnswer(const std::string& text, const std::string& name) {
@@ -64,16 +70,13 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   const int error = StartWithOutput(wanted.program, std::move(words), &child);
   if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
   std::string text;
-  const bool answered = ReadUntilEnd(child.output.get(), deadline, cancelled, &text);
-  if (!answered) kill(child.process_id, SIGKILL);
+  const Status answered = ReadUntilEnd(wanted, child.output.get(), deadline, cancelled, &text);
+  if (!answered.ok()) kill(child.process_id, SIGKILL);
   const int exit_status = WaitForExit(child.process_id, deadline);
   const auto result = [&](Result<std::string> json) {
     return ChildAnswer{child.process_id, exit_status == 0, std::move(json)};
   };
-  if (!answered) {
-    return result(
-        Status(StatusCode::kDeadlineExceeded, fmt::format("{} did not end in time", wanted.name)));
-  }
+  if (!answered.ok()) return result(answered);
   if (WIFSIGNALED(exit_status)) {
     const int signal = WTERMSIG(exit_status);
     const char* reason = signal == SIGXCPU ? "out of processor time" : strsignal(signal);

@@ -29,9 +29,10 @@ struct ChildAnswer {
   Result<std::string> json;  // of an answer with "ok": true
 };
 
-// Waits for the child's answer and its exit. An answer with "ok": false becomes its Status; a death
-// or silence kDataLoss; a missed deadline, or `cancelled` (may be null) turning true, ends the
-// child within 100 ms and is kDeadlineExceeded. Messages do not name the file: the caller adds it.
+// Waits for the child's answer and its exit. An answer with "ok": false becomes its Status; a
+// death, silence or too long an answer kDataLoss. A missed deadline (kDeadlineExceeded), or
+// `cancelled` (may be null) turning true (kUnavailable), ends the child within 100 ms. Messages do
+// not name the file: the caller adds it.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 

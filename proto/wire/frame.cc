@@ -52,7 +52,9 @@ Status CheckEntry(const pb::Array& entry, size_t payload_size) {
   }
   const std::optional<uint64_t> bytes = ArrayBytes(entry);
   if (!bytes || entry.offset() > payload_size || *bytes > payload_size - entry.offset()) {
-    return InvalidArgument(context("end"), bytes ? std::to_string(*bytes) : "beyond 2^64",
+    const bool ends = bytes && *bytes <= UINT64_MAX - entry.offset();
+    return InvalidArgument(context("end"),
+                           ends ? std::to_string(entry.offset() + *bytes) : "beyond 2^64",
                            fmt::format("within the payload's {} bytes", payload_size));
   }
   return Status();
@@ -199,8 +201,14 @@ Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope
   }
   // To Protocol Buffers nothing at all is a message of defaults; here it stands for a malformed
   // one.
-  if (frame.size() == 0 ||
-      !envelope->ParseFromArray(frame.data(), static_cast<int>(frame.size()))) {
+  if (frame.size() == 0) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("the envelope is empty or the message has too many frames, allowed: "
+                              "1 to {} frames from a DEALER socket (a REQ socket puts an empty one "
+                              "before them)",
+                              limits::kMaxFramesPerMessage));
+  }
+  if (!envelope->ParseFromArray(frame.data(), static_cast<int>(frame.size()))) {
     return Status(StatusCode::kInvalidArgument, "the envelope is not a valid message");
   }
   return Status();

@@ -12,6 +12,30 @@ namespace {
 
 constexpr int kMaxDepth = 8;
 
+// Where a text stops being JSON: the library tells a handler of its events, and no one else.
+struct ErrorFinder final : nlohmann::json_sax<Config> {
+  size_t position = 0;  // in bytes, from 1
+  std::string near;     // what was read last
+
+  bool null() override { return true; }
+  bool boolean(bool) override { return true; }
+  bool number_integer(number_integer_t) override { return true; }
+  bool number_unsigned(number_unsigned_t) override { return true; }
+  bool number_float(number_float_t, const string_t&) override { return true; }
+  bool string(string_t&) override { return true; }
+  bool binary(binary_t&) override { return true; }
+  bool start_object(size_t) override { return true; }
+  bool key(string_t&) override { return true; }
+  bool end_object() override { return true; }
+  bool start_array(size_t) override { return true; }
+  bool end_array() override { return true; }
+  bool parse_error(size_t at, const std::string& token, const Config::exception&) override {
+    position = at;
+    near = token;
+    return false;
+  }
+};
+
 }  // namespace
 
 Result<Config> ParseConfig(std::string_view text) {
@@ -27,6 +51,12 @@ Result<Config> ParseConfig(std::string_view text) {
   };
   Config config = Config::parse(text, watch_depth, /*allow_exceptions=*/false);
   if (too_deep) return InvalidArgument("depth of config", "more", std::to_string(kMaxDepth));
+  if (config.is_discarded()) {
+    ErrorFinder finder;
+    Config::sax_parse(text, &finder);
+    return InvalidArgument("config", fmt::format("no JSON at byte {}, '{}'", finder.position,
+                                                 finder.near), "a JSON object");
+  }
   if (!config.is_object()) {
     return Status(StatusCode::kInvalidArgument, "config is not a JSON object");
   }
