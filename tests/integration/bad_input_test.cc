@@ -193,7 +193,9 @@ TEST_CASE("Sessions out of range are refused with the range") {
   RequireError(client.Make("HalfCheetah", {.simulator = {{"hidden", "17"}}}).status(),
                StatusCode::kInvalidArgument, "17");
   RequireError(client.Make("HalfCheetah", {.config = "{\"max_episode_steps\": "}).status(),
-               StatusCode::kInvalidArgument, "config");
+               StatusCode::kInvalidArgument, "no JSON at byte 23");
+  RequireError(client.Make("HalfCheetah", {.config = R"({"reset_noise_scale": NaN})"}).status(),
+               StatusCode::kInvalidArgument, "N'");
   RequireError(client.Make("HalfCheetah", {.config = R"({"max_episode_step": 5})"}).status(),
                StatusCode::kUnknownName, "max_episode_steps");
 }
@@ -212,7 +214,7 @@ TEST_CASE("A refused step is not executed, and the session goes on") {
   REQUIRE(undisturbed->Reset().ok());
   actions[7] = std::numeric_limits<float>::quiet_NaN();
   RequireError(environment->Step(std::span<const float>(actions)).status(),
-               StatusCode::kInvalidArgument, "actions");
+               StatusCode::kInvalidArgument, "lane 1: actions[1] is 'nan'");
   actions[7] = 0.5f;
   const Result<StepOutcome> outcome = environment->Step(std::span<const float>(actions));
   const Result<StepOutcome> expected = undisturbed->Step(std::span<const float>(actions));

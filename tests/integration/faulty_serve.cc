@@ -6,6 +6,7 @@
 //   tear-once:LANE:NUMBER:FILE        killed with the slot's idle buffer half written
 //   kill-after-once:LANE:NUMBER:FILE  killed after the commit and before the reply
 //   crash-query:ROW                   row ROW of any query ends the process, every time
+//   crash-attach:LANES                building a session of so many lanes ends it, every time
 //
 // LANE counts over all sessions.
 #include <fcntl.h>
@@ -76,6 +77,8 @@ void BreakAtPoint(FaultPoint point, uint32_t lane, uint64_t number,
                   std::span<std::byte> idle_buffer) {
   if (point == FaultPoint::kBeforeQueryRow) {
     if (planned.kind == "crash-query" && lane == planned.lane) std::abort();
+  } else if (point == FaultPoint::kBeforeAttach) {
+    if (planned.kind == "crash-attach" && lane == planned.lane) std::abort();
   } else if (lane == planned.lane && number == planned.number) {
     BreakOperation(point, idle_buffer);
   }

@@ -109,5 +109,25 @@ TEST_CASE("Sessions are spread over the workers, and the status counts their ste
   REQUIRE(client->ServerStatus()->session_count() == 1);
 }
 
+TEST_CASE("A Close at another worker than the session's is refused, and ends nothing") {
+  PrivateDaemon daemon = Start();
+  Gateway gateway(daemon.endpoint());
+  const std::string token(16, 'a');
+  const pb::OpenReply own = Take(gateway.Open(OpenRequest("HalfCheetah", 1), token));
+  const pb::OpenReply other =
+      Take(gateway.Open(OpenRequest("HalfCheetah", 1), std::string(16, 'b')));
+  REQUIRE(own.port().ipc() != other.port().ipc());
+  Context context;
+  const auto close_at = [&](const pb::Port& port) {
+    Connection connection = Take(Connection::Open(context, "ipc://" + port.ipc(), token));
+    pb::Request request;
+    request.mutable_close();
+    return connection.Call(std::move(request), Frame(), Deadline::AfterMs(30'000)).status();
+  };
+  REQUIRE(close_at(other.port()).code() == StatusCode::kSessionLost);
+  REQUIRE(close_at(own.port()).ok());
+  REQUIRE(close_at(other.port()).ok());  // it is not there any more
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -124,4 +124,9 @@ bool RawZmtp::AwaitHangUp(int64_t deadline_ms) {
   return !deadline.expired();
 }
 
+bool RawZmtp::HasHungUp() const {
+  pollfd waiting{fd_, POLLRDHUP, 0};
+  return poll(&waiting, 1, 0) > 0;
+}
+
 }  // namespace b4mrl

@@ -28,6 +28,8 @@ class RawZmtp {
   std::vector<std::string> Receive(int64_t deadline_ms);
   // Reads until the peer hangs up; false after the deadline.
   bool AwaitHangUp(int64_t deadline_ms);
+  // Whether the peer has hung up by now.
+  bool HasHungUp() const;
 
   static std::string Greeting();
   static std::string Ready();

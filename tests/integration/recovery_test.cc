@@ -72,7 +72,7 @@ TEST_CASE("100 kills of a stepping worker change no byte of any trajectory") {
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
-  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGKILL, 100, 20);
+  WalkUnderFire(walk, daemon.endpoint(), {"worker-0", SIGKILL, 100, 20});
   const uint64_t steps = walk.FinishedSteps();
   CAPTURE(steps);
   REQUIRE(LookAt(*client, "worker-0").restarts == 100);
@@ -84,7 +84,7 @@ TEST_CASE("Kills of the gateway do not touch a stepping client") {
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
-  WalkUnderFire(walk, daemon.endpoint(), "gateway", SIGKILL, 5, 0);
+  WalkUnderFire(walk, daemon.endpoint(), {"gateway", SIGKILL, 5});
   const uint64_t steps = walk.FinishedSteps();
   RequireSameBytes(walk, ReferenceWalk(steps), steps);
   // The replacement knows the old sessions and opens new ones on other lanes.
@@ -99,7 +99,7 @@ TEST_CASE("A frozen worker is replaced and changes no byte") {
   Result<Client> client = Client::Connect(daemon.endpoint());
   REQUIRE(client.ok());
   LaneWalk walk = OpenWalk(*client);
-  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGSTOP, 2, 20);
+  WalkUnderFire(walk, daemon.endpoint(), {"worker-0", SIGSTOP, 2, 20});
   const uint64_t before = walk.FinishedSteps();
   RequireOk(walk.RunTo(before + 45));
   RequireSameBytes(walk, ReferenceWalk(before + 45), before + 45);
@@ -157,6 +157,19 @@ TEST_CASE("A query that always ends its process is refused, and the session's st
   RequireSameBytes(walk, ReferenceWalk(50), 50);
 }
 
+TEST_CASE("A session whose opening always ends its worker is refused, and others are opened") {
+  PrivateDaemon daemon = StartFaulty("crash-attach:7");
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  const Status status = client->Make("HalfCheetah", {.num_envs = 7}).status();
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kInternal);
+  REQUIRE(LookAt(*client, "worker-0").restarts == 2);
+  LaneWalk walk = OpenWalk(*client);
+  RequireOk(walk.RunTo(10));
+  RequireSameBytes(walk, ReferenceWalk(10), 10);
+}
+
 TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobody left") {
   PrivateDaemon daemon = StartFaulty("", 2);
   Result<Client> client = Client::Connect(daemon.endpoint());
@@ -172,6 +185,28 @@ TEST_CASE("SIGTERM under load drains: replies or typed errors, exit code 0, nobo
   REQUIRE(WEXITSTATUS(wait_status) == 0);
   REQUIRE(SecondsSince(start) < 5);  // limits::kDrainMs; it takes about 0.1 s
   REQUIRE(kill(worker, 0) != 0);
+}
+
+TEST_CASE("A second signal ends what the first one waits for") {
+  PrivateDaemon daemon = StartFaulty("hang:0:2");
+  Result<Client> client = Client::Connect(daemon.endpoint());
+  REQUIRE(client.ok());
+  RemoteEnvironment environment = Take(client->Make("HalfCheetah"));
+  RequireOk(environment.Reset().status());
+  const ProcessView before = LookAt(*client, "worker-0");
+  const std::vector<float> action(environment.spec().action.size(), 0.5f);
+  RequireOk(environment.Send(std::span<const float>(action)).status());
+  AwaitRequest(*client, "worker-0", before);
+  const Clock::time_point start = Clock::now();
+  REQUIRE(kill(daemon.process_id(), SIGTERM) == 0);
+  // Signals that arrive as one count as one: the first has been read when openings are refused.
+  while (client->Make("HalfCheetah").status().code() != StatusCode::kUnavailable &&
+         SecondsSince(start) < 4) {
+  }
+  const int wait_status = daemon.Stop();
+  REQUIRE(WIFEXITED(wait_status));
+  REQUIRE(WEXITSTATUS(wait_status) == 0);
+  REQUIRE(SecondsSince(start) < 4.5);  // limits::kDrainMs is 5 s
 }
 
 TEST_CASE("No process survives a supervisor that is killed") {

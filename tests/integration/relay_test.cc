@@ -106,7 +106,7 @@ TEST_CASE("Kills of a worker behind the relay change no byte") {
   PrivateDaemon daemon = StartSinglePort();
   Client client = Connect(daemon.endpoint());
   LaneWalk walk = OpenWalk(client);
-  WalkUnderFire(walk, daemon.endpoint(), "worker-0", SIGKILL, 20, 20);
+  WalkUnderFire(walk, daemon.endpoint(), {"worker-0", SIGKILL, 20, 20});
   REQUIRE(LookAt(client, "worker-0").restarts == 20);
   RequireDirectBytes(walk);
 }
@@ -115,7 +115,7 @@ TEST_CASE("Kills of the gateway that relays change no byte") {
   PrivateDaemon daemon = StartSinglePort();
   Client client = Connect(daemon.endpoint());
   LaneWalk walk = OpenWalk(client);
-  WalkUnderFire(walk, daemon.endpoint(), "gateway", SIGKILL, 20, 0);
+  WalkUnderFire(walk, daemon.endpoint(), {"gateway", SIGKILL, 20});
   REQUIRE(LookAt(client, "gateway").restarts == 20);
   RequireDirectBytes(walk);
 }

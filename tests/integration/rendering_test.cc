@@ -48,14 +48,16 @@ pid_t FindDescendant(pid_t ancestor, const std::string& name) {
   return 0;
 }
 
-pid_t WorkerOf(Client& client) {
+pb::WorkerStatus StatusOfWorker(Client& client) {
   const auto status = client.ServerStatus();
   REQUIRE(status.ok());
   for (const pb::WorkerStatus& process : status->workers()) {
-    if (process.role() == "worker-0") return static_cast<pid_t>(process.process_id());
+    if (process.role() == "worker-0") return process;
   }
-  return 0;
+  return {};
 }
+
+pid_t WorkerOf(Client& client) { return static_cast<pid_t>(StatusOfWorker(client).process_id()); }
 
 std::vector<uint8_t> RenderAll(RemoteEnvironment& session, uint32_t width = 0,
                                uint32_t height = 0) {
@@ -112,7 +114,7 @@ TEST_CASE("A picture survives the death of its worker") {
   REQUIRE(client.ok());
   RemoteEnvironment session = Open(*client, 16);
   const std::vector<uint8_t> before = RenderAll(session);
-  const pid_t worker = WorkerOf(*client);
+  const pb::WorkerStatus worker = StatusOfWorker(*client);
   std::vector<uint8_t> after;
   Status status;
   std::thread renderer([&] {
@@ -120,12 +122,16 @@ TEST_CASE("A picture survives the death of its worker") {
     status = pictures.status();
     if (pictures.ok()) after.assign(pictures->frames.begin(), pictures->frames.end());
   });
-  kill(worker, SIGKILL);
+  // It has the request, and 16 pictures take some tenths of a second.
+  const Deadline deadline = Deadline::AfterMs(60'000);
+  while (StatusOfWorker(*client).requests() == worker.requests() && !deadline.expired()) {
+  }
+  kill(static_cast<pid_t>(worker.process_id()), SIGKILL);
   renderer.join();
   INFO(status.ToString());
   REQUIRE(status.ok());
   CHECK(after == before);
-  CHECK(WorkerOf(*client) != worker);
+  CHECK(WorkerOf(*client) != static_cast<pid_t>(worker.process_id()));
 }
 
 TEST_CASE("Painters end with their daemon") {
@@ -137,6 +143,7 @@ TEST_CASE("Painters end with their daemon") {
     RemoteEnvironment session = Open(*client, 1);
     RenderAll(session, 32, 32);
     painter = FindDescendant(daemon.process_id(), "b4mrl-render");
+    REQUIRE(painter != 0);
     REQUIRE(kill(painter, 0) == 0);
   }
   // Its socket's other end is closed, which it sees once it looks; or an orphan's corpse is left.

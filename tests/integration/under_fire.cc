@@ -6,25 +6,26 @@
 #include <catch2/catch.hpp>
 #include <thread>
 
+#include "tests/results.h"
+
 namespace b4mrl {
 namespace {
 
 // False if it takes too long.
-bool Harass(const std::string& endpoint, const std::string& role, int signal, int times,
-            uint64_t steps_between) {
+bool Harass(const std::string& endpoint, const Fire& fire) {
   Result<Client> client = Client::Connect(endpoint);
   if (!client.ok()) return false;
   const Deadline deadline = Deadline::AfterMs(kFirePatienceMs);
   pid_t last = 0;
   uint64_t last_steps = 0;
-  for (int i = 0; i < times;) {
+  for (int i = 0; i < fire.times;) {
     if (deadline.expired()) return false;
-    const ProcessView view = LookAt(*client, role);
+    const ProcessView view = LookAt(*client, fire.role);
     if (view.process_id == 0 || view.process_id == last ||
-        view.steps < last_steps + steps_between) {
+        view.steps < last_steps + fire.steps_between) {
       continue;
     }
-    if (kill(view.process_id, signal) != 0) continue;
+    if (kill(view.process_id, fire.signal) != 0) continue;
     last = view.process_id;
     last_steps = view.steps;
     ++i;
@@ -39,26 +40,37 @@ ProcessView LookAt(Client& client, const std::string& role) {
   if (!status.ok()) return {};
   for (const pb::WorkerStatus& worker : status->workers()) {
     if (worker.role() != role) continue;
-    return {static_cast<pid_t>(worker.process_id()), worker.steps(), worker.restarts()};
+    return {static_cast<pid_t>(worker.process_id()), worker.steps(), worker.restarts(),
+            worker.requests()};
   }
   return {};
 }
 
-void WalkUnderFire(LaneWalk& walk, const std::string& endpoint, const std::string& role, int signal,
-                   int times, uint64_t steps_between) {
+ProcessView AwaitRequest(Client& client, const std::string& role, const ProcessView& before) {
+  const Deadline deadline = Deadline::AfterMs(kFirePatienceMs);
+  ProcessView view = LookAt(client, role);
+  while (view.requests <= before.requests && !deadline.expired()) view = LookAt(client, role);
+  return view;
+}
+
+void AdvanceUnderFire(const std::string& endpoint, const Fire& fire,
+                      const std::function<Status()>& advance) {
   std::atomic<bool> done{false};
   bool all_sent = false;
   std::thread gun([&] {
-    all_sent = Harass(endpoint, role, signal, times, steps_between);
+    all_sent = Harass(endpoint, fire);
     done = true;
   });
   Status status;
-  while (!done && status.ok()) status = walk.Advance();
+  while (!done && status.ok()) status = advance();
   gun.join();
-  if (status.ok()) status = walk.Drain();
-  INFO(status.ToString());
-  REQUIRE(status.ok());
+  RequireOk(status);
   REQUIRE(all_sent);
+}
+
+void WalkUnderFire(LaneWalk& walk, const std::string& endpoint, const Fire& fire) {
+  AdvanceUnderFire(endpoint, fire, [&walk] { return walk.Advance(); });
+  RequireOk(walk.Drain());
 }
 
 }  // namespace b4mrl

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -9,8 +10,12 @@
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <cstdlib>
+#include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 
@@ -21,6 +26,14 @@ struct Outcome {
   std::string out, err;
 };
 
+// What stands for the user's own data and caches, for all tools of a test program.
+inline const std::string& UsersFolder() {
+  static const TemporaryFolder folder;
+  static const bool made = std::filesystem::create_directories(folder.File("data"));
+  REQUIRE(made);
+  return folder.path();
+}
+
 // A running b4mrl-tools with both outputs in pipes.
 class Tool {
  public:
@@ -28,9 +41,13 @@ class Tool {
     std::array<int, 2> out{}, err{};
     REQUIRE(pipe2(out.data(), O_CLOEXEC) == 0);
     REQUIRE(pipe2(err.data(), O_CLOEXEC) == 0);
+    const std::string data = UsersFolder() + "/data", cache = UsersFolder() + "/cache";
     process_id_ = fork();
     REQUIRE(process_id_ >= 0);
     if (process_id_ == 0) {
+      for (const char* name : {"B4MRL_ENDPOINT", "B4MRL_SERVER", "B4MRL_TOOLS"}) unsetenv(name);
+      setenv("B4MRL_DATA", data.c_str(), 1);
+      setenv("XDG_CACHE_HOME", cache.c_str(), 1);
       dup2(out[1], STDOUT_FILENO);
       dup2(err[1], STDERR_FILENO);
       for (const std::string& entry : environment) putenv(const_cast<char*>(entry.c_str()));
@@ -48,15 +65,19 @@ class Tool {
     err_ = err[0];
   }
   ~Tool() {
+    if (process_id_ > 0) Kill();
     close(out_);
     close(err_);
   }
 
-  // Reads stderr up to and including the first line with `text`; false at its end.
+  // Reads stderr up to and including the first line with `text`; false at its end, or when nothing
+  // comes for a minute.
   bool WaitForMessage(const std::string& text) {
+    constexpr int kPatienceMs = 60'000;
+    pollfd waiting{err_, POLLIN, 0};
     char c = 0;
     std::string line;
-    while (read(err_, &c, 1) == 1) {
+    while (poll(&waiting, 1, kPatienceMs) == 1 && read(err_, &c, 1) == 1) {
       line += c;
       if (c != '\n') continue;
       if (line.find(text) != std::string::npos) return true;
@@ -66,14 +87,14 @@ class Tool {
   }
   void Kill() {
     kill(process_id_, SIGKILL);
-    waitpid(process_id_, nullptr, 0);
+    waitpid(std::exchange(process_id_, -1), nullptr, 0);
   }
   Outcome Wait() {
     Outcome outcome;
     outcome.out = ReadAll(out_);  // short enough for both to fit their pipes
     outcome.err = ReadAll(err_);
     int status = 0;
-    waitpid(process_id_, &status, 0);
+    waitpid(std::exchange(process_id_, -1), &status, 0);
     outcome.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     return outcome;
   }

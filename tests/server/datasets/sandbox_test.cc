@@ -2,13 +2,17 @@
 
 #include <fcntl.h>
 #include <linux/landlock.h>
+#include <netinet/in.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <cerrno>
 #include <functional>
 
 #include "tests/data/temporary_folder.h"
@@ -67,6 +71,58 @@ TEST_CASE("the sandbox leaves one file to read and one folder to write, within l
     return cores.rlim_max == 0 ? 0 : 11;
   });
   CHECK(failed == 0);
+}
+
+TEST_CASE("the sandbox bounds memory, processor time and descriptors") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("readable"), "data");
+  REQUIRE(mkdir(folder.File("folder").c_str(), 0755) == 0);
+  const int failed = InSandbox(folder, [&] {
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+    const auto reserve = [](size_t bytes) {
+      return mmap(nullptr, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED;
+    };
+    if (!reserve(1ull << 30)) return 1;
+    if (reserve(4ull << 30)) return 2;
+#endif
+    rlimit time{};
+    getrlimit(RLIMIT_CPU, &time);
+    if (time.rlim_cur != 10) return 3;
+    int opened = 0;
+    while (opened < 100 && open(folder.File("readable").c_str(), O_RDONLY) >= 0) ++opened;
+    return opened > 0 && opened < 32 && errno == EMFILE ? 0 : 4;
+  });
+  CHECK(failed == 0);
+}
+
+TEST_CASE("the sandbox connects to nobody") {
+  constexpr int kFirstWithNetwork = 4;
+  if (syscall(SYS_landlock_create_ruleset, nullptr, 0, LANDLOCK_CREATE_RULESET_VERSION) <
+      kFirstWithNetwork) {
+    WARN("skipped: this kernel's Landlock knows no networks");
+    return;
+  }
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("readable"), "data");
+  REQUIRE(mkdir(folder.File("folder").c_str(), 0755) == 0);
+  const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof(address);
+  auto* generic = reinterpret_cast<sockaddr*>(&address);
+  REQUIRE(bind(listener, generic, size) == 0);
+  REQUIRE(listen(listener, 1) == 0);
+  REQUIRE(getsockname(listener, generic, &size) == 0);
+  const auto connects = [&] {
+    const int client = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    const bool connected = connect(client, generic, size) == 0;
+    close(client);
+    return connected;
+  };
+  CHECK(connects());
+  CHECK(InSandbox(folder, [&] { return connects() ? 1 : 0; }) == 0);
+  close(listener);
 }
 
 }  // namespace
