@@ -9,6 +9,8 @@ if(NOT CMAKE_BUILD_TYPE)
 endif()
 # NDEBUG is never set: an invariant that is worth writing down is worth checking in release too.
 set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
+set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O2 -g")
+set(CMAKE_CXX_FLAGS_MINSIZEREL "-Os -g1")
 set(CMAKE_CXX_FLAGS_DEBUG "-O1 -g")
 
 option(B4MRL_WERROR "Treat warnings as errors" ON)

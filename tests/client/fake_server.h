@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <filesystem>
 #include <functional>
 #include <future>
 #include <optional>
@@ -14,30 +13,14 @@
 #include "proto/base/limits.h"
 #include "proto/wire/frame.h"
 #include "proto/wire/socket.h"
+#include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 
 // A folder of its own, and socket addresses in it.
-class SocketFolder {
+class SocketFolder : public TemporaryFolder {
  public:
-  SocketFolder() {
-    std::string path = (std::filesystem::temp_directory_path() / "b4mrl-test-XXXXXX").string();
-    REQUIRE(mkdtemp(path.data()) != nullptr);
-    path_ = path;
-  }
-  ~SocketFolder() {
-    std::error_code error;
-    std::filesystem::remove_all(path_, error);
-  }
-  SocketFolder(const SocketFolder&) = delete;
-  SocketFolder& operator=(const SocketFolder&) = delete;
-
-  std::string path() const { return path_; }
-  std::string Socket(const std::string& name) const { return path_ + "/" + name; }
-  std::string Address(const std::string& name = "server") const { return "ipc://" + Socket(name); }
-
- private:
-  std::string path_;
+  std::string Address(const std::string& name = "server") const { return "ipc://" + File(name); }
 };
 
 struct FakeCall {

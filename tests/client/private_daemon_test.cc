@@ -11,20 +11,20 @@
 #include <fstream>
 
 #include "proto/base/clock.h"
-#include "tests/client/fake_server.h"
+#include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 namespace {
 
 // A program that plays the server.
-std::string WriteProgram(const SocketFolder& folder, const std::string& body) {
-  const std::string path = folder.Socket("program");
+std::string WriteProgram(const TemporaryFolder& folder, const std::string& body) {
+  const std::string path = folder.File("program");
   std::ofstream(path) << "#!/bin/sh\n" << body << "\n";
   std::filesystem::permissions(path, std::filesystem::perms::owner_all);
   return path;
 }
 
-PrivateDaemonOptions Running(const SocketFolder& folder, const std::string& body) {
+PrivateDaemonOptions Running(const TemporaryFolder& folder, const std::string& body) {
   PrivateDaemonOptions options;
   options.binary = WriteProgram(folder, body);
   return options;
@@ -33,7 +33,7 @@ PrivateDaemonOptions Running(const SocketFolder& folder, const std::string& body
 constexpr char kWaits[] = "echo ready tcp://127.0.0.1:7; exec sleep 1000";
 
 TEST_CASE("a daemon is ready when it says so, and ends with its object") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   pid_t process = 0;
   {
     Result<PrivateDaemon> daemon = PrivateDaemon::Start(Running(folder, kWaits));
@@ -47,7 +47,7 @@ TEST_CASE("a daemon is ready when it says so, and ends with its object") {
 }
 
 TEST_CASE("stopping tells how the daemon ended") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   Result<PrivateDaemon> daemon = PrivateDaemon::Start(Running(folder, kWaits));
   REQUIRE(daemon.ok());
   const int status = daemon->Stop();
@@ -57,7 +57,7 @@ TEST_CASE("stopping tells how the daemon ended") {
 }
 
 TEST_CASE("a daemon that does not end is killed") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   Result<PrivateDaemon> daemon = PrivateDaemon::Start(
       Running(folder, "trap '' TERM; echo ready x; while read -r line; do :; done < /dev/zero"));
   REQUIRE(daemon.ok());
@@ -67,9 +67,9 @@ TEST_CASE("a daemon that does not end is killed") {
 }
 
 TEST_CASE("a daemon gets its address, folder, arguments and variables") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   PrivateDaemonOptions options =
-      Running(folder, "echo \"$@ $B4MRL_TEST\" > " + folder.Socket("arguments") + "; " + kWaits);
+      Running(folder, "echo \"$@ $B4MRL_TEST\" > " + folder.File("arguments") + "; " + kWaits);
   options.data_folder = "/some/data";
   options.arguments = {"--workers", "2"};
   options.environment = {"B4MRL_TEST=variable"};
@@ -77,7 +77,7 @@ TEST_CASE("a daemon gets its address, folder, arguments and variables") {
   {
     const Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
     REQUIRE(daemon.ok());
-    std::ifstream file(folder.Socket("arguments"));
+    std::ifstream file(folder.File("arguments"));
     std::string bind, data, data_folder, workers, count, variable;
     file >> bind >> address >> data >> data_folder >> workers >> count >> variable;
     CHECK(bind == "--bind");
@@ -92,9 +92,9 @@ TEST_CASE("a daemon gets its address, folder, arguments and variables") {
 }
 
 TEST_CASE("a server that is missing, fails or stays silent is unavailable") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   PrivateDaemonOptions missing;
-  missing.binary = folder.Socket("nothing");
+  missing.binary = folder.File("nothing");
   CHECK(PrivateDaemon::Start(missing).status().code() == StatusCode::kUnavailable);
   CHECK(PrivateDaemon::Start(Running(folder, "exit 1")).status().code() ==
         StatusCode::kUnavailable);
@@ -104,7 +104,7 @@ TEST_CASE("a server that is missing, fails or stays silent is unavailable") {
 }
 
 TEST_CASE("a daemon does not outlive a client that dies") {
-  const SocketFolder folder;
+  const TemporaryFolder folder;
   const PrivateDaemonOptions options = Running(folder, kWaits);
   // The orphan becomes this process's child, so that its end can be waited for.
   REQUIRE(prctl(PR_SET_CHILD_SUBREAPER, 1) == 0);

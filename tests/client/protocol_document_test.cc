@@ -10,10 +10,9 @@
 #include <sstream>
 #include <string>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "data/writer.h"
 #include "tests/client/fake_daemon.h"
+#include "tests/integration/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -113,23 +112,15 @@ void WriteDataset(const std::string& path) {
 class Daemon {
  public:
   Daemon() {
-    std::filesystem::create_directories(folder_.Socket("HalfCheetah"));
-    WriteDataset(folder_.Socket("HalfCheetah/tiny.h5"));
-    PrivateDaemonOptions options;
-    options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-    options.data_folder = folder_.path();
-    Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
-    INFO(daemon.status().ToString());
-    REQUIRE(daemon.ok());
-    daemon_.emplace(std::move(*daemon));
-    Result<Client> client = Client::Connect(daemon_->endpoint());
-    REQUIRE(client.ok());
-    client_.emplace(std::move(*client));
+    std::filesystem::create_directories(folder_.File("HalfCheetah"));
+    WriteDataset(folder_.File("HalfCheetah/tiny.h5"));
+    daemon_.emplace(StartDaemon({.data_folder = folder_.path()}));
+    client_.emplace(Connect(daemon_->endpoint()));
   }
   Client& client() { return *client_; }
 
  private:
-  SocketFolder folder_;
+  TemporaryFolder folder_;
   std::optional<PrivateDaemon> daemon_;
   std::optional<Client> client_;
 };
@@ -186,7 +177,10 @@ TEST_CASE("the document's Sample request is what the client sends") {
 
 TEST_CASE("the document's Step reply is what the server sends") {
   // The document's numbers are those of processors with AVX2 and FMA.
-  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return;
+  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) {
+    WARN("skipped: this processor has no AVX2 or FMA");
+    return;
+  }
   Daemon daemon;
   Result<RemoteEnvironment> environment = daemon.client().Make("HalfCheetah", {.seed = 1});
   REQUIRE(environment.ok());

@@ -1,11 +1,9 @@
 // Raw bytes where ZeroMQ's handshake, frames and messages should be.
 #include <catch2/catch.hpp>
 
-#include "client/client.h"
-#include "client/private_daemon.h"
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
-#include "tests/data/temporary_folder.h"
+#include "tests/integration/daemon.h"
 #include "tests/integration/raw_zmtp.h"
 
 namespace b4mrl {
@@ -17,30 +15,18 @@ constexpr int64_t kPatienceMs = 20'000;
 class HostileConnections {
  public:
   HostileConnections() {
-    PrivateDaemonOptions options;
-    options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
-    options.tcp = true;
-    options.data_folder = data_.path();
-    options.arguments = {"--workers", "1", "--threads", "1"};
-    daemon_ = std::make_unique<Result<PrivateDaemon>>(PrivateDaemon::Start(options));
-    REQUIRE(daemon_->ok());
-    client_ = std::make_unique<Result<Client>>(Client::Connect((*daemon_)->endpoint()));
-    REQUIRE(client_->ok());
-    environment_ = std::make_unique<Result<RemoteEnvironment>>((*client_)->Make("HalfCheetah"));
-    REQUIRE(environment_->ok());
-    addresses_ = {(*daemon_)->endpoint(), Loopback((*environment_)->in_force().port()),
-                  Loopback((*client_)->hello().dataset_port())};
+    addresses_ = {daemon_.endpoint(), Loopback(environment_.in_force().port()),
+                  Loopback(client_.hello().dataset_port())};
   }
 
   // Of the gateway, the worker and the dataset worker.
   const std::vector<std::string>& addresses() const { return addresses_; }
 
   void RequireUnharmed() {
-    const Result<pb::ServerStatusReply> status = (*client_)->ServerStatus();
-    REQUIRE(status.ok());
-    for (const pb::WorkerStatus& child : status->workers()) REQUIRE(child.restarts() == 0);
-    REQUIRE((*environment_)->Reset().ok());
-    REQUIRE((*client_)->ListDatasets().ok());
+    const pb::ServerStatusReply status = Take(client_.ServerStatus());
+    for (const pb::WorkerStatus& child : status.workers()) REQUIRE(child.restarts() == 0);
+    REQUIRE(environment_.Reset().ok());
+    REQUIRE(client_.ListDatasets().ok());
   }
 
  private:
@@ -48,10 +34,10 @@ class HostileConnections {
     return "tcp://127.0.0.1:" + std::to_string(port.tcp());
   }
 
-  TemporaryFolder data_;
-  std::unique_ptr<Result<PrivateDaemon>> daemon_;
-  std::unique_ptr<Result<Client>> client_;
-  std::unique_ptr<Result<RemoteEnvironment>> environment_;
+  PrivateDaemon daemon_ =
+      StartDaemon({.tcp = true, .arguments = {"--workers", "1", "--threads", "1"}});
+  Client client_ = Connect(daemon_.endpoint());
+  RemoteEnvironment environment_ = Take(client_.Make("HalfCheetah"));
   std::vector<std::string> addresses_;
 };
 

@@ -12,7 +12,7 @@ namespace b4mrl {
 inline LearnerContext CheetahContext(TestDaemon& daemon, const std::string& dataset = "") {
   LearnerContext context;
   context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.environment = Take(daemon.client().FindEnvironment("HalfCheetah"));
   context.dataset = dataset;
   return context;
 }

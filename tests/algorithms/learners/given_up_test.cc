@@ -54,7 +54,7 @@ LearnerContext FakeContext(Client& client, const std::string& folder) {
   context.environment.action.dimensions.resize(kActionSize, {"", "", -1, 1, ""});
   context.folder = folder;
   context.hyperparameters = Hyperparameters(Td3Hyperparameters());
-  NeedOk(context.hyperparameters.Set("lanes", kLanes));
+  RequireOk(context.hyperparameters.Set("lanes", kLanes));
   return context;
 }
 
@@ -62,11 +62,11 @@ LearnerContext FakeContext(Client& client, const std::string& folder) {
 
 TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
   FakeDaemon daemon{GivingUp(Cause::kNumericalError)};
-  Client client = Need(Client::Connect(daemon.address()));
+  Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
   const LearnerContext context = FakeContext(client, folder.File(""));
-  OnlineLanes lanes = Need(OnlineLanes::Open(context));
-  NeedOk(lanes.Start());
+  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  RequireOk(lanes.Start());
   Progress quiet(true);
   const Status status = lanes.WarmUp(10, quiet);
   INFO(status.ToString());
@@ -79,15 +79,15 @@ TEST_CASE("An evaluation counts the episodes that the simulator gave up, and tho
       GENERATE(std::pair{Cause::kCrash, 3u}, std::pair{Cause::kNumericalError, 3u},
                std::pair{Cause::kLimit, 0u});
   FakeDaemon daemon{GivingUp(cause)};
-  Client client = Need(Client::Connect(daemon.address()));
+  Client client = Take(Client::Connect(daemon.address()));
   Td3Options options;
   options.observation_size = kObservationSize;
   options.action_size = kActionSize;
   options.hidden = {8, 8};
   const std::vector<float> scale(kActionSize, 1.0f);
-  const Agent agent = MakeAgent(Need(Td3Core<float>::Create(options)).Policy(), 1, scale);
-  Evaluator evaluator = Need(Evaluator::Open(client, "Fake", {}, /*episodes=*/3));
-  const EvaluationResult result = Need(evaluator.Run(Need(AgentPolicy::Create(agent))));
+  const Agent agent = MakeAgent(Take(Td3Core<float>::Create(options)).Policy(), 1, scale);
+  Evaluator evaluator = Take(Evaluator::Open(client, "Fake", {}, /*episodes=*/3));
+  const EvaluationResult result = Take(evaluator.Run(Take(AgentPolicy::Create(agent))));
   CHECK(result.lengths == std::vector<uint32_t>{1, 1, 1});
   CHECK(result.given_up == given_up);
 }
@@ -98,20 +98,20 @@ TEST_CASE("A run that is to end soon cuts its warm-up and its reading short") {
   const std::atomic<bool> stop = true;
   LearnerContext context;
   context.client = &daemon.client();
-  context.environment = Need(daemon.client().FindEnvironment("HalfCheetah"));
+  context.environment = Take(daemon.client().FindEnvironment("HalfCheetah"));
   context.dataset = "HalfCheetah/small";
   context.folder = daemon.folder("");
   context.stop = &stop;
   Progress quiet(true);
 
   context.hyperparameters = Hyperparameters(Td3Hyperparameters());
-  const std::unique_ptr<Learner> online = Need(CreateTd3(context));
-  NeedOk(online->Prepare(quiet));
+  const std::unique_ptr<Learner> online = Take(CreateTd3(context));
+  RequireOk(online->Prepare(quiet));
   CHECK(online->environment_steps() == 0);
 
   context.hyperparameters = Hyperparameters(HymopoHyperparameters());
-  const std::unique_ptr<Learner> hybrid = Need(CreateHymopo(context));
-  NeedOk(hybrid->Prepare(quiet));
+  const std::unique_ptr<Learner> hybrid = Take(CreateHymopo(context));
+  RequireOk(hybrid->Prepare(quiet));
   CHECK_FALSE(std::filesystem::exists(context.folder + "/ensemble.h5"));
 }
 

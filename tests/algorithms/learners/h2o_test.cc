@@ -17,20 +17,20 @@ LearnerContext ContextOf(TestDaemon& daemon) {
   context.seed = 7;
   context.folder = daemon.folder("");
   context.hyperparameters = Hyperparameters(H2oHyperparameters());
-  NeedOk(context.hyperparameters.Set("hidden-width", 8));
-  NeedOk(context.hyperparameters.Set("steps-per-cycle", 30));
-  NeedOk(context.hyperparameters.Set("updates-per-cycle", 5));
+  RequireOk(context.hyperparameters.Set("hidden-width", 8));
+  RequireOk(context.hyperparameters.Set("steps-per-cycle", 30));
+  RequireOk(context.hyperparameters.Set("updates-per-cycle", 5));
   return context;
 }
 
 // Trains and returns the number of simulator steps after each update.
 std::vector<uint64_t> StepsAfterUpdates(Learner& learner, int updates) {
   Progress quiet(true);
-  NeedOk(learner.Prepare(quiet));
+  RequireOk(learner.Prepare(quiet));
   std::vector<uint64_t> steps;
   for (int i = 0; i < updates; ++i) {
     MetricMeans metrics;
-    NeedOk(learner.Update(metrics));
+    RequireOk(learner.Update(metrics));
     CHECK_FALSE(metrics.first_nonfinite());
     steps.push_back(learner.environment_steps());
   }
@@ -43,7 +43,7 @@ TEST_CASE("H2O goes into the simulator before the first update of each cycle") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
   const LearnerContext context = ContextOf(daemon);
-  const auto learner = Need(CreateH2o(context));
+  const auto learner = Take(CreateH2o(context));
   CHECK(StepsAfterUpdates(*learner, 7) == std::vector<uint64_t>{30, 30, 30, 30, 30, 60, 60});
 }
 
@@ -52,7 +52,7 @@ TEST_CASE("H2O's policy sees what its dataset shows, whatever the simulator woul
   daemon.MakeDataset("small", 300);
   LearnerContext context = ContextOf(daemon);
   context.corruption = {{"hidden", "9"}};
-  const auto learner = Need(CreateH2o(context));
+  const auto learner = Take(CreateH2o(context));
   StepsAfterUpdates(*learner, 1);
   std::vector<float> expected(17, 1.0f);
   expected[9] = 0;
@@ -75,7 +75,7 @@ TEST_CASE("H2O refuses batches of real or of simulated rows alone") {
   daemon.MakeDataset("small", 50);
   LearnerContext context = ContextOf(daemon);
   for (const double ratio : {0.0, 1.0}) {
-    NeedOk(context.hyperparameters.Set("real-ratio", ratio));
+    RequireOk(context.hyperparameters.Set("real-ratio", ratio));
     const Status status = CreateH2o(context).status();
     CHECK(status.code() == StatusCode::kInvalidArgument);
     CHECK(status.message().find("real-ratio") != std::string::npos);

@@ -25,23 +25,23 @@ RemoteEnvironment QuerySession(TestDaemon& daemon, const LearnerContext& context
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = 0;
-  return Need(daemon.client().Make("HalfCheetah", options));
+  return Take(daemon.client().Make("HalfCheetah", options));
 }
 
 ModelData Corrections(TestDaemon& daemon, const LearnerContext& context) {
-  const auto dataset = Need(OpenTrainingDataset(context));
+  const auto dataset = Take(OpenTrainingDataset(context));
   RemoteEnvironment simulator = QuerySession(daemon, context);
   Progress quiet(true);
-  return Need(QueryCorrections(context, *dataset, simulator, 1, quiet));
+  return Take(QueryCorrections(context, *dataset, simulator, 1, quiet));
 }
 
 DynamicsEnsemble<float> SmallEnsemble() {
-  return Need(DynamicsEnsemble<float>::Create(SmallEnsembleOptions()));
+  return Take(DynamicsEnsemble<float>::Create(SmallEnsembleOptions()));
 }
 
 std::vector<float> Starts(const LearnerContext& context, uint32_t rows) {
-  const auto dataset = Need(OpenTrainingDataset(context));
-  const TransitionRows batch = Need(dataset->Sample(rows, 7, 0));
+  const auto dataset = Take(OpenTrainingDataset(context));
+  const TransitionRows batch = Take(dataset->Sample(rows, 7, 0));
   return {batch.observations.begin(), batch.observations.end()};
 }
 
@@ -63,10 +63,10 @@ RolloutResult RollOut(TestDaemon& daemon, ModelRolloutOptions options) {
   SacOptions core;
   core.observation_size = kObservation;
   core.action_size = kAction;
-  const PolicyWeights policy = Need(SacCore<float>::Create(core)).Policy();
-  NeedOk(rollout.Begin(4, Starts(context, 50), policy));
-  ReplayBuffer pool = Need(ReplayBuffer::InMemory({kObservation, kAction, 1000}));
-  const RolloutCounts counts = Need(rollout.Finish(pool));
+  const PolicyWeights policy = Take(SacCore<float>::Create(core)).Policy();
+  RequireOk(rollout.Begin(4, Starts(context, 50), policy));
+  ReplayBuffer pool = Take(ReplayBuffer::InMemory({kObservation, kAction, 1000}));
+  const RolloutCounts counts = Take(rollout.Finish(pool));
   RolloutResult result = {counts,
                           BatchBuffer(kObservation, kAction, static_cast<int>(pool.size()))};
   for (uint64_t i = 0; i < pool.size(); ++i) pool.Get(i, static_cast<int>(i), result.rows);
@@ -88,14 +88,14 @@ TEST_CASE("The pre-pass's target is the simulator's error, and the reward") {
   REQUIRE(data.rows == 300);
   CHECK(data.invalid_rows == 0);
 
-  const auto dataset = Need(OpenTrainingDataset(context));
-  const TransitionRows rows = Need(dataset->Read(100, 1));
+  const auto dataset = Take(OpenTrainingDataset(context));
+  const TransitionRows rows = Take(dataset->Read(100, 1));
   RemoteEnvironment simulator = QuerySession(daemon, context);
   std::vector<float> next(kObservation);
   std::vector<double> reward(1);
   std::vector<uint8_t> terminated(1), valid(1);
-  NeedOk(simulator.Query(rows.observations, rows.actions, {next, reward, terminated, valid}, 1, 0,
-                         100));
+  RequireOk(simulator.Query(rows.observations, rows.actions, {next, reward, terminated, valid}, 1,
+                            0, 100));
   for (int i = 0; i < kObservation; ++i) {
     CHECK(data.targets.view()(i, 100) == rows.next_observations[i] - next[i]);
     CHECK(data.observations.view()(i, 100) == rows.observations[i]);
@@ -109,15 +109,15 @@ TEST_CASE("Rows that differ only in a hidden dimension get equal predictions in 
   // A second file: the same rows, but for the true dimension 9 of observations.
   {
     LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
-    const auto dataset = Need(OpenTrainingDataset(context));
-    const TransitionRows rows = Need(dataset->Read(0, 40));
+    const auto dataset = Take(OpenTrainingDataset(context));
+    const TransitionRows rows = Take(dataset->Read(0, 40));
     std::vector<float> changed(rows.observations.begin(), rows.observations.end());
     for (size_t row = 0; row < 40; ++row) changed[row * kObservation + 9] += 2.5f;
     DatasetWriterOptions options;
     options.observation_dimensions = kObservation;
     options.action_dimensions = kAction;
     DatasetWriter writer =
-        Need(DatasetWriter::Create(daemon.folder("data/HalfCheetah/changed.h5"), options));
+        Take(DatasetWriter::Create(daemon.folder("data/HalfCheetah/changed.h5"), options));
     const std::vector<uint8_t> no_timeouts(40, 0);
     DatasetRows out;
     out.rows = 40;
@@ -127,8 +127,8 @@ TEST_CASE("Rows that differ only in a hidden dimension get equal predictions in 
     out.rewards = rows.rewards;
     out.terminals = rows.terminals;
     out.timeouts = no_timeouts;
-    NeedOk(writer.Append(out));
-    NeedOk(writer.Commit());
+    RequireOk(writer.Append(out));
+    RequireOk(writer.Commit());
   }
   LearnerContext original = ContextOf(daemon, "HalfCheetah/small");
   LearnerContext changed = ContextOf(daemon, "HalfCheetah/changed");
@@ -170,7 +170,7 @@ TEST_CASE("A rollout that nobody waits for ends with its object") {
   options.horizon = 1'000'000;  // would take minutes
   options.chunk_rows = 20;
   ModelRollout rollout(options, &simulator, &ensemble);
-  NeedOk(rollout.Begin(0, Starts(context, 50), Need(SacCore<float>::Create(core)).Policy()));
+  RequireOk(rollout.Begin(0, Starts(context, 50), Take(SacCore<float>::Create(core)).Policy()));
   CHECK_FALSE(rollout.done());
 }
 
@@ -202,16 +202,16 @@ TEST_CASE("A dataset's bytes depend on its seed and on neither lanes, workers no
 TEST_CASE("Scores depend on neither workers nor threads and are repeatable") {
   TestDaemon one({"--workers", "1", "--threads", "1"});
   TestDaemon two({"--workers", "2", "--threads", "4"});
-  const AgentPolicy policy = Need(AgentPolicy::Create(TestDaemon::RandomAgent()));
-  Evaluator first = Need(Evaluator::Open(one.client(), "HalfCheetah", {}, 3));
-  Evaluator second = Need(Evaluator::Open(two.client(), "HalfCheetah", {}, 3));
-  const EvaluationResult result = Need(first.Run(policy));
-  CHECK(result.returns == Need(second.Run(policy)).returns);
-  CHECK(result.returns == Need(first.Run(policy)).returns);
+  const AgentPolicy policy = Take(AgentPolicy::Create(TestDaemon::RandomAgent()));
+  Evaluator first = Take(Evaluator::Open(one.client(), "HalfCheetah", {}, 3));
+  Evaluator second = Take(Evaluator::Open(two.client(), "HalfCheetah", {}, 3));
+  const EvaluationResult result = Take(first.Run(policy));
+  CHECK(result.returns == Take(second.Run(policy)).returns);
+  CHECK(result.returns == Take(first.Run(policy)).returns);
   CHECK(result.lengths == std::vector<uint32_t>{1000, 1000, 1000});
   CHECK(result.returns[0] != result.returns[1]);
-  Evaluator other = Need(Evaluator::Open(one.client(), "HalfCheetah", {}, 3, /*seed=*/1));
-  CHECK(result.returns != Need(other.Run(policy)).returns);
+  Evaluator other = Take(Evaluator::Open(one.client(), "HalfCheetah", {}, 3, /*seed=*/1));
+  CHECK(result.returns != Take(other.Run(policy)).returns);
 }
 
 TEST_CASE("An agent does not see the dimensions hidden in its training unless told to") {
@@ -219,13 +219,13 @@ TEST_CASE("An agent does not see the dimensions hidden in its training unless to
   Agent agent = TestDaemon::RandomAgent();
   agent.observation_mask.assign(kObservation, 1);
   agent.observation_mask[8] = 0;
-  Evaluator true_environment = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 2));
-  Evaluator hidden = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {{"hidden", "8"}}, 2));
-  const AgentPolicy trained = Need(AgentPolicy::Create(agent, Observe::kTrained));
-  const AgentPolicy full = Need(AgentPolicy::Create(agent, Observe::kFull));
-  const auto masked = Need(true_environment.Run(trained)).returns;
-  CHECK(masked == Need(hidden.Run(full)).returns);
-  CHECK(masked != Need(true_environment.Run(full)).returns);
+  Evaluator true_environment = Take(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 2));
+  Evaluator hidden = Take(Evaluator::Open(daemon.client(), "HalfCheetah", {{"hidden", "8"}}, 2));
+  const AgentPolicy trained = Take(AgentPolicy::Create(agent, Observe::kTrained));
+  const AgentPolicy full = Take(AgentPolicy::Create(agent, Observe::kFull));
+  const auto masked = Take(true_environment.Run(trained)).returns;
+  CHECK(masked == Take(hidden.Run(full)).returns);
+  CHECK(masked != Take(true_environment.Run(full)).returns);
 }
 
 TEST_CASE("A policy of another size is refused") {
@@ -238,8 +238,8 @@ TEST_CASE("A policy of another size is refused") {
   agent.observation_mask.clear();
   agent.observation_mean.clear();
   agent.observation_std.clear();
-  Evaluator evaluator = Need(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 1));
-  const AgentPolicy policy = Need(AgentPolicy::Create(agent));
+  Evaluator evaluator = Take(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 1));
+  const AgentPolicy policy = Take(AgentPolicy::Create(agent));
   CHECK(evaluator.Run(policy).status().code() == StatusCode::kInvalidArgument);
 }
 

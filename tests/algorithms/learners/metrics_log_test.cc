@@ -64,11 +64,11 @@ TEST_CASE("The checksum of event files is CRC-32C") {
 
 TEST_CASE("A row becomes a line of JSON, of the table and an event") {
   TemporaryFolder folder;
-  MetricsLog log = Need(MetricsLog::Open(folder.path(), {}));
-  NeedOk(log.Write({{"update", 10},
-                    {"critic_loss", 0.25},
-                    {"episodic_return", std::nan("")},
-                    {"evaluation_score", 0}}));
+  MetricsLog log = Take(MetricsLog::Open(folder.path(), {}));
+  RequireOk(log.Write({{"update", 10},
+                       {"critic_loss", 0.25},
+                       {"episodic_return", std::nan("")},
+                       {"evaluation_score", 0}}));
   CHECK(ReadBytes(folder.File("metrics.jsonl")) ==
         "{\"update\":10,\"critic_loss\":0.25,\"evaluation_score\":0}\n");
   CHECK(ReadBytes(folder.File("progress.csv")) ==
@@ -98,10 +98,10 @@ TEST_CASE("Logs have the names that their readers know") {
 
 TEST_CASE("A new value gets a column, and earlier lines an empty cell") {
   TemporaryFolder folder;
-  MetricsLog log = Need(MetricsLog::Open(folder.path(), {}));
-  NeedOk(log.Write({{"update", 1}, {"loss", 0.25}}));
-  NeedOk(log.Write({{"update", 2}, {"episodic_return", 3}, {"loss", 0.125}}));
-  NeedOk(log.Write({{"update", 3}, {"loss", 7}}));
+  MetricsLog log = Take(MetricsLog::Open(folder.path(), {}));
+  RequireOk(log.Write({{"update", 1}, {"loss", 0.25}}));
+  RequireOk(log.Write({{"update", 2}, {"episodic_return", 3}, {"loss", 0.125}}));
+  RequireOk(log.Write({{"update", 3}, {"loss", 7}}));
   CHECK(ReadBytes(folder.File("progress.csv")) ==
         "train/n_updates,train/loss,rollout/ep_rew_mean\n1,0.25,\n2,0.125,3\n3,7,\n");
 }
@@ -111,20 +111,20 @@ TEST_CASE("Resumed logs are cut back to their checkpoint and go on as if nothing
   const MetricRow rows[] = {{{"update", 1}, {"loss", 1.0 / 3}},
                             {{"update", 2}, {"loss", 0.125}, {"episodic_return", -1e-7}},
                             {{"update", 300}, {"loss", 0.5}, {"evaluation_return", 1e6}}};
-  MetricsLog whole = Need(MetricsLog::Open(straight.path(), {}));
-  for (const MetricRow& row : rows) NeedOk(whole.Write(row));
+  MetricsLog whole = Take(MetricsLog::Open(straight.path(), {}));
+  for (const MetricRow& row : rows) RequireOk(whole.Write(row));
 
   MetricsLog::Offsets offsets;
   {
-    MetricsLog first = Need(MetricsLog::Open(resumed.path(), {}));
-    NeedOk(first.Write(rows[0]));
+    MetricsLog first = Take(MetricsLog::Open(resumed.path(), {}));
+    RequireOk(first.Write(rows[0]));
     offsets = first.offsets();
-    NeedOk(first.Write(rows[1]));  // brings a column; lost, as after a kill
-    NeedOk(first.Write(rows[2]));
+    RequireOk(first.Write(rows[1]));  // brings a column; lost, as after a kill
+    RequireOk(first.Write(rows[2]));
   }
-  MetricsLog second = Need(MetricsLog::Open(resumed.path(), offsets));
-  NeedOk(second.Write(rows[1]));
-  NeedOk(second.Write(rows[2]));
+  MetricsLog second = Take(MetricsLog::Open(resumed.path(), offsets));
+  RequireOk(second.Write(rows[1]));
+  RequireOk(second.Write(rows[2]));
   for (const char* name : {"metrics.jsonl", "progress.csv"}) {
     CHECK(ReadBytes(resumed.File(name)) == ReadBytes(straight.File(name)));
   }
@@ -137,7 +137,7 @@ TEST_CASE("Resumed logs are cut back to their checkpoint and go on as if nothing
 
 TEST_CASE("Logs that are shorter than their checkpoint says are refused") {
   TemporaryFolder folder;
-  Need(MetricsLog::Open(folder.path(), {}));
+  Take(MetricsLog::Open(folder.path(), {}));
   CHECK(MetricsLog::Open(folder.path(), {.json_bytes = 10}).status().code() ==
         StatusCode::kDataLoss);
 }

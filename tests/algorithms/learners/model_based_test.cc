@@ -27,7 +27,7 @@ EnvironmentSpec SpecOf(const std::string& name) {
 DynamicsEnsemble<float> SmallEnsemble() {
   DynamicsEnsembleOptions options = SmallEnsembleOptions();
   options.max_log_var = -2;  // a walker falls within a few steps, but not at once
-  return Need(DynamicsEnsemble<float>::Create(options));
+  return Take(DynamicsEnsemble<float>::Create(options));
 }
 
 // Healthy walkers.
@@ -49,14 +49,14 @@ RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options = {})
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.action_scale.assign(kAction, 1.0f);
-  options.termination = Need(Termination::Of(SpecOf(rule)));
+  options.termination = Take(Termination::Of(SpecOf(rule)));
   ModelRollout rollout(options, nullptr, &ensemble);
   SacOptions core;
   core.observation_size = kObservation;
   core.action_size = kAction;
-  NeedOk(rollout.Begin(2, Starts(), Need(SacCore<float>::Create(core)).Policy()));
-  ReplayBuffer pool = Need(ReplayBuffer::InMemory({kObservation, kAction, 2000}));
-  const RolloutCounts counts = Need(rollout.Finish(pool));
+  RequireOk(rollout.Begin(2, Starts(), Take(SacCore<float>::Create(core)).Policy()));
+  ReplayBuffer pool = Take(ReplayBuffer::InMemory({kObservation, kAction, 2000}));
+  const RolloutCounts counts = Take(rollout.Finish(pool));
   RolloutResult result = {counts,
                           BatchBuffer(kObservation, kAction, static_cast<int>(pool.size()))};
   for (uint64_t i = 0; i < pool.size(); ++i) pool.Get(i, static_cast<int>(i), result.rows);
@@ -76,19 +76,19 @@ void WriteWideDataset(const TestDaemon& daemon, int rows) {
   options.observation_dimensions = kWide;
   options.action_dimensions = kWideAction;
   DatasetWriter writer =
-      Need(DatasetWriter::Create(daemon.folder("data/Humanoid/wide.h5"), options));
+      Take(DatasetWriter::Create(daemon.folder("data/Humanoid/wide.h5"), options));
   std::vector<float> observations(static_cast<size_t>(rows) * kWide);
   for (int row = 0; row < rows; ++row) observations[row * kWide] = static_cast<float>(row);
   const std::vector<float> actions(static_cast<size_t>(rows) * kWideAction), rewards(rows);
   const std::vector<uint8_t> flags(rows);
-  NeedOk(writer.Append({.rows = static_cast<size_t>(rows),
-                        .observations = observations,
-                        .actions = actions,
-                        .next_observations = observations,
-                        .rewards = rewards,
-                        .terminals = flags,
-                        .timeouts = flags}));
-  NeedOk(writer.Commit());
+  RequireOk(writer.Append({.rows = static_cast<size_t>(rows),
+                           .observations = observations,
+                           .actions = actions,
+                           .next_observations = observations,
+                           .rewards = rewards,
+                           .terminals = flags,
+                           .timeouts = flags}));
+  RequireOk(writer.Commit());
 }
 
 }  // namespace
@@ -96,14 +96,14 @@ void WriteWideDataset(const TestDaemon& daemon, int rows) {
 TEST_CASE("Rollouts start from as many wide rows as are asked for") {
   TestDaemon daemon;
   WriteWideDataset(daemon, 500);
-  RemoteDataset dataset = Need(daemon.client().OpenDataset("Humanoid/wide"));
+  RemoteDataset dataset = Take(daemon.client().OpenDataset("Humanoid/wide"));
   const uint32_t most = dataset.max_rows_per_request();
   CHECK(most < 50'000);
   CHECK(dataset.Sample(most, 7, 0, 1, /*with_indices=*/true).ok());
-  const std::vector<float> starts = Need(DrawStarts(dataset, 50'000, 7, 2));
+  const std::vector<float> starts = Take(DrawStarts(dataset, 50'000, 7, 2));
   REQUIRE(starts.size() == 50'000 * dataset.observation_size());
   // Three requests a cycle, each a batch of its own.
-  const TransitionRows last = Need(dataset.Sample(50'000 - 2 * most, 7, 2 * 3 + 2));
+  const TransitionRows last = Take(dataset.Sample(50'000 - 2 * most, 7, 2 * 3 + 2));
   CHECK(std::equal(last.observations.begin(), last.observations.end(),
                    starts.end() - static_cast<std::ptrdiff_t>(last.observations.size())));
   CHECK(last.observations[0] != starts[0]);
@@ -112,10 +112,10 @@ TEST_CASE("Rollouts start from as many wide rows as are asked for") {
 TEST_CASE("Rollouts start from one batch where one request holds it") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
-  RemoteDataset dataset = Need(daemon.client().OpenDataset("HalfCheetah/small"));
+  RemoteDataset dataset = Take(daemon.client().OpenDataset("HalfCheetah/small"));
   CHECK(dataset.max_rows_per_request() == limits::kMaxRowsPerBatch);
-  const std::vector<float> starts = Need(DrawStarts(dataset, 50'000, 7, 2));
-  const TransitionRows batch = Need(dataset.Sample(50'000, 7, 2));
+  const std::vector<float> starts = Take(DrawStarts(dataset, 50'000, 7, 2));
+  const TransitionRows batch = Take(dataset.Sample(50'000, 7, 2));
   CHECK(std::equal(starts.begin(), starts.end(), batch.observations.begin(),
                    batch.observations.end()));
 }
@@ -124,12 +124,12 @@ TEST_CASE("MOPO learns what a step changed, and the reward") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
   const LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
-  const auto dataset = Need(OpenTrainingDataset(context));
+  const auto dataset = Take(OpenTrainingDataset(context));
   Progress quiet(true);
-  const ModelData data = Need(ReadChanges(context, *dataset, quiet));
+  const ModelData data = Take(ReadChanges(context, *dataset, quiet));
   REQUIRE(data.rows == 300);
   CHECK(data.invalid_rows == 0);
-  const TransitionRows rows = Need(dataset->Read(100, 1));
+  const TransitionRows rows = Take(dataset->Read(100, 1));
   for (int i = 0; i < kObservation; ++i) {
     CHECK(data.targets.view()(i, 100) == rows.next_observations[i] - rows.observations[i]);
     CHECK(data.observations.view()(i, 100) == rows.observations[i]);
@@ -139,7 +139,7 @@ TEST_CASE("MOPO learns what a step changed, and the reward") {
 
 TEST_CASE("A rollout without a simulator goes on from o + delta until the rule ends it") {
   const RolloutResult result = RollOut("Walker2d");
-  const Termination rule = Need(Termination::Of(SpecOf("Walker2d")));
+  const Termination rule = Take(Termination::Of(SpecOf("Walker2d")));
   // One chunk: the rows of a step, then those of the next one, which are the ones that went on.
   const std::vector<float> starts = Starts();
   std::vector<std::vector<float>> expected;
@@ -217,7 +217,7 @@ TEST_CASE("A penalty takes the largest deviation from each reward") {
 }
 
 TEST_CASE("The horizon's default is the environment's") {
-  const Algorithm* mopo = Need(FindAlgorithm("mopo"));
+  const Algorithm* mopo = Take(FindAlgorithm("mopo"));
   CHECK(Hyperparameters(mopo->hyperparameters, "HalfCheetah").Integer("horizon") == 5);
   CHECK(Hyperparameters(mopo->hyperparameters, "Walker2d").Integer("horizon") == 1);
 }
@@ -227,7 +227,7 @@ TEST_CASE("MOPO refuses an environment whose end no observation tells") {
   daemon.MakeDataset("small", 50);
   LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.environment.name = "Highway";
-  const Algorithm* mopo = Need(FindAlgorithm("mopo"));
+  const Algorithm* mopo = Take(FindAlgorithm("mopo"));
   context.hyperparameters = Hyperparameters(mopo->hyperparameters);
   CHECK(mopo->create(context).status().code() == StatusCode::kUnsupported);
 }

@@ -27,7 +27,7 @@ void WriteEpisodes(TestDaemon& daemon, const std::string& name, const std::vecto
   options.action_dimensions = kAction;
   std::filesystem::create_directories(daemon.folder("data/HalfCheetah"));
   DatasetWriter writer =
-      Need(DatasetWriter::Create(daemon.folder("data/HalfCheetah/" + name + ".h5"), options));
+      Take(DatasetWriter::Create(daemon.folder("data/HalfCheetah/" + name + ".h5"), options));
   const size_t n = rewards.size();
   const std::vector<float> observations(n * kObservation, 0.25f);
   std::vector<float> actions(n * kAction, 1.0f);
@@ -40,12 +40,12 @@ void WriteEpisodes(TestDaemon& daemon, const std::string& name, const std::vecto
   rows.rewards = rewards;
   rows.terminals = terminals;
   rows.timeouts = timeouts;
-  NeedOk(writer.Append(rows));
-  NeedOk(writer.Commit());
+  RequireOk(writer.Append(rows));
+  RequireOk(writer.Commit());
 }
 
 OfflineBatches Opened(const LearnerContext& context, const OfflineBatchOptions& options) {
-  OfflineBatches batches = Need(OfflineBatches::Open(context, options));
+  OfflineBatches batches = Take(OfflineBatches::Open(context, options));
   batches.Start(0);
   return batches;
 }
@@ -58,12 +58,12 @@ TEST_CASE("Offline batches are the dataset's rows with normalised observations")
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
   const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
-  const auto dataset = Need(OpenTrainingDataset(context));
-  const DatasetStats stats = Need(dataset->Stats());
-  const TransitionRows rows = Need(dataset->Sample(8, RoleSeed(context.seed, "batches"), 0));
+  const auto dataset = Take(OpenTrainingDataset(context));
+  const DatasetStats stats = Take(dataset->Stats());
+  const TransitionRows rows = Take(dataset->Sample(8, RoleSeed(context.seed, "batches"), 0));
   const bool normalise = GENERATE(true, false);
   OfflineBatches batches = Opened(context, {.batch_size = 8, .normalise = normalise});
-  const TransitionBatch<float> batch = Need(batches.Next());
+  const TransitionBatch<float> batch = Take(batches.Next());
   PolicyWeights policy;
   batches.DescribeInputs(policy);
   for (int row = 0; row < 8; ++row) {
@@ -90,12 +90,12 @@ TEST_CASE("Offline batches that start later go on with the same rows") {
   daemon.MakeDataset("small", 300);
   const LearnerContext context = ContextOf(daemon, "HalfCheetah/small");
   OfflineBatches from_start = Opened(context, {.batch_size = 8});
-  Need(from_start.Next());
-  const std::vector<float> second = Rewards(Need(from_start.Next()));
-  OfflineBatches later = Need(OfflineBatches::Open(context, {.batch_size = 8}));
+  Take(from_start.Next());
+  const std::vector<float> second = Rewards(Take(from_start.Next()));
+  OfflineBatches later = Take(OfflineBatches::Open(context, {.batch_size = 8}));
   later.Start(1);
-  CHECK(Rewards(Need(later.Next())) == second);
-  CHECK(Rewards(Need(later.Next())) != second);
+  CHECK(Rewards(Take(later.Next())) == second);
+  CHECK(Rewards(Take(later.Next())) != second);
 }
 
 TEST_CASE("Scaled rewards span returns of 1000, clipped actions stay off the bounds") {
@@ -105,7 +105,7 @@ TEST_CASE("Scaled rewards span returns of 1000, clipped actions stay off the bou
   OfflineBatches plain = Opened(context, {.batch_size = 16});
   OfflineBatches scaled =
       Opened(context, {.batch_size = 16, .scale_rewards = true, .action_clip = 1e-5});
-  const TransitionBatch<float> expected = Need(plain.Next()), batch = Need(scaled.Next());
+  const TransitionBatch<float> expected = Take(plain.Next()), batch = Take(scaled.Next());
   for (int row = 0; row < 16; ++row) {
     CHECK(batch.rewards[row] == 250 * expected.rewards[row]);
     for (int i = 0; i < kAction; ++i) {

@@ -19,12 +19,12 @@ std::vector<float> Learned(TestDaemon& daemon, const Algorithm& algorithm,
   LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.hyperparameters = Hyperparameters(algorithm.hyperparameters);
   changes.insert(changes.begin(), {{"hidden-width", 16}, {"batch-size", 32}});
-  for (const auto& [name, value] : changes) NeedOk(context.hyperparameters.Set(name, value));
-  const std::unique_ptr<Learner> learner = Need(algorithm.create(context));
+  for (const auto& [name, value] : changes) RequireOk(context.hyperparameters.Set(name, value));
+  const std::unique_ptr<Learner> learner = Take(algorithm.create(context));
   Progress quiet(true);
-  NeedOk(learner->Prepare(quiet));
+  RequireOk(learner->Prepare(quiet));
   MetricMeans metrics;
-  for (int update = 0; update < 8; ++update) NeedOk(learner->Update(metrics));
+  for (int update = 0; update < 8; ++update) RequireOk(learner->Update(metrics));
   const PolicyWeights policy = learner->Policy();
   std::vector<float> numbers = policy.observation_mean;
   const std::vector<float> weights = FlattenPolicy(policy);
@@ -33,7 +33,7 @@ std::vector<float> Learned(TestDaemon& daemon, const Algorithm& algorithm,
 }
 
 void CheckThatEachChanges(const std::string& name, const std::vector<Change>& changes) {
-  const Algorithm* algorithm = Need(FindAlgorithm(name));
+  const Algorithm* algorithm = Take(FindAlgorithm(name));
   TestDaemon daemon;
   daemon.MakeDataset("small", 2000);  // two whole episodes
   const std::vector<float> original = Learned(daemon, *algorithm, {});

@@ -22,11 +22,11 @@ LearnerContext ContextOf(Client& client, const std::string& folder,
                          const std::string& environment) {
   LearnerContext context;
   context.client = &client;
-  context.environment = Need(client.FindEnvironment(environment));
+  context.environment = Take(client.FindEnvironment(environment));
   context.seed = 7;
   context.folder = folder;
   context.hyperparameters = Hyperparameters(Td3Hyperparameters());
-  NeedOk(context.hyperparameters.Set("lanes", kLanes));
+  RequireOk(context.hyperparameters.Set("lanes", kLanes));
   return context;
 }
 
@@ -36,10 +36,10 @@ LearnerContext ContextOf(TestDaemon& daemon, const std::string& environment) {
 
 // Lanes of `context` that took uniform actions until they had `transitions`.
 OnlineLanes WarmLanes(const LearnerContext& context, uint64_t transitions) {
-  OnlineLanes lanes = Need(OnlineLanes::Open(context));
-  NeedOk(lanes.Start());
+  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  RequireOk(lanes.Start());
   Progress quiet(true);
-  NeedOk(lanes.WarmUp(transitions, quiet));
+  RequireOk(lanes.WarmUp(transitions, quiet));
   return lanes;
 }
 
@@ -48,7 +48,7 @@ FixedOrderPolicy RandomPolicy(const OnlineLanes& lanes, int action_size) {
   options.observation_size = lanes.observation_size();
   options.action_size = action_size;
   options.hidden = {16, 16};
-  return Need(FixedOrderPolicy::Create(Need(Td3Core<float>::Create(options)).Policy()));
+  return Take(FixedOrderPolicy::Create(Take(Td3Core<float>::Create(options)).Policy()));
 }
 
 // Every transition that one lane took, in order: column i is its i-th.
@@ -95,11 +95,11 @@ TEST_CASE("An episode that ends by the step limit bootstraps from the observatio
 TEST_CASE("A fall is stored as terminated, and returns are those of whole episodes") {
   TestDaemon daemon;
   const LearnerContext context = ContextOf(daemon, "Hopper");
-  OnlineLanes lanes = Need(OnlineLanes::Open(context));
-  NeedOk(lanes.Start());
+  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
-  for (int step = 0; step < 400; ++step) NeedOk(lanes.Step(policy, metrics));
+  for (int step = 0; step < 400; ++step) RequireOk(lanes.Step(policy, metrics));
 
   int episodes = 0;
   double sum_of_returns = 0;
@@ -162,10 +162,10 @@ TEST_CASE("Hidden dimensions are zero in what lanes store, and the policy's mask
   const bool by_simulator = GENERATE(true, false);
   if (by_simulator) context.simulator = {{"hidden", "3+9"}};
   const std::optional<std::vector<float>> given = by_simulator ? std::nullopt : std::optional(mask);
-  OnlineLanes lanes = Need(OnlineLanes::Open(context, given));
-  NeedOk(lanes.Start());
+  OnlineLanes lanes = Take(OnlineLanes::Open(context, given));
+  RequireOk(lanes.Start());
   Progress quiet(true);
-  NeedOk(lanes.WarmUp(20 * kLanes, quiet));
+  RequireOk(lanes.WarmUp(20 * kLanes, quiet));
 
   std::vector<float> stacked = mask;
   stacked.insert(stacked.end(), mask.begin(), mask.end());
@@ -183,13 +183,13 @@ TEST_CASE("Exploration adds noise of the given deviation to a deterministic poli
   TestDaemon daemon;
   LearnerContext context = ContextOf(daemon, "HalfCheetah");
   const double deviation = GENERATE(0.0, 0.1, 5.0);
-  NeedOk(context.hyperparameters.Set("exploration-noise", deviation));
-  OnlineLanes lanes = Need(OnlineLanes::Open(context));
-  NeedOk(lanes.Start());
+  RequireOk(context.hyperparameters.Set("exploration-noise", deviation));
+  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
   constexpr int kSteps = 300;
-  for (int step = 0; step < kSteps; ++step) NeedOk(lanes.Step(policy, metrics));
+  for (int step = 0; step < kSteps; ++step) RequireOk(lanes.Step(policy, metrics));
   // No episode has ended yet: the name has its column in the log, and no value.
   const MetricRow row = metrics.Take();
   REQUIRE(row.size() == 1);
@@ -221,14 +221,14 @@ TEST_CASE("A step that the daemon gave up is not stored, and its lane goes on") 
   options.binary = B4MRL_BINARY_DIR "/b4mrl-serve-faulty";
   options.data_folder = folder.path();
   options.environment = {"B4MRL_FAULT=crash:1:12"};  // the twelfth operation of lane 1
-  const PrivateDaemon daemon = Need(PrivateDaemon::Start(options));
-  Client client = Need(Client::Connect(daemon.endpoint()));
+  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
+  Client client = Take(Client::Connect(daemon.endpoint()));
   const LearnerContext context = ContextOf(client, folder.path(), "HalfCheetah");
-  OnlineLanes lanes = Need(OnlineLanes::Open(context));
-  NeedOk(lanes.Start());
+  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
-  for (int step = 0; step < 30; ++step) NeedOk(lanes.Step(policy, metrics));
+  for (int step = 0; step < 30; ++step) RequireOk(lanes.Step(policy, metrics));
   CHECK(lanes.environment_steps() == 60);
   REQUIRE(lanes.replay().length() == 59);
   // No stored step leads from the lane's broken episode to its next one.
@@ -247,19 +247,19 @@ TEST_CASE("A step of several lanes is followed by as many updates") {
   TestDaemon daemon;
   LearnerContext context = ContextOf(daemon, "HalfCheetah");
   const auto set = [&](std::string_view name, double value) {
-    NeedOk(context.hyperparameters.Set(name, value));
+    RequireOk(context.hyperparameters.Set(name, value));
   };
   set("lanes", 4);
   set("warm-up", 10);
   set("batch-size", 8);
   set("hidden-width", 8);
-  const std::unique_ptr<Learner> learner = Need(CreateTd3(context));
+  const std::unique_ptr<Learner> learner = Take(CreateTd3(context));
   Progress quiet(true);
-  NeedOk(learner->Prepare(quiet));
+  RequireOk(learner->Prepare(quiet));
   CHECK(learner->environment_steps() == 12);  // transitions come four at a time
   MetricMeans metrics;
   for (uint64_t update = 0; update < 9; ++update) {
-    NeedOk(learner->Update(metrics));
+    RequireOk(learner->Update(metrics));
     CHECK(learner->environment_steps() == 12 + 4 * (update / 4 + 1));
   }
 }

@@ -17,7 +17,7 @@ namespace b4mrl {
 namespace {
 
 TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
-  const Algorithm* entry = Need(FindAlgorithm(algorithm));
+  const Algorithm* entry = Take(FindAlgorithm(algorithm));
   TrainOptions options;
   options.algorithm = algorithm;
   options.environment = "HalfCheetah";
@@ -32,7 +32,7 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
   options.folder = folder;
   options.hyperparameters = Hyperparameters(entry->hyperparameters);
   const auto set = [&](std::string_view name, double value) {
-    NeedOk(options.hyperparameters.Set(name, value));
+    RequireOk(options.hyperparameters.Set(name, value));
   };
   set("hidden-width", 16);
   set("batch-size", 32);
@@ -66,11 +66,11 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
 TrainSummary RunTraining(const TrainOptions& options, Client& client) {
   const std::atomic<bool> stop = false;
   Progress quiet(true);
-  return Need(Train(options, client, quiet, stop));
+  return Take(Train(options, client, quiet, stop));
 }
 
 void RequireEqualPolicies(const std::string& path_a, const std::string& path_b) {
-  const Agent a = Need(ReadAgent(path_a)), b = Need(ReadAgent(path_b));
+  const Agent a = Take(ReadAgent(path_a)), b = Take(ReadAgent(path_b));
   REQUIRE(a.hidden.size() == b.hidden.size());
   for (size_t i = 0; i < a.hidden.size(); ++i) {
     CHECK(a.hidden[i].weight == b.hidden[i].weight);
@@ -132,7 +132,7 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   TestDaemon daemon;
   TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
   if (!straight.dataset.empty()) daemon.MakeDataset("small", 500);
-  if (lag) NeedOk(straight.hyperparameters.Set("rollout-lag", 1));
+  if (lag) RequireOk(straight.hyperparameters.Set("rollout-lag", 1));
   const TrainSummary expected = RunTraining(straight, daemon.client());
 
   TrainOptions halves = straight;
@@ -193,11 +193,11 @@ TEST_CASE("A run ends with the same bits whether its evaluations run in its proc
 TEST_CASE("The seconds in a log include the preparation") {
   TestDaemon daemon;
   TrainOptions options = SmallRun("sac", daemon.folder("run"));
-  NeedOk(options.hyperparameters.Set("warm-up", 2000));  // takes longer than ten updates
+  RequireOk(options.hyperparameters.Set("warm-up", 2000));  // takes longer than ten updates
   options.updates = 30;
   RunTraining(options, daemon.client());
   const double prepared =
-      Need(CheckpointReader::Open(CheckpointPath(options.folder, 0))).Number("run/seconds");
+      Take(CheckpointReader::Open(CheckpointPath(options.folder, 0))).Number("run/seconds");
   std::ifstream lines(options.folder + "/metrics.jsonl");
   std::string line;
   REQUIRE(std::getline(lines, line));
@@ -213,8 +213,8 @@ TEST_CASE("Another seed gives other weights") {
   b.seed = 4;
   RunTraining(a, daemon.client());
   RunTraining(b, daemon.client());
-  CHECK(Need(ReadAgent(a.folder + "/agent.h5")).last_fc.weight !=
-        Need(ReadAgent(b.folder + "/agent.h5")).last_fc.weight);
+  CHECK(Take(ReadAgent(a.folder + "/agent.h5")).last_fc.weight !=
+        Take(ReadAgent(b.folder + "/agent.h5")).last_fc.weight);
 }
 
 TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
@@ -226,7 +226,7 @@ TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
   options.resume = true;
   const TrainSummary resumed = RunTraining(options, daemon.client());
   CHECK(resumed.updates == 60);
-  CHECK(Need(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
+  CHECK(Take(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
 }
 
 TEST_CASE("A run whose loss is not finite stops and names the loss and the last good state") {
@@ -234,13 +234,13 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
   daemon.MakeDataset("source", 100);
   {
     DatasetOptions stored;
-    RemoteDataset source = Need(daemon.client().OpenDataset("HalfCheetah/source", stored));
-    const TransitionRows rows = Need(source.Read(0, 100));
+    RemoteDataset source = Take(daemon.client().OpenDataset("HalfCheetah/source", stored));
+    const TransitionRows rows = Take(source.Read(0, 100));
     DatasetWriterOptions options;
     options.observation_dimensions = 17;
     options.action_dimensions = 6;
     DatasetWriter writer =
-        Need(DatasetWriter::Create(daemon.folder("data/HalfCheetah/small.h5"), options));
+        Take(DatasetWriter::Create(daemon.folder("data/HalfCheetah/small.h5"), options));
     const std::vector<float> rewards(100, std::numeric_limits<float>::quiet_NaN());
     const std::vector<uint8_t> no_timeouts(100, 0);
     DatasetRows out;
@@ -251,8 +251,8 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
     out.rewards = rewards;
     out.terminals = rows.terminals;
     out.timeouts = no_timeouts;
-    NeedOk(writer.Append(out));
-    NeedOk(writer.Commit());
+    RequireOk(writer.Append(out));
+    RequireOk(writer.Commit());
   }
   const TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
   const std::atomic<bool> stop = false;
@@ -261,7 +261,7 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
   CHECK(status.code() == StatusCode::kFailedPrecondition);
   CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
   CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
-  NeedOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
+  RequireOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
 }
 
 TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite") {
@@ -271,7 +271,7 @@ TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite")
   options.checkpoint_every = 5;
   // Nothing restrains the values: full bootstrapping from targets that follow at once.
   for (const char* name : {"learning-rate", "gamma", "tau"}) {
-    NeedOk(options.hyperparameters.Set(name, 1));
+    RequireOk(options.hyperparameters.Set(name, 1));
   }
   const std::atomic<bool> stop = false;
   Progress quiet(true);
@@ -304,7 +304,7 @@ TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
   TrainOptions options = SmallRun("sac", daemon.folder("run"));
   const std::atomic<bool> stop = true;
   Progress quiet(true);
-  const TrainSummary stopped = Need(Train(options, daemon.client(), quiet, stop));
+  const TrainSummary stopped = Take(Train(options, daemon.client(), quiet, stop));
   CHECK(stopped.interrupted);
   CHECK(stopped.updates == 0);
   options.resume = true;

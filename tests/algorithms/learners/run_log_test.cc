@@ -25,7 +25,7 @@ struct LoggedRun {
   }
   RunLog Open() {
     static Progress quiet(true);
-    return Need(RunLog::Open(options, client, quiet));
+    return Take(RunLog::Open(options, client, quiet));
   }
   std::string File(const char* name) const { return ReadBytes(options.folder + "/" + name); }
 
@@ -42,8 +42,8 @@ std::string Script(TestDaemon& daemon, const std::string& name, const std::strin
 
 // What a training writes: an evaluated row, and one behind it.
 void WriteTwoRows(RunLog& log) {
-  NeedOk(log.Evaluate(TestDaemon::RandomAgent(), {{"update", 10}, {"loss", 1.0 / 3}}));
-  NeedOk(log.Write({{"update", 20}, {"loss", 0.5}}));
+  RequireOk(log.Evaluate(TestDaemon::RandomAgent(), {{"update", 10}, {"loss", 1.0 / 3}}));
+  RequireOk(log.Write({{"update", 20}, {"loss", 0.5}}));
 }
 
 void RequireSameLogs(const LoggedRun& a, const LoggedRun& b) {
@@ -55,7 +55,7 @@ LoggedRun EvaluatedHere(TestDaemon& daemon) {
   LoggedRun here(daemon, "here", "");
   here.options.eval_inline = true;
   RunLog log = here.Open();
-  NeedOk(log.Begin());
+  RequireOk(log.Begin());
   WriteTwoRows(log);
   CHECK(log.evaluations().size() == 1);
   return here;
@@ -70,9 +70,9 @@ TEST_CASE("Logs are the same whether evaluations run in this process or beside i
   const LoggedRun here = EvaluatedHere(daemon);
   LoggedRun beside(daemon, "beside", "");
   RunLog log = beside.Open();
-  NeedOk(log.Begin());
+  RequireOk(log.Begin());
   WriteTwoRows(log);
-  NeedOk(log.Wait());
+  RequireOk(log.Wait());
   CHECK(log.evaluations().size() == 1);
   RequireSameLogs(here, beside);
 }
@@ -81,9 +81,9 @@ TEST_CASE("Training does not wait for an evaluation, and its rows do") {
   TestDaemon daemon;
   LoggedRun run(daemon, "run", Script(daemon, "never", kNeverEnds));
   RunLog log = run.Open();
-  NeedOk(log.Begin());
+  RequireOk(log.Begin());
   WriteTwoRows(log);
-  NeedOk(log.Poll());
+  RequireOk(log.Poll());
   CHECK(log.evaluations().empty());
   CHECK(run.File("metrics.jsonl").empty());
 }
@@ -95,18 +95,18 @@ TEST_CASE("An evaluation that a kill interrupted is done again with the agent of
   const std::string checkpoint = CheckpointPath(run.options.folder, 20);
   {
     RunLog log = run.Open();
-    NeedOk(log.Begin());
+    RequireOk(log.Begin());
     WriteTwoRows(log);
-    CheckpointWriter writer = Need(CheckpointWriter::Create(checkpoint));
-    NeedOk(log.Save(writer));
-    NeedOk(writer.Commit());
+    CheckpointWriter writer = Take(CheckpointWriter::Create(checkpoint));
+    RequireOk(log.Save(writer));
+    RequireOk(writer.Commit());
   }
   WriteBytes(run.options.folder + "/agent.h5", "of a later update");
   run.options.evaluator = "";
   RunLog log = run.Open();
-  CheckpointReader reader = Need(CheckpointReader::Open(checkpoint));
-  NeedOk(log.Load(reader));
-  NeedOk(log.Wait());
+  CheckpointReader reader = Take(CheckpointReader::Open(checkpoint));
+  RequireOk(log.Load(reader));
+  RequireOk(log.Wait());
   RequireSameLogs(here, run);
   CHECK(run.File("agent.h5") == here.File("agent.h5"));
 }
@@ -124,9 +124,9 @@ TEST_CASE("An evaluation whose process fails is done in this one") {
     INFO(evaluator);
     LoggedRun run(daemon, "run", evaluator);
     RunLog log = run.Open();
-    NeedOk(log.Begin());
+    RequireOk(log.Begin());
     WriteTwoRows(log);
-    NeedOk(log.Wait());
+    RequireOk(log.Wait());
     RequireSameLogs(here, run);
   }
 }
@@ -139,7 +139,7 @@ TEST_CASE("What is no evaluation's result is refused") {
     CHECK(ParseEvaluation(text).status().code() == StatusCode::kDataLoss);
   }
   const EvaluationResult result =
-      Need(ParseEvaluation(R"({"returns":[0.1],"lengths":[7],"mean_return":0.1,"std_return":0,)"
+      Take(ParseEvaluation(R"({"returns":[0.1],"lengths":[7],"mean_return":0.1,"std_return":0,)"
                            R"("score":3,"given_up_episodes":1})"));
   CHECK(result.returns == std::vector<double>{0.1});
   CHECK(result.score == 3);

@@ -21,7 +21,7 @@ void AppendNumbered(ReplayBuffer& replay, int from, int to) {
     const auto value = static_cast<float>(i);
     const float observation[] = {value, 10 * value}, action[] = {-value};
     const float next[] = {value + 1, 10 * value + 10};
-    NeedOk(replay.Append({observation, action, next, value / 2, i % 2 == 1}));
+    RequireOk(replay.Append({observation, action, next, value / 2, i % 2 == 1}));
   }
 }
 
@@ -52,8 +52,8 @@ std::vector<int> Drawn(const ReplayBuffer& replay) {
 
 TEST_CASE("A replay buffer draws from its newest records, whole rows, in memory and in a file") {
   TemporaryFolder folder;
-  ReplayBuffer memory = Need(ReplayBuffer::InMemory(kReplay));
-  ReplayBuffer file = Need(ReplayBuffer::CreateFile(folder.File("replay.bin"), kReplay));
+  ReplayBuffer memory = Take(ReplayBuffer::InMemory(kReplay));
+  ReplayBuffer file = Take(ReplayBuffer::CreateFile(folder.File("replay.bin"), kReplay));
   for (ReplayBuffer* replay : {&memory, &file}) {
     AppendNumbered(*replay, 0, 3);
     CHECK(Drawn(*replay) == std::vector<int>{0, 1, 2});
@@ -70,11 +70,11 @@ TEST_CASE("A replay file continues at a checkpoint's length and drops what came 
   TemporaryFolder folder;
   const std::string path = folder.File("replay.bin");
   {
-    ReplayBuffer replay = Need(ReplayBuffer::CreateFile(path, kReplay));
+    ReplayBuffer replay = Take(ReplayBuffer::CreateFile(path, kReplay));
     AppendNumbered(replay, 0, 9);
-    NeedOk(replay.Sync());
+    RequireOk(replay.Sync());
   }
-  ReplayBuffer resumed = Need(ReplayBuffer::ResumeFile(path, kReplay, 6));
+  ReplayBuffer resumed = Take(ReplayBuffer::ResumeFile(path, kReplay, 6));
   CHECK(Drawn(resumed) == std::vector<int>{2, 3, 4, 5});
   AppendNumbered(resumed, 6, 7);
   CHECK(Drawn(resumed) == std::vector<int>{3, 4, 5, 6});
@@ -85,7 +85,7 @@ TEST_CASE("A replay file that is foreign or too short is refused") {
   const std::string path = folder.File("replay.bin");
   WriteBytes(path, "no replay at all");
   CHECK(ReplayBuffer::ResumeFile(path, kReplay, 1).status().code() == StatusCode::kDataLoss);
-  { Need(ReplayBuffer::CreateFile(path, kReplay)); }
+  { Take(ReplayBuffer::CreateFile(path, kReplay)); }
   ReplayBuffer::Options other = kReplay;
   other.action_size = 2;
   CHECK(ReplayBuffer::ResumeFile(path, other, 0).status().code() == StatusCode::kDataLoss);
@@ -98,7 +98,7 @@ TEST_CASE("A replay file that is foreign or too short is refused") {
 TEST_CASE("A checkpoint gives back what was put in, and names what does not fit") {
   TemporaryFolder folder;
   const std::string path = CheckpointPath(folder.path(), 7);
-  CheckpointWriter writer = Need(CheckpointWriter::Create(path));
+  CheckpointWriter writer = Take(CheckpointWriter::Create(path));
   const std::vector<float> floats = {1.5f, -2.0f, std::numeric_limits<float>::denorm_min()};
   const std::vector<uint8_t> bytes = {0, 1, 128, 255};
   writer.Floats("a/floats", floats);
@@ -107,16 +107,16 @@ TEST_CASE("A checkpoint gives back what was put in, and names what does not fit"
   writer.Unsigned("a/unsigned", UINT64_MAX);
   writer.Integer("a/integer", -5);
   writer.Number("a/number", 0.1);
-  NeedOk(writer.Commit());
+  RequireOk(writer.Commit());
 
-  CheckpointReader reader = Need(CheckpointReader::Open(path));
+  CheckpointReader reader = Take(CheckpointReader::Open(path));
   CHECK(reader.Floats("a/floats") == floats);
   CHECK(reader.Floats("a/empty").empty());
   CHECK(reader.Bytes("a/bytes") == bytes);
   CHECK(reader.Unsigned("a/unsigned") == UINT64_MAX);
   CHECK(reader.Integer("a/integer") == -5);
   CHECK(reader.Number("a/number") == 0.1);
-  NeedOk(reader.status());
+  RequireOk(reader.status());
   std::vector<float> two(2);
   reader.FloatsInto("a/floats", two);
   CHECK(reader.status().code() == StatusCode::kDataLoss);
@@ -131,7 +131,7 @@ TEST_CASE("Of a run's checkpoints the newest two are kept") {
 
 TEST_CASE("A checkpoint names a core's array that is not finite") {
   TemporaryFolder folder;
-  CheckpointWriter writer = Need(CheckpointWriter::Create(CheckpointPath(folder.path(), 1)));
+  CheckpointWriter writer = Take(CheckpointWriter::Create(CheckpointPath(folder.path(), 1)));
   std::vector<float> good = {1, 2}, bad = {1, std::numeric_limits<float>::infinity()};
   const ArrayVisitor<float> arrays = writer.Arrays("core");
   arrays({"actor/weight", {2}, good});
@@ -163,9 +163,9 @@ TEST_CASE("A history repeats an episode's first observation and drops the oldest
 }
 
 TEST_CASE("Hyperparameters refuse unknown names and values outside their range") {
-  const Algorithm* sac = Need(FindAlgorithm("sac"));
+  const Algorithm* sac = Take(FindAlgorithm("sac"));
   Hyperparameters values(sac->hyperparameters);
-  NeedOk(values.Set("gamma", 0.5));
+  RequireOk(values.Set("gamma", 0.5));
   CHECK(values.Number("gamma") == 0.5);
   CHECK(values.Set("gamma", 1.5).code() == StatusCode::kInvalidArgument);
   CHECK(values.Set("gamma", std::nan("")).code() == StatusCode::kInvalidArgument);
@@ -183,7 +183,7 @@ TEST_CASE("Choices are set by name, never by number, and are shown by name") {
   };
   Hyperparameters values(kTable);
   CHECK(values.Find("actor")->Text() == "deterministic");
-  NeedOk(values.SetText("actor", "gaussian"));
+  RequireOk(values.SetText("actor", "gaussian"));
   CHECK(values.Integer("actor") == 1);
   CHECK(values.Find("actor")->Text() == "gaussian");
   for (const char* wrong : {"0", "1", "gausian", ""}) {
@@ -193,9 +193,9 @@ TEST_CASE("Choices are set by name, never by number, and are shown by name") {
   CHECK(values.SetText("actor", "gausian").message().find("did you mean 'gaussian'") !=
         std::string::npos);
   CHECK(values.Integer("actor") == 1);
-  NeedOk(values.SetText("normalise", "false"));
+  RequireOk(values.SetText("normalise", "false"));
   CHECK(values.Number("normalise") == 0);
-  NeedOk(values.SetText("gamma", "0.5"));
+  RequireOk(values.SetText("gamma", "0.5"));
   CHECK(values.Find("gamma")->Text() == "0.5");
   for (const char* wrong : {"half", "2", "nan", "0.5x", "true"}) {
     INFO("'" << wrong << "'");

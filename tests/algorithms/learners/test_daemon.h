@@ -15,27 +15,15 @@
 #include "client/private_daemon.h"
 #include "data/writer.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/results.h"
 
 namespace b4mrl {
-
-// The value of a Result that the test needs.
-template <typename T>
-T Need(Result<T> result) {
-  INFO(result.status().ToString());
-  REQUIRE(result.ok());
-  return std::move(result).value();
-}
-
-inline void NeedOk(const Status& status) {
-  INFO(status.ToString());
-  REQUIRE(status.ok());
-}
 
 class TestDaemon {
  public:
   explicit TestDaemon(std::vector<std::string> arguments = {})
-      : daemon_(Need(PrivateDaemon::Start(Options(std::move(arguments))))),
-        client_(Need(Client::Connect(daemon_.endpoint()))) {
+      : daemon_(Take(PrivateDaemon::Start(Options(std::move(arguments))))),
+        client_(Take(Client::Connect(daemon_.endpoint()))) {
     setenv("XDG_CACHE_HOME", folder("cache").c_str(), 1);  // of learners, not the user's
   }
 
@@ -51,7 +39,7 @@ class TestDaemon {
     options.hidden = {16, 16};
     options.seed = 5;
     const std::vector<float> scale(6, 1.0f);
-    return MakeAgent(Need(SacCore<float>::Create(options)).Policy(), 1, scale);
+    return MakeAgent(Take(SacCore<float>::Create(options)).Policy(), 1, scale);
   }
 
   // "HalfCheetah/<name>" with so many rows of that policy; returns the file.
@@ -63,11 +51,11 @@ class TestDaemon {
     options.observation_dimensions = 17;
     options.action_dimensions = 6;
     options.action_log_probs = true;
-    DatasetWriter writer = Need(DatasetWriter::Create(path, options));
+    DatasetWriter writer = Take(DatasetWriter::Create(path, options));
     Progress quiet(true);
-    const AgentPolicy policy = Need(AgentPolicy::Create(RandomAgent()));
-    Need(Collect({"HalfCheetah", rows, seed, lanes_max}, policy, client_, writer, quiet));
-    NeedOk(writer.Commit());
+    const AgentPolicy policy = Take(AgentPolicy::Create(RandomAgent()));
+    Take(Collect({"HalfCheetah", rows, seed, lanes_max}, policy, client_, writer, quiet));
+    RequireOk(writer.Commit());
     return path;
   }
 

@@ -94,8 +94,8 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   INFO(outcome.err);
   REQUIRE(outcome.exit_code == 0);
 
-  const Agent a = Need(ReadAgent(daemon.folder("straight/agent.h5")));
-  const Agent b = Need(ReadAgent(daemon.folder("killed/agent.h5")));
+  const Agent a = Take(ReadAgent(daemon.folder("straight/agent.h5")));
+  const Agent b = Take(ReadAgent(daemon.folder("killed/agent.h5")));
   CHECK(a.hidden[0].weight == b.hidden[0].weight);
   CHECK(a.hidden[1].weight == b.hidden[1].weight);
   CHECK(a.last_fc.weight == b.last_fc.weight);

@@ -63,7 +63,10 @@ TEST_CASE("A film has one picture for the start and one for each step of the fir
 }
 
 TEST_CASE("A film does not change the scores") {
-  if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) return;
+  if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) {
+    WARN("skipped: there is no ffmpeg");
+    return;
+  }
   TemporaryFolder folder;
   const std::string agent = WriteFallingAgent(folder);
   const Outcome filmed = Run(Evaluate(agent, folder.File("hopper.mp4")));

@@ -83,15 +83,16 @@ def test_a_partial_reset_equals_gymnasiums(
     singles.close()
 
 
-@pytest.mark.parametrize(
-    "mask", [[True, False, False], np.array([1, 0, 0]), np.zeros(3, bool), np.ones(2, bool)]
-)
+def test_a_mask_may_be_a_list(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 3) as vec:
+        vec.reset()
+        vec.reset(options={"reset_mask": [True, False, False]})
+
+
+@pytest.mark.parametrize("mask", [np.array([1, 0, 0]), np.zeros(3, bool), np.ones(2, bool)])
 def test_a_mask_that_is_none_is_refused(client: b4mrl.Client, mask) -> None:
     with client.make_vec("HalfCheetah", 3) as vec:
         vec.reset()
-        if isinstance(mask, list):
-            vec.reset(options={"reset_mask": mask})  # a list of bools says the same
-            return
         with pytest.raises(errors.InvalidArgumentError, match="reset_mask"):
             vec.reset(options={"reset_mask": mask})
 
