@@ -33,7 +33,7 @@ int RunChild(CommandLine line) {
   const std::string name = line.child.role == "worker"
                                ? ChildName(kFirstWorkerChild + line.child.index)
                                : line.child.role;
-  spdlog::default_logger()->set_pattern("b4mrl " + name + ": %v");
+  spdlog::default_logger()->set_pattern(kLogTime + ("b4mrl " + name + ": %v"));
   // It would write a line for every malformed message that a peer sends.
   google::protobuf::SetLogHandler(nullptr);
   Result<SharedState> shared = SharedState::Map(line.shared_memory_fd);

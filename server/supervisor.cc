@@ -220,6 +220,7 @@ int RunSupervisor(const ServeOptions& options) {
     spdlog::error(shared.status().message());
     return kExitBadInput;
   }
+  spdlog::default_logger()->set_pattern(std::string(kLogTime) + "b4mrl serve: %v");
   Supervisor supervisor(std::move(*listeners), std::move(*shared));
   supervisor.AddChildren(options);
   return supervisor.Run(signal_fd);

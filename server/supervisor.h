@@ -8,7 +8,10 @@
 
 namespace b4mrl {
 
-// Runs until SIGTERM or SIGINT; returns the process's exit code. Prints "ready ADDRESS" on stdout,
+// What a line of a running daemon's log begins with, for spdlog.
+inline constexpr char kLogTime[] = "%Y-%m-%d %H:%M:%S.%e ";
+
+// Runs until SIGTERM, SIGINT or SIGHUP; returns the process's exit code. Prints "ready ADDRESS" on stdout,
 // one line for each --bind, when every child reads its sockets.
 int RunSupervisor(const ServeOptions& options);
 

@@ -57,6 +57,17 @@ TEST_CASE("SIGTERM, SIGINT and SIGHUP end the daemon with code 0") {
   REQUIRE(end.si_status == 0);
 }
 
+TEST_CASE("Clients in any folder are told where a relative ipc path leads") {
+  const TemporaryFolder folder;
+  const std::string path = fs::relative(folder.File("socket"));
+  REQUIRE_FALSE(path.starts_with("/"));
+  const PrivateDaemon daemon = Start({"--bind", "ipc://" + path});
+  Client client = Connect("ipc://" + folder.File("socket"));
+  const fs::path told = client.hello().dataset_port().ipc();
+  REQUIRE(told.is_absolute());
+  REQUIRE(fs::exists(told));
+}
+
 TEST_CASE("An ipc socket left by a killed daemon is taken over") {
   const TemporaryFolder folder;
   const std::string path = folder.File("socket");
