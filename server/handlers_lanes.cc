@@ -79,7 +79,7 @@ Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
 }
 
 // The refusal of actions, one row a lane, of which one is not finite.
-Status NamesNotFinite(const TensorView& actions, std::span<const uint32_t> lanes) {
+Status RefuseNotFinite(const TensorView& actions, std::span<const uint32_t> lanes) {
   std::vector<double> values(actions.elements());
   CopyToDoubles(actions, 0, values);
   const auto bad = std::ranges::find_if_not(values, [](double x) { return std::isfinite(x); });
@@ -100,7 +100,7 @@ Status LaneJob::ReadInputs() {
   const size_t action_size = owner().simulator().spec().action.size();
   B4MRL_ASSIGN_OR_RETURN(actions_, arrays_->Require("actions", {DType::kFloat32, DType::kFloat64},
                                                     {count, action_size}));
-  if (!AllFinite(actions_)) return NamesNotFinite(actions_, selection_.lanes);
+  if (!AllFinite(actions_)) return RefuseNotFinite(actions_, selection_.lanes);
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
     if (!owner().lane(lane).fresh) continue;

@@ -11,8 +11,8 @@ namespace b4mrl {
 // What a line of a running daemon's log begins with, for spdlog.
 inline constexpr char kLogTime[] = "%Y-%m-%d %H:%M:%S.%e ";
 
-// Runs until SIGTERM, SIGINT or SIGHUP; returns the process's exit code. Prints "ready ADDRESS" on stdout,
-// one line for each --bind, when every child reads its sockets.
+// Runs until SIGTERM, SIGINT or SIGHUP; returns the process's exit code. Prints "ready ADDRESS" on
+// stdout, one line for each --bind, when every child reads its sockets.
 int RunSupervisor(const ServeOptions& options);
 
 }  // namespace b4mrl

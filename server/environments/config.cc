@@ -11,6 +11,7 @@ namespace b4mrl {
 namespace {
 
 constexpr int kMaxDepth = 8;
+constexpr size_t kShownBytes = 100;  // of a text that is wrong
 
 // Where a text stops being JSON: the library tells a handler of its events, and no one else.
 struct ErrorFinder final : nlohmann::json_sax<Config> {
@@ -54,8 +55,9 @@ Result<Config> ParseConfig(std::string_view text) {
   if (config.is_discarded()) {
     ErrorFinder finder;
     Config::sax_parse(text, &finder);
-    return InvalidArgument("config", fmt::format("no JSON at byte {}, '{}'", finder.position,
-                                                 finder.near), "a JSON object");
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("config is not valid JSON at byte {} ('{}')", finder.position,
+                              finder.near.substr(0, kShownBytes)));
   }
   if (!config.is_object()) {
     return Status(StatusCode::kInvalidArgument, "config is not a JSON object");

@@ -193,9 +193,9 @@ TEST_CASE("Sessions out of range are refused with the range") {
   RequireError(client.Make("HalfCheetah", {.simulator = {{"hidden", "17"}}}).status(),
                StatusCode::kInvalidArgument, "17");
   RequireError(client.Make("HalfCheetah", {.config = "{\"max_episode_steps\": "}).status(),
-               StatusCode::kInvalidArgument, "no JSON at byte 23");
+               StatusCode::kInvalidArgument, "not valid JSON at byte 23");
   RequireError(client.Make("HalfCheetah", {.config = R"({"reset_noise_scale": NaN})"}).status(),
-               StatusCode::kInvalidArgument, "N'");
+               StatusCode::kInvalidArgument, "N')");
   RequireError(client.Make("HalfCheetah", {.config = R"({"max_episode_step": 5})"}).status(),
                StatusCode::kUnknownName, "max_episode_steps");
 }
