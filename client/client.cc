@@ -203,7 +203,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   B4MRL_ASSIGN_OR_RETURN(Connection opener, Connection::Open(*context_, endpoint_, token));
   Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
   // It is open, or may still be, and of no use. A server that was never reached opens nothing.
-  if (!session.ok() && opener.connections() > 0) opener.CloseSession();
+  if (!session.ok() && opener.connections() > 0) (void)opener.CloseSession();
   return session;
 }
 

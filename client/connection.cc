@@ -109,17 +109,13 @@ void Connection::Abandon(uint64_t id) {
   std::erase_if(arrived_, is_it);
 }
 
-void Connection::AbandonAll() {
+Status Connection::CloseSession(Deadline deadline) {
+  // As many as may be in flight must not keep the last one back.
   pending_.clear();
   arrived_.clear();
-}
-
-void Connection::CloseSession() {
-  constexpr int64_t kFarewellMs = 500;
-  AbandonAll();  // as many as may be in flight must not keep the last one back
   pb::Request request;
   request.mutable_close();
-  (void)Call(std::move(request), Frame(), Deadline::AfterMs(kFarewellMs));
+  return Call(std::move(request), Frame(), deadline).status();
 }
 
 Clock::time_point Connection::ResendTime(const Pending& pending) const {

@@ -66,11 +66,9 @@ class Connection {
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
   // The reply to `id` is not wanted any more. The server may execute the request all the same.
   void Abandon(uint64_t id);
-  // Abandon for everything in flight.
-  void AbandonAll();
-  // Abandons everything and gives the token's session back, if there is one. Waits at most half a
-  // second; nobody is told how it went, and the lease settles the rest.
-  void CloseSession();
+  // Abandons everything in flight and gives the token's session back, if there is one. Where nobody
+  // asks how it went, half a second is enough: the lease settles the rest.
+  Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
   // Waits until the connection is made for the first time; false if it is not by then.
   bool AwaitHandshake(const Deadline& deadline);

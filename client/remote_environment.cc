@@ -89,14 +89,11 @@ RemoteEnvironment::~RemoteEnvironment() { EndSession(); }
 
 void RemoteEnvironment::EndSession() {
   if (!std::exchange(open_, false)) return;
-  connection_.CloseSession();
+  (void)connection_.CloseSession();
 }
 
 Status RemoteEnvironment::Close() {
-  connection_.AbandonAll();
-  pb::Request request;
-  request.mutable_close();
-  Status status = connection_.Call(std::move(request), Frame(), NewDeadline()).status();
+  Status status = connection_.CloseSession(NewDeadline());
   if (status.ok()) open_ = false;  // otherwise the destructor tries once more
   return status;
 }

@@ -10,6 +10,7 @@
 #include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/open_request.h"
+#include "server/session_table.h"
 
 namespace b4mrl {
 namespace {
@@ -165,12 +166,10 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
 }
 
 bool Dispatcher::LivesElsewhere(const std::string& token) const {
-  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
-    const SessionRecord& record = shared_.session(index);
-    const bool is_live = record.state.load(std::memory_order_acquire) == SessionState::kLive;
-    if (is_live && record.worker != worker_ && SessionToken(record) == token) return true;
-  }
-  return false;
+  const std::optional<uint32_t> index = SessionTable(shared_).Find(token);
+  if (!index) return false;
+  const SessionRecord& record = shared_.session(*index);
+  return record.state == SessionState::kLive && record.worker != worker_;
 }
 
 void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {

@@ -1,9 +1,6 @@
 // What the daemon says, and ends with, when its command line or a request is wrong.
-#include <arpa/inet.h>
 #include <fcntl.h>
-#include <netinet/in.h>
 #include <spawn.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -13,6 +10,7 @@
 
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/daemon.h"
+#include "tests/loopback.h"
 
 namespace b4mrl {
 namespace {
@@ -61,30 +59,6 @@ void RequireEnd(const std::vector<std::string>& arguments, int exit_code,
   REQUIRE(ended.output.find("ready ipc:") == std::string::npos);
 }
 
-// A loopback port that somebody listens on.
-class TakenPort {
- public:
-  TakenPort() : fd_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof(address);
-    auto* generic = reinterpret_cast<sockaddr*>(&address);
-    REQUIRE(bind(fd_, generic, size) == 0);
-    REQUIRE(listen(fd_, 1) == 0);
-    REQUIRE(getsockname(fd_, generic, &size) == 0);
-    address_ = "tcp://127.0.0.1:" + std::to_string(ntohs(address.sin_port));
-  }
-  ~TakenPort() { close(fd_); }
-  TakenPort(const TakenPort&) = delete;
-  TakenPort& operator=(const TakenPort&) = delete;
-  const std::string& address() const { return address_; }
-
- private:
-  int fd_;
-  std::string address_;
-};
-
 class Daemon {
  public:
   explicit Daemon(std::vector<std::string> arguments = {}) {
@@ -108,9 +82,11 @@ void RequireError(const Status& status, StatusCode code, const std::string& word
 
 TEST_CASE("A port in use ends the start with its address and the reason") {
   const TemporaryFolder data;
-  const TakenPort taken;
-  RequireEnd({"--data", data.path(), "--bind", taken.address()}, kBadInput,
-             {taken.address(), "Address already in use"});
+  const UniqueFd taken = ListenOnLoopback(0);
+  REQUIRE(taken.valid());
+  const std::string address = "tcp://127.0.0.1:" + std::to_string(PortOf(taken));
+  RequireEnd({"--data", data.path(), "--bind", address}, kBadInput,
+             {address, "Address already in use"});
 }
 
 TEST_CASE("An ipc socket in use is refused, and its daemon goes on") {

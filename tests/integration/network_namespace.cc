@@ -1,8 +1,6 @@
 #include "tests/integration/network_namespace.h"
 
-#include <arpa/inet.h>
 #include <net/if.h>
-#include <netinet/in.h>
 #include <sched.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -73,20 +71,6 @@ std::set<uint16_t> ListeningPorts(pid_t process) {
     ports.insert(static_cast<uint16_t>(std::stoul(port, nullptr, 16)));
   }
   return ports;
-}
-
-int ListenOnLoopback(uint16_t port) {
-  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(port);
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const bool listens =
-      bind(fd, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0 &&
-      listen(fd, SOMAXCONN) == 0;
-  if (listens) return fd;
-  close(fd);
-  return -1;
 }
 
 void SendDescriptor(int channel, int fd) {

@@ -13,9 +13,6 @@ namespace b4mrl {
 // The tcp ports on which process `process` listens.
 std::set<uint16_t> ListeningPorts(pid_t process);
 
-// In the child: a listening socket on a loopback port.
-int ListenOnLoopback(uint16_t port);
-
 // Passing a descriptor over a connected Unix socket; ReceiveDescriptor gives -1 at its end.
 void SendDescriptor(int channel, int fd);
 int ReceiveDescriptor(int channel);

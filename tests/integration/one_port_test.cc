@@ -5,12 +5,14 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <memory>
+#include <vector>
 
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/network_namespace.h"
 #include "tests/integration/port_forwarder.h"
+#include "tests/loopback.h"
 
 namespace b4mrl {
 namespace {
@@ -48,13 +50,15 @@ enum class Wall { kRefuses, kSilent };
 // What the child does: opens the hole in the wall, then is a client. Exit codes tell what failed.
 int BeClient(int channel, const std::string& endpoint, uint16_t port,
              const std::set<uint16_t>& other_ports, Wall wall, const std::string& file) {
-  const int hole = ListenOnLoopback(port);
-  if (hole < 0) return 2;
-  SendDescriptor(channel, hole);
+  const UniqueFd hole = ListenOnLoopback(port);
+  if (!hole.valid()) return 2;
+  SendDescriptor(channel, hole.get());
   // Connections to these are made, but nobody ever says a word.
+  std::vector<UniqueFd> silent;
   if (wall == Wall::kSilent) {
     for (const uint16_t other : other_ports) {
-      if (ListenOnLoopback(other) < 0) return 3;
+      silent.push_back(ListenOnLoopback(other));
+      if (!silent.back().valid()) return 3;
     }
   }
   int reports = 0;

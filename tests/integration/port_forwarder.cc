@@ -1,7 +1,5 @@
 #include "tests/integration/port_forwarder.h"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -9,21 +7,12 @@
 #include <array>
 #include <vector>
 
+#include "tests/loopback.h"
+
 namespace b4mrl {
 namespace {
 
 constexpr int kTickMs = 20;
-
-int ConnectTo(uint16_t port) {
-  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(port);
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) return fd;
-  close(fd);
-  return -1;
-}
 
 // Moves what is there; false when an end has hung up.
 bool Move(int from, int to) {
@@ -76,7 +65,7 @@ void PortForwarder::Run(int listening_fd, uint16_t port) {
     }
     pairs = std::move(open);
     if (items[0].revents == 0) continue;
-    const Pair pair{accept(listening_fd, nullptr, nullptr), ConnectTo(port)};
+    const Pair pair{accept(listening_fd, nullptr, nullptr), ConnectToLoopback(port).Release()};
     if (pair.outside >= 0 && pair.inside >= 0) {
       pairs.push_back(pair);
       ++connections_;

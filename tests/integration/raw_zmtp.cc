@@ -1,13 +1,11 @@
 #include "tests/integration/raw_zmtp.h"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include "proto/base/clock.h"
 #include "proto/wire/socket.h"
+#include "tests/loopback.h"
 
 namespace b4mrl {
 namespace {
@@ -30,23 +28,12 @@ std::string BigEndian(uint64_t value, int bytes) {
 RawZmtp::RawZmtp(const std::string& address) {
   const Result<TcpAddress> parsed = ParseTcpAddress(address);
   if (!parsed.ok()) return;
-  fd_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in target{};
-  target.sin_family = AF_INET;
-  target.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  target.sin_port = htons(parsed->port);
-  if (connect(fd_, reinterpret_cast<const sockaddr*>(&target), sizeof(target)) == 0) return;
-  close(fd_);
-  fd_ = -1;
-}
-
-RawZmtp::~RawZmtp() {
-  if (fd_ >= 0) close(fd_);
+  fd_ = ConnectToLoopback(parsed->port);
 }
 
 bool RawZmtp::SendBytes(std::string_view bytes) {
   while (!bytes.empty()) {
-    const ssize_t sent = send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    const ssize_t sent = send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL);
     if (sent <= 0) return false;
     bytes.remove_prefix(static_cast<size_t>(sent));
   }
@@ -90,10 +77,10 @@ bool RawZmtp::ReadExactly(size_t size, std::string* out, int64_t deadline_ms) {
   const Deadline deadline = Deadline::AfterMs(deadline_ms);
   out->clear();
   while (out->size() < size && !deadline.expired()) {
-    pollfd item{fd_, POLLIN, 0};
+    pollfd item{fd_.get(), POLLIN, 0};
     if (poll(&item, 1, static_cast<int>(deadline.remaining_ms())) <= 0) continue;
     char buffer[4096];
-    const ssize_t count = recv(fd_, buffer, std::min(sizeof(buffer), size - out->size()), 0);
+    const ssize_t count = recv(fd_.get(), buffer, std::min(sizeof(buffer), size - out->size()), 0);
     if (count <= 0) return false;
     out->append(buffer, static_cast<size_t>(count));
   }
@@ -125,7 +112,7 @@ bool RawZmtp::AwaitHangUp(int64_t deadline_ms) {
 }
 
 bool RawZmtp::HasHungUp() const {
-  pollfd waiting{fd_, POLLRDHUP, 0};
+  pollfd waiting{fd_.get(), POLLRDHUP, 0};
   return poll(&waiting, 1, 0) > 0;
 }
 

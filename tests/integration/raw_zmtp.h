@@ -7,17 +7,16 @@
 #include <string_view>
 #include <vector>
 
+#include "proto/base/unique_fd.h"
+
 namespace b4mrl {
 
 class RawZmtp {
  public:
   // Connects to "tcp://127.0.0.1:PORT"; says nothing yet.
   explicit RawZmtp(const std::string& address);
-  ~RawZmtp();
-  RawZmtp(const RawZmtp&) = delete;
-  RawZmtp& operator=(const RawZmtp&) = delete;
 
-  bool connected() const { return fd_ >= 0; }
+  bool connected() const { return fd_.valid(); }
   // False when the peer has hung up.
   bool SendBytes(std::string_view bytes);
   // The greeting and READY of a DEALER; reads those of the peer.
@@ -38,7 +37,7 @@ class RawZmtp {
  private:
   bool ReadExactly(size_t size, std::string* out, int64_t deadline_ms);
 
-  int fd_ = -1;
+  UniqueFd fd_;
 };
 
 }  // namespace b4mrl

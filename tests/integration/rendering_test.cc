@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/integration/daemon.h"
+#include "tests/integration/under_fire.h"
 
 namespace b4mrl {
 namespace {
@@ -47,17 +48,6 @@ pid_t FindDescendant(pid_t ancestor, const std::string& name) {
   }
   return 0;
 }
-
-pb::WorkerStatus StatusOfWorker(Client& client) {
-  const auto status = client.ServerStatus();
-  REQUIRE(status.ok());
-  for (const pb::WorkerStatus& process : status->workers()) {
-    if (process.role() == "worker-0") return process;
-  }
-  return {};
-}
-
-pid_t WorkerOf(Client& client) { return static_cast<pid_t>(StatusOfWorker(client).process_id()); }
 
 std::vector<uint8_t> RenderAll(RemoteEnvironment& session, uint32_t width = 0,
                                uint32_t height = 0) {
@@ -98,14 +88,15 @@ TEST_CASE("A picture survives the death of its painter, the next request sees to
   REQUIRE(client.ok());
   RemoteEnvironment session = Open(*client, 2);
   const std::vector<uint8_t> before = RenderAll(session);
-  const pid_t worker = WorkerOf(*client);
+  const pid_t worker = LookAt(*client, "worker-0").process_id;
+  REQUIRE(worker != 0);
   const pid_t painter = FindDescendant(daemon.process_id(), "b4mrl-render");
   REQUIRE(painter != 0);
   REQUIRE(kill(painter, SIGKILL) == 0);
   // The death may be noticed while the next picture is asked for, and is then that request's error.
   if (!session.Render().ok()) INFO("one request was lost");
   CHECK(RenderAll(session) == before);
-  CHECK(WorkerOf(*client) == worker);
+  CHECK(LookAt(*client, "worker-0").process_id == worker);
 }
 
 TEST_CASE("A picture survives the death of its worker") {
@@ -114,7 +105,8 @@ TEST_CASE("A picture survives the death of its worker") {
   REQUIRE(client.ok());
   RemoteEnvironment session = Open(*client, 16);
   const std::vector<uint8_t> before = RenderAll(session);
-  const pb::WorkerStatus worker = StatusOfWorker(*client);
+  const ProcessView worker = LookAt(*client, "worker-0");
+  REQUIRE(worker.process_id != 0);
   std::vector<uint8_t> after;
   Status status;
   std::thread renderer([&] {
@@ -123,15 +115,15 @@ TEST_CASE("A picture survives the death of its worker") {
     if (pictures.ok()) after.assign(pictures->frames.begin(), pictures->frames.end());
   });
   // It has the request, and 16 pictures take some tenths of a second.
-  const Deadline deadline = Deadline::AfterMs(60'000);
-  while (StatusOfWorker(*client).requests() == worker.requests() && !deadline.expired()) {
-  }
-  kill(static_cast<pid_t>(worker.process_id()), SIGKILL);
+  AwaitRequest(*client, "worker-0", worker);
+  kill(worker.process_id, SIGKILL);
   renderer.join();
   INFO(status.ToString());
   REQUIRE(status.ok());
   CHECK(after == before);
-  CHECK(WorkerOf(*client) != static_cast<pid_t>(worker.process_id()));
+  const pid_t replacement = LookAt(*client, "worker-0").process_id;
+  REQUIRE(replacement != 0);
+  CHECK(replacement != worker.process_id);
 }
 
 TEST_CASE("Painters end with their daemon") {

@@ -2,10 +2,8 @@
 
 #include <fcntl.h>
 #include <linux/landlock.h>
-#include <netinet/in.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
@@ -16,6 +14,7 @@
 #include <functional>
 
 #include "tests/data/temporary_folder.h"
+#include "tests/loopback.h"
 
 namespace b4mrl {
 namespace {
@@ -105,24 +104,11 @@ TEST_CASE("the sandbox connects to nobody") {
   const TemporaryFolder folder;
   WriteBytes(folder.File("readable"), "data");
   REQUIRE(mkdir(folder.File("folder").c_str(), 0755) == 0);
-  const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  auto* generic = reinterpret_cast<sockaddr*>(&address);
-  REQUIRE(bind(listener, generic, size) == 0);
-  REQUIRE(listen(listener, 1) == 0);
-  REQUIRE(getsockname(listener, generic, &size) == 0);
-  const auto connects = [&] {
-    const int client = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    const bool connected = connect(client, generic, size) == 0;
-    close(client);
-    return connected;
-  };
-  CHECK(connects());
-  CHECK(InSandbox(folder, [&] { return connects() ? 1 : 0; }) == 0);
-  close(listener);
+  const UniqueFd listener = ListenOnLoopback(0);
+  REQUIRE(listener.valid());
+  const uint16_t port = PortOf(listener);
+  CHECK(ConnectToLoopback(port).valid());
+  CHECK(InSandbox(folder, [port] { return ConnectToLoopback(port).valid() ? 1 : 0; }) == 0);
 }
 
 }  // namespace
