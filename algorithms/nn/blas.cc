@@ -53,6 +53,13 @@ void MatrixMatrix(MatrixView<const double> a, Transpose transpose_a, MatrixView<
               1.0, a.data, a.stride, b.data, b.stride, beta, c.data, c.stride);
 }
 
+template <typename Scalar>
+void Clear(MatrixView<Scalar> c) {
+  for (int i = 0; i < c.columns; ++i) {
+    std::fill(c.column(i), c.column(i) + c.rows, Scalar(0));
+  }
+}
+
 }  // namespace
 
 void UseOneBlasThread() { openblas_set_num_threads(1); }
@@ -74,7 +81,7 @@ int NarrowProductColumns<double>(int, int) {
 template <typename Scalar>
 void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<const Scalar> b,
               Transpose transpose_b, MatrixView<Scalar> c, bool accumulate) {
-  const Scalar beta = accumulate ? 1 : 0;
+  Scalar beta = accumulate ? 1 : 0;
   const bool a_flipped = transpose_a == Transpose::kYes;
   const bool b_flipped = transpose_b == Transpose::kYes;
   if (c.rows == 1) {
@@ -87,6 +94,12 @@ void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<cons
     const int inner = a_flipped ? a.rows : a.columns;
     const int narrow = a_flipped ? 0 : NarrowProductColumns<Scalar>(c.rows, inner);
     const int step = narrow == 0 ? c.columns : narrow;
+    if (!accumulate && !HasKernelsWithoutPacking()) {
+      // The same bits as with beta 0, for which those kernels clear c more slowly: products with an
+      // inner size of 23 to 40 become a fifth to two fifths faster, of 200 and more some percent.
+      Clear(c);
+      beta = 1;
+    }
     for (int first = 0; first < c.columns; first += step) {
       const int count = std::min(step, c.columns - first);
       MatrixMatrix(a, transpose_a,
