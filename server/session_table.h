@@ -1,8 +1,7 @@
-// The gateway's view of the session records: which exist, which lanes are free, which worker has
-// room.
+// The session records as a table: which exist, which lanes are free, which worker has room.
 //
 // All of its state lies in shared memory, so a replaced gateway goes on where the dead one was.
-// Thread rule: the gateway's main thread.
+// Thread rule: the gateway's main thread; what is const, anywhere.
 #pragma once
 
 #include <optional>

@@ -1,10 +1,11 @@
 // The one door to OpenBLAS.
 //
 // Eigen could forward products to BLAS itself (EIGEN_USE_BLAS), but always clears the destination
-// and then accumulates; calling gemm saves that pass over every activation. Everything else that
-// Eigen sends to BLAS goes through the same library. Thread rule: any thread, but a process calls
-// UseOneBlasThread() once before its first product: learners are parallel by process, and the last
-// bits of a product depend on how it is split.
+// and then accumulates; calling gemm saves that pass over every activation where OpenBLAS's kernels
+// need none. Everything else that Eigen sends to BLAS goes through the same library.
+//
+// Thread rule: any thread, but a process calls UseOneBlasThread() once before its first product:
+// learners are parallel by process, and the last bits of a product depend on how it is split.
 #pragma once
 
 #include <string>

@@ -30,7 +30,6 @@ BATCH, DISCRIMINATOR_BATCH = 128, 256  # of each kind, real and simulated
 INPUT_NOISE, GAP_SAMPLES, GAP_WEIGHT = 0.1, 10, 0.01
 SIMULATED_PER_REAL = 10  # rows of the authors' array, over which they take the deviation of s'
 CYCLE, CYCLES_PER_EVALUATION, EPISODES = 1000, 10, 10
-SCORE_0, SCORE_100 = -280.178953, 12135.0  # D4RL's reference returns
 STATE, NEXT_STATE = 0, 3  # in a transition (s, a, r, s', terminated)
 
 Transitions = list[torch.Tensor]
@@ -246,7 +245,7 @@ class Simulator:
             self.last_return, self.running_return = self.running_return, 0.0
 
 
-def evaluate(environment: b4mrl.Environment, policy: Policy) -> list[float]:
+def evaluate(environment: b4mrl.Environment, policy: Policy) -> dict[str, float]:
     returns = []
     for _ in range(EPISODES):
         s, _ = environment.reset()
@@ -256,11 +255,7 @@ def evaluate(environment: b4mrl.Environment, policy: Policy) -> list[float]:
             total += reward
             ended = terminated or truncated
         returns.append(total)
-    return returns
-
-
-def evaluation(returns: list[float]) -> dict[str, float]:
-    score = (np.mean(returns) - SCORE_0) / (SCORE_100 - SCORE_0) * 100
+    score = environment.session.spec.normalised_score(np.mean(returns))
     return {"return": np.mean(returns), "return_std": np.std(returns), "score": score}
 
 
@@ -290,7 +285,7 @@ def main() -> None:
             row = {"update": cycle * CYCLE, "environment_steps": cycle * CYCLE}
             row |= dict.fromkeys(("return", "return_std", "score"), "")
             if cycle % CYCLES_PER_EVALUATION == 0:
-                row |= evaluation(evaluate(environment, h2o.policy))
+                row |= evaluate(environment, h2o.policy)
             row |= {name: np.mean([m[name] for m in metrics]) for name in metrics[0]}
             row["simulator_return"] = simulator.last_return
             if table is None:

@@ -1,8 +1,10 @@
 #include "algorithms/nn/blas.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
+#include <string_view>
 
 #include "proto/base/rng.h"
 
@@ -46,8 +48,7 @@ void CheckProduct(const PaddedMatrix& a, Transpose transpose_a, const PaddedMatr
       double sum = before;
       double magnitude = std::abs(before);
       for (int j = 0; j < inner; ++j) {
-        const double term =
-            double{At(a.view, transpose_a, k, j)} * At(b.view, transpose_b, j, i);
+        const double term = double{At(a.view, transpose_a, k, j)} * At(b.view, transpose_b, j, i);
         sum += term;
         magnitude += std::abs(term);
       }
