@@ -41,7 +41,7 @@ class Frame {
   const std::byte* data() const;
   size_t size() const;
   std::string_view view() const { return {reinterpret_cast<const char*>(data()), size()}; }
-  // The zmq_msg_t inside, for proto/wire/socket.cc.
+  // The zmq_msg_t inside, for socket.cc and unread_bytes.cc.
   void* handle() { return storage_.data(); }
 
  private:

@@ -110,9 +110,10 @@ Result<RouterSocket> RouterSocket::Bind(Context& context,
 }
 
 RouterSocket::RouterSocket(RouterSocket&& other) noexcept
-    : socket_(std::exchange(other.socket_, nullptr)) {}
+    : socket_(std::exchange(other.socket_, nullptr)), unread_(std::move(other.unread_)) {}
 RouterSocket& RouterSocket::operator=(RouterSocket&& other) noexcept {
   std::swap(socket_, other.socket_);
+  std::swap(unread_, other.unread_);
   return *this;
 }
 RouterSocket::~RouterSocket() {
@@ -129,6 +130,9 @@ std::optional<IncomingMessage> RouterSocket::TryReceive() {
 }
 
 Status RouterSocket::Send(const RoutingId& receiver, Message message) {
+  if (message.payload.size() >= limits::kCountedPayloadBytes) {
+    B4MRL_ASSIGN_OR_RETURN(message.payload, unread_.Count(receiver, std::move(message.payload)));
+  }
   Frame id = Frame::Copy(receiver);
   if (!SendPart(socket_, id, ZMQ_SNDMORE)) {
     if (errno == EHOSTUNREACH) return Status(StatusCode::kUnavailable, "the peer has gone");

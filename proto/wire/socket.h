@@ -1,8 +1,8 @@
 // The only door to ZeroMQ: a ROUTER for servers, a DEALER for clients, and waiting on them.
 //
-// All waits are bounded, all queues have a high-water mark, messages are capped, heartbeats run on
-// every connection, and a message that cannot be queued towards a peer is an error of the call
-// rather than lost in silence. Thread rule: a socket belongs to the thread that made it. A Context
+// All waits are bounded, all queues have a high-water mark and a server's a bound in bytes, messages
+// are capped, heartbeats run on every connection, and a message that cannot be queued towards a peer
+// is an error of the call rather than lost in silence. Thread rule: a socket belongs to the thread that made it. A Context
 // may be shared.
 #pragma once
 
@@ -17,6 +17,7 @@
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 #include "proto/wire/frame.h"
+#include "proto/wire/unread_bytes.h"
 
 namespace b4mrl {
 
@@ -68,6 +69,7 @@ class RouterSocket {
  private:
   explicit RouterSocket(void* socket) : socket_(socket) {}
   void* socket_ = nullptr;
+  UnreadBytes unread_;
 };
 
 class DealerSocket {

@@ -84,6 +84,23 @@ TEST_CASE("a server that nobody reads from is not waited for") {
   CHECK(status.code() == StatusCode::kLimitExceeded);
 }
 
+TEST_CASE("long replies that nobody reads are bounded by their bytes") {
+  Context context;
+  const std::string address = FreshAddress();
+  RouterSocket router = Listen(context, address);
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
+  REQUIRE(dealer.Send(Text("hello")).ok());
+  const RoutingId sender = Take(router).sender;
+  Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);
+  Status status;
+  // To send a share of them takes far less time than the dealer's thread needs to read one.
+  for (int i = 0; i < limits::kHighWaterMark / 2 && status.ok(); ++i) {
+    status = router.Send(sender, {Frame::Copy("x"), payload.Share()});
+  }
+  CHECK(status.code() == StatusCode::kLimitExceeded);
+  CHECK(router.Send(sender, Text("short ones are sent")).ok());
+}
+
 TEST_CASE("a client's queue towards a server that is not there is bounded") {
   Context context;
   DealerSocket dealer = std::move(*DealerSocket::Connect(context, FreshAddress()));

@@ -1,0 +1,62 @@
+#include "proto/wire/unread_bytes.h"
+
+#include <fmt/format.h>
+#include <zmq.h>
+
+#include <cstdlib>
+#include <utility>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+
+struct UnreadBytes::Counted {
+  Frame payload;
+  std::shared_ptr<Counter> all;
+  std::shared_ptr<Counter> of_receiver;
+};
+
+Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame payload) {
+  const size_t bytes = payload.size();
+  const std::shared_ptr<Counter>& of_receiver = CounterOf(receiver);
+  if (*of_receiver + bytes > limits::kMaxUnreadBytes ||
+      *all_ + bytes > limits::kMaxUnreadBytesOfAll) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the peer has {} bytes to read, all have {}, at most {} and {}",
+                              of_receiver->load(), all_->load(), limits::kMaxUnreadBytes,
+                              limits::kMaxUnreadBytesOfAll));
+  }
+  *of_receiver += bytes;
+  *all_ += bytes;
+  Counted* const counted = new Counted{std::move(payload), all_, of_receiver};  // see Release
+  Frame frame;
+  zmq_msg_t* const message = static_cast<zmq_msg_t*>(frame.handle());
+  zmq_msg_close(message);
+  // Fails for want of memory alone, as Frame::OfSize does.
+  if (zmq_msg_init_data(message, counted->payload.data(), bytes, &Release, counted) != 0) {
+    std::abort();
+  }
+  return frame;
+}
+
+size_t UnreadBytes::of(const std::string& receiver) const {
+  const auto found = receivers_.find(receiver);
+  return found == receivers_.end() ? 0 : found->second->load();
+}
+
+void UnreadBytes::Release(void*, void* counted) {
+  const std::unique_ptr<Counted> released(static_cast<Counted*>(counted));
+  const size_t bytes = released->payload.size();
+  *released->of_receiver -= bytes;
+  *released->all -= bytes;
+}
+
+std::shared_ptr<UnreadBytes::Counter>& UnreadBytes::CounterOf(const std::string& receiver) {
+  const auto found = receivers_.find(receiver);
+  if (found != receivers_.end()) return found->second;
+  // Peers come and go; those that hold nothing are forgotten whenever a new one comes.
+  std::erase_if(receivers_, [](const auto& entry) { return *entry.second == 0; });
+  return receivers_.emplace(receiver, std::make_shared<Counter>(0)).first->second;
+}
+
+}  // namespace b4mrl
