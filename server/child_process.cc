@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "server/options.h"
+#include "server/process_activity.h"
 
 namespace b4mrl {
 namespace {
@@ -74,8 +75,9 @@ Status ChildProcess::Start() {
   process_id_ = child;
   record.process_id.store(child);
   killed_as_frozen_ = false;
-  beat_at_start_ = last_beat_ = record.heartbeat.load();
-  started_ms_ = last_beat_ms_ = MonotonicMs();
+  started_ms_ = MonotonicMs();
+  NoteBeat(started_ms_);
+  beat_at_start_ = last_beat_;
   return Status();
 }
 
@@ -113,17 +115,30 @@ void ChildProcess::ScheduleRestart(Death death) {
   ++shared_->child(child_).restarts;
 }
 
+void ChildProcess::NoteBeat(int64_t now_ms) {
+  last_beat_ = shared_->child(child_).heartbeat.load();
+  last_beat_ms_ = now_ms;
+  processor_ms_at_beat_ = ProcessorTimeMs(process_id_).value_or(0);
+  starvation_logged_ = false;
+}
+
 void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
-  if (!running()) return;
-  const uint64_t beat = shared_->child(child_).heartbeat.load();
-  if (beat != last_beat_ || paused) {
-    last_beat_ = beat;
-    last_beat_ms_ = now_ms;
+  if (!running() || killed_as_frozen_) return;
+  if (paused || shared_->child(child_).heartbeat.load() != last_beat_) return NoteBeat(now_ms);
+  const int64_t limit = ready() ? limits::kFrozenChildMs : kStartingMs;
+  Silence silence{.ms = now_ms - last_beat_ms_};
+  if (silence.ms < limit) return;
+  silence.processor_ms = ProcessorTimeMs(process_id_).value_or(0) - processor_ms_at_beat_;
+  silence.wants_processor = WantsProcessor(process_id_);
+  if (!IsFrozen(silence, limit)) {
+    if (!starvation_logged_) {
+      spdlog::warn("{} has waited {} ms for a processor: the machine is overloaded",
+                   ChildName(child_), silence.ms - silence.processor_ms);
+      starvation_logged_ = true;
+    }
     return;
   }
-  const int64_t limit = ready() ? limits::kFrozenChildMs : kStartingMs;
-  if (killed_as_frozen_ || now_ms - last_beat_ms_ < limit) return;
-  spdlog::warn("{} has not answered for {} ms and is replaced", ChildName(child_), limit);
+  spdlog::warn("{} has not answered for {} ms and is replaced", ChildName(child_), silence.ms);
   killed_as_frozen_ = true;
   Kill();
 }

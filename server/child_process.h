@@ -35,8 +35,8 @@ class ChildProcess {
 
   // Reaps the process if it has ended; says how.
   std::optional<Death> Reap();
-  // Kills it if its heartbeat has been silent too long. `paused` says that the supervisor itself
-  // was not running for a while, so that silence means nothing.
+  // Kills it if its heartbeat has been silent too long and not for want of a processor. `paused`
+  // says that the supervisor itself was not running for a while, so that silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);
   void Kill();
 
@@ -48,6 +48,7 @@ class ChildProcess {
 
  private:
   void ScheduleRestart(Death death);
+  void NoteBeat(int64_t now_ms);
 
   uint32_t child_;
   ChildOptions options_;
@@ -57,6 +58,8 @@ class ChildProcess {
   uint64_t beat_at_start_ = 0;
   uint64_t last_beat_ = 0;
   int64_t last_beat_ms_ = 0;
+  int64_t processor_ms_at_beat_ = 0;
+  bool starvation_logged_ = false;  // since the last beat
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
   uint32_t young_deaths_ = 0;  // in a row

@@ -45,10 +45,15 @@ inline constexpr int64_t kHeartbeatIntervalMs = 2'000;
 inline constexpr int64_t kHeartbeatTimeoutMs = 6'000;
 inline constexpr int64_t kHeartbeatTtlMs = 10'000;
 inline constexpr int64_t kFrozenChildMs = 2'000;  // supervisor replaces a silent child after this
+inline constexpr int64_t kStarvedChildMs = 30'000;  // one that gets no processor, after this
 inline constexpr int64_t kDrainMs = 5'000;        // SIGTERM: time for requests under way
 
-// Sockets: messages queued towards one peer before it counts as too slow.
+// Sockets: messages queued towards one peer before it counts as too slow, and the bytes of those
+// payloads among a server's that are long enough to be counted, of one peer and of all.
 inline constexpr int kHighWaterMark = 1'000;
+inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
+inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;
+inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;
 
 // The gateway's relay; the connection of a client that reaches no other port has one route a
 // session. Bytes are those of requests that are not answered yet.
