@@ -245,12 +245,14 @@ Result<DatasetStore::IndexEntry> DatasetStore::Import(const File& file) {
 }
 
 Result<std::shared_ptr<const Dataset>> DatasetStore::OpenSource(const File& file,
+                                                                IfMissing if_missing,
                                                                 IndexEntry* entry) {
   if (const std::optional<IndexEntry> known = ReadIndex(file)) {
     Result<std::shared_ptr<const Dataset>> dataset = Load(known->fingerprint);
     *entry = *known;
     if (!IsToBeMade(dataset.status())) return dataset;
   }
+  if (if_missing == IfMissing::kGiveNull) return std::shared_ptr<const Dataset>();
   B4MRL_ASSIGN_OR_RETURN(*entry, Import(file));
   B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Dataset> dataset, Load(entry->fingerprint));
   entry->behaviour_policy = dataset->property("behaviour_policy");
@@ -287,10 +289,11 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::Load(const std::string& fin
 }
 
 Result<std::shared_ptr<const Dataset>> DatasetStore::LoadOrDerive(
-    const std::string& fingerprint, const Dataset& source,
+    const std::string& fingerprint, const Dataset& source, IfMissing if_missing,
     const std::function<Status(DatasetBuilder*)>& derive) {
   Result<std::shared_ptr<const Dataset>> cached = Load(fingerprint);
   if (!IsToBeMade(cached.status())) return cached;
+  if (if_missing == IfMissing::kGiveNull) return std::shared_ptr<const Dataset>();
   MakeRoom(source.cache().bytes());
   B4MRL_ASSIGN_OR_RETURN(
       DatasetBuilder builder,
@@ -303,9 +306,21 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::LoadOrDerive(
 }
 
 Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request) {
+  return Open(request, IfMissing::kMake);
+}
+
+Result<std::optional<OpenedDataset>> DatasetStore::OpenPrepared(const DatasetRequest& request) {
+  B4MRL_ASSIGN_OR_RETURN(OpenedDataset opened, Open(request, IfMissing::kGiveNull));
+  if (opened.dataset == nullptr) return std::optional<OpenedDataset>();
+  return std::optional(std::move(opened));
+}
+
+Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request, IfMissing if_missing) {
   B4MRL_ASSIGN_OR_RETURN(const File file, FindFile(request.name));
   IndexEntry entry;
-  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Dataset> dataset, OpenSource(file, &entry));
+  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Dataset> dataset,
+                         OpenSource(file, if_missing, &entry));
+  if (dataset == nullptr) return OpenedDataset();
   const TransitionColumns& columns = dataset->columns();
   B4MRL_ASSIGN_OR_RETURN(
       const EnvironmentSpec spec,
@@ -319,17 +334,18 @@ Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request) {
   if (!corruption.empty()) {
     fingerprint = DatasetFingerprint(entry.sha256, TransitionRule::kStored, text, request.seed);
     B4MRL_ASSIGN_OR_RETURN(
-        dataset, LoadOrDerive(fingerprint, *dataset, [&](DatasetBuilder* builder) {
+        dataset, LoadOrDerive(fingerprint, *dataset, if_missing, [&](DatasetBuilder* builder) {
           builder->SetProperty("corruptions", text);
           builder->SetProperty("seed", fmt::format("{}", request.seed));
           return AppendCorrupted(dataset->columns(), corruption.set, request.seed,
                                  MatrixOfFile(entry.sha256), builder);
         }));
+    if (dataset == nullptr) return OpenedDataset();
   }
   if (apply_d4rl) {
     fingerprint = DatasetFingerprint(entry.sha256, TransitionRule::kD4rl, text, request.seed);
     B4MRL_ASSIGN_OR_RETURN(
-        dataset, LoadOrDerive(fingerprint, *dataset, [&](DatasetBuilder* builder) {
+        dataset, LoadOrDerive(fingerprint, *dataset, if_missing, [&](DatasetBuilder* builder) {
           builder->SetProperty("transition_rule", TransitionRuleName(TransitionRule::kD4rl));
           return AppendUnderD4rl(dataset->columns(), builder);
         }));

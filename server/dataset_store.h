@@ -4,9 +4,9 @@
 //   DATA/.cache/<fingerprint>/      a column cache: of a file, or derived from one
 //   DATA/.cache/index/<hash>.json   what a file was when it was imported: size, time, SHA-256
 //
-// An Open may take as long as an import does. Thread rule: one thread opens, another one may list
-// and load meanwhile; the Datasets that it returns are immutable and may be read by any. Errors:
-// kUnknownName, those of the importer, kIoError.
+// Thread rule: one thread opens, another one may list, load and open what is prepared meanwhile; the
+// Datasets that they return are immutable and may be read by any. Errors: kUnknownName, those of
+// the importer, kIoError.
 #pragma once
 
 #include <atomic>
@@ -64,7 +64,10 @@ class DatasetStore {
 
   // Sorted by name. kIoError when the data folder cannot be read.
   Result<std::vector<DatasetFileInfo>> List() const;
+  // Imports and derives what is asked for where no cache has it: takes as long as that does.
   Result<OpenedDataset> Open(const DatasetRequest& request);
+  // The same where caches have all of it, in milliseconds; nullopt where Open would have to work.
+  Result<std::optional<OpenedDataset>> OpenPrepared(const DatasetRequest& request);
   // A dataset that an earlier Open made, perhaps of another process. kUnknownName if it is no more.
   Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
   // Removes what killed processes left half-made.
@@ -86,10 +89,14 @@ class DatasetStore {
   std::optional<IndexEntry> ReadIndex(const File& file) const;
   Status WriteIndex(const File& file, const IndexEntry& entry) const;
   Result<IndexEntry> Import(const File& file);
-  Result<std::shared_ptr<const Dataset>> OpenSource(const File& file, IndexEntry* entry);
+  // These give a null dataset where it is missing and not to be made.
+  enum class IfMissing { kMake, kGiveNull };
+  Result<OpenedDataset> Open(const DatasetRequest& request, IfMissing if_missing);
+  Result<std::shared_ptr<const Dataset>> OpenSource(const File& file, IfMissing if_missing,
+                                                    IndexEntry* entry);
   // The dataset of `fingerprint`: from the cache, or made by `derive` and then cached.
   Result<std::shared_ptr<const Dataset>> LoadOrDerive(
-      const std::string& fingerprint, const Dataset& source,
+      const std::string& fingerprint, const Dataset& source, IfMissing if_missing,
       const std::function<Status(DatasetBuilder*)>& derive);
   // Makes room for `bytes` more by removing the caches that were opened longest ago.
   void MakeRoom(uint64_t bytes);

@@ -93,6 +93,8 @@ class DatasetWorker {
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
   void SubmitOpen(PendingRequest pending);
+  // Opens the dataset of the parked request `id` that is not prepared yet.
+  void SubmitPreparation(uint64_t id, DatasetRequest wanted);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(PendingRequest pending);
   // Keeps a request until its completion or its deadline; null when too many wait already.
@@ -127,7 +129,7 @@ class DatasetWorker {
   std::map<std::string, std::vector<uint64_t>> loading_;
   // Last: their tasks use the members above.
   BackgroundThread preparing_;  // imports and corrupts: minutes
-  BackgroundThread mapping_;    // lists and maps what is prepared: milliseconds
+  BackgroundThread mapping_;    // lists, opens and maps what is prepared: milliseconds
 };
 
 void DatasetWorker::Run() {
@@ -219,6 +221,19 @@ void DatasetWorker::SubmitOpen(PendingRequest pending) {
   }
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
+  // What is prepared already need not wait for an import that is running.
+  mapping_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
+    auto opened =
+        std::make_shared<Result<std::optional<OpenedDataset>>>(store_.OpenPrepared(wanted));
+    return [this, id, wanted, opened] {
+      if (!opened->ok()) return FinishOpen(id, opened->status());
+      if (!**opened) return SubmitPreparation(id, wanted);
+      FinishOpen(id, std::move(***opened));
+    };
+  });
+}
+
+void DatasetWorker::SubmitPreparation(uint64_t id, DatasetRequest wanted) {
   preparing_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
     auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
     return [this, id, opened] { FinishOpen(id, *opened); };

@@ -65,6 +65,25 @@ TEST_CASE("equal corruptions share a cache, however they are written") {
   CHECK(fixture.CacheCount() == 3);
 }
 
+TEST_CASE("what is prepared can be opened without preparing anything") {
+  const StoreFixture fixture;
+  DatasetStore store = fixture.Store();
+  for (const char* corruptions : {"", "hidden-high"}) {
+    const DatasetRequest request = fixture.Request(corruptions);
+    const auto missing = store.OpenPrepared(request);
+    REQUIRE(missing.ok());
+    CHECK_FALSE(missing->has_value());
+    const auto opened = store.Open(request);
+    REQUIRE(opened.ok());
+    const auto prepared = store.OpenPrepared(request);
+    REQUIRE(prepared.ok());
+    REQUIRE(prepared->has_value());
+    CHECK((*prepared)->fingerprint == opened->fingerprint);
+    CHECK((*prepared)->info.sha256 == opened->info.sha256);
+    CHECK((*prepared)->hidden_dimensions == opened->hidden_dimensions);
+  }
+}
+
 TEST_CASE("caches that were opened longest ago make room, and come back when asked for by name") {
   const StoreFixture fixture;
   const uint64_t one = fixture.Store().Open(fixture.Request(""))->dataset->cache().bytes();

@@ -166,7 +166,7 @@ TEST_CASE("datasets are listed before and after their import") {
   CHECK(daemon.heartbeat > 0);
 }
 
-TEST_CASE("an import that takes long holds up neither batches nor listings") {
+TEST_CASE("an import that takes long holds up nothing that is prepared") {
   DataFolder files;
   const std::string fingerprint =
       Daemon(files.folder.path()).Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
@@ -186,6 +186,8 @@ TEST_CASE("an import that takes long holds up neither batches nor listings") {
   list.mutable_list_datasets();
   CHECK(daemon.Ask(list).reply.list_datasets().datasets_size() == 2);
   CHECK(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
+  CHECK(daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint() == fingerprint);
+  CHECK(daemon.Open("HalfCheetah/unknown").code() == StatusCode::kUnknownName);
   CHECK_FALSE(soon.expired());
   CHECK_FALSE(patient.TryReceive().has_value());
 }
