@@ -4,9 +4,9 @@
 //   DATA/.cache/<fingerprint>/      a column cache: of a file, or derived from one
 //   DATA/.cache/index/<hash>.json   what a file was when it was imported: size, time, SHA-256
 //
-// Thread rule: one thread opens, another one may list, load and open what is prepared meanwhile; the
-// Datasets that they return are immutable and may be read by any. Errors: kUnknownName, those of
-// the importer, kIoError.
+// Thread rule: one thread opens, another one may list, load and open what is prepared meanwhile;
+// the Datasets that they return are immutable and may be read by any. Errors: kUnknownName, those
+// of the importer, kIoError.
 #pragma once
 
 #include <atomic>
