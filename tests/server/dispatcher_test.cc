@@ -1,6 +1,7 @@
 // The rules by which an environment worker answers, one message at a time.
 #include "server/dispatcher.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
@@ -140,6 +141,77 @@ TEST_CASE("Requests in flight are limited") {
   REQUIRE(worker.answers[0].code() == StatusCode::kLimitExceeded);
   worker.Work();
   REQUIRE(worker.answers.size() == limits::kMaxRequestsInFlight + 1);
+}
+
+// Opens session `i` of many, whose lanes are all reset.
+std::string OpenNumbered(WorkerFixture& worker, uint32_t i, uint32_t lanes) {
+  const std::string digits = std::to_string(i);
+  const std::string token = std::string(limits::kTokenBytes - digits.size(), 't') + digits;
+  worker.Open(lanes, token);
+  pb::Request reset;
+  reset.set_session_token(token);
+  reset.mutable_reset();
+  REQUIRE(worker.Call(reset, {Numbers(std::vector<uint64_t>(lanes, 1))}).code() ==
+          StatusCode::kOk);
+  return token;
+}
+
+TEST_CASE("Requests that wait in a worker are limited over all its sessions") {
+  constexpr uint32_t kSessions = limits::kMaxQueuedRequests / limits::kMaxRequestsInFlight;
+  WorkerFixture worker;
+  std::vector<std::string> tokens;
+  for (uint32_t i = 0; i < kSessions; ++i) {
+    tokens.push_back(OpenNumbered(worker, i, limits::kMaxRequestsInFlight));
+  }
+  pb::Request late = WorkerFixture::StepRequest(1);
+  late.set_session_token(OpenNumbered(worker, kSessions, 1));
+  worker.answers.clear();
+  for (const std::string& token : tokens) {
+    for (uint32_t lane = 0; lane < limits::kMaxRequestsInFlight; ++lane) {
+      pb::Request step = WorkerFixture::StepRequest(lane + 1);
+      step.set_session_token(token);
+      worker.Send(step, {Numbers({2}), Lanes({lane}), Actions(1, 0)}, true);
+    }
+  }
+  REQUIRE(worker.answers.empty());
+  worker.Send(late, {Numbers({2}), Actions(1, 0)}, true);
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 1 + limits::kMaxQueuedRequests);
+  REQUIRE(worker.Call(late, {Numbers({2}), Actions(1, 0)}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("Payloads that wait in a worker are limited by their bytes") {
+  constexpr uint32_t kFitting = limits::kMaxQueuedBytes / limits::kMaxPayloadBytes;
+  WorkerFixture worker;
+  pb::Request step = WorkerFixture::StepRequest(1);
+  step.set_protocol_version(limits::kProtocolVersion);
+  ArrayLayout layout(step.mutable_arrays());
+  const size_t numbers = layout.Add("numbers", DType::kUint64, {1});
+  const size_t actions = layout.Add("actions", DType::kFloat32, {1, kActions});
+  // Zeros from the system, of which one page is touched; all requests share them.
+  Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);
+  ArrayAt<uint64_t>(payload, numbers, 1)[0] = 2;
+  std::ranges::fill(ArrayAt<float>(payload, actions, kActions), 0.f);
+  std::vector<std::string> tokens;
+  for (uint32_t i = 0; i <= kFitting; ++i) tokens.push_back(OpenNumbered(worker, i, 1));
+  worker.answers.clear();
+  const auto send = [&](uint32_t session) {
+    step.set_session_token(tokens[session]);
+    Message message{Frame::Copy(step.SerializeAsString()), payload.Share()};
+    worker.dispatcher().Handle({"client", std::move(message)}, true);
+  };
+  for (uint32_t i = 0; i < kFitting; ++i) send(i);
+  REQUIRE(worker.answers.empty());
+  send(kFitting);
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  worker.Work();
+  send(kFitting);
+  worker.Work();
+  REQUIRE(worker.answers.size() == kFitting + 2);
+  REQUIRE(worker.answers.back().code() == StatusCode::kOk);
 }
 
 TEST_CASE("Close waits for what is under way, and closing twice is closing once") {

@@ -218,6 +218,21 @@ TEST_CASE("A connection has a bound of requests and of bytes, and others have th
   REQUIRE(fixture.Forward("third", Query(1, Token('a'))).ok());
 }
 
+TEST_CASE("All connections together have a bound of bytes") {
+  Fixture fixture;
+  fixture.Open(Token('a'));
+  fixture.workers[0].reset();  // so that nothing leaves, and no page is touched
+  constexpr size_t kLarge = limits::kMaxPayloadBytes - 4'096;
+  constexpr uint64_t kFitting = limits::kMaxRelayBytes / limits::kMaxPayloadBytes;
+  for (uint64_t i = 0; i < kFitting; ++i) {
+    const RoutingId client = "client" + std::to_string(i / 2);
+    REQUIRE(fixture.Forward(client, Query(i, Token('a')), kLarge).ok());
+  }
+  REQUIRE(fixture.Forward("late", Query(1, Token('a')), kLarge).code() ==
+          StatusCode::kLimitExceeded);
+  REQUIRE(fixture.Forward("late", Query(1, Token('a'))).ok());
+}
+
 TEST_CASE("What nobody answers is forgotten after its deadline") {
   Fixture fixture;
   fixture.Open(Token('a'));

@@ -192,6 +192,31 @@ TEST_CASE("an import that takes long holds up nothing that is prepared") {
   CHECK_FALSE(patient.TryReceive().has_value());
 }
 
+TEST_CASE("requests that wait for datasets are bounded, and what is mapped is served on") {
+  DataFolder files;
+  const std::string fingerprint =
+      Daemon(files.folder.path()).Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
+  REQUIRE(WriteExample(files.folder.File("HalfCheetah/other.h5"), files.data).ok());
+  const std::string importer = files.folder.File("importer");
+  WriteBytes(importer, "#!/bin/sh\nexec sleep 1000\n");
+  std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
+  Daemon daemon(files.folder.path(), importer);
+  REQUIRE(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
+  DealerSocket patient = daemon.Connect();
+  pb::Request open;
+  open.set_protocol_version(limits::kProtocolVersion);
+  open.set_deadline_ms(limits::kMaxDeadlineMs);
+  open.mutable_open_dataset()->set_dataset("HalfCheetah/other");
+  for (uint32_t i = 1; i <= limits::kMaxPendingDatasetRequests + 1; ++i) {
+    open.set_request_id(i);
+    REQUIRE(patient.Send({SerializeEnvelope(open).value(), Frame()}).ok());
+  }
+  const auto refused = daemon.Receive(patient);
+  CHECK(refused.code() == StatusCode::kLimitExceeded);
+  CHECK(refused.reply.request_id() == limits::kMaxPendingDatasetRequests + 1);
+  CHECK(daemon.Sample(fingerprint, 0, 1, 5).code() == StatusCode::kOk);
+}
+
 TEST_CASE("a listing that is longer than an envelope comes in pages") {
   constexpr int kFiles = 1500;
   TemporaryFolder folder;
