@@ -1,9 +1,9 @@
 // The only door to ZeroMQ: a ROUTER for servers, a DEALER for clients, and waiting on them.
 //
-// All waits are bounded, all queues have a high-water mark and a server's a bound in bytes, messages
-// are capped, heartbeats run on every connection, and a message that cannot be queued towards a
-// peer is an error of the call rather than lost in silence. Thread rule: a socket belongs to the
-// thread that made it. A Context may be shared.
+// All waits are bounded, all queues have a high-water mark, a server's also a bound in bytes,
+// messages are capped, heartbeats run on every connection, and a message that cannot be queued
+// towards a peer is an error of the call rather than lost in silence. Thread rule: a socket belongs
+// to the thread that made it. A Context may be shared.
 #pragma once
 
 #include <cstdint>

@@ -6,145 +6,13 @@
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <filesystem>
-#include <thread>
 
 #include "data/gather.h"
 #include "data/sampler.h"
-#include "proto/base/limits.h"
-#include "proto/base/spec.h"
-#include "tests/data/example_dataset.h"
-#include "tests/data/temporary_folder.h"
+#include "tests/server/datasets/dataset_worker_fixture.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr int64_t kPatienceMs = 60'000;
-
-// A worker on a thread of this process, and a client.
-class Daemon {
- public:
-  explicit Daemon(const std::string& data_folder,
-                  const std::string& importer = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve") {
-    options_.endpoints = {{"ipc://" + folder_.File("socket")}};
-    options_.data_folder = data_folder;
-    options_.importer_program = importer;
-    options_.drain = &drain_;
-    options_.heartbeat = &heartbeat;
-    options_.errors = &errors;
-    Start();
-  }
-  ~Daemon() { Stop(); }
-
-  void Start() {
-    drain_ = false;
-    thread_ = std::thread([this] { exit_code = RunDatasetWorker(options_); });
-  }
-  void Stop() {
-    drain_ = true;
-    if (thread_.joinable()) thread_.join();
-  }
-
-  struct Answer {
-    pb::Reply reply;
-    Frame payload;
-    StatusCode code() const { return static_cast<StatusCode>(reply.status().code()); }
-    ArrayReader arrays() const { return ArrayReader::Parse(reply.arrays(), payload).value(); }
-    template <typename T>
-    std::vector<T> Values(const char* name) const {
-      const ArrayReader all = arrays();
-      const TensorView* view = all.Find(name);
-      REQUIRE(view != nullptr);
-      REQUIRE(view->dtype == DTypeOf<T>());
-      const auto span = view->As<T>();
-      return {span.begin(), span.end()};
-    }
-  };
-
-  Answer Receive(DealerSocket& socket) {
-    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
-    while (!deadline.expired()) {
-      if (std::optional<Message> message = socket.TryReceive()) {
-        Answer answer;
-        REQUIRE(ParseEnvelope(message->envelope, &answer.reply).ok());
-        answer.payload = std::move(message->payload);
-        return answer;
-      }
-      socket.Wait(deadline);
-    }
-    FAIL("no reply");
-    return {};
-  }
-  DealerSocket Connect() {
-    auto socket = DealerSocket::Connect(context_, options_.endpoints[0].address);
-    REQUIRE(socket.ok());
-    return std::move(*socket);
-  }
-  Answer Ask(pb::Request request) {
-    if (!socket_) socket_.emplace(Connect());
-    if (request.protocol_version() == 0) request.set_protocol_version(limits::kProtocolVersion);
-    request.set_request_id(++last_id_);
-    request.set_deadline_ms(kPatienceMs);
-    REQUIRE(socket_->Send({SerializeEnvelope(request).value(), Frame()}).ok());
-    Answer answer = Receive(*socket_);
-    CHECK(answer.reply.request_id() == last_id_);
-    return answer;
-  }
-  Answer Open(const std::string& name, const std::string& corruptions = "", uint64_t seed = 0,
-              const std::string& rule = "") {
-    pb::Request request;
-    request.mutable_open_dataset()->set_dataset(name);
-    const std::vector<NamedArgument> items = ParseNamedArguments(corruptions).value();
-    for (const NamedArgument& item : items) {
-      pb::NamedArgument* out = request.mutable_open_dataset()->add_corruptions();
-      out->set_name(item.name);
-      out->set_argument(item.argument);
-    }
-    request.mutable_open_dataset()->set_seed(seed);
-    request.mutable_open_dataset()->set_transition_rule(rule);
-    return Ask(request);
-  }
-  Answer Sample(const std::string& fingerprint, uint64_t seed, uint64_t batch, uint32_t rows,
-                uint32_t batches = 1) {
-    pb::Request request;
-    pb::SampleRequest* sample = request.mutable_sample();
-    sample->set_fingerprint(fingerprint);
-    sample->set_seed(seed);
-    sample->set_first_batch(batch);
-    sample->set_batches(batches);
-    sample->set_rows(rows);
-    sample->set_with_indices(true);
-    return Ask(request);
-  }
-  Answer Read(const std::string& fingerprint, uint64_t first, uint32_t rows) {
-    pb::Request request;
-    request.mutable_read()->set_fingerprint(fingerprint);
-    request.mutable_read()->set_first_row(first);
-    request.mutable_read()->set_rows(rows);
-    return Ask(request);
-  }
-
-  std::atomic<uint64_t> heartbeat{0};
-  std::atomic<uint64_t> errors{0};
-  int exit_code = -1;
-
- private:
-  TemporaryFolder folder_;
-  DatasetWorkerOptions options_;
-  std::atomic<bool> drain_{false};
-  Context context_;
-  std::optional<DealerSocket> socket_;
-  std::thread thread_;
-  uint64_t last_id_ = 0;
-};
-
-struct DataFolder {
-  TemporaryFolder folder;
-  ExampleDataset data = MakeExampleDataset({700, 300, 500}, 17, 6);
-  DataFolder() {
-    std::filesystem::create_directory(folder.File("HalfCheetah"));
-    REQUIRE(WriteExample(folder.File("HalfCheetah/medium.h5"), data).ok());
-  }
-};
 
 TEST_CASE("datasets are listed before and after their import") {
   DataFolder files;
@@ -172,10 +40,8 @@ TEST_CASE("an import that takes long holds up nothing that is prepared") {
       Daemon(files.folder.path()).Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
   REQUIRE_FALSE(fingerprint.empty());
   REQUIRE(WriteExample(files.folder.File("HalfCheetah/other.h5"), files.data).ok());
-  const std::string importer = files.folder.File("importer");
-  WriteBytes(importer, "#!/bin/sh\nexec sleep 1000\n");
-  std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
-  Daemon daemon(files.folder.path(), importer);  // has mapped nothing yet, like a replacement
+  // Has mapped nothing yet, like a replacement.
+  Daemon daemon(files.folder.path(), files.EndlessImporter());
   DealerSocket patient = daemon.Connect();
   pb::Request open;
   open.set_protocol_version(limits::kProtocolVersion);
@@ -197,10 +63,7 @@ TEST_CASE("requests that wait for datasets are bounded, and what is mapped is se
   const std::string fingerprint =
       Daemon(files.folder.path()).Open("HalfCheetah/medium").reply.open_dataset().fingerprint();
   REQUIRE(WriteExample(files.folder.File("HalfCheetah/other.h5"), files.data).ok());
-  const std::string importer = files.folder.File("importer");
-  WriteBytes(importer, "#!/bin/sh\nexec sleep 1000\n");
-  std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
-  Daemon daemon(files.folder.path(), importer);
+  Daemon daemon(files.folder.path(), files.EndlessImporter());
   REQUIRE(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
   DealerSocket patient = daemon.Connect();
   pb::Request open;
