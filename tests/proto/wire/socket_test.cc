@@ -35,6 +35,19 @@ IncomingMessage Take(RouterSocket& router) {
   return std::move(*message);
 }
 
+// A server and a client that has said "hello".
+struct Connection {
+  Context context;  // outlives the sockets
+  const std::string address = FreshAddress();
+  RouterSocket router = Listen(context, address);
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
+  RoutingId client;
+  Connection() {
+    REQUIRE(dealer.Send({Frame::Copy("hello"), Frame()}).ok());
+    client = Take(router).sender;
+  }
+};
+
 Message Text(std::string_view envelope, std::string_view payload = {}) {
   return {Frame::Copy(envelope), payload.empty() ? Frame() : Frame::Copy(payload)};
 }
@@ -69,36 +82,26 @@ TEST_CASE("a reply to a peer that has gone is an error of the call") {
 }
 
 TEST_CASE("a server that nobody reads from is not waited for") {
-  Context context;
-  const std::string address = FreshAddress();
-  RouterSocket router = Listen(context, address);
-  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
-  REQUIRE(dealer.Send(Text("hello")).ok());
-  const RoutingId sender = Take(router).sender;
+  Connection connection;
   Frame payload = Frame::OfSize(100'000);
   Status status;
   // Both high-water marks and what the kernel buffers.
   for (int i = 0; i < 4 * limits::kHighWaterMark && status.ok(); ++i) {
-    status = router.Send(sender, {Frame::Copy("x"), payload.Share()});
+    status = connection.router.Send(connection.client, {Frame::Copy("x"), payload.Share()});
   }
   CHECK(status.code() == StatusCode::kLimitExceeded);
 }
 
 TEST_CASE("long replies that nobody reads are bounded by their bytes") {
-  Context context;
-  const std::string address = FreshAddress();
-  RouterSocket router = Listen(context, address);
-  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
-  REQUIRE(dealer.Send(Text("hello")).ok());
-  const RoutingId sender = Take(router).sender;
+  Connection connection;
   Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);
   Status status;
   // To send a share of them takes far less time than the dealer's thread needs to read one.
   for (int i = 0; i < limits::kHighWaterMark / 2 && status.ok(); ++i) {
-    status = router.Send(sender, {Frame::Copy("x"), payload.Share()});
+    status = connection.router.Send(connection.client, {Frame::Copy("x"), payload.Share()});
   }
   CHECK(status.code() == StatusCode::kLimitExceeded);
-  CHECK(router.Send(sender, Text("short ones are sent")).ok());
+  CHECK(connection.router.Send(connection.client, Text("short ones are sent")).ok());
 }
 
 TEST_CASE("a client's queue towards a server that is not there is bounded") {
