@@ -305,16 +305,6 @@ Result<std::shared_ptr<const Dataset>> DatasetStore::LoadOrDerive(
   return Load(fingerprint);
 }
 
-Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request) {
-  return Open(request, IfMissing::kMake);
-}
-
-Result<std::optional<OpenedDataset>> DatasetStore::OpenPrepared(const DatasetRequest& request) {
-  B4MRL_ASSIGN_OR_RETURN(OpenedDataset opened, Open(request, IfMissing::kGiveNull));
-  if (opened.dataset == nullptr) return std::optional<OpenedDataset>();
-  return std::optional(std::move(opened));
-}
-
 Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request, IfMissing if_missing) {
   B4MRL_ASSIGN_OR_RETURN(const File file, FindFile(request.name));
   IndexEntry entry;

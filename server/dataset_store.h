@@ -64,10 +64,13 @@ class DatasetStore {
 
   // Sorted by name. kIoError when the data folder cannot be read.
   Result<std::vector<DatasetFileInfo>> List() const;
-  // Imports and derives what is asked for where no cache has it: takes as long as that does.
-  Result<OpenedDataset> Open(const DatasetRequest& request);
-  // The same where caches have all of it, in milliseconds; nullopt where Open would have to work.
-  Result<std::optional<OpenedDataset>> OpenPrepared(const DatasetRequest& request);
+  // What to do where no cache has what is asked for.
+  enum class IfMissing {
+    kMake,      // import and derive it: takes as long as that does
+    kGiveNull,  // return an OpenedDataset whose dataset is null, in milliseconds
+  };
+  Result<OpenedDataset> Open(const DatasetRequest& request,
+                             IfMissing if_missing = IfMissing::kMake);
   // A dataset that an earlier Open made, perhaps of another process. kUnknownName if it is no more.
   Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
   // Removes what killed processes left half-made.
@@ -89,9 +92,7 @@ class DatasetStore {
   std::optional<IndexEntry> ReadIndex(const File& file) const;
   Status WriteIndex(const File& file, const IndexEntry& entry) const;
   Result<IndexEntry> Import(const File& file);
-  // These give a null dataset where it is missing and not to be made.
-  enum class IfMissing { kMake, kGiveNull };
-  Result<OpenedDataset> Open(const DatasetRequest& request, IfMissing if_missing);
+  // Like Open, these give null where something is missing and not to be made.
   Result<std::shared_ptr<const Dataset>> OpenSource(const File& file, IfMissing if_missing,
                                                     IndexEntry* entry);
   // The dataset of `fingerprint`: from the cache, or made by `derive` and then cached.

@@ -92,9 +92,9 @@ class DatasetWorker {
   }
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
-  void SubmitOpen(PendingRequest pending);
-  // Opens the dataset of the parked request `id` that is not prepared yet.
-  void SubmitPreparation(uint64_t id, DatasetRequest wanted);
+  void HandleOpen(PendingRequest pending);
+  // Opens the dataset of the parked request `id`.
+  void SubmitOpen(uint64_t id, DatasetRequest wanted, DatasetStore::IfMissing if_missing);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(PendingRequest pending);
   // Keeps a request until its completion or its deadline; null when too many wait already.
@@ -180,7 +180,7 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
     case pb::Request::kListDatasets:
       return SubmitList(std::move(pending));
     case pb::Request::kOpenDataset:
-      return SubmitOpen(std::move(pending));
+      return HandleOpen(std::move(pending));
     default:
       return ReplyError(pending, Status(StatusCode::kUnsupported,
                                         "the dataset worker answers ListDatasets, OpenDataset, "
@@ -207,7 +207,7 @@ std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
   return std::move(node.mapped());
 }
 
-void DatasetWorker::SubmitOpen(PendingRequest pending) {
+void DatasetWorker::HandleOpen(PendingRequest pending) {
   const pb::OpenDatasetRequest& request = pending.request.open_dataset();
   const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
   if (!rule.ok()) return ReplyError(pending, rule.status());
@@ -221,22 +221,22 @@ void DatasetWorker::SubmitOpen(PendingRequest pending) {
   }
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  // What is prepared already need not wait for an import that is running.
-  mapping_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
-    auto opened =
-        std::make_shared<Result<std::optional<OpenedDataset>>>(store_.OpenPrepared(wanted));
-    return [this, id, wanted, opened] {
-      if (!opened->ok()) return FinishOpen(id, opened->status());
-      if (!**opened) return SubmitPreparation(id, wanted);
-      FinishOpen(id, std::move(***opened));
-    };
-  });
+  SubmitOpen(id, std::move(wanted), DatasetStore::IfMissing::kGiveNull);
 }
 
-void DatasetWorker::SubmitPreparation(uint64_t id, DatasetRequest wanted) {
-  preparing_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
-    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
-    return [this, id, opened] { FinishOpen(id, *opened); };
+void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted,
+                               DatasetStore::IfMissing if_missing) {
+  // What is prepared already need not wait for an import that is running.
+  const bool prepare = if_missing == DatasetStore::IfMissing::kMake;
+  BackgroundThread& thread = prepare ? preparing_ : mapping_;
+  thread.Submit([this, id, wanted = std::move(wanted),
+                 if_missing]() -> BackgroundThread::Completion {
+    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted, if_missing));
+    return [this, id, wanted, opened] {
+      const bool missing = opened->ok() && (*opened)->dataset == nullptr;
+      if (missing) return SubmitOpen(id, wanted, DatasetStore::IfMissing::kMake);
+      FinishOpen(id, *opened);
+    };
   });
 }
 

@@ -68,19 +68,20 @@ TEST_CASE("equal corruptions share a cache, however they are written") {
 TEST_CASE("what is prepared can be opened without preparing anything") {
   const StoreFixture fixture;
   DatasetStore store = fixture.Store();
+  constexpr auto kGiveNull = DatasetStore::IfMissing::kGiveNull;
   for (const char* corruptions : {"", "hidden-high"}) {
     const DatasetRequest request = fixture.Request(corruptions);
-    const auto missing = store.OpenPrepared(request);
+    const auto missing = store.Open(request, kGiveNull);
     REQUIRE(missing.ok());
-    CHECK_FALSE(missing->has_value());
+    CHECK(missing->dataset == nullptr);
     const auto opened = store.Open(request);
     REQUIRE(opened.ok());
-    const auto prepared = store.OpenPrepared(request);
+    const auto prepared = store.Open(request, kGiveNull);
     REQUIRE(prepared.ok());
-    REQUIRE(prepared->has_value());
-    CHECK((*prepared)->fingerprint == opened->fingerprint);
-    CHECK((*prepared)->info.sha256 == opened->info.sha256);
-    CHECK((*prepared)->hidden_dimensions == opened->hidden_dimensions);
+    REQUIRE(prepared->dataset != nullptr);
+    CHECK(prepared->fingerprint == opened->fingerprint);
+    CHECK(prepared->info.sha256 == opened->info.sha256);
+    CHECK(prepared->hidden_dimensions == opened->hidden_dimensions);
   }
 }
 
