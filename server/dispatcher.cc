@@ -65,7 +65,7 @@ Dispatcher::~Dispatcher() = default;
 void Dispatcher::AdoptSessions() {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     SessionRecord& record = shared_.session(index);
-    if (record.state != SessionState::kLive || record.worker != worker_) continue;
+    if (record.state() != SessionState::kLive || record.worker != worker_) continue;
     Status status(StatusCode::kInternal, "rebuilding it ended the worker again and again");
     if (record.adoption_attempts.fetch_add(1) < kMaxAdoptionAttempts) {
       status = Attach(index).status();
@@ -75,7 +75,7 @@ void Dispatcher::AdoptSessions() {
       continue;
     }
     spdlog::error("session {} is lost: {}", index, status.ToString());
-    record.state.store(SessionState::kClosed);
+    record.Close(record.generation);
   }
 }
 
@@ -146,10 +146,10 @@ bool Dispatcher::ForgetIfDisowned(Session* session) {
 
 Result<Session*> Dispatcher::Attach(uint32_t index) {
   const SessionRecord& record = shared_.session(index);
-  const SessionState state = record.state.load(std::memory_order_acquire);
+  const SessionState state = record.state();
   if ((state != SessionState::kOpening && state != SessionState::kLive) ||
       record.worker != worker_) {
-    return Status(StatusCode::kSessionLost, "the session is not this worker's");
+    return Status(StatusCode::kSessionLost, "the session was closed, or is not this worker's");
   }
   const std::string token(SessionToken(record));
   const auto found = sessions_.find(token);
@@ -165,18 +165,25 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
   return (sessions_[token] = std::move(session)).get();
 }
 
-bool Dispatcher::LivesElsewhere(const std::string& token) const {
-  const std::optional<uint32_t> index = SessionTable(shared_).Find(token);
-  if (!index) return false;
-  const SessionRecord& record = shared_.session(*index);
-  return record.state == SessionState::kLive && record.worker != worker_;
+void Dispatcher::CloseUnattached(const Envelope& from, const std::string& token) {
+  const SessionTable table(shared_);
+  const std::optional<uint32_t> index = table.Find(token);
+  if (!index) return Reply(from, Closed());  // closed already
+  SessionRecord& record = shared_.session(*index);
+  const uint64_t generation = record.generation;
+  if (table.Holds(*index, token)) {  // still, so the generation is its own
+    if (record.worker != worker_) {
+      return Reply(from, Status(StatusCode::kSessionLost, "the session lives on another worker"));
+    }
+    record.Close(generation);
+  }
+  Reply(from, Closed());
 }
 
 void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
   const auto found = sessions_.find(token);
-  if (found == sessions_.end()) {
-    if (!LivesElsewhere(token)) return Reply(from, Closed());  // closed already
-    return Reply(from, Status(StatusCode::kSessionLost, "the session lives on another worker"));
+  if (found == sessions_.end() || ForgetIfDisowned(found->second.get())) {
+    return CloseUnattached(from, token);
   }
   Session* session = found->second.get();
   if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
@@ -296,10 +303,7 @@ void Dispatcher::Finish(RequestJob* job) {
 
 void Dispatcher::EndSession(Session* session) {
   const std::vector<Session::PendingClose> closes = std::move(session->pending_closes);
-  // One that never became live is the gateway's to free.
-  if (session->live()) {
-    session->record().state.store(SessionState::kClosed, std::memory_order_release);
-  }
+  session->record().Close(session->generation());
   const std::string token = session->token();
   sessions_.erase(token);
   for (const Session::PendingClose& close : closes) {

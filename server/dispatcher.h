@@ -53,11 +53,11 @@ class Dispatcher {
   void HandleAttach(const Envelope& from, const pb::AttachRequest& request);
   // Builds the session of record `index`, or finds it built.
   Result<Session*> Attach(uint32_t index);
-  // Whether another worker has a live session of this token.
-  bool LivesElsewhere(const std::string& token) const;
   // Forgets `session` without a word if its record is not its own any more; true if it did.
   bool ForgetIfDisowned(Session* session);
   void HandleClose(const Envelope& from, const std::string& token);
+  // Of a session that is not here: its Attach may be on its way, and is refused then.
+  void CloseUnattached(const Envelope& from, const std::string& token);
   void HandleSessionRequest(const Envelope& from, const pb::Request& request, Frame payload,
                             bool more_waiting);
   // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.

@@ -281,10 +281,9 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
     FreeUnopened(open);
     return Reply(to, status);
   }
-  if (record.generation != open.generation) {
-    return Reply(to, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
+  if (record.generation != open.generation || !table_.MakeLive(open.session_index)) {
+    return Reply(to, Status(StatusCode::kSessionLost, "the session was closed meanwhile"));
   }
-  table_.MakeLive(open.session_index);
   pb::OpenRequest request;
   if (!CheckSessionRecord(record).ok() ||
       !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
@@ -301,7 +300,7 @@ void Gateway::FinishOpen(uint64_t id, const pb::Reply& attach) {
 
 void Gateway::FreeUnopened(const PendingOpen& open) {
   const SessionRecord& record = context_.shared().session(open.session_index);
-  if (record.generation == open.generation && record.state == SessionState::kOpening) {
+  if (record.generation == open.generation && record.state() == SessionState::kOpening) {
     table_.Free(open.session_index);
   }
 }

@@ -106,7 +106,7 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
       request.observation_dtype() == pb::FLOAT64 ? DType::kFloat64 : DType::kFloat32;
   session->request_ = std::move(request);
   session->NameExperiment();
-  if (record.state.load() == SessionState::kOpening) {
+  if (record.state() == SessionState::kOpening) {
     session->InitializeLanes();
   } else {
     B4MRL_RETURN_IF_ERROR(session->AdoptLanes());
@@ -115,7 +115,7 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
 }
 
 SessionState Session::state() const {
-  const SessionState state = record().state.load(std::memory_order_acquire);
+  const SessionState state = record().state();
   const bool is_its_own = record().generation.load(std::memory_order_relaxed) == generation_;
   return is_its_own ? state : SessionState::kFree;
 }

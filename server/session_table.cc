@@ -11,12 +11,10 @@
 namespace b4mrl {
 namespace {
 
-bool HoldsLanes(const SessionRecord& record) {
-  return record.state.load(std::memory_order_acquire) != SessionState::kFree;
-}
+bool HoldsLanes(const SessionRecord& record) { return record.state() != SessionState::kFree; }
 
 bool IsOpen(const SessionRecord& record) {
-  const SessionState state = record.state.load(std::memory_order_acquire);
+  const SessionState state = record.state();
   return state == SessionState::kOpening || state == SessionState::kLive;
 }
 
@@ -39,7 +37,7 @@ Result<uint32_t> SessionTable::Allocate(const NewSession& session) {
   Reap(INT64_MAX);
   std::optional<uint32_t> free_index;
   for (uint32_t i = 0; i < limits::kMaxSessions && !free_index; ++i) {
-    if (shared_.session(i).state.load() == SessionState::kFree) free_index = i;
+    if (!HoldsLanes(shared_.session(i))) free_index = i;
   }
   if (!free_index) {
     return Status(StatusCode::kLimitExceeded,
@@ -66,25 +64,26 @@ Result<uint32_t> SessionTable::Allocate(const NewSession& session) {
   record.open_size = static_cast<uint32_t>(session.open_bytes.size());
   std::memcpy(record.open.data(), session.open_bytes.data(), session.open_bytes.size());
   record.checksum = SessionChecksum(record);
-  record.state.store(SessionState::kOpening, std::memory_order_release);
+  record.granted.store(SessionState::kOpening, std::memory_order_release);
   return *free_index;
 }
 
-void SessionTable::MakeLive(uint32_t index) {
-  // A session that its worker has closed meanwhile stays closed.
-  SessionState expected = SessionState::kOpening;
-  shared_.session(index).state.compare_exchange_strong(expected, SessionState::kLive);
+bool SessionTable::MakeLive(uint32_t index) {
+  SessionRecord& record = shared_.session(index);
+  if (!IsOpen(record)) return false;
+  record.granted.store(SessionState::kLive, std::memory_order_release);
+  return record.state() == SessionState::kLive;
 }
 
 void SessionTable::Free(uint32_t index) {
-  shared_.session(index).state.store(SessionState::kFree, std::memory_order_release);
+  shared_.session(index).granted.store(SessionState::kFree, std::memory_order_release);
 }
 
 void SessionTable::Reap(int64_t abandoned_ms) {
   const int64_t now = MonotonicMs();
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
-    const SessionState state = record.state.load(std::memory_order_acquire);
+    const SessionState state = record.state();
     const bool abandoned =
         state == SessionState::kOpening && now - record.last_activity_ms.load() > abandoned_ms;
     if (state == SessionState::kClosed || abandoned) Free(index);

@@ -32,8 +32,8 @@ class SessionTable {
   // Writes a kOpening record for the worker with the fewest lanes (then sessions). kLimitExceeded
   // when no record or no run of free lanes is left.
   Result<uint32_t> Allocate(const NewSession& session);
-  // kOpening to kLive: the worker has acknowledged.
-  void MakeLive(uint32_t index);
+  // kOpening to kLive: the worker has acknowledged. False if it has closed the session meanwhile.
+  bool MakeLive(uint32_t index);
   // A record that no worker holds.
   void Free(uint32_t index);
   // Frees what workers have closed, and openings that nobody has asked about for `abandoned_ms`.

@@ -93,6 +93,13 @@ uint32_t SharedState::worker_count() const {
   return std::min(memory_->header.worker_count, limits::kMaxWorkers);
 }
 
+SessionState SessionRecord::state() const {
+  const SessionState by_gateway = granted.load(std::memory_order_acquire);
+  if (by_gateway == SessionState::kFree) return by_gateway;
+  const bool closed = closed_generation.load(std::memory_order_acquire) == generation.load();
+  return closed ? SessionState::kClosed : by_gateway;
+}
+
 void AddQueryBlame(SessionRecord& record, uint64_t request_id, uint32_t blame) {
   QueryBlame* entry = nullptr;
   for (QueryBlame& candidate : record.query_blames) {

@@ -3,10 +3,10 @@
 // every child maps all of it.
 //
 // Who writes what: the supervisor the children's process ids and restarts and the lanes' blame; the
-// gateway a session's record while it is kFree or kOpening; a session's worker everything of it
-// while it is kLive (and its lanes from kOpening on); each thread its own mark. Numbers that
-// several processes touch are atomics. Whatever a process reads that another wrote is checked
-// before it is used as an index or a length: the writer may have died of a wild pointer.
+// gateway a session's record, but for what its worker says of it: its lanes, its activity and that
+// it is closed; each thread its own mark. Numbers that several processes touch are atomics.
+// Whatever a process reads that another wrote is checked before it is used as an index or a length:
+// the writer may have died of a wild pointer.
 #pragma once
 
 #include <array>
@@ -61,7 +61,7 @@ inline constexpr uint32_t kMarksPerWorker =
 enum class SessionState : uint32_t {
   kFree = 0,     // may be allocated
   kOpening = 1,  // allocated by the gateway, not yet acknowledged by the worker
-  kLive = 2,     // a replacement worker adopts it
+  kLive = 2,     // acknowledged: its worker serves it
   kClosed = 3,   // the worker is done with it; the gateway frees it
 };
 
@@ -72,12 +72,13 @@ struct QueryBlame {
 };
 
 struct alignas(64) SessionRecord {
-  std::atomic<SessionState> state;
+  std::atomic<SessionState> granted;  // by the gateway: kFree, kOpening or kLive; state() holds
   std::atomic<uint32_t> worker;
   std::atomic<uint32_t> first_lane;
   std::atomic<uint32_t> lane_count;
-  std::atomic<uint64_t> generation;       // never repeats; its lanes carry it too
-  std::atomic<int64_t> last_activity_ms;  // MonotonicMs()
+  std::atomic<uint64_t> generation;         // never repeats; its lanes carry it too
+  std::atomic<uint64_t> closed_generation;  // the last one that its worker was done with
+  std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
   std::atomic<uint64_t> steps;
   std::atomic<uint32_t> adoption_attempts;  // deaths while rebuilding it
   std::atomic<uint64_t> simulator_hash;     // of what the lanes were made with
@@ -89,6 +90,14 @@ struct alignas(64) SessionRecord {
   uint64_t checksum;
   uint32_t open_size;
   std::array<std::byte, limits::kMaxOpenRequestBytes> open;
+
+  SessionState state() const;
+  // Its worker: done with the session of that generation, whether the gateway has acknowledged it
+  // or not. A session that got the record since is not touched: gateway and worker decide at the
+  // same time, but neither overwrites what the other says.
+  void Close(uint64_t its_generation) {
+    closed_generation.store(its_generation, std::memory_order_release);
+  }
 };
 
 struct SharedHeader {

@@ -59,7 +59,7 @@ void StatusReport::FillSessions(pb::ServerStatusReply* out) const {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     pb::OpenRequest request;
-    if (record.state != SessionState::kLive || !CheckSessionRecord(record).ok() ||
+    if (record.state() != SessionState::kLive || !CheckSessionRecord(record).ok() ||
         !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
       continue;
     }

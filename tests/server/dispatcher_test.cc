@@ -229,7 +229,7 @@ TEST_CASE("Close waits for what is under way, and closing twice is closing once"
   REQUIRE(worker.answers[0].code() == StatusCode::kSessionLost);  // came after the Close
   REQUIRE(worker.answers[1].envelope.has_step());
   REQUIRE(worker.answers[2].envelope.has_close());
-  REQUIRE(worker.state().session(index).state == SessionState::kClosed);
+  REQUIRE(worker.state().session(index).state() == SessionState::kClosed);
   REQUIRE(worker.Call(close, {}).code() == StatusCode::kOk);
 }
 
@@ -247,7 +247,7 @@ TEST_CASE("A session that nobody uses ends when its lease does") {
 // The record of a session that the worker has built and the gateway has not acknowledged yet.
 uint32_t OpenUnacknowledged(WorkerFixture& worker, const std::string& token) {
   const uint32_t index = worker.Open(2, token);
-  worker.state().session(index).state.store(SessionState::kOpening);
+  worker.state().session(index).granted.store(SessionState::kOpening);
   return index;
 }
 
@@ -277,7 +277,7 @@ TEST_CASE("A session whose record was given to another one reaches nothing of th
   REQUIRE(call(kToken, reset, {Numbers({2, 2})}) == StatusCode::kSessionLost);
   REQUIRE(worker.state().lane(0).committed() == 1);
   REQUIRE(call(kToken, close, {}) == StatusCode::kOk);
-  REQUIRE(worker.state().session(index).state == SessionState::kLive);
+  REQUIRE(worker.state().session(index).state() == SessionState::kLive);
   REQUIRE(call(other, reset, {Numbers({2, 2})}) == StatusCode::kOk);
 }
 
@@ -296,7 +296,7 @@ TEST_CASE("A session without its record is forgotten when leases are looked at")
   SessionTable(worker.state()).Free(index);
   worker.dispatcher().ReapIdleSessions();
   REQUIRE(worker.dispatcher().session_count() == 0);
-  REQUIRE(worker.state().session(index).state == SessionState::kFree);
+  REQUIRE(worker.state().session(index).state() == SessionState::kFree);
 }
 
 TEST_CASE("A reset that ended its worker twice is refused, and another seed is not") {

@@ -73,7 +73,9 @@ class Fixture {
     table_.MakeLive(*index);
     return *index;
   }
-  void Close(uint32_t session) { state_.session(session).state = SessionState::kClosed; }
+  void Close(uint32_t session) {
+    state_.session(session).Close(state_.session(session).generation);
+  }
 
   Status Forward(const RoutingId& client, const pb::Request& request, size_t payload_bytes = 0) {
     Frame payload = payload_bytes == 0 ? Frame() : Frame::OfSize(payload_bytes);

@@ -70,7 +70,7 @@ TEST_CASE("Sessions go to the least loaded worker and never share lanes") {
   REQUIRE(state.session(second).first_lane == 10);
   REQUIRE(state.session(third).first_lane == 14);
   SECTION("a gap is used again once its session is closed") {
-    state.session(second).state.store(SessionState::kClosed);
+    state.session(second).Close(state.session(second).generation);
     REQUIRE(state.session(*Allocate(table, 4, 5)).first_lane == 18);
     REQUIRE(state.session(*Allocate(table, 5, 4)).first_lane == 10);
   }
@@ -78,9 +78,9 @@ TEST_CASE("Sessions go to the least loaded worker and never share lanes") {
     REQUIRE(table.Find(Token(2)) == second);
     table.MakeLive(second);
     REQUIRE(table.Find(Token(2)) == second);
-    state.session(second).state.store(SessionState::kClosed);
+    state.session(second).Close(state.session(second).generation);
     REQUIRE_FALSE(table.Find(Token(2)));
-    table.MakeLive(second);  // a late acknowledgement does not revive it
+    REQUIRE_FALSE(table.MakeLive(second));  // a late acknowledgement does not revive it
     REQUIRE_FALSE(table.Find(Token(2)));
   }
 }

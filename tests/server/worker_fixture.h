@@ -73,21 +73,34 @@ class WorkerFixture {
     dispatcher_->AdoptSessions();
   }
 
-  uint32_t Open(uint32_t lanes, const std::string& token = kToken) {
+  // The record of a session whose Attach has not been sent.
+  uint32_t Allocate(uint32_t lanes, const std::string& token = kToken) {
     pb::OpenRequest open;
     open.set_environment("HalfCheetah");
     open.set_num_envs(lanes);
     open.set_seed(5);
-    SessionTable table(*state_);
     const std::string bytes = open.SerializeAsString();
-    const Result<uint32_t> index = table.Allocate({token, bytes, 1, lanes});
+    const Result<uint32_t> index = SessionTable(*state_).Allocate({token, bytes, 1, lanes});
     REQUIRE(index.ok());
-    pb::Request attach;
-    attach.mutable_attach()->set_session_index(*index);
-    attach.mutable_attach()->set_generation(state_->session(*index).generation);
-    REQUIRE(Call(attach, {}).code() == StatusCode::kOk);
-    table.MakeLive(*index);
     return *index;
+  }
+  StatusCode Attach(uint32_t index) {
+    pb::Request attach;
+    attach.mutable_attach()->set_session_index(index);
+    attach.mutable_attach()->set_generation(state_->session(index).generation);
+    return Call(attach, {}).code();
+  }
+  uint32_t Open(uint32_t lanes, const std::string& token = kToken) {
+    const uint32_t index = Allocate(lanes, token);
+    REQUIRE(Attach(index) == StatusCode::kOk);
+    REQUIRE(SessionTable(*state_).MakeLive(index));
+    return index;
+  }
+  StatusCode Close(const std::string& token = kToken) {
+    pb::Request close;
+    close.set_session_token(token);
+    close.mutable_close();
+    return Call(close, {}).code();
   }
 
   // Hands a message over. `waiting` keeps its work in the queue until Work().

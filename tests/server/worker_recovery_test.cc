@@ -53,7 +53,7 @@ TEST_CASE("A session whose rebuilding ends its worker is given up after three at
   worker.state().session(index).adoption_attempts.store(3);
   worker.Restart();
   REQUIRE(worker.dispatcher().session_count() == 0);
-  REQUIRE(worker.state().session(index).state == SessionState::kClosed);
+  REQUIRE(worker.state().session(index).state() == SessionState::kClosed);
 }
 
 TEST_CASE("Snapshots continue exactly, and damaged or foreign ones are refused") {
