@@ -91,6 +91,8 @@ class RemoteDataset {
  public:
   const pb::OpenDatasetReply& in_force() const { return in_force_; }
   const std::string& fingerprint() const { return in_force_.fingerprint(); }
+  // That it was recorded in; "" if the server cannot tell.
+  const std::string& environment() const { return in_force_.environment(); }
   uint64_t rows() const { return in_force_.rows(); }
   size_t observation_size() const { return in_force_.observation_size(); }
   size_t action_size() const { return in_force_.action_size(); }

@@ -70,24 +70,31 @@ bool SameBits(std::span<const float> a, std::span<const float> b) {
 
 }  // namespace
 
+std::string EnvironmentOfName(const std::string& name) {
+  const bool is_d4rl = name.starts_with(kD4rlFolder);
+  const std::string rest = name.substr(is_d4rl ? kD4rlFolder.size() : 0);
+  const std::string prefix = rest.substr(0, rest.find(is_d4rl ? '-' : '/'));
+  for (const EnvironmentEntry& entry : EnvironmentList()) {
+    if ((is_d4rl ? LowerCase(entry.name) : std::string(entry.name)) == prefix) {
+      return std::string(entry.name);
+    }
+  }
+  return "";
+}
+
 Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
                                       uint32_t action_size) {
-  const bool is_d4rl = name.starts_with(kD4rlFolder);
-  const std::string prefix = is_d4rl ? name.substr(kD4rlFolder.size(), name.find('-') - 5)
-                                     : name.substr(0, name.find('/'));
-  for (const EnvironmentEntry& entry : EnvironmentList()) {
-    if (is_d4rl ? LowerCase(entry.name) != prefix : entry.name != prefix) continue;
-    B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec, DescribeEnvironment(entry.name));
-    if (spec.observation.size() == observation_size && spec.action.size() == action_size) {
-      return spec;
-    }
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("dataset '{}' has {} observation and {} action dimensions where {} "
-                              "has {} and {}",
-                              name, observation_size, action_size, spec.name,
-                              spec.observation.size(), spec.action.size()));
+  const std::string environment = EnvironmentOfName(name);
+  if (environment.empty()) return UnnamedSpec(name, observation_size, action_size);
+  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec, DescribeEnvironment(environment));
+  if (spec.observation.size() == observation_size && spec.action.size() == action_size) {
+    return spec;
   }
-  return UnnamedSpec(name, observation_size, action_size);
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("dataset '{}' has {} observation and {} action dimensions where {} "
+                            "has {} and {}",
+                            name, observation_size, action_size, spec.name, spec.observation.size(),
+                            spec.action.size()));
 }
 
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,

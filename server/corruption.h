@@ -20,8 +20,11 @@
 
 namespace b4mrl {
 
-// The environment that a dataset's name belongs to: "HalfCheetah/medium",
-// "d4rl/halfcheetah-medium-v2". For any other name, a specification with unnamed dimensions.
+// The environment that a dataset's name belongs to, "HalfCheetah" for "HalfCheetah/medium" and
+// "d4rl/halfcheetah-medium-v2"; "" if it is none that is known.
+std::string EnvironmentOfName(const std::string& name);
+
+// The specification of that environment; for any other name, one with unnamed dimensions.
 // kFailedPrecondition when the sizes differ.
 Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
                                       uint32_t action_size);

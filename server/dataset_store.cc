@@ -343,6 +343,8 @@ Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request, IfMissin
   OpenedDataset opened;
   opened.fingerprint = fingerprint;
   opened.info = {request.name, entry.file_bytes, entry.rows, entry.sha256, entry.behaviour_policy};
+  opened.environment = dataset->property("environment");
+  if (opened.environment.empty()) opened.environment = EnvironmentOfName(request.name);
   opened.corruptions = corruption.items;
   opened.hidden_dimensions = corruption.hidden_dimensions;
   opened.dataset = std::move(dataset);

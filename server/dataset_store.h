@@ -47,6 +47,7 @@ struct DatasetRequest {
 struct OpenedDataset {
   std::string fingerprint;
   DatasetFileInfo info;
+  std::string environment;                  // as the file says, else as its name; "" if neither
   std::vector<NamedArgument> corruptions;   // parametric forms
   std::vector<uint32_t> hidden_dimensions;  // sorted
   std::shared_ptr<const Dataset> dataset;

@@ -16,6 +16,7 @@
 #include "proto/base/limits.h"
 #include "server/background_thread.h"
 #include "server/dataset_batches.h"
+#include "server/dataset_replies.h"
 #include "server/dataset_store.h"
 #include "server/describe.h"
 #include "server/open_request.h"
@@ -29,12 +30,6 @@ constexpr int64_t kBeatMs = 100;
 constexpr int64_t kLingerMs = 1000;
 // Messages are handled for so long before background work and deadlines get their turn.
 constexpr int64_t kTurnMs = 50;
-// Of what a file says about its origin: it goes into every listing.
-constexpr size_t kMaxPolicyBytes = 200;
-
-// Of the entries of a listing, and of each one's tag and length.
-constexpr size_t kMaxListBytes = limits::kMaxEnvelopeBytes - 1024, kFieldBytes = 4;
-
 using DatasetPointer = std::shared_ptr<const Dataset>;
 
 // A request, from its arrival to its reply.
@@ -57,18 +52,6 @@ const std::string* FingerprintOf(const pb::Request& request) {
     default:
       return nullptr;
   }
-}
-
-void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
-  out->set_name(info.name);
-  out->set_rows(info.rows);
-  out->set_file_bytes(info.file_bytes);
-  out->set_sha256(info.sha256);
-  // A file may hold any bytes here, and a protobuf string only UTF-8.
-  std::string policy = info.behaviour_policy.substr(0, kMaxPolicyBytes);
-  std::ranges::replace_if(
-      policy, [](char c) { return c < ' ' || c > '~'; }, '?');
-  out->set_behaviour_policy(std::move(policy));
 }
 
 class DatasetWorker {
@@ -229,15 +212,15 @@ void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted,
   // What is prepared already need not wait for an import that is running.
   const bool prepare = if_missing == DatasetStore::IfMissing::kMake;
   BackgroundThread& thread = prepare ? preparing_ : mapping_;
-  thread.Submit([this, id, wanted = std::move(wanted),
-                 if_missing]() -> BackgroundThread::Completion {
-    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted, if_missing));
-    return [this, id, wanted, opened] {
-      const bool missing = opened->ok() && (*opened)->dataset == nullptr;
-      if (missing) return SubmitOpen(id, wanted, DatasetStore::IfMissing::kMake);
-      FinishOpen(id, *opened);
-    };
-  });
+  thread.Submit(
+      [this, id, wanted = std::move(wanted), if_missing]() -> BackgroundThread::Completion {
+        auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted, if_missing));
+        return [this, id, wanted, opened] {
+          const bool missing = opened->ok() && (*opened)->dataset == nullptr;
+          if (missing) return SubmitOpen(id, wanted, DatasetStore::IfMissing::kMake);
+          FinishOpen(id, *opened);
+        };
+      });
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
@@ -246,20 +229,7 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
   if (!pending) return;
   if (!opened.ok()) return ReplyError(*pending, opened.status());
   pb::Reply reply;
-  pb::OpenDatasetReply* out = reply.mutable_open_dataset();
-  out->set_fingerprint(opened->fingerprint);
-  FillInfo(opened->info, out->mutable_info());
-  out->set_rows(opened->dataset->rows());
-  out->set_observation_size(opened->dataset->columns().observation_size);
-  out->set_action_size(opened->dataset->columns().action_size);
-  for (const NamedArgument& item : opened->corruptions) {
-    pb::NamedArgument* named = out->add_corruptions();
-    named->set_name(item.name);
-    named->set_argument(item.argument);
-  }
-  for (const uint32_t dimension : opened->hidden_dimensions) {
-    out->add_hidden_dimensions(dimension);
-  }
+  FillOpened(*opened, reply.mutable_open_dataset());
   Reply(*pending, &reply, Frame());
 }
 
@@ -277,17 +247,7 @@ void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFile
   if (!pending) return;
   if (!list.ok()) return ReplyError(*pending, list.status());
   pb::Reply reply;
-  pb::ListDatasetsReply* out = reply.mutable_list_datasets();
-  out->set_total(static_cast<uint32_t>(list->size()));
-  size_t bytes = 0;
-  for (size_t i = pending->request.list_datasets().first(); i < list->size(); ++i) {
-    pb::DatasetInfo* info = out->add_datasets();
-    FillInfo((*list)[i], info);
-    bytes += info->ByteSizeLong() + kFieldBytes;
-    if (bytes <= kMaxListBytes) continue;
-    out->mutable_datasets()->RemoveLast();
-    break;
-  }
+  FillList(*list, pending->request.list_datasets().first(), reply.mutable_list_datasets());
   Reply(*pending, &reply, Frame());
 }
 

@@ -183,6 +183,12 @@ std::string BehaviourPolicy(const Hdf5Reader& file) {
   return iteration.ok() ? fmt::format("{}, iteration {:.0f}", *algorithm, *iteration) : *algorithm;
 }
 
+// In which the rows were recorded, as far as the file says so.
+std::string Environment(const Hdf5Reader& file) {
+  const Result<std::string> given = file.ReadString("metadata/environment");
+  return given.ok() ? *given : "";
+}
+
 }  // namespace
 
 std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
@@ -211,6 +217,7 @@ Result<ImportResult> ImportDataset(const ImporterOptions& options, const std::st
                       TransitionRuleName(stored ? TransitionRule::kStored : TransitionRule::kD4rl));
   builder.SetProperty("corruptions", "");
   builder.SetProperty("behaviour_policy", BehaviourPolicy(file));
+  builder.SetProperty("environment", Environment(file));
   B4MRL_RETURN_IF_ERROR(builder.Commit());
   return result;
 }

@@ -150,7 +150,9 @@ Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
   B4MRL_ASSIGN_OR_RETURN(const CollectSummary summary,
                          Collect(collect, policy, client, writer, progress));
   B4MRL_ASSIGN_OR_RETURN(const std::string agent_sha256, Sha256OfFile(agent_file));
-  B4MRL_RETURN_IF_ERROR(writer.SetPolicy(agent));
+  Agent behaviour = agent;  // may have been trained on another task of the same sizes
+  behaviour.provenance.environment = environment.name;
+  B4MRL_RETURN_IF_ERROR(writer.SetPolicy(behaviour));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_name", name));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_seed", static_cast<int64_t>(seed)));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("agent_sha256", agent_sha256));
@@ -247,6 +249,7 @@ Status DatasetCommand::WriteExport(RemoteDataset& dataset) {
     progress.Update(writer.rows());
   }
   const pb::OpenDatasetReply& source = dataset.in_force();
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("environment", dataset.environment()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", name));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source_sha256", source.info().sha256()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption", corruption));
@@ -260,6 +263,7 @@ std::optional<Failure> DatasetCommand::Info(Client& client, RemoteDataset& datas
   const pb::DatasetStatsReply& scores = stats->scores;
   const pb::DatasetInfo& info = dataset.in_force().info();
   nlohmann::ordered_json out = {{"name", name},
+                                {"environment", dataset.environment()},
                                 {"rows", dataset.rows()},
                                 {"episodes", scores.episodes()},
                                 {"observation_size", dataset.observation_size()},
@@ -274,8 +278,8 @@ std::optional<Failure> DatasetCommand::Info(Client& client, RemoteDataset& datas
                                 {"sha256", info.sha256()},
                                 {"behaviour_policy", info.behaviour_policy()},
                                 {"fingerprint", dataset.fingerprint()}};
-  const auto environment = client.FindEnvironment(name.substr(0, name.find('/')));
-  if (environment.ok()) {  // d4rl/... names no environment
+  const auto environment = client.FindEnvironment(dataset.environment());
+  if (environment.ok()) {  // others have no reference scores
     if (const auto score = environment->NormalisedScore(scores.mean_return())) {
       out["behaviour_score"] = *score;
     }

@@ -29,6 +29,11 @@ class Opened {
   std::optional<RemoteDataset> dataset_;
 };
 
+TEST_CASE("a dataset says in which environment it was recorded") {
+  FakeDaemon daemon;
+  CHECK(Opened(daemon)->environment() == "Fake");
+}
+
 TEST_CASE("a stream delivers batches in order and keeps its credits ahead") {
   constexpr uint32_t kCredits = 3;
   // Answers a request only when as many wait as there are credits.

@@ -64,12 +64,17 @@ inline ExampleDataset MakeExampleDataset(const std::vector<size_t>& lengths,
   return data;
 }
 
-inline Status WriteExample(const std::string& path, const ExampleDataset& data) {
+// `environment` is what the file says of it; "" for nothing.
+inline Status WriteExample(const std::string& path, const ExampleDataset& data,
+                           const std::string& environment = "") {
   DatasetWriterOptions options;
   options.observation_dimensions = data.observation_size;
   options.action_dimensions = data.action_size;
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
   B4MRL_RETURN_IF_ERROR(writer.Append(data.Rows()));
+  if (!environment.empty()) {
+    B4MRL_RETURN_IF_ERROR(writer.SetMetadata("environment", environment));
+  }
   return writer.Commit();
 }
 

@@ -146,6 +146,31 @@ TEST_CASE("sampled rows are those of the file that the sampler names") {
         std::vector<float>(rewards.begin() + 512, rewards.end()));
 }
 
+TEST_CASE("an opened dataset says in which environment it was recorded") {
+  DataFolder files;
+  const auto write = [&](const std::string& path, const std::string& environment) {
+    std::filesystem::create_directories(
+        std::filesystem::path(files.folder.File(path)).parent_path());
+    REQUIRE(WriteExample(files.folder.File(path), files.data, environment).ok());
+  };
+  write("HalfCheetah/walked.h5", "Walker2d");
+  write("HalfCheetah/odd.h5", "a\x01\n" + std::string(1000, 'b'));
+  write("d4rl/halfcheetah-medium-v2.hdf5", "");
+  write("d4rl/halfcheetah.hdf5", "");
+  write("Mine/first.h5", "");
+  Daemon daemon(files.folder.path());
+  const auto environment = [&](const std::string& name, const std::string& corruptions = "") {
+    return daemon.Open(name, corruptions).reply.open_dataset().environment();
+  };
+  CHECK(environment("HalfCheetah/medium") == "HalfCheetah");
+  CHECK(environment("HalfCheetah/walked") == "Walker2d");
+  CHECK(environment("HalfCheetah/walked", "hidden=1") == "Walker2d");
+  CHECK(environment("HalfCheetah/odd") == "a??" + std::string(61, 'b'));
+  CHECK(environment("d4rl/halfcheetah-medium-v2") == "HalfCheetah");
+  CHECK(environment("d4rl/halfcheetah") == "HalfCheetah");
+  CHECK(environment("Mine/first").empty());
+}
+
 TEST_CASE("reading walks through all rows in order and ends short") {
   DataFolder files;
   Daemon daemon(files.folder.path());
