@@ -78,7 +78,7 @@ Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
     const uint64_t length = replay_->length();
     Rng rng(RoleSeed(context_->seed, "warm-up"), "actions", vector_steps_);
     for (float& action : actions_.values()) action = static_cast<float>(rng.Uniform(-1, 1));
-    B4MRL_RETURN_IF_ERROR(StepAndStore(nullptr));
+    B4MRL_RETURN_IF_ERROR(StepAndStore().status());
     progress.Update(replay_->length());
     if (replay_->length() > length) last_stored = vector_steps_;
     if (vector_steps_ - last_stored < kBarrenVectorSteps) continue;
@@ -87,13 +87,22 @@ Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
                               "simulator could give",
                               kBarrenVectorSteps));
   }
+  warm_up_steps_ = vector_steps_;
   progress.Finish();
   return Status();
 }
 
 Status OnlineLanes::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
   Explore(policy);
-  return StepAndStore(&metrics);
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, StepAndStore());
+  std::vector<double> returns;
+  for (size_t i = 0; i < outcome.final_returns.size(); ++i) {
+    // A lane takes a step in every vector step, so an episode's length says when it began.
+    const bool in_warm_up = outcome.final_lengths[i] > vector_steps_ - warm_up_steps_;
+    if (!in_warm_up) returns.push_back(outcome.final_returns[i]);
+  }
+  metrics.AddAll("episodic_return", returns);
+  return Status();
 }
 
 void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
@@ -107,13 +116,13 @@ void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
                  });
 }
 
-Status OnlineLanes::StepAndStore(MetricMeans* metrics) {
+Result<StepOutcome> OnlineLanes::StepAndStore() {
   for (uint32_t lane = 0; lane < count_; ++lane) {
     for (int i = 0; i < context_->action_size(); ++i) {
       scaled_actions_.view()(i, lane) = actions_.view()(i, lane) * action_scale_[i];
     }
   }
-  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
+  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
   ++vector_steps_;
   size_t ended = 0;  // position in final_lanes, which are in order
   for (uint32_t lane = 0; lane < count_; ++lane) {
@@ -123,8 +132,7 @@ Status OnlineLanes::StepAndStore(MetricMeans* metrics) {
     }
     B4MRL_RETURN_IF_ERROR(Store(static_cast<int>(lane), outcome, final_observation));
   }
-  if (metrics != nullptr) metrics->AddAll("episodic_return", outcome.final_returns);
-  return Status();
+  return outcome;
 }
 
 Status OnlineLanes::Store(int lane, const StepOutcome& outcome,
@@ -170,6 +178,7 @@ Status OnlineLanes::Save(CheckpointWriter& writer) {
   writer.Bytes("lanes/snapshot", states.snapshot);
   writer.Floats("lanes/histories", histories_.values());
   writer.Unsigned("lanes/vector_steps", vector_steps_);
+  writer.Unsigned("lanes/warm_up_steps", warm_up_steps_);
   writer.Unsigned("lanes/replay_length", replay_->length());
   return Status();
 }
@@ -180,6 +189,7 @@ Status OnlineLanes::Load(CheckpointReader& reader) {
   states.snapshot = reader.Bytes("lanes/snapshot");
   reader.FloatsInto("lanes/histories", histories_.values());
   vector_steps_ = reader.Unsigned("lanes/vector_steps");
+  warm_up_steps_ = reader.Unsigned("lanes/warm_up_steps");
   const uint64_t length = reader.Unsigned("lanes/replay_length");
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,

@@ -45,7 +45,7 @@ class OnlineLanes {
   Status WarmUp(uint64_t transitions, Progress& progress);
   // One vector step under `policy`: sampled from it, or, where it is deterministic, its action plus
   // N(0, exploration-noise), clipped to [-1, 1]. Returns of episodes that end become the metric
-  // "episodic_return".
+  // "episodic_return", but for those that began in the warm-up.
   Status Step(const FixedOrderPolicy& policy, MetricMeans& metrics);
 
   uint32_t count() const { return count_; }
@@ -60,7 +60,7 @@ class OnlineLanes {
 
   std::string ReplayPath() const { return context_->folder + "/replay.bin"; }
   void Explore(const FixedOrderPolicy& policy);
-  Status StepAndStore(MetricMeans* metrics);
+  Result<StepOutcome> StepAndStore();
   Status Store(int lane, const StepOutcome& outcome, std::span<const float> final_observation);
   // The observation without what the mask hides; valid until the next call.
   std::span<const float> Visible(std::span<const float> observation);
@@ -81,6 +81,7 @@ class OnlineLanes {
   MatrixBuffer<float> scaled_actions_;  // the same in the environment's units
   MatrixBuffer<float> noise_;
   uint64_t vector_steps_ = 0;
+  uint64_t warm_up_steps_ = 0;  // of them
 };
 
 }  // namespace b4mrl

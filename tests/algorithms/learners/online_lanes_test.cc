@@ -5,11 +5,13 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <memory>
+#include <numeric>
 #include <optional>
-#include <utility>
+#include <string>
 #include <vector>
 
 #include "algorithms/learners/learners.h"
+#include "algorithms/nn/checkpoint.h"
 #include "algorithms/rl/td3_core.h"
 #include "tests/algorithms/learners/test_daemon.h"
 
@@ -68,6 +70,25 @@ bool LeadsTo(const BatchBuffer& rows, int from, int to) {
   return std::equal(next, next + size, rows.observations.view().column(to));
 }
 
+// Returns of the episodes that began in step `first` or later and ended by a fall.
+std::vector<double> ReturnsOf(const BatchBuffer& rows, int first) {
+  std::vector<double> returns;
+  double episode_return = 0;
+  int began = 0;
+  for (int step = 0; step < rows.size(); ++step) {
+    episode_return += rows.rewards[step];
+    if (rows.not_terminated[step] != 0) continue;
+    if (began >= first) returns.push_back(episode_return);
+    episode_return = 0;
+    began = step + 1;
+  }
+  return returns;
+}
+
+double Mean(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
 bool LeadsToNext(const BatchBuffer& rows, int step) { return LeadsTo(rows, step, step + 1); }
 
 }  // namespace
@@ -101,31 +122,57 @@ TEST_CASE("A fall is stored as terminated, and returns are those of whole episod
   MetricMeans metrics;
   for (int step = 0; step < 400; ++step) RequireOk(lanes.Step(policy, metrics));
 
-  int episodes = 0;
-  double sum_of_returns = 0;
+  std::vector<double> returns;
   for (int lane = 0; lane < kLanes; ++lane) {
     const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
-    double episode_return = 0;
     for (int step = 0; step + 1 < rows.size(); ++step) {
       const bool fell = rows.not_terminated[step] == 0;
       INFO(step);
       CHECK(LeadsToNext(rows, step) == !fell);
-      episode_return += rows.rewards[step];
-      if (!fell) continue;
-      ++episodes;
-      sum_of_returns += std::exchange(episode_return, 0);
     }
-    if (rows.not_terminated[rows.size() - 1] == 0) {  // the very last step ended an episode
-      ++episodes;
-      sum_of_returns += episode_return + rows.rewards[rows.size() - 1];
-    }
+    const std::vector<double> of_lane = ReturnsOf(rows, 0);
+    returns.insert(returns.end(), of_lane.begin(), of_lane.end());
   }
-  REQUIRE(episodes > 5);
+  REQUIRE(returns.size() > 5);
   const MetricRow row = metrics.Take();
   REQUIRE(row.size() == 1);
   CHECK(row[0].name == "episodic_return");
   // The replay file rounds each of a few dozen rewards to float.
-  CHECK(row[0].value == Approx(sum_of_returns / episodes).epsilon(1e-5));
+  CHECK(row[0].value == Approx(Mean(returns)).epsilon(1e-5));
+}
+
+TEST_CASE("Returns are of episodes that began after the warm-up, in a resumed run as well") {
+  TestDaemon daemon;
+  const LearnerContext context = ContextOf(daemon, "Hopper");
+  constexpr int kWarmUpSteps = 5;
+  OnlineLanes warm = WarmLanes(context, kWarmUpSteps * kLanes);
+  const bool resumed = GENERATE(false, true);
+  std::optional<OnlineLanes> reloaded;
+  if (resumed) {
+    const std::string path = daemon.folder("checkpoint.h5");
+    CheckpointWriter writer = Take(CheckpointWriter::Create(path));
+    RequireOk(warm.Save(writer));
+    RequireOk(writer.Commit());
+    CheckpointReader reader = Take(CheckpointReader::Open(path));
+    reloaded.emplace(Take(OnlineLanes::Open(context)));
+    RequireOk(reloaded->Load(reader));
+  }
+  OnlineLanes& lanes = resumed ? *reloaded : warm;
+  const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
+  MetricMeans metrics;
+  for (int step = 0; step < 100; ++step) RequireOk(lanes.Step(policy, metrics));
+
+  std::vector<double> returns;
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
+    const std::vector<double> of_lane = ReturnsOf(rows, kWarmUpSteps);
+    // The episode that the warm-up began is left out, and no other.
+    REQUIRE(ReturnsOf(rows, 0).size() == of_lane.size() + 1);
+    returns.insert(returns.end(), of_lane.begin(), of_lane.end());
+  }
+  REQUIRE(returns.size() > 1);
+  // The replay file rounds each of a few dozen rewards to float.
+  CHECK(metrics.Take()[0].value == Approx(Mean(returns)).epsilon(1e-5));
 }
 
 TEST_CASE("Transitions hold the last observations, oldest first, and forget another episode's") {
