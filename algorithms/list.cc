@@ -4,6 +4,7 @@
 
 #include "algorithms/learners/learners.h"
 #include "algorithms/rl/model_based_options.h"
+#include "algorithms/rl/offline_batches.h"
 
 namespace b4mrl {
 
@@ -23,12 +24,14 @@ std::span<const Algorithm> Algorithms() {
        "TD3 with behaviour cloning, offline on a dataset",
        {.dataset = true},
        Td3BcHyperparameters(),
-       CreateTd3Bc},
+       CreateTd3Bc,
+       CheckOfflineBatches},
       {"iql",
        "implicit Q-learning, offline on a dataset",
        {.dataset = true},
        IqlHyperparameters(),
-       CreateIql},
+       CreateIql,
+       CheckOfflineBatches},
       {"mopo",
        "model-based, offline on a dataset: SAC on short rollouts in a learned model",
        {.dataset = true},

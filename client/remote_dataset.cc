@@ -124,9 +124,9 @@ BatchStream RemoteDataset::Stream(uint32_t rows, uint64_t seed, uint64_t first_b
   return BatchStream(this, rows, credits, seed, first_batch);
 }
 
-uint32_t RemoteDataset::max_rows_per_request() const {
+uint32_t RemoteDataset::MaxRowsPerRequest(size_t observation_size, size_t action_size) {
   const uint64_t fitting =
-      (limits::kMaxPayloadBytes - kMaxPaddingBytes) / RowBytes(observation_size(), action_size());
+      (limits::kMaxPayloadBytes - kMaxPaddingBytes) / RowBytes(observation_size, action_size);
   return static_cast<uint32_t>(std::min<uint64_t>(fitting, limits::kMaxRowsPerBatch));
 }
 

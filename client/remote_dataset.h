@@ -97,7 +97,10 @@ class RemoteDataset {
   size_t observation_size() const { return in_force_.observation_size(); }
   size_t action_size() const { return in_force_.action_size(); }
   // The most rows of one Sample or Read: wide ones fill a payload before limits::kMaxRowsPerBatch.
-  uint32_t max_rows_per_request() const;
+  static uint32_t MaxRowsPerRequest(size_t observation_size, size_t action_size);
+  uint32_t max_rows_per_request() const {
+    return MaxRowsPerRequest(observation_size(), action_size());
+  }
 
   Result<DatasetStats> Stats();
   // `batches` batches of `rows` rows after one another.

@@ -75,11 +75,6 @@ constexpr Hyperparameter kHyperparameters[] = {
     {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start", "", kAuthors},
 };
 
-// Of a batch of the update of actor and critics.
-int RealRows(const Hyperparameters& values) {
-  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
-}
-
 H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats) {
   const Hyperparameters& values = context.hyperparameters;
   H2oOptions options;
@@ -221,6 +216,9 @@ Status CheckH2o(const LearnerContext& context) {
     return InvalidNumber("real-ratio", values.Number("real-ratio"),
                          "at least one real and one simulated row in a batch");
   }
+  B4MRL_RETURN_IF_ERROR(CheckRowsPerUpdate(
+      context, "batch-size * real-ratio + discriminator-batch",
+      static_cast<uint64_t>(real_rows) + values.Unsigned("discriminator-batch")));
   const int most = MostGapSamples(context.observation_size(), batch_size);
   if (values.Integer("gap-samples") <= most) return Status();
   return InvalidNumber("gap-samples", values.Number("gap-samples"),

@@ -94,8 +94,7 @@ ModelBased::ModelBased(const LearnerContext& context, const ModelBasedAlgorithm&
       algorithm_(algorithm),
       rollout_every_(context.hyperparameters.Unsigned("rollout-every")),
       lag_(NumberOr(context.hyperparameters, "rollout-lag", 0) == 1),
-      real_rows_(static_cast<int>(context.hyperparameters.Number("real-ratio") *
-                                  context.hyperparameters.Number("batch-size"))),
+      real_rows_(RealRows(context.hyperparameters)),
       core_(std::move(parts.core)),
       ensemble_(std::move(parts.ensemble)),
       dataset_(std::move(parts.dataset)),

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "algorithms/rl/core_options.h"
+#include "algorithms/rl/training_dataset.h"
 #include "data/hdf5_file.h"
 
 namespace b4mrl {
@@ -115,6 +116,9 @@ ModelRolloutOptions RolloutOptionsOf(const LearnerContext& context, std::vector<
 }
 
 Status CheckModelBased(const LearnerContext& context) {
+  B4MRL_RETURN_IF_ERROR(
+      CheckRowsPerUpdate(context, "batch-size * real-ratio",
+                         static_cast<uint64_t>(RealRows(context.hyperparameters))));
   DynamicsEnsembleOptions options = EnsembleOptionsOf(context);
   if (options.elites > options.members) {
     return InvalidNumber("ensemble-elites", options.elites,

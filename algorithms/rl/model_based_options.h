@@ -17,7 +17,8 @@ namespace b4mrl {
 std::vector<Hyperparameter> WithModelBasedHyperparameters(std::span<const Hyperparameter> own);
 
 DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context);
-// kInvalidArgument for more elites than members, and for an ensemble that its file would not hold.
+// kInvalidArgument for more elites than members, for an ensemble that its file would not hold, and
+// for more rows of the dataset in a batch than a request holds.
 Status CheckModelBased(const LearnerContext& context);
 EnsembleFiles EnsembleFilesOf(const LearnerContext& context);
 // `mask`: of an observation. Without chunk-rows and chunks-in-flight in the table, nothing is asked

@@ -32,6 +32,10 @@ Result<float> RewardScale(const DatasetStats& stats, const std::string& dataset)
 
 }  // namespace
 
+Status CheckOfflineBatches(const LearnerContext& context) {
+  return CheckRowsPerUpdate(context, "batch-size", context.hyperparameters.Unsigned("batch-size"));
+}
+
 Result<OfflineBatches> OfflineBatches::Open(const LearnerContext& context,
                                             const OfflineBatchOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));

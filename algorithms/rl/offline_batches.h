@@ -29,6 +29,9 @@ struct OfflineBatchOptions {
   double action_clip = 0;  // actions are clipped to +-(1 - action_clip); 0: they are not clipped
 };
 
+// kInvalidArgument for a batch-size that no request holds.
+Status CheckOfflineBatches(const LearnerContext& context);
+
 class OfflineBatches {
  public:
   // Opens the context's dataset. kFailedPrecondition when scale_rewards finds no two episodes of

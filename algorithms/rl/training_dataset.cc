@@ -29,6 +29,19 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
   return dataset;
 }
 
+int RealRows(const Hyperparameters& values) {
+  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
+}
+
+Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, uint64_t rows) {
+  const uint32_t most = RemoteDataset::MaxRowsPerRequest(context.environment.observation.size(),
+                                                         context.environment.action.size());
+  if (rows <= most) return Status();
+  return InvalidNumber(name, static_cast<double>(rows),
+                       fmt::format("1..{}, the rows that one request for a dataset of {} holds",
+                                   most, context.environment.name));
+}
+
 Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
                                       uint64_t cycle) {
   const uint32_t most = dataset.max_rows_per_request();

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string_view>
 #include <vector>
 
 #include "algorithms/learner.h"
@@ -16,6 +17,12 @@ namespace b4mrl {
 // kInvalidArgument when its sizes are not the environment's. The pointer stays valid: streams need
 // it.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
+
+// Of a batch that is partly the dataset's: real-ratio * batch-size, fractions dropped.
+int RealRows(const Hyperparameters& values);
+// Whether one request holds the `rows` rows that an update takes from the dataset; kInvalidArgument
+// otherwise. `name` says what they are: "batch-size". Needs the context's environment alone.
+Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, uint64_t rows);
 
 // Observations of `rows` rows, row-major, for rollout number `cycle` to start from: a function of
 // (seed, cycle, rows and width of the dataset). Wide rows take several requests, each a batch of

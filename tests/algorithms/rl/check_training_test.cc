@@ -5,6 +5,8 @@
 #include "algorithms/list.h"
 #include "algorithms/rl/h2o_core.h"
 #include "algorithms/rl/train_loop.h"
+#include "client/remote_dataset.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
@@ -83,6 +85,40 @@ TEST_CASE("The widest policy of the longest history fits an agent file and a che
     CHECK((4096 + 1 + width + 1 + 2 * 17) * width * sizeof(float) < 64 << 20);
     CHECK(2 * (4096 + 17 + 1 + width + 2) * width < static_cast<double>(kMaxReadFloats));
   }
+}
+
+TEST_CASE("A batch whose rows of the dataset no request holds is refused, and the bound is exact") {
+  for (const char* algorithm : {"td3-bc", "iql"}) {
+    INFO(algorithm);
+    CHECK(CheckWith(algorithm, "batch-size", limits::kMaxRowsPerBatch).ok());
+    const auto most = RemoteDataset::MaxRowsPerRequest(376, 17);
+    REQUIRE(most < limits::kMaxRowsPerBatch);  // wide rows: the payload is the limit
+    CHECK(CheckWith(algorithm, "batch-size", most, kHumanoid).ok());
+    CHECK(Names(CheckWith(algorithm, "batch-size", most + 1, kHumanoid), "batch-size"));
+  }
+  for (const char* algorithm : {"mopo", "hymopo"}) {  // a twentieth of a batch is the dataset's
+    INFO(algorithm);
+    CHECK(CheckWith(algorithm, "batch-size", 65'536, kHumanoid).ok());
+    TrainOptions options = OptionsOf(algorithm);
+    REQUIRE(options.hyperparameters.Set("batch-size", 65'536).ok());
+    REQUIRE(options.hyperparameters.Set("real-ratio", 1).ok());
+    CHECK(CheckTraining(options, kCheetah).ok());
+    CHECK(Names(CheckTraining(options, kHumanoid), "batch-size * real-ratio"));
+  }
+}
+
+TEST_CASE("H2O refuses more rows of the dataset in an update than a request holds") {
+  TrainOptions options = OptionsOf("h2o");
+  const auto set = [&](std::string_view name, double value) {
+    REQUIRE(options.hyperparameters.Set(name, value).ok());
+  };
+  set("gap-samples", 1);
+  set("batch-size", 65'534);
+  set("discriminator-batch", 32'768);  // with 32,767 real rows, one less than 65,536
+  CHECK(CheckTraining(options, kCheetah).ok());
+  CHECK(Names(CheckTraining(options, kHumanoid), "discriminator-batch"));
+  set("real-ratio", 0.6);
+  CHECK(Names(CheckTraining(options, kCheetah), "discriminator-batch"));
 }
 
 TEST_CASE("H2O refuses a batch of one kind, and more noisy copies than memory should hold") {
