@@ -35,8 +35,11 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
       open->set_environment("Fake");
       return server.Reply(call, std::move(reply));
     }
+    case pb::Request::kDatasetStats:
+      return AnswerDatasetStats(server, call);
     case pb::Request::kSample:
-      return AnswerSample(server, call);
+    case pb::Request::kRead:
+      return AnswerDatasetRows(server, call);
     default:
       return server.ReplyError(call, Status(StatusCode::kUnsupported, "not played here"));
   }
@@ -107,29 +110,61 @@ void FakeDaemon::AnswerQuery(FakeServer& server, const FakeCall& call) {
   server.Reply(call, std::move(reply), std::move(payload));
 }
 
-// Every number in batch b is b, but for the terminals, which are 0.
-void FakeDaemon::AnswerSample(FakeServer& server, const FakeCall& call) {
-  const pb::SampleRequest& sample = call.request.sample();
-  const uint64_t rows = uint64_t{sample.rows()} * std::max(sample.batches(), 1u);
+// Observations as they are after normalisation; no whole episode.
+void FakeDaemon::AnswerDatasetStats(FakeServer& server, const FakeCall& call) {
+  pb::Reply reply;
+  reply.mutable_dataset_stats();
+  ArrayLayout layout(reply.mutable_arrays());
+  const size_t mean = layout.Add("observation_mean", DType::kFloat64, {kObservationSize});
+  const size_t std = layout.Add("observation_std", DType::kFloat64, {kObservationSize});
+  Frame payload = layout.Allocate();
+  std::ranges::fill(ArrayAt<double>(payload, mean, kObservationSize), 0.0);
+  std::ranges::fill(ArrayAt<double>(payload, std, kObservationSize), 1.0);
+  server.Reply(call, std::move(reply), std::move(payload));
+}
+
+// Every number in batch b of a Sample is b, in row i of a Read i.
+void FakeDaemon::AnswerDatasetRows(FakeServer& server, const FakeCall& call) {
+  const auto row_full_of = [](uint64_t number) {
+    const auto value = static_cast<float>(number);
+    return FakeRow{value, value, value, value};
+  };
+  if (call.request.has_sample()) {
+    const pb::SampleRequest& sample = call.request.sample();
+    return AnswerRows(server, call, RowsOf(sample), [&](uint64_t row) {
+      return row_full_of(sample.first_batch() + row / sample.rows());
+    });
+  }
+  const pb::ReadRequest& read = call.request.read();
+  const uint64_t left = dataset_rows - std::min(read.first_row(), dataset_rows);
+  AnswerRows(server, call, std::min<uint64_t>(read.rows(), left),
+             [&](uint64_t row) { return row_full_of(read.first_row() + row); });
+}
+
+uint64_t FakeDaemon::RowsOf(const pb::SampleRequest& sample) {
+  return uint64_t{sample.rows()} * std::max(sample.batches(), 1u);
+}
+
+void FakeDaemon::AnswerRows(FakeServer& server, const FakeCall& call, uint64_t rows,
+                            const std::function<FakeRow(uint64_t)>& row) {
   pb::Reply reply;
   ArrayLayout layout(reply.mutable_arrays());
   struct Column {
     size_t offset;
     size_t width;
+    float FakeRow::*value;
   };
+  const size_t o = kObservationSize, a = kActionSize;
   const Column columns[] = {
-      {layout.Add("observations", DType::kFloat32, {rows, kObservationSize}), kObservationSize},
-      {layout.Add("actions", DType::kFloat32, {rows, kActionSize}), kActionSize},
-      {layout.Add("rewards", DType::kFloat32, {rows}), 1},
-      {layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize}),
-       kObservationSize}};
+      {layout.Add("observations", DType::kFloat32, {rows, o}), o, &FakeRow::observation},
+      {layout.Add("actions", DType::kFloat32, {rows, a}), a, &FakeRow::action},
+      {layout.Add("rewards", DType::kFloat32, {rows}), 1, &FakeRow::reward},
+      {layout.Add("next_observations", DType::kFloat32, {rows, o}), o, &FakeRow::next_observation}};
   const size_t terminals = layout.Add("terminals", DType::kUint8, {rows});
   Frame payload = layout.Allocate();
-  for (const auto& [offset, width] : columns) {
+  for (const auto& [offset, width, value] : columns) {
     const std::span<float> values = ArrayAt<float>(payload, offset, rows * width);
-    for (size_t i = 0; i < values.size(); ++i) {
-      values[i] = static_cast<float>(sample.first_batch() + i / (width * sample.rows()));
-    }
+    for (size_t i = 0; i < values.size(); ++i) values[i] = row(i / width).*value;
   }
   std::ranges::fill(ArrayAt<uint8_t>(payload, terminals, rows), uint8_t{0});
   server.Reply(call, std::move(reply), std::move(payload));

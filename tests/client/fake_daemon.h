@@ -17,6 +17,11 @@ namespace b4mrl {
 inline constexpr size_t kObservationSize = 3;
 inline constexpr size_t kActionSize = 2;
 
+// What one row of a dataset is full of. Its terminal is 0.
+struct FakeRow {
+  float observation, action, reward, next_observation;
+};
+
 class FakeDaemon {
  public:
   // Returns true if it has answered (or wants no answer); otherwise the default answer is given.
@@ -31,6 +36,11 @@ class FakeDaemon {
 
   // The default answer; for hooks.
   void Answer(FakeServer& server, FakeCall& call);
+  // The answer to a Sample or Read with other rows; for hooks. `row` is given numbers from 0 on.
+  static void AnswerRows(FakeServer& server, const FakeCall& call, uint64_t rows,
+                         const std::function<FakeRow(uint64_t)>& row);
+  // How many a Sample asks for, all batches together.
+  static uint64_t RowsOf(const pb::SampleRequest& sample);
 
   std::string address() const { return folder_.Address(); }
   // Of the session that is opened next; set before the client connects.
@@ -48,7 +58,8 @@ class FakeDaemon {
   void AnswerOpen(FakeServer& server, const FakeCall& call);
   void AnswerLanes(FakeServer& server, const FakeCall& call);
   void AnswerQuery(FakeServer& server, const FakeCall& call);
-  void AnswerSample(FakeServer& server, const FakeCall& call);
+  void AnswerDatasetStats(FakeServer& server, const FakeCall& call);
+  void AnswerDatasetRows(FakeServer& server, const FakeCall& call);
 
   SocketFolder folder_;
   mutable std::mutex mutex_;

@@ -1,11 +1,13 @@
 // What several tests of learners begin with.
 #pragma once
 
+#include <span>
 #include <string>
 
 #include "algorithms/learner.h"
 #include "algorithms/rl/dynamics_ensemble.h"
 #include "tests/algorithms/learners/test_daemon.h"
+#include "tests/client/fake_daemon.h"
 
 namespace b4mrl {
 
@@ -14,6 +16,22 @@ inline LearnerContext CheetahContext(TestDaemon& daemon, const std::string& data
   context.client = &daemon.client();
   context.environment = Take(daemon.client().FindEnvironment("HalfCheetah"));
   context.dataset = dataset;
+  return context;
+}
+
+// For a FakeDaemon. No two of its action's dimensions have the same bounds, and none has [-1, 1].
+inline constexpr float kFakeActionScale[] = {0.25f, 2.5f};
+inline LearnerContext FakeContext(Client& client, const std::string& folder,
+                                  std::span<const Hyperparameter> table) {
+  LearnerContext context;
+  context.client = &client;
+  context.environment.name = "HalfCheetah";  // whose episodes have no end that a state tells
+  context.environment.observation.dimensions.resize(kObservationSize);
+  for (const float scale : kFakeActionScale) {
+    context.environment.action.dimensions.push_back({"", "", -scale, scale, ""});
+  }
+  context.folder = folder;
+  context.hyperparameters = Hyperparameters(table);
   return context;
 }
 

@@ -11,13 +11,10 @@
 #include "algorithms/rl/evaluate.h"
 #include "algorithms/rl/online_lanes.h"
 #include "algorithms/rl/td3_core.h"
-#include "tests/algorithms/learners/test_daemon.h"
-#include "tests/client/fake_daemon.h"
+#include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr uint32_t kLanes = 2;
 
 // Every step of every lane ends its episode with this cause.
 class GivingUp {
@@ -46,25 +43,14 @@ class GivingUp {
   Cause cause_;
 };
 
-LearnerContext FakeContext(Client& client, const std::string& folder) {
-  LearnerContext context;
-  context.client = &client;
-  context.environment.name = "Fake";
-  context.environment.observation.dimensions.resize(kObservationSize);
-  context.environment.action.dimensions.resize(kActionSize, {"", "", -1, 1, ""});
-  context.folder = folder;
-  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
-  RequireOk(context.hyperparameters.Set("lanes", kLanes));
-  return context;
-}
-
 }  // namespace
 
 TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
   FakeDaemon daemon{GivingUp(Cause::kNumericalError)};
   Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
-  const LearnerContext context = FakeContext(client, folder.File(""));
+  LearnerContext context = FakeContext(client, folder.File(""), Td3Hyperparameters());
+  RequireOk(context.hyperparameters.Set("lanes", 2));
   OnlineLanes lanes = Take(OnlineLanes::Open(context));
   RequireOk(lanes.Start());
   Progress quiet(true);

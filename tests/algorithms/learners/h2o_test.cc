@@ -1,7 +1,12 @@
 // H2O's turns in the simulator, against a real daemon.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <functional>
+#include <initializer_list>
+#include <map>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "algorithms/learners/learners.h"
@@ -23,6 +28,38 @@ LearnerContext ContextOf(TestDaemon& daemon) {
   return context;
 }
 
+// What the first update of a small learner says when row i of its batch of D, which holds the
+// critics' four rows and then the discriminators' six, is `row(i)`.
+std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>& row) {
+  FakeDaemon daemon([&](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_sample()) return false;
+    const pb::SampleRequest& sample = call.request.sample();
+    FakeDaemon::AnswerRows(server, call, FakeDaemon::RowsOf(sample),
+                           [&](uint64_t i) { return row(i % sample.rows()); });
+    return true;
+  });
+  Client client = Take(Client::Connect(daemon.address()));
+  const TemporaryFolder folder;
+  LearnerContext context = FakeContext(client, folder.path(), H2oHyperparameters());
+  for (const auto& [name, value] :
+       std::initializer_list<std::pair<std::string_view, double>>{{"hidden-width", 8},
+                                                                  {"steps-per-cycle", 10},
+                                                                  {"batch-size", 8},
+                                                                  {"real-ratio", 0.5},
+                                                                  {"discriminator-batch", 6},
+                                                                  {"gap-samples", 2}}) {
+    RequireOk(context.hyperparameters.Set(name, value));
+  }
+  const auto learner = Take(CreateH2o(context));
+  Progress quiet(true);
+  RequireOk(learner->Prepare(quiet));
+  MetricMeans metrics;
+  RequireOk(learner->Update(metrics));
+  std::map<std::string, double> values;
+  for (const Metric& metric : metrics.Take()) values[metric.name] = metric.value;
+  return values;
+}
+
 // Trains and returns the number of simulator steps after each update.
 std::vector<uint64_t> StepsAfterUpdates(Learner& learner, int updates) {
   Progress quiet(true);
@@ -42,7 +79,9 @@ std::vector<uint64_t> StepsAfterUpdates(Learner& learner, int updates) {
 TEST_CASE("H2O goes into the simulator before the first update of each cycle") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 300);
-  const LearnerContext context = ContextOf(daemon);
+  LearnerContext context = ContextOf(daemon);
+  // Steps of a cycle are those of all lanes together.
+  RequireOk(context.hyperparameters.Set("lanes", GENERATE(1, 3)));
   const auto learner = Take(CreateH2o(context));
   CHECK(StepsAfterUpdates(*learner, 7) == std::vector<uint64_t>{30, 30, 30, 30, 30, 60, 60});
 }
@@ -57,6 +96,36 @@ TEST_CASE("H2O's policy sees what its dataset shows, whatever the simulator woul
   std::vector<float> expected(17, 1.0f);
   expected[9] = 0;
   CHECK(learner->Policy().observation_mask == expected);
+}
+
+TEST_CASE("H2O's discriminators and its critics see rows of their own") {
+  const auto first_update = [](float critics, float discriminators) {
+    return FirstUpdate([=](uint64_t i) {
+      const float x = i < 4 ? critics : discriminators;
+      return FakeRow{x, 0.1f, x, x};
+    });
+  };
+  auto original = first_update(0.5f, 0.5f);
+  auto other_for_critics = first_update(1, 0.5f);
+  auto other_for_discriminators = first_update(0.5f, 1);
+  CHECK(other_for_critics["critic_loss_real"] != original["critic_loss_real"]);
+  CHECK(other_for_discriminators["critic_loss_real"] == original["critic_loss_real"]);
+  for (const char* loss : {"d_sa_loss", "d_sas_loss"}) {
+    CHECK(other_for_critics[loss] == original[loss]);
+    CHECK(other_for_discriminators[loss] != original[loss]);
+  }
+}
+
+TEST_CASE("H2O takes a dataset's actions beyond the bounds for the bounds") {
+  const auto first_update = [](float action) {
+    return FirstUpdate([=](uint64_t) { return FakeRow{0.5f, action, 0.5f, 0.5f}; });
+  };
+  // The bounds are 0.25 and 2.5.
+  auto within = first_update(0.1f), beyond = first_update(3), farther = first_update(4);
+  for (const char* loss : {"critic_loss_real", "d_sa_loss", "d_sas_loss"}) {
+    CHECK(beyond[loss] != within[loss]);
+    CHECK(beyond[loss] == farther[loss]);
+  }
 }
 
 TEST_CASE("Actions beyond the bounds are clipped in the columns asked for, and there alone") {

@@ -1,7 +1,9 @@
 // MOPO's targets and rollouts, which ask no simulator.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <filesystem>
+#include <utility>
 #include <vector>
 
 #include "algorithms/list.h"
@@ -44,8 +46,8 @@ struct RolloutResult {
   BatchBuffer rows;
 };
 
-RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options = {}) {
-  DynamicsEnsemble<float> ensemble = SmallEnsemble();
+RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options,
+                      DynamicsEnsemble<float> ensemble) {
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.action_scale.assign(kAction, 1.0f);
@@ -61,6 +63,10 @@ RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options = {})
                           BatchBuffer(kObservation, kAction, static_cast<int>(pool.size()))};
   for (uint64_t i = 0; i < pool.size(); ++i) pool.Get(i, static_cast<int>(i), result.rows);
   return result;
+}
+
+RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options = {}) {
+  return RollOut(rule, std::move(options), SmallEnsemble());
 }
 
 std::vector<float> Column(const MatrixBuffer<float>& matrix, int column) {
@@ -214,6 +220,50 @@ TEST_CASE("A penalty takes the largest deviation from each reward") {
     CHECK(first > 0);
     CHECK(second == Approx(first).margin(1e-5));  // rewards of order one, rounded in float
   }
+}
+
+TEST_CASE("Each step of a rollout is an elite's, and every elite has its share of them") {
+  DynamicsEnsembleOptions options = SmallEnsembleOptions();  // two elites of three members
+  options.min_log_var = -30;
+  options.max_log_var = -25;  // deviations of 4e-6: a step tells whose it is
+  DynamicsEnsemble<float> ensemble = Take(DynamicsEnsemble<float>::Create(options));
+  ensemble.VisitArrays([](const NamedArray<float>& array) {
+    if (array.name != "best_holdout_mse") return;
+    array.values[0] = 0.3f;
+    array.values[1] = 0.1f;
+    array.values[2] = 0.2f;
+  });
+  REQUIRE(ensemble.Elites() == std::vector<int>{1, 2});
+  ModelRolloutOptions one_step;
+  one_step.horizon = 1;
+  const BatchBuffer rows = RollOut("HalfCheetah", one_step, ensemble).rows;
+  REQUIRE(rows.size() == kRows);
+
+  MatrixBuffer<float> inputs(kObservation + kAction, kRows);
+  for (int row = 0; row < kRows; ++row) {
+    float* input = inputs.view().column(row);
+    std::copy_n(rows.observations.view().column(row), kObservation, input);
+    std::copy_n(rows.actions.view().column(row), kAction, input + kObservation);
+  }
+  MatrixBuffer<float> mean(kObservation + 1, kRows), log_var(kObservation + 1, kRows);
+  std::vector<int> steps_of_member(3);
+  for (int member = 0; member < 3; ++member) {
+    ensemble.Predict(member, inputs.view(), mean.view(), log_var.view());
+    for (int row = 0; row < kRows; ++row) {
+      float error = std::abs(rows.rewards[row] - mean.view()(kObservation, row));
+      for (int i = 0; i < kObservation; ++i) {
+        const float change =
+            rows.next_observations.view()(i, row) - rows.observations.view()(i, row);
+        error = std::max(error, std::abs(change - mean.view()(i, row)));
+      }
+      // Ten deviations; members are tenths apart.
+      if (error < 4e-5f) ++steps_of_member[member];
+    }
+  }
+  CHECK(steps_of_member[0] == 0);
+  CHECK(steps_of_member[1] + steps_of_member[2] == kRows);
+  CHECK(steps_of_member[1] > kRows / 3);
+  CHECK(steps_of_member[2] > kRows / 3);
 }
 
 TEST_CASE("The horizon's default is the environment's") {

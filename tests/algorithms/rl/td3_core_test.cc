@@ -1,10 +1,12 @@
 #include "algorithms/rl/td3_core.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "tests/algorithms/random_batch.h"
 #include "tests/algorithms/reference_file.h"
 
 namespace b4mrl {
@@ -90,6 +92,36 @@ void CheckFloatGradients(const ReferenceFile& file, std::optional<double> bc_alp
   CheckGradients(file, "step1", /*with_actor=*/false, kFloatTolerance, core);
   ReferenceStep(file, "step2", core);
   CheckGradients(file, "step2", /*with_actor=*/true, kFloatTolerance, core);
+}
+
+// The mean target of a first update whose target policy takes the action tanh(`head`) everywhere,
+// smoothed by noise of `deviation`.
+double MeanTarget(double head, double deviation) {
+  constexpr int kObservation = 3, kAction = 2, kRows = 8;
+  Td3Options options;
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.hidden = {8, 8};
+  options.policy_noise = 1;
+  options.noise_clip = 0.5;
+  auto core = Td3Core<double>::Create(options);
+  REQUIRE(core.ok());
+  core->VisitArrays([&](const NamedArray<double>& array) {
+    if (array.name == "actor_target/layer2/weight") std::ranges::fill(array.values, 0.0);
+    if (array.name == "actor_target/layer2/bias") std::ranges::fill(array.values, head);
+  });
+  const RandomBatch<double> batch(kObservation, kAction, kRows, 1);
+  MatrixBuffer<double> noise(kAction, kRows);
+  std::ranges::fill(noise.values(), deviation);
+  return core->UpdateWithNoise(batch.Views(), noise.view()).mean_target;
+}
+
+TEST_CASE("a smoothed target action stays in [-1, 1]") {
+  const double side = GENERATE(1, -1);
+  const double at_bound = MeanTarget(20 * side, 0);  // where tanh is 1 in double
+  // tanh(3) = 0.995, and noise clipped to 0.5.
+  CHECK(MeanTarget(3 * side, 9 * side) == Approx(at_bound).epsilon(kDoubleTolerance));
+  CHECK(MeanTarget(3 * side, 0) != Approx(at_bound).epsilon(kDoubleTolerance));
 }
 
 TEST_CASE("four TD3 updates in double equal PyTorch's") {
