@@ -1,0 +1,91 @@
+"""Writes the actions of a training run's first transitions, from which they can be stepped again.
+
+    python write_replay.py RUN TRANSITIONS OUT.h5        (needs numpy and h5py)
+
+RUN is the folder of an online `b4mrl train`. A simulator is exact, so a run's experience follows from
+its seed and its actions, which are a tenth of it. OUT.h5 holds `actions`, (TRANSITIONS, action size)
+float32 in [-1, 1], as they were before the environment's scale, and under `metadata/` what stepping
+them again needs, together with the SHA-256 of the first 64 + TRANSITIONS * record bytes of RUN's
+replay.bin, by which the result can be checked.
+
+Refused are runs whose newest checkpoint has fewer transitions, and runs that gave up a step (the
+simulator crashed or left its range), for their episodes are not those that the actions alone give.
+"""
+
+import argparse
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+HEADER_BYTES = 64  # of replay.bin: magic, then the sizes of an observation and of an action
+
+
+def newest_checkpoint(run: Path) -> Path:
+    """The checkpoint of the latest update."""
+    checkpoints = sorted(run.glob("checkpoint-*.h5"), key=lambda path: int(path.stem[11:]))
+    if not checkpoints:
+        sys.exit(f"{run} holds no checkpoint")
+    return checkpoints[-1]
+
+
+def check_run(run: Path, lanes: int, transitions: int) -> None:
+    """Ends the program where RUN's first `transitions` cannot be stepped again."""
+    with h5py.File(newest_checkpoint(run)) as file:
+        stored = int(file["lanes/replay_length"][()])
+        vector_steps = int(file["lanes/vector_steps"][()])
+    if stored < transitions:
+        sys.exit(f"the newest checkpoint of {run} has {stored} transitions, {transitions} asked for")
+    if vector_steps * lanes != stored:
+        sys.exit(f"{run} gave up {vector_steps * lanes - stored} steps")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path)
+    parser.add_argument("transitions", type=int)
+    parser.add_argument("out", type=Path)
+    arguments = parser.parse_args()
+
+    record = json.loads((arguments.run / "run.json").read_text())
+    lanes = int(record["hyperparameters"]["lanes"])
+    check_run(arguments.run, lanes, arguments.transitions)
+
+    with open(arguments.run / "replay.bin", "rb") as file:
+        header = file.read(HEADER_BYTES)
+        observation_size, action_size = np.frombuffer(header, "<u4", count=2, offset=8).tolist()
+        # Observation, action, next observation, reward, 1 - terminated.
+        floats = 2 * observation_size + action_size + 2
+        records = file.read(arguments.transitions * floats * 4)
+    table = np.frombuffer(records, "<f4").reshape(arguments.transitions, floats)
+    actions = table[:, observation_size : observation_size + action_size]
+
+    metadata = {
+        "environment": record["environment"],
+        "simulator": record["simulator"],
+        "seed": record["seed"],
+        "warm_up": int(record["hyperparameters"]["warm-up"]),
+        "lanes": lanes,
+        "autoreset": "same_step",
+        "command": record["command"],
+        "transitions": arguments.transitions,
+        "replay_sha256": hashlib.sha256(header + records).hexdigest(),
+    }
+    with h5py.File(arguments.out, "w") as file:
+        file.create_dataset(
+            "actions",
+            data=actions,
+            chunks=(min(10_000, arguments.transitions), action_size),
+            compression="gzip",
+            compression_opts=9,
+            shuffle=True,
+        )
+        for name, value in metadata.items():
+            file[f"metadata/{name}"] = np.bytes_(value) if isinstance(value, str) else value
+
+
+if __name__ == "__main__":
+    main()
