@@ -1,0 +1,1 @@
+OPENBLAS_CORETYPE=Cooperlake b4mrl train --algorithm sac --environment Walker2d --seed 0 --updates 1000000 --eval-every 5000 --stop-at-score 38 --out walker2d; b4mrl train --resume --out walker2d --stop-at-score 95
