@@ -36,6 +36,11 @@ def dtype_number(dtype: np.dtype[Any]) -> int:
     return _NUMBERS[dtype]
 
 
+def dtype_of(number: int) -> np.dtype[Any]:
+    """The numpy dtype of a number of the wire that dtype_number gave."""
+    return _DTYPES[number]
+
+
 def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
     """The payload that holds `arrays`; their entries are appended to `table` (Request.arrays).
 

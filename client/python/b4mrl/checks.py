@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import operator
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -23,16 +25,35 @@ def unsigned(name: str, value: Any, bits: int = 64) -> int:
     return number
 
 
+def deadline_ms(value: Any, default: float) -> float:
+    """`value` as milliseconds of a deadline, or `default` for None."""
+    if value is None:
+        return default
+    is_number = isinstance(value, int | float | np.integer | np.floating)
+    if not is_number or isinstance(value, bool) or not 0 < value < math.inf:
+        raise InvalidArgumentError(f"deadline_ms is {value!r}, allowed: a number above 0")
+    return float(value)
+
+
+def action_row(action: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """The action of one environment as (1, size)."""
+    return _actions("action", action, shape).reshape(1, -1)
+
+
 def action_rows(actions: ArrayLike, count: int, shape: tuple[int, ...]) -> Array:
     """Actions of `count` lanes as (count, size), float32 if they are that and float64 otherwise."""
-    given = np.asarray(actions)
-    if given.shape != (count, *shape):
-        raise InvalidArgumentError(f"actions have shape {given.shape}, allowed: {(count, *shape)}")
-    if given.dtype != np.float32:
-        try:
+    return _actions("actions", actions, (count, *shape)).reshape(count, -1)
+
+
+def _actions(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    allowed = f"allowed: numbers of shape {shape}"
+    try:
+        given = np.asarray(value)
+        if given.dtype != np.float32:
             given = given.astype(np.float64, copy=False)
-        except (TypeError, ValueError):
-            raise InvalidArgumentError(
-                f"actions have dtype {given.dtype}, allowed: numbers"
-            ) from None
-    return given.reshape(count, -1)
+    except (TypeError, ValueError):
+        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, {allowed}") from None
+    if given.shape != shape:
+        what = f"has shape {given.shape}" if given.ndim else f"is {reprlib.repr(value)}"
+        raise InvalidArgumentError(f"{name} {what}, {allowed}")
+    return given

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import functools
 import os
-import secrets
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from b4mrl import arrays, checks, errors, limits, query
+from b4mrl import arrays, checks, descriptions, errors, limits, query, simulators
 from b4mrl import config as settings
-from b4mrl.connection import Connection
+from b4mrl.connection import DEADLINE_MS, Connection
 from b4mrl.dataset import Dataset
+from b4mrl.descriptions import DatasetInfo, Perturbation, ServerStatus
+from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
-from b4mrl.messages import AUTORESET_MODES, Request
+from b4mrl.messages import Request
+from b4mrl.opening import Opening, open_session
+from b4mrl.origin import Origin
 from b4mrl.routes import Routes
-from b4mrl.session import Session, close_request
-from b4mrl.spec import EnvironmentSpec, parse_named, spec_of
+from b4mrl.session import Session
+from b4mrl.simulators import Simulator
+from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
+_REACH_MS = 10_000  # for the first connection, where nobody names a deadline
 _MAX_QUERY_SESSIONS = 16  # kept open for further queries; the longest unused one goes first
 _OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a file imports it
 
 
-class Client:
+class Client(Shown):
     """A connection to a daemon. Also a context manager.
 
     Environments and datasets that it made are independent of it and of each other, each for one
@@ -38,32 +44,44 @@ class Client:
 
     Args:
         endpoint: "tcp://HOST:PORT" or "ipc://PATH".
-        deadline_ms: of each request of this client, the first one included.
+        deadline_ms: of each request. None: two minutes, and ten seconds to reach the daemon.
 
     Raises:
         UnavailableError: nobody answers at `endpoint`.
         VersionMismatchError: it speaks another version of the protocol.
     """
 
-    def __init__(self, endpoint: str, deadline_ms: float = limits.DEFAULT_DEADLINE_MS) -> None:
+    def __init__(self, endpoint: str, deadline_ms: float | None = None) -> None:
         self.endpoint = endpoint
-        self.deadline_ms = deadline_ms
+        self.deadline_ms = checks.deadline_ms(deadline_ms, DEADLINE_MS)
+        self._asked_deadline_ms = deadline_ms
         self._process_id = os.getpid()
         self._query_sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
         self._connect()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (Client, (self.endpoint, self.deadline_ms))
+        return (Client, (self.endpoint, self._asked_deadline_ms))
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {
+            "endpoint": self.endpoint,
+            "server": self.hello.server_version,
+            "engine": self.hello.engine_version,
+        }
 
     def _connect(self) -> None:
         self._gateway = Connection(self.endpoint)
+        reach_ms = checks.deadline_ms(self._asked_deadline_ms, _REACH_MS)
+        if not self._gateway.await_handshake(reach_ms):
+            self._gateway.close()
+            raise errors.UnavailableError(
+                f"nobody answers at {self.endpoint} within {reach_ms / 1000:g} s: is the daemon "
+                "running? `b4mrl serve` starts one, b4mrl.serve() a private one",
+                recoverable=True,
+            )
         request = Request()
         request.hello.client = _CLIENT_NAME
-        try:
-            reply = self._gateway.call(request, bytearray(), self.deadline_ms).reply
-        except errors.UnavailableError as error:
-            raise errors.UnavailableError(f"{self.endpoint}: {error}", recoverable=True) from None
-        self.hello = reply.hello
+        self.hello = self._gateway.call(request, bytearray(), self.deadline_ms).reply.hello
         self._routes = Routes(self.endpoint, self.hello.capabilities)
         if self.hello.protocol_version != limits.PROTOCOL_VERSION:
             raise errors.VersionMismatchError(
@@ -84,26 +102,28 @@ class Client:
 
     def environments(self) -> dict[str, EnvironmentSpec]:
         """The environments of the catalogue by name, each with its default configuration."""
-        return {info.name: spec_of(info) for info in self._catalogue().environments}
+        return Table((info.name, spec_of(info)) for info in self._catalogue().environments)
 
-    def perturbations(self) -> list[Any]:
-        """The perturbations of the catalogue: messages PerturbationInfo of b4mrl.proto."""
-        return list(self._catalogue().perturbations)
+    def perturbations(self) -> list[Perturbation]:
+        """The perturbations of the catalogue, each with its presets."""
+        return Listing(map(descriptions.read, self._catalogue().perturbations))
 
-    def server_status(self) -> Any:
-        """Uptime, processes and sessions: a message ServerStatusReply of b4mrl.proto."""
+    def server_status(self) -> ServerStatus:
+        """Uptime, processes and sessions."""
         request = Request()
         request.server_status.SetInParent()
-        return self._ask_gateway(request).server_status
+        status: ServerStatus = descriptions.read(self._ask_gateway(request).server_status)
+        return status
 
     def make(
         self,
         environment: str,
-        simulator: str | None = None,
+        simulator: Simulator = None,
         *,
         seed: int | None = None,
         dtype: DTypeLike = "float32",
         config: Mapping[str, Any] | None = None,
+        max_episode_steps: int | None = None,
         render_mode: str | None = None,
         width: int = 0,
         height: int = 0,
@@ -113,11 +133,13 @@ class Client:
 
         Args:
             environment: a name of the catalogue, "HalfCheetah".
-            simulator: perturbations, joined by commas and applied in order: "gravity=1.5",
-                "hidden-high,action-delay=2". None: the true environment.
+            simulator: perturbations, applied in order: "gravity=1.5,action-delay=2", the same as
+                {"gravity": 1.5, "action-delay": 2} or ["gravity=1.5", "action-delay=2"]. None: the
+                true environment.
             seed: of the first episodes, until `reset(seed=...)`. None: the daemon draws one.
             dtype: of observations, "float32" or "float64". It is computed in float64.
             config: the environment's settings under the names that its original uses.
+            max_episode_steps: after which an episode is truncated. None: the environment's own.
             render_mode: None or "rgb_array"; then of `width` x `height` pixels, where 0 is the
                 environment's default.
             deadline_ms: of each request. None: the client's.
@@ -125,21 +147,30 @@ class Client:
         Raises:
             UnknownNameError, InvalidArgumentError, UnsupportedError: with the server's reason.
         """
-        session = self.open_session(
-            environment, simulator, 1, seed, "disabled", dtype, config, deadline_ms
-        )
-        return Environment(session, render_mode, width, height)
+        asked: dict[str, Any] = {
+            "environment": environment,
+            "simulator": simulator,
+            "seed": seed,
+            "dtype": dtype,
+            "config": config,
+            "max_episode_steps": max_episode_steps,
+            "deadline_ms": deadline_ms,
+        }
+        shown: dict[str, Any] = {"render_mode": render_mode, "width": width, "height": height}
+        origin = self._origin(open_environment, asked | shown)
+        return Environment(self._open(Opening(**asked)), origin, **shown)
 
     def make_vec(
         self,
         environment: str,
         num_envs: int = 1,
-        simulator: str | None = None,
+        simulator: Simulator = None,
         *,
         seed: int | None = None,
         dtype: DTypeLike = "float32",
         autoreset_mode: Any = "next_step",
         config: Mapping[str, Any] | None = None,
+        max_episode_steps: int | None = None,
         step_past_end: bool = False,
         render_mode: str | None = None,
         width: int = 0,
@@ -156,18 +187,32 @@ class Client:
         """
         if num_envs == 0:
             raise errors.InvalidArgumentError("num_envs is 0, allowed: at least 1")
-        mode = str(getattr(autoreset_mode, "name", autoreset_mode)).lower()
-        session = self.open_session(
-            environment, simulator, num_envs, seed, mode, dtype, config, deadline_ms
-        )
-        return VectorEnvironment(session, step_past_end, render_mode, width, height)
+        asked: dict[str, Any] = {
+            "environment": environment,
+            "num_envs": num_envs,
+            "simulator": simulator,
+            "seed": seed,
+            "dtype": dtype,
+            "autoreset_mode": autoreset_mode,
+            "config": config,
+            "max_episode_steps": max_episode_steps,
+            "deadline_ms": deadline_ms,
+        }
+        shown: dict[str, Any] = {
+            "step_past_end": step_past_end,
+            "render_mode": render_mode,
+            "width": width,
+            "height": height,
+        }
+        origin = self._origin(open_vector_environment, asked | shown)
+        return VectorEnvironment(self._open(Opening(**asked)), origin, **shown)
 
     def query(
         self,
         environment: str,
         observations: ArrayLike,
         actions: ArrayLike,
-        simulator: str | None = None,
+        simulator: Simulator = None,
         *,
         seed: int = 0,
         draw: int = 0,
@@ -191,7 +236,8 @@ class Client:
             UnsupportedError: the simulator remembers something between steps (action-delay).
         """
         rows = query.Rows.of(observations, actions)
-        key = (environment, simulator or "", settings.to_json(config), rows.dtype.name)
+        perturbed = simulators.text_of(simulators.parse(simulator))
+        key = (environment, perturbed, settings.to_json(config), rows.dtype.name)
         session = self._query_session(key, config)
         try:
             return query.run(session, rows, seed, draw, first_row)
@@ -200,9 +246,9 @@ class Client:
             session = self._query_session(key, config)
             return query.run(session, rows, seed, draw, first_row)
 
-    def datasets(self) -> list[Any]:
-        """The datasets that the daemon has: messages DatasetInfo of b4mrl.proto."""
-        found: list[Any] = []
+    def datasets(self) -> list[DatasetInfo]:
+        """The datasets that the daemon has."""
+        found: list[DatasetInfo] = Listing()
         connection = self._connect_datasets()
         try:
             while True:
@@ -210,7 +256,7 @@ class Client:
                 request.list_datasets.first = len(found)
                 request.list_datasets.SetInParent()
                 page = connection.call(request, bytearray(), self.deadline_ms).reply.list_datasets
-                found.extend(page.datasets)
+                found.extend(map(descriptions.read, page.datasets))
                 if not page.datasets or len(found) >= page.total:
                     return found
         finally:
@@ -219,7 +265,7 @@ class Client:
     def dataset(
         self,
         name: str,
-        corruption: str | None = None,
+        corruption: Simulator = None,
         *,
         seed: int = 0,
         transition_rule: str = "stored",
@@ -232,51 +278,37 @@ class Client:
             corruption: as `simulator` of make: "obs-noise-high", "hidden=9+10".
             seed: of the corruption's noise.
             transition_rule: "stored" or "d4rl" (the next row is the next observation).
+            open_deadline_ms: of the opening. deadline_ms: of each further request. None: the
+                client's.
         """
+        asked: dict[str, Any] = {
+            "name": name,
+            "corruption": corruption,
+            "seed": seed,
+            "transition_rule": transition_rule,
+            "open_deadline_ms": open_deadline_ms,
+            "deadline_ms": deadline_ms,
+        }
         request = Request()
         request.open_dataset.dataset = name
-        for item, argument in parse_named(corruption):
-            request.open_dataset.corruptions.add(name=item, argument=argument)
+        for item in simulators.parse(corruption):
+            request.open_dataset.corruptions.add(name=item.name, argument=item.argument)
         request.open_dataset.seed = checks.unsigned("seed", seed)
         request.open_dataset.transition_rule = transition_rule
         connection = self._connect_datasets()
         try:
             reply = connection.call(request, bytearray(), open_deadline_ms).reply.open_dataset
-            return Dataset(connection, reply, self, deadline_ms or self.deadline_ms)
+            return Dataset(
+                connection,
+                descriptions.read(reply),
+                self._origin(open_dataset, asked),
+                checks.deadline_ms(deadline_ms, self.deadline_ms),
+                self._connect_datasets,
+                functools.partial(Client, self.endpoint, self._asked_deadline_ms),
+            )
         except BaseException:
             connection.close()
             raise
-
-    def open_session(
-        self,
-        environment: str,
-        simulator: str | None,
-        num_envs: int,
-        seed: int | None,
-        autoreset_mode: str,
-        dtype: DTypeLike,
-        config: Mapping[str, Any] | None,
-        deadline_ms: float | None = None,
-    ) -> Session:
-        """The layer under make and make_vec; `num_envs` 0 is a session for queries alone."""
-        mode = AUTORESET_MODES.values_by_name.get(autoreset_mode.upper())
-        if mode is None:
-            known = ", ".join(name.lower() for name in AUTORESET_MODES.values_by_name)
-            raise errors.InvalidArgumentError(
-                f"autoreset_mode is {autoreset_mode!r}, allowed: {known}"
-            )
-        request = Request()
-        request.open.environment = environment
-        for item, argument in parse_named(simulator):
-            request.open.perturbations.add(name=item, argument=argument)
-        request.open.num_envs = checks.unsigned("num_envs", num_envs, bits=32)
-        if seed is not None:
-            request.open.seed = checks.unsigned("seed", seed)
-        request.open.autoreset_mode = mode.number
-        request.open.observation_dtype = _float_dtype(dtype)
-        request.open.config = settings.to_json(config)
-        request.open.with_infos = True
-        return self._open(request, self.deadline_ms if deadline_ms is None else deadline_ms)
 
     def close(self) -> None:
         """Closes the connection and the sessions of queries. Environments stay open."""
@@ -295,31 +327,22 @@ class Client:
         request.catalogue.SetInParent()
         return self._ask_gateway(request).catalogue
 
-    def _open(self, request: Any, deadline_ms: float) -> Session:
-        # The token goes with Open, which the gateway answers, and with all that the worker answers.
-        token = secrets.token_bytes(limits.TOKEN_BYTES)
-        opener = Connection(self.endpoint, token)
-        asked = request.open
-        try:
-            reply = opener.call(request, bytearray(), deadline_ms).reply.open
-            if (reply.num_envs, reply.observation_dtype) != (
-                asked.num_envs,
-                asked.observation_dtype,
-            ):
-                raise errors.InternalError("the server's reply does not fit what was opened")
-            worker = self._routes.reach(reply.port, token)
-        except BaseException:
-            opener.farewell(close_request())  # it is open, or may still be, and of no use
-            raise
-        opener.close()
-        return Session(worker, reply, spec_of(reply.info), deadline_ms)
+    def _open(self, opening: Opening) -> Session:
+        deadline_ms = checks.deadline_ms(opening.deadline_ms, self.deadline_ms)
+        return open_session(self.endpoint, self._routes, opening, deadline_ms)
+
+    def _origin(self, opener: Callable[..., Any], arguments: Mapping[str, Any]) -> Origin:
+        given = {name: value for name, value in arguments.items() if value is not None}
+        return Origin(opener, self.endpoint, self._asked_deadline_ms, given)
 
     def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:
         self._leave_parent()
         session = self._query_sessions.pop(key, None)
         if session is None:
             environment, simulator, _, dtype = key
-            session = self.open_session(environment, simulator, 0, 0, "disabled", dtype, config)
+            session = self._open(
+                Opening(environment, simulator, num_envs=0, seed=0, dtype=dtype, config=config)
+            )
         self._query_sessions[key] = session
         while len(self._query_sessions) > _MAX_QUERY_SESSIONS:
             self._query_sessions.popitem(last=False)[1].close()
@@ -329,8 +352,23 @@ class Client:
         return self._routes.reach(self.hello.dataset_port)
 
 
-def _float_dtype(dtype: DTypeLike) -> int:
-    kind = np.dtype(dtype)
-    if kind not in (np.float32, np.float64):
-        raise errors.InvalidArgumentError(f"dtype is {kind.name}, allowed: float32, float64")
-    return arrays.dtype_number(kind)
+def open_environment(
+    endpoint: str, client_deadline_ms: float | None, **arguments: Any
+) -> Environment:
+    """Client.make by a client of its own."""
+    with Client(endpoint, client_deadline_ms) as client:
+        return client.make(**arguments)
+
+
+def open_vector_environment(
+    endpoint: str, client_deadline_ms: float | None, **arguments: Any
+) -> VectorEnvironment:
+    """Client.make_vec by a client of its own."""
+    with Client(endpoint, client_deadline_ms) as client:
+        return client.make_vec(**arguments)
+
+
+def open_dataset(endpoint: str, client_deadline_ms: float | None, **arguments: Any) -> Dataset:
+    """Client.dataset by a client of its own."""
+    with Client(endpoint, client_deadline_ms) as client:
+        return client.dataset(**arguments)

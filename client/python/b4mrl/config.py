@@ -22,6 +22,31 @@ def to_json(config: Mapping[str, Any] | None) -> str:
     return json.dumps(_plain(config, "config"), allow_nan=False) if config else ""
 
 
+def with_limit(
+    config: Mapping[str, Any] | None,
+    steps: int,
+    in_force: Mapping[str, Any],
+    step_seconds: float,
+) -> dict[str, Any]:
+    """`config` with the setting that ends an episode after `steps`, under the task's own name.
+
+    Args:
+        in_force: all settings of the environment; those of some have a duration in seconds.
+        step_seconds: simulated time of one step.
+    """
+    value: float
+    name, value = "max_episode_steps", steps
+    if "duration" in in_force:  # which is over with the first step that reaches it
+        name, value = "duration", (steps - 0.5) * step_seconds
+    given = dict(config or {})
+    if name in given:
+        raise InvalidArgumentError(
+            f"max_episode_steps is {steps} and config[{name!r}] is {given[name]!r}, "
+            "allowed: one of the two"
+        )
+    return given | {name: value}
+
+
 def _plain(value: Any, name: str) -> Any:
     if isinstance(value, Mapping):
         return {str(key): _plain(item, f"{name}[{key!r}]") for key, item in value.items()}

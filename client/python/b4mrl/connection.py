@@ -17,23 +17,26 @@ refused.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
-import functools
 import math
 import os
+import threading
 import time
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import zmq
 from google.protobuf.message import DecodeError
-from zmq.utils.monitor import recv_monitor_message
 
-from b4mrl import arrays, errors, limits
+from b4mrl import arrays, errors, limits, sockets
 from b4mrl.messages import Reply, Request
 
-_LONGEST_BLOCK_MS = 20  # of one wait for a message, after which reconnections are looked for
+# Of a request, unless its caller has another. A machine that is busy with other things must not end
+# what runs for hours.
+DEADLINE_MS = 120_000
 FAREWELL_MS = 500  # for a last request, when everything may be gone already
 _PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
 
@@ -61,34 +64,16 @@ class _Pending:
 
     envelope: bytes  # without version, token, id and deadline
     payload: bytearray
+    deadline_ms: float  # as the caller gave it
     deadline: float
     patience: float
     connection: int = 0  # the number of the connection that it was last sent over
-    sent: float = 0.0
+    sent: float = 0.0  # 0: not yet, or to be sent again at once
     resent: bool = False
     renewed: bool = False  # its deadline, after a reconnection
 
 
-@functools.lru_cache(maxsize=1)
-def _context_of(process_id: int) -> zmq.Context[zmq.Socket[bytes]]:
-    """ZeroMQ's context of this process; a forked child gets its own."""
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    context.set(zmq.MAX_SOCKETS, 65535)
-    return context
-
-
-def _open_socket(address: str) -> zmq.Socket[bytes]:
-    socket = _context_of(os.getpid()).socket(zmq.DEALER)
-    socket.set(zmq.LINGER, 0)
-    socket.set(zmq.MAXMSGSIZE, limits.MAX_PAYLOAD_BYTES)
-    socket.set(zmq.SNDHWM, limits.HIGH_WATER_MARK)
-    socket.set(zmq.RCVHWM, limits.HIGH_WATER_MARK)
-    socket.set(zmq.HANDSHAKE_IVL, limits.HANDSHAKE_MS)
-    socket.set(zmq.HEARTBEAT_IVL, limits.HEARTBEAT_INTERVAL_MS)
-    socket.set(zmq.HEARTBEAT_TIMEOUT, limits.HEARTBEAT_TIMEOUT_MS)
-    socket.set(zmq.HEARTBEAT_TTL, limits.HEARTBEAT_TTL_MS)
-    socket.set(zmq.RCVTIMEO, _LONGEST_BLOCK_MS)
-    return socket
+_all: weakref.WeakSet[Connection] = weakref.WeakSet()
 
 
 class Connection:
@@ -100,42 +85,55 @@ class Connection:
 
     Raises:
         InvalidArgumentError: `address` is none.
+        UnavailableError: the system has no more sockets.
+
+    Attributes:
+        address: as given.
     """
 
     def __init__(self, address: str, token: bytes = b"") -> None:
+        self.address = address
+        self._user = 0  # the thread that sent the last request
         self._token = token
-        self._process_id = os.getpid()
-        self._closed = False
         self._next_id = 1
         self._handshakes = 0
         self._last_reply = 0.0
         self._pending: dict[int, _Pending] = {}
         self._arrived: dict[int, Delivery] = {}
-        self._socket = _open_socket(address)
-        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
-        try:
-            self._socket.connect(address)
-        except zmq.ZMQError as error:
-            self.close()
-            raise errors.InvalidArgumentError(
-                f"address is {address!r} ({error}), allowed: tcp://HOST:PORT or ipc://PATH"
-            ) from None
+        self._link = sockets.open_link(address)
+        self._socket = self._link.socket
+        self._close_link = weakref.finalize(self, self._link.close)  # also when it is collected
+        self._close_link.atexit = False  # close_all does it
+        _all.add(self)
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it was neither closed nor made before a fork."""
+        return self._close_link.alive and self._link.process_id == os.getpid()
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is not another thread's, which may be in the middle of a call."""
+        others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
+        return self._user not in others
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it was made before a fork, in the parent, and not closed there."""
+        return self._close_link.alive and self._link.process_id != os.getpid()
 
     def close(self, linger_ms: int = 0) -> None:
         """Closes the socket; requests that are not answered yet are given up.
 
         What was sent may leave for up to `linger_ms`, in the background.
         """
-        self._closed = True
         self._pending.clear()
-        if self._process_id == os.getpid():
-            self._socket.disable_monitor()
-            self._monitor.close(linger=0)
-            self._socket.close(linger=linger_ms)
+        if self._close_link.detach() is not None:
+            self._link.close(linger_ms)
 
     def farewell(self, request: Any) -> None:
         """Sends a last request, whose reply nobody waits for, and closes."""
-        if self._process_id == os.getpid():
+        if self.is_usable:
             self.abandon_all()  # as many as may be in flight must not keep the last one back
             with contextlib.suppress(errors.B4mrlError):
                 self.send(request, bytearray(), FAREWELL_MS)
@@ -144,9 +142,7 @@ class Connection:
     @property
     def handshakes(self) -> int:
         """How often the connection was made; above 1 after the server was replaced."""
-        while self._monitor.poll(0):
-            recv_monitor_message(self._monitor)
-            self._handshakes += 1
+        self._handshakes += self._link.take_handshakes()
         return self._handshakes
 
     def await_handshake(self, timeout_ms: float) -> bool:
@@ -156,7 +152,7 @@ class Connection:
             wait_ms = math.ceil((finish - time.monotonic()) * 1000)
             if wait_ms <= 0:
                 return False
-            self._monitor.poll(wait_ms)
+            self._link.monitor.poll(wait_ms)
         return True
 
     @property
@@ -181,9 +177,10 @@ class Connection:
             UnavailableError: the queue towards the server is full.
             FailedPreconditionError: the connection was closed, or made before a fork.
         """
-        if self._closed:
+        self._user = threading.get_ident()
+        if not self._close_link.alive:
             raise errors.FailedPreconditionError("closed; make a new one")
-        if os.getpid() != self._process_id:
+        if self.is_foreign:
             raise errors.FailedPreconditionError(
                 "made in another process; connect again in this one (after a fork)"
             )
@@ -200,7 +197,11 @@ class Connection:
         request_id = self._next_id
         seconds = deadline_ms / 1000
         pending = _Pending(
-            envelope, payload, time.monotonic() + seconds, seconds / _PATIENCE_FRACTION
+            envelope,
+            payload,
+            deadline_ms,
+            time.monotonic() + seconds,
+            seconds / _PATIENCE_FRACTION,
         )
         # Kept before it is sent: were Ctrl-C to come in between, it must not be forgotten.
         self._next_id += 1
@@ -219,10 +220,16 @@ class Connection:
 
         FailedPreconditionError: none of them is in flight.
         """
+        delivery = self.await_any(request_ids)
+        del self._arrived[delivery.request_id]
+        return delivery
+
+    def await_any(self, request_ids: Iterable[int]) -> Delivery:
+        """What receive_any returns, and would return again, until it is abandoned."""
         while True:
             for request_id in request_ids:
                 if request_id in self._arrived:
-                    return self._arrived.pop(request_id)
+                    return self._arrived[request_id]
             if not any(request_id in self._pending for request_id in request_ids):
                 raise errors.FailedPreconditionError("no such request is in flight")
             self._pump()
@@ -237,6 +244,11 @@ class Connection:
         if delivery.error is not None:
             raise delivery.error
         return delivery
+
+    def ask_again(self, request_id: int) -> None:
+        """Its reply may have been lost on this side, as by Ctrl-C in the middle of a message."""
+        if request_id in self._pending:
+            self._pending[request_id].sent = 0
 
     def abandon(self, request_id: int) -> None:
         """The reply is not wanted any more. The server may execute the request all the same."""
@@ -259,7 +271,6 @@ class Connection:
         )
         # Before the first handshake a message waits in the queue of connection 1 and is not lost.
         pending.connection = max(self._handshakes, 1)
-        pending.sent = now
         # Two serialised messages after one another are their union.
         frames = [head.SerializeToString() + pending.envelope]
         if pending.payload:
@@ -267,7 +278,11 @@ class Connection:
         try:
             self._socket.send_multipart(frames, zmq.NOBLOCK)
         except zmq.Again:
+            pending.sent = now
             return False
+        except zmq.ZMQError as error:
+            raise self._broken(error) from error
+        pending.sent = now
         return True
 
     def _pump(self) -> None:
@@ -281,12 +296,17 @@ class Connection:
 
     def _read(self) -> list[zmq.Frame] | None:
         wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
-        if wait_ms < _LONGEST_BLOCK_MS and not self._socket.poll(max(wait_ms, 0)):
-            return None
         try:
+            if wait_ms < sockets.LONGEST_BLOCK_MS and not self._socket.poll(max(wait_ms, 0)):
+                return None
             return self._socket.recv_multipart(copy=False)
         except zmq.Again:
             return None
+        except zmq.ZMQError as error:
+            raise self._broken(error) from error
+
+    def _broken(self, error: zmq.ZMQError) -> errors.B4mrlError:
+        return errors.UnavailableError(f"the socket towards {self.address} failed: {error}")
 
     def _next_wake(self) -> float:
         """When the first pending request is to be sent again or given up."""
@@ -295,6 +315,8 @@ class Connection:
         )
 
     def _resend_time(self, pending: _Pending) -> float:
+        if pending.sent == 0:
+            return 0
         return max(pending.sent, self._last_reply) + pending.patience
 
     def _accept(self, frames: list[zmq.Frame]) -> bool:
@@ -332,13 +354,30 @@ class Connection:
     def _expire(self) -> None:
         now = time.monotonic()
         for request_id in [i for i, pending in self._pending.items() if pending.deadline <= now]:
-            del self._pending[request_id]
-            error: errors.B4mrlError
-            if self.handshakes > 0:
-                error = errors.DeadlineExceededError("no answer within the deadline")
-            else:
-                error = errors.UnavailableError("the server cannot be reached")
+            pending = self._pending.pop(request_id)
+            error = self._give_up(pending)
             self._arrived[request_id] = Delivery(request_id, error=error, executed=None)
+
+    def _give_up(self, pending: _Pending) -> errors.B4mrlError:
+        """Why a request has no answer, with all that its sender may want to change."""
+        name = Request.FromString(pending.envelope).WhichOneof("payload")
+        within = f"within {pending.deadline_ms / 1000:g} s (deadline_ms={pending.deadline_ms:g})"
+        if self.handshakes == 0:
+            return errors.UnavailableError(
+                f"{self.address} cannot be reached {within}, so {name} was not sent"
+            )
+        return errors.DeadlineExceededError(
+            f"no answer to {name} from {self.address} {within}; "
+            "on a busy machine, connect or make with a longer deadline_ms"
+        )
+
+
+@atexit.register
+def close_all() -> None:
+    """When the program ends: closes the connections of this thread and of those that have ended."""
+    for connection in list(_all):
+        if connection.is_free:
+            connection.close()
 
 
 def _read_reply(reply: Any, frames: list[zmq.Frame]) -> Delivery:

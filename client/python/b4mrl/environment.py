@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 
-from b4mrl import checks, errors, infos
+from b4mrl import checks, errors, infos, simulators
 from b4mrl.arrays import Array
-from b4mrl.session import Outcome, Session
+from b4mrl.display import Shown
+from b4mrl.origin import Origin, with_limit
+from b4mrl.outcomes import Outcome, StepOutcome
+from b4mrl.session import Session
 from b4mrl.spec import EnvironmentSpec
 from b4mrl.states import State, read_states, write_states
 
@@ -31,7 +36,19 @@ def check_render_mode(render_mode: str | None) -> None:
         )
 
 
-class Environment(gym.Env[Array, Array]):
+def facts_of(session: Session) -> dict[str, Any]:
+    """What tells an environment from another, in few words."""
+    spec = session.spec
+    return {
+        "environment": spec.name,
+        "simulator": simulators.text_of(session.in_force.perturbations),
+        "observation": f"{spec.observation.shape} {session.dtype}",
+        "action": f"{spec.action.shape} float32",
+        "max_episode_steps": spec.max_episode_steps,
+    }
+
+
+class Environment(Shown, gym.Env[Array, Array]):
     """What Client.make returns.
 
     Observations are arrays of the space's shape in the dtype that make was given. Actions may be
@@ -40,7 +57,12 @@ class Environment(gym.Env[Array, Array]):
     the original reports and, when the episode ended, `cause`: "unhealthy", "limit", "crash" or
     "numerical_error".
 
-    Thread rule: one thread at a time. Errors are those of b4mrl.errors.
+    Thread rule: one thread at a time. Errors are those of b4mrl.errors. Ctrl-C in a call: see
+    b4mrl.operations. pickle and copy give a new environment, opened by the same arguments.
+
+    Args:
+        session: of one lane; owned by the environment.
+        origin: the arguments that it was opened by.
 
     Attributes:
         session: the layer underneath; `session.in_force` repeats everything that the daemon has
@@ -50,11 +72,18 @@ class Environment(gym.Env[Array, Array]):
     """
 
     def __init__(
-        self, session: Session, render_mode: str | None = None, width: int = 0, height: int = 0
+        self,
+        session: Session,
+        origin: Origin,
+        render_mode: str | None = None,
+        width: int = 0,
+        height: int = 0,
     ) -> None:
         check_render_mode(render_mode)
         spec = session.spec
         self.session = session
+        self._origin = origin
+        self.spec = origin.gym_spec()
         self.digest = 0
         self._has_ended = False  # the episode
         self.metadata = metadata_of(spec)
@@ -64,6 +93,21 @@ class Environment(gym.Env[Array, Array]):
         self.action_space: spaces.Box = spec.action.box(np.float32)
         self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (self._origin.open_again, ())
+
+    def _facts(self) -> Mapping[str, Any]:
+        return facts_of(self.session)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How gym.make makes the same; `max_episode_steps` is the limit that is in force."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_limit(spec, self.session.spec.max_episode_steps)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
@@ -72,25 +116,12 @@ class Environment(gym.Env[Array, Array]):
         # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
         super().reset(seed=number)
         seeds = None if number is None else np.array([number], np.uint64)
-        outcome = self.session.reset(seeds=seeds)
-        self._has_ended = False
-        return self._observation(outcome), self._info(outcome, is_reset=True)
+        return self.session.reset(None, seeds, self._begin_episode)
 
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step. FailedPreconditionError: the environment was never reset."""
-        rows = checks.action_rows(np.asarray(action)[None], 1, self.session.spec.action.shape)
-        outcome = self.session.step(rows)
-        self._has_ended = bool(outcome.terminated[0] or outcome.truncated[0])
-        info = self._info(outcome, is_reset=False)
-        if outcome.causes[0]:
-            info["cause"] = infos.cause_name(outcome.causes[0])
-        return (
-            self._observation(outcome),
-            float(outcome.rewards[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            info,
-        )
+        rows = checks.action_row(action, self.session.spec.action.shape)
+        return self.session.step(rows, None, self._result)
 
     def get_state(self) -> State:
         """The state as a dictionary (b4mrl.states)."""
@@ -115,6 +146,23 @@ class Environment(gym.Env[Array, Array]):
     def close(self) -> None:
         """Gives the session back. May be called again."""
         self.session.close()
+
+    def _begin_episode(self, outcome: Outcome) -> tuple[Array, dict[str, Any]]:
+        self._has_ended = False
+        return self._observation(outcome), self._info(outcome, is_reset=True)
+
+    def _result(self, outcome: StepOutcome) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        self._has_ended = bool(outcome.terminated[0] or outcome.truncated[0])
+        info = self._info(outcome, is_reset=False)
+        if outcome.causes[0]:
+            info["cause"] = infos.cause_name(outcome.causes[0])
+        return (
+            self._observation(outcome),
+            float(outcome.rewards[0]),
+            bool(outcome.terminated[0]),
+            bool(outcome.truncated[0]),
+            info,
+        )
 
     def _observation(self, outcome: Outcome) -> Array:
         self.digest = int(outcome.digests[0])

@@ -28,6 +28,10 @@ class LaneNumbers:
         self._last = np.zeros(count, np.uint64)  # number of the last executed operation
         self._state = np.zeros(count, np.uint8)
 
+    @property
+    def count(self) -> int:
+        return len(self._last)
+
     def count_of(self, lanes: Lanes | None) -> int:
         return len(self._last) if lanes is None else len(lanes)
 
@@ -44,11 +48,10 @@ class LaneNumbers:
         if len(np.unique(lanes)) < len(lanes):
             raise InvalidArgumentError("a lane is named twice, allowed: each once")
 
-    def begin(self, lanes: Lanes | None) -> NDArray[np.uint64]:
-        """Marks the lanes busy and returns the numbers of their next operation.
+    def next_of(self, lanes: Lanes | None) -> NDArray[np.uint64]:
+        """The numbers of the lanes' next operation.
 
-        Changes nothing when it raises: what check_range does, BusyError, or
-        FailedPreconditionError for a lost lane.
+        Raises what check_range does, BusyError, or FailedPreconditionError for a lost lane.
         """
         self.check_range(lanes)
         chosen = slice(None) if lanes is None else lanes
@@ -62,12 +65,19 @@ class LaneNumbers:
                 f"the state of lane {lane} is not known since a request for it was not answered; "
                 "open a new session"
             )
-        self._state[chosen] = _BUSY
-        return self._last[chosen] + np.uint64(1)
+        numbers: NDArray[np.uint64] = self._last[chosen] + np.uint64(1)
+        return numbers
 
-    def end(self, lanes: Lanes | None, executed: bool | None) -> None:
-        """Ends what begin began for the same lanes; None: not known whether it was executed."""
+    def begin(self, lanes: Lanes | None) -> None:
+        """Marks lanes busy that next_of has numbers for."""
+        self._state[slice(None) if lanes is None else lanes] = _BUSY
+
+    def end(self, lanes: Lanes | None, numbers: NDArray[np.uint64], executed: bool | None) -> None:
+        """Ends the operation `numbers` of `lanes`; None: not known whether it was executed.
+
+        Ctrl-C may come between any two lines, so a second call does what the first one did.
+        """
         chosen = slice(None) if lanes is None else lanes
-        self._state[chosen] = _LOST if executed is None else _FREE
         if executed:
-            self._last[chosen] += np.uint64(1)
+            self._last[chosen] = numbers
+        self._state[chosen] = _LOST if executed is None else _FREE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +13,31 @@ from b4mrl import limits
 from b4mrl.arrays import Array
 from b4mrl.errors import InvalidArgumentError
 from b4mrl.session import Session
+from b4mrl.simulators import Simulator
 
 # Enough to keep every thread of a worker busy while one answer is copied out.
 _REQUESTS_IN_FLIGHT = 6
 
 Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+
+
+class Simulators(Protocol):
+    """What Client is to those who only query it."""
+
+    def __enter__(self) -> Simulators: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def query(
+        self,
+        environment: str,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        simulator: Simulator = None,
+        *,
+        seed: int = 0,
+        first_row: int = 0,
+    ) -> Answer: ...
 
 
 @dataclass(frozen=True)
@@ -63,6 +83,7 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> A
     """Asks `session` for all rows and returns what Client.query does."""
     flat = rows.flat(session.spec.observation.size, session.spec.action.size)
     count = len(flat.observations)
+    at_once = _rows_at_once(flat)
     next_observations = np.empty((count, session.spec.observation.size), session.dtype)
     rewards = np.empty(count)
     terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
@@ -71,7 +92,7 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> A
     try:
         while position < count or under_way:
             if position < count and len(under_way) < _REQUESTS_IN_FLIGHT:
-                part = slice(position, min(position + limits.MAX_QUERY_ROWS, count))
+                part = slice(position, min(position + at_once, count))
                 request_id = session.send_query(
                     flat.observations[part], flat.actions[part], seed, draw, first_row + position
                 )
@@ -86,3 +107,14 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> A
         for request_id, _ in under_way:
             session.abandon(request_id)
     return next_observations.reshape(rows.observations.shape), rewards, terminated, valid
+
+
+def _rows_at_once(rows: Rows) -> int:
+    """As many as fit one request and its reply."""
+    (_, observation), (_, action) = rows.observations.shape, rows.actions.shape
+    itemsize = rows.dtype.itemsize
+    # Asked with the action, answered with the reward and two flags.
+    row_bytes = itemsize * observation + max(itemsize * action, 8 + 2)
+    padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
+    fitting: int = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
+    return min(limits.MAX_QUERY_ROWS, fitting)

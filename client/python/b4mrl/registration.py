@@ -7,12 +7,13 @@ only when it is made.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
 
-from b4mrl.client import Client
+from b4mrl.client import Client, open_environment, open_vector_environment
 from b4mrl.environment import Environment
 from b4mrl.serve import default_endpoint
 from b4mrl.vector_environment import VectorEnvironment
@@ -39,14 +40,21 @@ def register(names: Iterable[str] = _KNOWN) -> None:
 
 def make(environment: str, endpoint: str | None = None, **options: Any) -> Environment:
     """The entry point of gym.make."""
-    return connect(endpoint).make(environment, **options)
+    limit = _limit_of_the_caller()
+    if limit is not None:
+        options["max_episode_steps"] = limit
+    return open_environment(
+        endpoint or default_endpoint(), None, environment=environment, **options
+    )
 
 
 def make_vec(
     environment: str, num_envs: int, endpoint: str | None = None, **options: Any
 ) -> VectorEnvironment:
     """The entry point of gym.make_vec."""
-    return connect(endpoint).make_vec(environment, num_envs, **options)
+    return open_vector_environment(
+        endpoint or default_endpoint(), None, environment=environment, num_envs=num_envs, **options
+    )
 
 
 def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Client:
@@ -55,11 +63,28 @@ def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Cl
     Args:
         endpoint: "tcp://HOST:PORT" or "ipc://PATH". None: $B4MRL_ENDPOINT, or a private daemon that
             this process shares.
-        deadline_ms: of each request. None: ten seconds.
+        deadline_ms: of each request. None: two minutes, and ten seconds to reach the daemon.
 
     Raises:
         UnavailableError: nobody answers there.
         VersionMismatchError: it speaks another version of the protocol.
     """
-    options = {} if deadline_ms is None else {"deadline_ms": deadline_ms}
-    return Client(endpoint or default_endpoint(), **options)
+    return Client(default_endpoint() if endpoint is None else endpoint, deadline_ms)
+
+
+def _limit_of_the_caller() -> int | None:
+    """`max_episode_steps` of the gym.make that calls the entry point; None if there is none.
+
+    gym.make keeps this argument to itself, for a TimeLimit around the environment. That can end
+    episodes before the daemon does but never later, so the daemon has to know it, and the frame of
+    gym.make is the only place where it stands.
+    """
+    frame = inspect.currentframe()
+    entry_point = frame and frame.f_back
+    caller = entry_point and entry_point.f_back
+    if caller is None or caller.f_code is not gym.make.__code__:
+        return None
+    asked = caller.f_locals.get("max_episode_steps")
+    if asked is None:  # it may be that of a spec, as in gym.make(env.spec)
+        asked = getattr(caller.f_locals.get("env_spec"), "max_episode_steps", None)
+    return None if asked == -1 else asked  # which means: no TimeLimit

@@ -30,6 +30,11 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, batch: VectorEnvironment) -> None:
+        if not isinstance(batch, VectorEnvironment):
+            raise errors.InvalidArgumentError(
+                f"batch is {batch!r}, allowed: what Client.make_vec(..., autoreset_mode='same_step') "
+                "returns; Stable-Baselines3 takes what Client.make returns as it is"
+            )
         if batch.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise errors.InvalidArgumentError(
                 f"autoreset_mode is {batch.metadata['autoreset_mode'].name.lower()}, "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +12,12 @@ from gymnasium import spaces
 from numpy.typing import DTypeLike, NDArray
 
 from b4mrl import limits
-from b4mrl.errors import InternalError, InvalidArgumentError
+from b4mrl.display import Shown, table
+from b4mrl.errors import InternalError
 
-Named = tuple[str, str]  # a name and its argument ("" for none)
 
-
-@dataclass(frozen=True)
-class SpaceSpec:
+@dataclass(frozen=True, repr=False)
+class SpaceSpec(Shown):
     """A box.
 
     Attributes:
@@ -35,6 +36,13 @@ class SpaceSpec:
     def size(self) -> int:
         return len(self.names)
 
+    def _facts(self) -> Mapping[str, Any]:
+        return {"shape": self.shape, "names": reprlib.repr(self.names)}
+
+    def _repr_html_(self) -> str:
+        rows = zip(range(self.size), self.names, self.units, self.low, self.high)
+        return table(("", "name", "unit", "low", "high"), rows)
+
     def box(self, dtype: DTypeLike) -> spaces.Box:
         """Gymnasium's space; its bounds are rounded to `dtype`, as Gymnasium's tasks do."""
         kind = np.dtype(dtype)
@@ -42,8 +50,8 @@ class SpaceSpec:
         return spaces.Box(low, high, dtype=kind.type)
 
 
-@dataclass(frozen=True)
-class EnvironmentSpec:
+@dataclass(frozen=True, repr=False)
+class EnvironmentSpec(Shown):
     """The specification of one environment under one configuration.
 
     Attributes:
@@ -69,6 +77,16 @@ class EnvironmentSpec:
     reset_info_names: tuple[str, ...]
     picture_width: int
     picture_height: int
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {
+            "name": self.name,
+            "observation": self.observation.shape,
+            "action": self.action.shape,
+            "reward": self.reward,
+            "max_episode_steps": self.max_episode_steps,
+            "step_seconds": self.step_seconds,
+        }
 
     def normalised_score(self, episode_return: float) -> float | None:
         """100 (return - min) / (max - min), or None without references."""
@@ -108,19 +126,3 @@ def _space_of(space: Any, most_dimensions: int) -> SpaceSpec:
         low=np.array([dimension.low for dimension in dimensions]),
         high=np.array([dimension.high for dimension in dimensions]),
     )
-
-
-def parse_named(text: str | None) -> list[Named]:
-    """Splits "gravity=1.5,obs-noise-low" at the commas. The server checks the names.
-
-    InvalidArgumentError: an item is empty or has nothing on one side of its '='.
-    """
-    items = []
-    for item in text.split(",") if text else []:
-        name, equals, argument = item.strip().partition("=")
-        if not name or (equals and not argument):
-            raise InvalidArgumentError(
-                f"perturbation is {item!r}, allowed: name or name=argument, separated by commas"
-            )
-        items.append((name, argument))
-    return items

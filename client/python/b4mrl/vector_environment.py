@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from b4mrl import checks, errors, infos
 from b4mrl.arrays import Array
-from b4mrl.environment import check_render_mode, metadata_of
+from b4mrl.display import Shown
+from b4mrl.environment import check_render_mode, facts_of, metadata_of
 from b4mrl.lane_numbers import Lanes
-from b4mrl.messages import AUTORESET_MODES
-from b4mrl.session import Ended, Outcome, Session, StepOutcome
+from b4mrl.origin import Origin, with_limit
+from b4mrl.outcomes import Ended, Outcome, StepOutcome
+from b4mrl.session import Session
 from b4mrl.states import State, read_states, write_states
 
 EnvIds = ArrayLike | None
 StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class VectorEnvironment(VectorEnv[Array, Array, Array]):
+class VectorEnvironment(Shown, VectorEnv[Array, Array, Array]):
     """What Client.make_vec returns.
 
     Step by step, it gives what SyncVectorEnv gives over single environments of seeds s, s+1, ...,
@@ -40,7 +43,12 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
 
     Shapes: n environments; observations (n, *shape) in the dtype that make_vec was given, rewards
     (n,) float64, flags (n,) bool. Returned arrays are the caller's. Thread rule: one thread at a
-    time. Errors are those of b4mrl.errors.
+    time. Errors are those of b4mrl.errors. Ctrl-C in a call: see b4mrl.operations. pickle and copy
+    give new environments, opened by the same arguments.
+
+    Args:
+        session: owned by the environments.
+        origin: the arguments that they were opened by.
 
     Attributes:
         session: the layer underneath; `session.in_force` repeats everything that the daemon has
@@ -52,6 +60,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
     def __init__(
         self,
         session: Session,
+        origin: Origin,
         step_past_end: bool = False,
         render_mode: str | None = None,
         width: int = 0,
@@ -59,9 +68,10 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
     ) -> None:
         check_render_mode(render_mode)
         spec = session.spec
-        mode = AUTORESET_MODES.values_by_number[session.in_force.autoreset_mode].name
-        self._mode = AutoresetMode[mode]
+        self._mode = AutoresetMode[session.in_force.autoreset_mode.upper()]
         self.session = session
+        self._origin = origin
+        self.spec = origin.gym_spec()
         self.num_envs = session.num_envs
         self.metadata = metadata_of(spec) | {"autoreset_mode": self._mode}
         self.render_mode = render_mode
@@ -75,6 +85,22 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
         self._ended = np.zeros(self.num_envs, np.bool_)  # by the last step, and not reset since
         self._observations: Array = np.zeros((self.num_envs, *self._shape), session.dtype)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (self._origin.open_again, ())
+
+    def _facts(self) -> Mapping[str, Any]:
+        mode = self.session.in_force.autoreset_mode
+        return {"num_envs": self.num_envs, "autoreset_mode": mode} | facts_of(self.session)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How gym.make_vec makes the same; `max_episode_steps` is the limit that is in force."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_limit(spec, self.session.spec.max_episode_steps)
 
     def reset(
         self,
@@ -103,8 +129,9 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
             is_seeded = seeds[lanes[0]] is not None
             values = np.array([seeds[i] for i in lanes], np.uint64) if is_seeded else None
             every = len(lanes) == self.num_envs
-            outcomes.append(self.session.reset(None if every else lanes, values))
-            self._keep(outcomes[-1], ended=False)
+            outcomes.append(
+                self.session.reset(None if every else lanes, values, self._begin_episodes)
+            )
         rows = None
         if outcomes[0].infos is not None:
             rows = np.concatenate([outcome.infos for outcome in outcomes])
@@ -120,7 +147,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         """
         rows = checks.action_rows(actions, self.num_envs, self.session.spec.action.shape)
         self._refuse_ended(None)
-        return self._result(self.session.step(rows))
+        return self.session.step(rows, None, self._result)
 
     def send(self, actions: ArrayLike, env_ids: EnvIds = None) -> None:
         """Starts a step of the environments `env_ids` (k,), or of all; actions (k, *shape).
@@ -139,10 +166,7 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         The arrays have one entry for each of its environments, in the order in which they were
         sent; `info["env_id"]` (k,) names them. An error has them in its `env_ids`.
         """
-        outcome = self.session.receive_step()
-        observations, rewards, terminated, truncated, info = self._result(outcome)
-        info["env_id"] = np.arange(self.num_envs) if outcome.lanes is None else outcome.lanes
-        return observations, rewards, terminated, truncated, info
+        return self.session.receive_step(self._part)
 
     def get_state(self, env_ids: EnvIds = None) -> list[State]:
         """The states of `env_ids`, or of all, as dictionaries (b4mrl.states)."""
@@ -249,6 +273,15 @@ class VectorEnvironment(VectorEnv[Array, Array, Array]):
         self.digests[chosen] = outcome.digests
         self._ended[chosen] = ended
         return observations
+
+    def _begin_episodes(self, outcome: Outcome) -> Outcome:
+        self._keep(outcome, ended=False)
+        return outcome
+
+    def _part(self, outcome: StepOutcome) -> StepResult:
+        observations, rewards, terminated, truncated, info = self._result(outcome)
+        info["env_id"] = np.arange(self.num_envs) if outcome.lanes is None else outcome.lanes
+        return observations, rewards, terminated, truncated, info
 
     def _result(self, outcome: StepOutcome) -> StepResult:
         rewards, terminated, truncated = outcome.rewards, outcome.terminated, outcome.truncated

@@ -32,6 +32,12 @@ def simulators() -> list[tuple[str, str]]:
     return pairs
 
 
+def environment_workers(client: b4mrl.Client) -> list[int]:
+    """Their process ids."""
+    workers = client.server_status().workers
+    return [worker.process_id for worker in workers if worker.role.startswith("worker-")]
+
+
 def pytest_sessionfinish() -> None:
     if shared_client.cache_info().currsize:
         shared_client().close()

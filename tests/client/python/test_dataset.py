@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
-from collections.abc import Iterator
+import os
+import pickle
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import b4mrl
 import h5py
 import numpy as np
 import pytest
-from b4mrl import errors
+from b4mrl import errors, limits
+
+from equality import assert_same
 
 ROWS, EPISODE = 5_000, 100
 
 
-def write_example(path: Path) -> dict[str, np.ndarray]:
+def write_example(
+    path: Path, change: Callable[[dict[str, np.ndarray]], None] = lambda columns: None
+) -> dict[str, np.ndarray]:
     """Recognisable numbers near those that HalfCheetah has: episodes that end by time-out."""
     rng = np.random.default_rng(7)
     columns = {
@@ -26,7 +33,8 @@ def write_example(path: Path) -> dict[str, np.ndarray]:
         "terminals": np.zeros(ROWS, bool),
         "timeouts": np.arange(ROWS) % EPISODE == EPISODE - 1,
     }
-    path.parent.mkdir(parents=True)
+    change(columns)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w", libver=("earliest", "v110")) as file:
         for name, column in columns.items():
             file[name] = column
@@ -143,3 +151,131 @@ def test_a_batch_that_cannot_be_is_refused(example, rows) -> None:
         with pytest.raises(errors.B4mrlError):
             next(dataset.stream(rows))
         assert len(dataset.sample(4)["rewards"]) == 4
+
+
+def test_it_loads_slices_and_counts_like_a_list(example) -> None:
+    client, columns = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        assert len(dataset) == ROWS
+        for rows in (slice(None), slice(10, 60), slice(-3, None), slice(7, 7), slice(9, 3)):
+            assert_same(dataset[rows], {name: each[rows] for name, each in columns.items()})
+        assert_same(dataset.load(), columns)
+        for wrong in (3, slice(0, 10, 2), "rewards"):
+            with pytest.raises(errors.InvalidArgumentError, match="allowed: a slice"):
+                dataset[wrong]
+        for wrong in ((-1, 5), (ROWS, 1), (0, 0), (0, -1), (0.5, 1)):
+            with pytest.raises(errors.InvalidArgumentError, match="allowed: 0"):
+                dataset.read(*wrong)
+
+
+def test_episodes_are_the_rows_up_to_each_end(example) -> None:
+    client, columns = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        dataset._rows_per_read = 37  # so that episodes lie across replies, and begin with one
+        episodes = list(dataset.episodes())
+    assert len(episodes) == ROWS // EPISODE
+    for i, episode in enumerate(episodes):
+        rows = slice(i * EPISODE, (i + 1) * EPISODE)
+        assert_same(episode, {name: column[rows] for name, column in columns.items()})
+
+
+def test_an_episode_ends_by_either_flag_and_the_last_one_may_be_open(tmp_path: Path) -> None:
+    def change(columns: dict[str, np.ndarray]) -> None:
+        columns["timeouts"][:] = False
+        columns["timeouts"][99] = True
+        columns["terminals"][[0, 3000]] = True
+
+    write_example(tmp_path / "HalfCheetah" / "ends.h5", change)
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.dataset("HalfCheetah/ends") as dataset:
+            lengths = [len(episode["rewards"]) for episode in dataset.episodes()]
+    assert lengths == [1, 99, 2901, ROWS - 3001]
+
+
+def test_what_does_not_fit_one_reply_comes_in_parts(tmp_path: Path) -> None:
+    """Humanoid's rows have 3,082 bytes, so that 64 MiB hold fewer than 65,536 of them."""
+    rows = 21_800
+    rng = np.random.default_rng(1)
+    columns = {
+        "observations": rng.normal(size=(rows, 376)).astype(np.float32),
+        "actions": np.zeros((rows, 17), np.float32),
+        "rewards": np.arange(rows, dtype=np.float32),
+        "next_observations": rng.normal(size=(rows, 376)).astype(np.float32),
+        "terminals": np.zeros(rows, bool),
+        "timeouts": np.zeros(rows, bool),
+    }
+    (tmp_path / "Humanoid").mkdir()
+    with h5py.File(tmp_path / "Humanoid" / "wide.h5", "w", libver=("earliest", "v110")) as file:
+        for name, column in columns.items():
+            file[name] = column
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.dataset("Humanoid/wide") as dataset:
+            assert sum(column.nbytes for column in columns.values()) > limits.MAX_PAYLOAD_BYTES
+            assert_same(dataset.load(), columns)
+            assert_same(dataset[-5:], {name: each[-5:] for name, each in columns.items()})
+
+
+def test_pairs_do_not_depend_on_how_the_rows_are_cut(example) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as whole, client.dataset("HalfCheetah/medium") as cut:
+        cut._rows_per_read = 999
+        assert_same(cut.pair({"obs-noise": 0.1}, seed=2), whole.pair("obs-noise=0.1", seed=2))
+
+
+def test_pairs_are_those_of_the_environment_that_the_file_names(tmp_path: Path) -> None:
+    for name in ("Mine/a", "Walker2d/b", "Mine/c"):
+        write_example(tmp_path / f"{name}.h5")
+    with h5py.File(tmp_path / "Mine" / "a.h5", "a") as file:
+        file["metadata/environment"] = np.bytes_("Walker2d")
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.dataset("Mine/a") as told, client.dataset("Walker2d/b") as named:
+            assert told.environment == named.environment == "Walker2d"
+            assert_same(told.pair("gravity=1.5"), named.pair("gravity=1.5"))
+        with client.dataset("Mine/c") as unknown:
+            assert unknown.environment == ""
+            with pytest.raises(errors.FailedPreconditionError, match="Mine/c.*recorded"):
+                unknown.pair("gravity")
+
+
+@pytest.mark.parametrize(
+    "make_copy", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))], ids=["copy", "pickle"]
+)
+def test_a_copied_dataset_serves_the_same(example, make_copy) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium", {"hidden": [9, 10]}, seed=3) as dataset:
+        dataset.sample(4)
+        with make_copy(dataset) as twin:
+            assert twin.in_force == dataset.in_force
+            assert_same(twin.sample(32), dataset.sample(32, batch=0))
+        assert len(dataset.sample(4)["rewards"]) == 4
+
+
+def test_a_dataset_survives_a_fork(example) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        wanted = dataset.sample(32, seed=5, batch=0)["rewards"].tobytes()
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            try:
+                os.write(write, next(dataset.stream(32, seed=5))["rewards"].tobytes())
+            finally:
+                os._exit(0)
+        os.close(write)
+        os.waitpid(child, 0)
+        assert os.read(read, 65536) == wanted
+        os.close(read)
+        assert len(dataset.sample(4)["rewards"]) == 4  # the parent's goes on
+
+
+def test_a_dataset_says_what_it_is(example) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium", "hidden=9+10") as dataset:
+        assert repr(dataset) == (
+            "<Dataset name='HalfCheetah/medium', environment='HalfCheetah', "
+            "corruption='hidden=9+10', rows=5000, observation_size=17, action_size=6>"
+        )
+        assert "hidden=9+10" in dataset._repr_html_()
+        assert "rows=5000" in repr(dataset.stats())
+    (info,) = client.datasets()
+    assert (info.name, info.rows) == ("HalfCheetah/medium", ROWS)

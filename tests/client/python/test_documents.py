@@ -9,6 +9,8 @@ import b4mrl
 import numpy as np
 import pytest
 
+from test_dataset import write_example
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -24,8 +26,33 @@ def test_the_first_program_runs_as_it_stands(document: str) -> None:
     assert names["observation"].shape == names["env"].observation_space.shape
 
 
+def program_with(text: str) -> str:
+    (program,) = [each for each in programs("client/python/README.md") if text in each]
+    return program
+
+
+def test_the_datasets_of_the_readme_are_there(tmp_path: Path) -> None:
+    columns = write_example(tmp_path / "HalfCheetah" / "medium.h5")
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        names: dict[str, object] = {"client": client}
+        exec(program_with("dataset.load()"), names)
+        np.testing.assert_array_equal(names["data"]["rewards"], columns["rewards"])
+        np.testing.assert_array_equal(names["part"]["actions"], columns["actions"][1000:2000])
+        assert names["batch"]["simulator_next_observations"].shape == (256, 17)
+        assert len(names["returns"]) == 50
+        names["dataset"].close()
+
+
+def test_the_agent_of_the_readme_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (agent, *_) = sorted((ROOT / "data" / "agents").glob("*.h5"))
+    (tmp_path / "agent.h5").symlink_to(agent)
+    monkeypatch.chdir(tmp_path)
+    names = {"b4mrl": b4mrl, "observation": np.zeros(17)}
+    exec(program_with("load_agent"), names)
+    assert names["action"].shape == (6,)
+
+
 def test_the_query_of_the_readme_runs(client: b4mrl.Client) -> None:
-    (program,) = [text for text in programs("client/python/README.md") if "client.query(" in text]
     names = {"client": client, "observations": np.zeros((3, 17)), "actions": np.zeros((3, 6))}
-    exec(program, names)
+    exec(program_with("client.query("), names)
     assert names["next_observations"].shape == (3, 17)

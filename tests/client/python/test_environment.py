@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 
 import b4mrl
@@ -121,10 +120,39 @@ def test_a_seed_that_cannot_be_is_refused(client: b4mrl.Client, seed: object) ->
 
 
 def test_a_list_is_an_action(client: b4mrl.Client) -> None:
-    with client.make("HalfCheetah") as env:
+    with client.make("HalfCheetah") as env, client.make("HalfCheetah") as twin:
         env.reset(seed=3)
-        env.step([1, 0, 0, 0, 0, 0])
-        env.step([0.5] * 6)
+        twin.reset(seed=3)
+        for action in ([1, 0, 0, 0, 0, 0], [0.5] * 6):
+            assert_same(env.step(action), twin.step(np.array(action, np.float64)))
+
+
+@pytest.mark.parametrize(
+    ("action", "complaint"),
+    [
+        (np.zeros(3), "action has shape (3,)"),
+        (np.zeros((1, 6)), "action has shape (1, 6)"),
+        (None, "action is None"),
+        (2, "action is 2"),
+        ("left", "action is 'left'"),
+        ([[1, 2], [3]], "action is [[1, 2], [3]]"),
+        (["a"] * 6, "action is ['a', 'a', 'a', 'a', 'a', 'a']"),
+    ],
+)
+def test_a_wrong_action_is_named_as_it_was_given(client: b4mrl.Client, action, complaint) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset()
+        with pytest.raises(errors.InvalidArgumentError) as caught:
+            env.step(action)
+        assert str(caught.value) == f"{complaint}, allowed: numbers of shape (6,)"
+
+
+@pytest.mark.parametrize("deadline", [0, -5, "10", float("nan"), float("inf"), True])
+def test_a_deadline_that_cannot_be_is_refused(client: b4mrl.Client, deadline: object) -> None:
+    for call in (b4mrl.connect, client.make, client.make_vec):
+        target = client.endpoint if call == b4mrl.connect else "HalfCheetah"
+        with pytest.raises(errors.InvalidArgumentError, match="deadline_ms is"):
+            call(target, deadline_ms=deadline)
 
 
 @pytest.mark.parametrize(
@@ -139,6 +167,7 @@ def test_a_list_is_an_action(client: b4mrl.Client) -> None:
         ({"config": {"x": object()}}, errors.InvalidArgumentError),
         ({"config": {"x": float("nan")}}, errors.InvalidArgumentError),
         ({"dtype": "float16"}, errors.InvalidArgumentError),
+        ({"dtype": "no such"}, errors.InvalidArgumentError),
         ({"seed": -1}, errors.InvalidArgumentError),
         ({"seed": 2**64}, errors.InvalidArgumentError),
         ({"render_mode": "human"}, errors.InvalidArgumentError),
@@ -166,11 +195,6 @@ def test_closing_gives_the_session_back(client: b4mrl.Client) -> None:
     assert client.server_status().session_count == before + 1
     env.close()
     assert client.server_status().session_count == before
-
-
-def test_a_client_can_be_sent_to_another_process(client: b4mrl.Client) -> None:
-    with pickle.loads(pickle.dumps(client)) as copy, copy.make("HalfCheetah", seed=1) as env:
-        env.reset()
 
 
 def test_a_specification_names_every_dimension(client: b4mrl.Client, environment: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import b4mrl
 import numpy as np
 import pytest
-from b4mrl import errors
+from b4mrl import errors, limits, query
 
 
 def rows(client: b4mrl.Client, environment: str, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -91,3 +91,11 @@ def close_request():
     request = Request()
     request.close.SetInParent()
     return request
+
+
+def test_a_request_and_its_reply_fit_a_message_however_wide_the_rows_are() -> None:
+    wide = query.Rows(np.zeros((1, limits.MAX_OBSERVATION_DIMENSIONS)), np.zeros((1, 1024)))
+    rows = query._rows_at_once(wide)
+    assert 0 < rows * (4096 + 1024) * 8 < limits.MAX_PAYLOAD_BYTES < (rows + 2) * (4096 + 1024) * 8
+    narrow = query.Rows(np.zeros((1, 17), np.float32), np.zeros((1, 6), np.float32))
+    assert query._rows_at_once(narrow) == limits.MAX_QUERY_ROWS

@@ -84,9 +84,12 @@ def test_a_partial_reset_equals_gymnasiums(
 
 
 def test_a_mask_may_be_a_list(client: b4mrl.Client) -> None:
-    with client.make_vec("HalfCheetah", 3) as vec:
-        vec.reset()
-        vec.reset(options={"reset_mask": [True, False, False]})
+    with client.make_vec("HalfCheetah", 3) as vec, client.make_vec("HalfCheetah", 3) as twin:
+        assert_same(vec.reset(seed=1), twin.reset(seed=1))
+        mask = [True, False, False]
+        again = vec.reset(options={"reset_mask": mask})
+        assert_same(again, twin.reset(options={"reset_mask": np.array(mask)}))
+        assert_same(vec.step(np.zeros((3, 6))), twin.step(np.zeros((3, 6))))
 
 
 @pytest.mark.parametrize("mask", [np.array([1, 0, 0]), np.zeros(3, bool), np.ones(2, bool)])

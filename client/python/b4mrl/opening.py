@@ -1,0 +1,102 @@
+"""The opening of sessions: what is asked of the gateway, and the way to the worker it names."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from b4mrl import arrays, checks, config, descriptions, errors, limits, simulators
+from b4mrl.connection import Connection
+from b4mrl.farewells import close_request
+from b4mrl.messages import AUTORESET_MODES, Request
+from b4mrl.routes import Routes
+from b4mrl.session import Session
+from b4mrl.spec import spec_of
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What Client.make and make_vec describe; `num_envs` 0 is a session for queries alone."""
+
+    environment: str
+    simulator: simulators.Simulator = None
+    num_envs: int = 1
+    seed: int | None = None
+    dtype: DTypeLike = "float32"
+    autoreset_mode: Any = "disabled"
+    config: Mapping[str, Any] | None = None
+    max_episode_steps: int | None = None
+    deadline_ms: float | None = None
+
+    def request(self) -> Any:
+        """The Request that asks for it. InvalidArgumentError: something in it cannot be."""
+        request = Request()
+        request.open.environment = self.environment
+        for item in simulators.parse(self.simulator):
+            request.open.perturbations.add(name=item.name, argument=item.argument)
+        request.open.num_envs = checks.unsigned("num_envs", self.num_envs, bits=32)
+        if self.seed is not None:
+            request.open.seed = checks.unsigned("seed", self.seed)
+        request.open.autoreset_mode = _mode_number(self.autoreset_mode)
+        request.open.observation_dtype = _float_dtype(self.dtype)
+        request.open.config = config.to_json(self.config)
+        request.open.with_infos = True
+        return request
+
+
+def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: float) -> Session:
+    """Opens what is described; `deadline_ms` is that of the opening and of the session."""
+    steps = opening.max_episode_steps
+    if steps is not None:
+        steps = checks.unsigned("max_episode_steps", steps, bits=32)
+    session = _open(endpoint, routes, opening.request(), deadline_ms)
+    if steps is None or steps == session.spec.max_episode_steps:
+        return session
+    # Which of its settings ends an episode, the task itself has said now.
+    with session:
+        in_force, step_seconds = session.in_force.config, session.spec.step_seconds
+        limited = config.with_limit(opening.config, steps, in_force, step_seconds)
+    return _open(endpoint, routes, replace(opening, config=limited).request(), deadline_ms)
+
+
+def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Session:
+    # The token goes with Open, which the gateway answers, and with all that the worker answers.
+    token = secrets.token_bytes(limits.TOKEN_BYTES)
+    opener = Connection(endpoint, token)
+    asked = request.open
+    try:
+        reply = opener.call(request, bytearray(), deadline_ms).reply.open
+        if (reply.num_envs, reply.observation_dtype) != (asked.num_envs, asked.observation_dtype):
+            raise errors.InternalError("the server's reply does not fit what was opened")
+        in_force, spec = descriptions.read(reply), spec_of(reply.info)
+        worker = routes.reach(reply.port, token)
+    except BaseException:
+        opener.farewell(close_request())  # it is open, or may still be, and of no use
+        raise
+    opener.close()
+    dtype = arrays.dtype_of(reply.observation_dtype)
+    return Session(worker, in_force, spec, dtype, deadline_ms)
+
+
+def _mode_number(mode: Any) -> int:
+    name = str(getattr(mode, "name", mode)).lower()
+    value = AUTORESET_MODES.values_by_name.get(name.upper())
+    if value is None:
+        known = ", ".join(name.lower() for name in AUTORESET_MODES.values_by_name)
+        raise errors.InvalidArgumentError(f"autoreset_mode is {name!r}, allowed: {known}")
+    return int(value.number)
+
+
+def _float_dtype(dtype: DTypeLike) -> int:
+    try:
+        kind = np.dtype(dtype)
+    except TypeError:
+        kind = np.dtype(np.void)
+    if kind not in (np.float32, np.float64):
+        raise errors.InvalidArgumentError(f"dtype is {dtype!r}, allowed: float32, float64")
+    return arrays.dtype_number(kind)

@@ -1,0 +1,198 @@
+"""Steps, resets and restores of a session: each executed once, and none lost to Ctrl-C.
+
+KeyboardInterrupt may come between any two lines. An operation that it leaves without a caller stays
+here with its outcome:
+
+- the call that repeats it, with the same lanes and numbers, gets this outcome, so that interrupting
+  a call and making it again is as if nothing had happened;
+- a reset or a restore of its lanes goes on behind it, since nothing is left of what it did;
+- so does a step of its lanes, and a RuntimeWarning says that one outcome was passed over.
+
+Thread rule: one thread at a time.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from b4mrl import arrays, errors
+from b4mrl.arrays import Array
+from b4mrl.connection import Connection, Delivery
+from b4mrl.lane_numbers import LaneNumbers, Lanes
+from b4mrl.messages import Request
+
+T = TypeVar("T")
+Read = Callable[[Mapping[str, Array], "Lanes | None"], T]  # from a reply's arrays and its lanes
+
+
+@dataclass(slots=True)
+class _Operation:
+    kind: str  # "step", "reset" or "restore"
+    request: Any
+    lanes: Lanes | None
+    numbers: NDArray[np.uint64]
+    payload: bytearray
+    is_interrupted: bool = True  # nobody would wait for it if Ctrl-C came now
+
+
+class Operations:
+    """Those of one session.
+
+    Args:
+        connection: to the session's worker; not owned.
+        numbers: of its lanes; owned.
+    """
+
+    def __init__(self, connection: Connection, numbers: LaneNumbers) -> None:
+        self._connection = connection
+        self._numbers = numbers
+        self._under_way: dict[int, _Operation] = {}  # by the request's id
+
+    def call(
+        self,
+        kind: str,
+        lanes: Lanes | None,
+        columns: Mapping[str, Array],
+        deadline_ms: float,
+        read: Read[T],
+    ) -> T:
+        """Executes a Step, Reset or Restore and returns what `read` makes of its outcome.
+
+        Ctrl-C before `read` is done counts as one before the outcome has come.
+        """
+        request_id = self._begin(kind, lanes, columns, deadline_ms)
+        return self._take(self._connection.await_any((request_id,)), read)
+
+    def send_step(
+        self, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float
+    ) -> None:
+        """The first half of a step; several may be under way for different lanes."""
+        request_id = self._begin("step", lanes, columns, deadline_ms)
+        self._under_way[request_id].is_interrupted = False
+
+    def receive_step(self, read: Read[T]) -> T:
+        """The second half: of whichever sent step is answered first.
+
+        Its error, if that is what came, has the lanes in `env_ids`.
+        """
+        steps = [each for each, operation in self._under_way.items() if operation.kind == "step"]
+        if not steps:
+            raise errors.FailedPreconditionError("nothing was sent that could be received")
+        delivery = self._connection.await_any(steps)
+        if delivery.error is not None:
+            lanes = self._under_way[delivery.request_id].lanes
+            delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
+        return self._take(delivery, read)
+
+    def await_interrupted(self) -> None:
+        """Waits until the lanes stand behind what was interrupted; the outcomes stay here."""
+        for request_id in self._interrupted():
+            if self._connection.is_in_flight(request_id):
+                self._await(request_id)
+
+    def _await(self, request_id: int) -> Delivery:
+        self._connection.ask_again(request_id)
+        return self._connection.await_any((request_id,))
+
+    def _interrupted(self) -> list[int]:
+        return [each for each, operation in self._under_way.items() if operation.is_interrupted]
+
+    def _begin(
+        self, kind: str, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float
+    ) -> int:
+        """Sends an operation, or finds the interrupted one that it repeats; returns its id.
+
+        It counts as interrupted until it is taken, or somebody is to receive it.
+        """
+        if self._under_way:
+            for request_id in self._interrupted():
+                if self._is_repeated(request_id, kind, lanes, columns):
+                    self._connection.ask_again(request_id)
+                    return request_id
+            self._pass_over(kind, lanes)
+        numbers = self._numbers.next_of(lanes)
+        operation = _Operation(kind, _request_of(kind), lanes, numbers, bytearray())
+        request_id = self._connection.next_id
+        self._under_way[request_id] = operation
+        self._numbers.begin(lanes)
+        try:
+            operation.payload = _pack(operation, columns, operation.request)
+            self._connection.send(operation.request, operation.payload, deadline_ms)
+        except Exception:
+            self._end(Delivery(request_id, executed=False))
+            raise
+        return request_id
+
+    def _is_repeated(
+        self, request_id: int, kind: str, lanes: Lanes | None, columns: Mapping[str, Array]
+    ) -> bool:
+        operation = self._under_way[request_id]
+        if operation.kind != kind or not self._connection.is_in_flight(request_id):
+            return False
+        request = _request_of(kind)
+        again = _Operation(kind, request, lanes, operation.numbers, bytearray())
+        if self._numbers.count_of(lanes) != len(operation.numbers):
+            return False
+        payload = _pack(again, columns, request)
+        return bool(request == operation.request and payload == operation.payload)
+
+    def _pass_over(self, kind: str, lanes: Lanes | None) -> None:
+        """Ends the interrupted operations of `lanes`, which another one of `kind` is to follow."""
+        for request_id in self._interrupted():
+            operation = self._under_way[request_id]
+            if not _overlap(lanes, operation.lanes):
+                continue
+            delivery = Delivery(request_id, executed=False)  # it was never sent
+            if self._connection.is_in_flight(request_id):
+                delivery = self._await(request_id)
+            self._end(delivery)
+            if kind == "step" and delivery.executed:
+                warnings.warn(
+                    f"the {operation.kind} that was interrupted (operation "
+                    f"{operation.numbers[0]} of its environment) was executed, and its outcome is "
+                    "passed over; calling it again first, with the same arguments, returns it",
+                    RuntimeWarning,
+                    stacklevel=7,
+                )
+
+    def _take(self, delivery: Delivery, read: Read[T]) -> T:
+        if delivery.error is not None:
+            self._end(delivery)
+            raise delivery.error
+        try:
+            result = read(delivery.arrays, self._under_way[delivery.request_id].lanes)
+        except Exception:
+            self._end(delivery)
+            raise
+        self._end(delivery)
+        return result
+
+    def _end(self, delivery: Delivery) -> None:
+        request_id = delivery.request_id
+        operation = self._under_way[request_id]
+        self._numbers.end(operation.lanes, operation.numbers, delivery.executed)
+        del self._under_way[request_id]
+        self._connection.abandon(request_id)
+
+
+def _request_of(kind: str) -> Any:
+    request = Request()
+    getattr(request, kind).SetInParent()
+    return request
+
+
+def _pack(operation: _Operation, columns: Mapping[str, Array], request: Any) -> bytearray:
+    message: dict[str, Array] = {"numbers": operation.numbers}
+    if operation.lanes is not None:
+        message["lanes"] = operation.lanes
+    return arrays.pack(message | dict(columns), request.arrays)
+
+
+def _overlap(one: Lanes | None, other: Lanes | None) -> bool:
+    return one is None or other is None or len(np.intersect1d(one, other)) > 0

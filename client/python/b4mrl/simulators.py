@@ -1,0 +1,100 @@
+"""What perturbs a simulator or corrupts a dataset, as users write it and as it travels."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from b4mrl.errors import InvalidArgumentError
+
+# "gravity=1.5,hidden=9+10"; {"gravity": 1.5, "hidden": [9, 10]}; ["gravity=1.5", "obs-noise-low"].
+Simulator = str | Mapping[str, Any] | Sequence[Any] | None
+
+_ALLOWED = (
+    "allowed: 'gravity=1.5,obs-noise-low', {'gravity': 1.5} or ['gravity=1.5', 'obs-noise-low']"
+)
+
+
+@dataclass(frozen=True)
+class NamedArgument:
+    """A perturbation or corruption; str() is its text, "gravity=1.5".
+
+    Attributes:
+        name: of the catalogue, a preset's or the parametric form's.
+        argument: of the parametric form; "" for none.
+    """
+
+    name: str
+    argument: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name}={self.argument}" if self.argument else self.name
+
+
+def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
+    """The perturbations of `simulator` in their order. The server checks names and values.
+
+    A text joins them by commas. A dict has a name and its value for each: a number, a text, or a
+    list of dimensions; None or True for a preset, which needs no value. A list has a text, a pair
+    or a dict for each. InvalidArgumentError: it is none of these.
+    """
+    if simulator is None:
+        return ()
+    if isinstance(simulator, str):
+        return tuple(_parse_text(item, simulator) for item in simulator.split(",") if simulator)
+    if isinstance(simulator, Mapping):
+        return tuple(_named(name, value) for name, value in simulator.items())
+    if isinstance(simulator, Sequence):
+        return tuple(item for entry in simulator for item in _parse_entry(entry))
+    raise InvalidArgumentError(f"simulator is {simulator!r}, {_ALLOWED}")
+
+
+def text_of(items: Iterable[NamedArgument]) -> str:
+    """ "gravity=1.5,obs-noise-low"."""
+    return ",".join(map(str, items))
+
+
+def _parse_entry(entry: Any) -> tuple[NamedArgument, ...]:
+    if isinstance(entry, NamedArgument):
+        return (entry,)
+    if isinstance(entry, str | Mapping):
+        return parse(entry)
+    if isinstance(entry, Sequence) and len(entry) == 2:
+        return (_named(*entry),)
+    raise InvalidArgumentError(f"perturbation is {entry!r}, {_ALLOWED}")
+
+
+def _parse_text(item: str, whole: str) -> NamedArgument:
+    name, equals, argument = (part.strip() for part in item.partition("="))
+    if not name or (equals and not argument):
+        raise InvalidArgumentError(
+            f"perturbation is {item!r}, allowed: name or name=argument, separated by commas"
+        )
+    if re.fullmatch(r"[-+.\d]+", name):
+        raise InvalidArgumentError(
+            f"perturbation is {item!r} in {whole!r}, allowed: a name; "
+            "dimensions are joined by '+', as in hidden=1+2"
+        )
+    return NamedArgument(name, argument)
+
+
+def _named(name: Any, value: Any) -> NamedArgument:
+    if not isinstance(name, str) or not name:
+        raise InvalidArgumentError(f"perturbation is {name!r}, {_ALLOWED}")
+    if value is None or value is True:
+        return NamedArgument(name)
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, str) and value:
+        return NamedArgument(name, value)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return NamedArgument(name, repr(value))
+    if isinstance(value, list | tuple) and value and all(type(item) is int for item in value):
+        return NamedArgument(name, "+".join(map(str, value)))
+    raise InvalidArgumentError(
+        f"{name} is {value!r}, allowed: a number, a text, a list of dimensions, or None for a preset"
+    )

@@ -1,0 +1,87 @@
+"""How things show themselves at a prompt and in a notebook."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import b4mrl
+from b4mrl.descriptions import DatasetInfo, NamedArgument
+from b4mrl.display import Listing, Table, table
+
+
+class Cells(HTMLParser):
+    """The texts of a table's cells; a tag that is never closed is an error."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: set[str] = set()
+        self.texts: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attributes: list) -> None:
+        self.open.append(tag)
+        self.tags.add(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def test_things_say_in_a_line_what_they_are(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", {"gravity": 2}) as env:
+        assert repr(env) == (
+            "<Environment environment='HalfCheetah', simulator='gravity=2', "
+            "observation='(17,) float32', action='(6,) float32', max_episode_steps=1000>"
+        )
+        assert str(env) == "<Environment<b4mrl/HalfCheetah-v0>>"  # as Gymnasium's wrappers say it
+        assert "gravity=2" in env._repr_html_()
+    with client.make_vec("Hopper", 3, autoreset_mode="disabled") as vec:
+        assert "num_envs=3, autoreset_mode='disabled'" in repr(vec)
+        assert "Hopper" in repr(vec)
+    assert repr(client).startswith(f"<Client endpoint='{client.endpoint}', server='")
+
+
+def test_the_catalogue_is_short_and_its_table_complete(client: b4mrl.Client) -> None:
+    specs = client.environments()
+    assert len(repr(specs["Humanoid"])) < 1000
+    assert {"Humanoid", "(376,)"} <= set(Cells(specs._repr_html_()).texts) | {"(376,)"}
+    dimensions = Cells(specs["Humanoid"].observation._repr_html_()).texts
+    assert set(specs["Humanoid"].observation.names) <= set(dimensions)
+    perturbations = client.perturbations()
+    assert {"gravity", "obs-noise"} <= {each.name for each in perturbations}
+    assert "gravity" in Cells(perturbations._repr_html_()).texts
+
+
+def test_what_the_daemon_says_is_typed(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", "gravity", seed=5) as env:
+        status = client.server_status()
+        assert status.uptime_ms >= 0 and status.session_count >= 1
+        assert {type(worker.process_id) for worker in status.workers} == {int}
+        assert "gateway" in {worker.role for worker in status.workers}
+        Cells(status._repr_html_())
+        in_force = env.session.in_force
+        assert (in_force.environment, in_force.seed) == ("HalfCheetah", 5)
+        assert in_force.perturbations == (NamedArgument("gravity", "2"),)
+        assert in_force.autoreset_mode == "disabled"
+        assert in_force.config["max_episode_steps"] == 1000
+    (gravity,) = [each for each in client.perturbations() if each.name == "gravity"]
+    assert gravity.low < 1 < gravity.high
+    assert ("gravity", "HalfCheetah", "2") in [
+        (preset.name, preset.environment, preset.argument) for preset in gravity.presets
+    ]
+
+
+def test_whatever_stands_in_a_cell_is_text() -> None:
+    evil = "<script>alert('&')</script>"
+    cells = Cells(table((evil,), [(evil,), ((evil, 1),)]))
+    assert cells.tags == {"table", "thead", "tbody", "tr", "th", "td"}
+    assert cells.texts.count(evil) == 2
+    info = DatasetInfo(name=evil, rows=1, file_bytes=2, sha256="", behaviour_policy=evil)
+    for shown in (info, Listing([info]), Table({evil: info})):
+        assert evil in Cells(shown._repr_html_()).texts
+        assert "script" not in Cells(shown._repr_html_()).tags
+    assert Cells(Listing()._repr_html_()).texts == ["nothing"]

@@ -1,0 +1,210 @@
+"""Ctrl-C in the middle of a call."""
+
+from __future__ import annotations
+
+import os
+import pkgutil
+import random
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl.operations import Operations
+
+from conftest import environment_workers
+from equality import assert_same
+
+# Where Ctrl-C comes: a function of the client, whether before or after it has done its work, and
+# whether the interrupted operation happens.
+INTERRUPTIONS = [
+    ("b4mrl.lane_numbers.LaneNumbers.begin", "before", False),
+    ("b4mrl.lane_numbers.LaneNumbers.begin", "after", False),
+    ("b4mrl.arrays.pack", "before", False),
+    ("b4mrl.arrays.pack", "after", False),
+    ("b4mrl.connection.Connection.send", "before", False),
+    ("b4mrl.connection.Connection._transmit", "before", True),
+    ("b4mrl.connection.Connection._transmit", "after", True),
+    ("b4mrl.connection.Connection.send", "after", True),
+    ("b4mrl.connection.Connection.await_any", "before", True),
+    ("b4mrl.connection.Connection._read", "after", True),  # a message is lost
+    ("b4mrl.connection.Connection._accept", "after", True),
+    ("b4mrl.connection.Connection.await_any", "after", True),
+    ("b4mrl.outcomes.OutcomeReader.step", "after", True),
+    ("b4mrl.infos.InfoLayout.single", "after", True),
+    ("b4mrl.lane_numbers.LaneNumbers.end", "before", True),
+    ("b4mrl.lane_numbers.LaneNumbers.end", "after", True),
+]
+everywhere = pytest.mark.parametrize(("place", "when", "happens"), INTERRUPTIONS)
+
+
+@pytest.fixture
+def pair(client: b4mrl.Client) -> Iterator[tuple[b4mrl.Environment, b4mrl.Environment]]:
+    """An environment to be interrupted, and one that is left alone."""
+    options = {"simulator": "obs-noise=0.1", "config": {"max_episode_steps": 7}}
+    with (
+        client.make("HalfCheetah", **options) as env,
+        client.make("HalfCheetah", **options) as twin,
+    ):
+        env.reset(seed=1)
+        twin.reset(seed=1)
+        yield env, twin
+
+
+def interrupt(call: Callable[[], object], place: str, when: str) -> None:
+    """Makes `call`, into which Ctrl-C comes."""
+    original = pkgutil.resolve_name(place)
+
+    def interrupted(*arguments: object) -> None:
+        if when == "after" and original(*arguments) is None and place.endswith("_read"):
+            return None  # there was no message yet
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(place, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            call()
+
+
+@everywhere
+def test_the_same_step_again_is_as_if_nothing_had_happened(pair, place, when, happens) -> None:
+    env, twin = pair
+    for i in range(10):  # over the end of an episode
+        action = np.full(6, 0.1 * i)
+        interrupt(lambda: env.step(action), place, when)
+        assert_same(env.step(action.copy()), twin.step(action))
+        assert_same(env.step(action), twin.step(action))
+    assert env.digest == twin.digest
+
+
+@everywhere
+def test_another_step_goes_on_behind_it_and_says_so(pair, place, when, happens) -> None:
+    env, twin = pair
+    lost, other = np.full(6, 0.5), np.full(6, -0.5)
+    interrupt(lambda: env.step(lost), place, when)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = env.step(other)
+    if happens:
+        twin.step(lost)
+        assert [str(warning.message)[:35] for warning in caught] == [
+            "the step that was interrupted (oper"
+        ]
+        assert caught[0].filename == __file__
+    else:
+        assert caught == []
+    assert_same(result, twin.step(other))
+
+
+@everywhere
+@pytest.mark.parametrize("seed", [None, 2])
+def test_a_reset_needs_to_know_nothing_of_it(pair, place, when, happens, seed) -> None:
+    env, twin = pair
+    interrupt(lambda: env.step(np.ones(6)), place, when)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_same(env.reset(seed=seed), twin.reset(seed=seed))
+        assert_same(env.step(np.zeros(6)), twin.step(np.zeros(6)))
+
+
+@everywhere
+def test_so_it_is_with_a_reset(pair, place, when, happens) -> None:
+    if place.endswith("OutcomeReader.step"):
+        place = place.replace("step", "outcome")
+    env, twin = pair
+    for _ in range(2):  # an unseeded reset must not begin two episodes
+        interrupt(lambda: env.reset(), place, when)
+        assert_same(env.reset(), twin.reset())
+        assert_same(env.step(np.zeros(6)), twin.step(np.zeros(6)))
+
+
+def test_states_are_those_behind_what_was_interrupted(pair) -> None:
+    env, twin = pair
+    interrupt(lambda: env.step(np.ones(6)), "b4mrl.connection.Connection.await_any", "before")
+    result = twin.step(np.ones(6))
+    assert_same(env.get_state(), twin.get_state())
+    assert_same(env.step(np.ones(6)), result)  # and the outcome is still there
+
+
+@pytest.mark.parametrize(("place", "when"), [("send", "after"), ("_transmit", "after")])
+def test_an_interrupted_send_may_be_made_again(client: b4mrl.Client, place: str, when: str) -> None:
+    with client.make_vec("HalfCheetah", 4) as vec, client.make_vec("HalfCheetah", 4) as twin:
+        vec.reset(seed=1)
+        twin.reset(seed=1)
+        actions = vec.action_space.sample()
+        vec.send(actions[:2], [0, 1])
+        again = lambda: vec.send(actions[2:], [2, 3])  # noqa: E731
+        interrupt(again, "b4mrl.connection.Connection." + place, when)
+        again()
+        interrupt(vec.recv, "b4mrl.connection.Connection.await_any", "after")
+        observations = np.concatenate([vec.recv()[0], vec.recv()[0]])
+        assert_same(observations, twin.step(actions)[0])
+
+
+# Where Python cannot raise, as in a destructor, it says so.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_interrupts_at_any_moment_of_waiting_change_nothing(client: b4mrl.Client) -> None:
+    """Real signals, while a reply is waited for or read."""
+    draws = random.Random(5)
+    hits = 0
+
+    def arrive(_: int, frame: FrameType | None) -> None:
+        nonlocal hits
+        codes = []
+        while frame is not None:
+            codes.append(frame.f_code)
+            frame = frame.f_back
+        if Operations.call.__code__ in codes and Operations._end.__code__ not in codes:
+            hits += 1
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, arrive)
+    options: dict[str, Any] = {"num_envs": 16, "autoreset_mode": "same_step", "deadline_ms": 60_000}
+    try:
+        with (
+            client.make_vec("Hopper", **options) as vec,
+            client.make_vec("Hopper", **options) as twin,
+        ):
+            vec.reset(seed=3)
+            twin.reset(seed=3)
+            vec.action_space.seed(3)
+            for _ in range(100):
+                actions = vec.action_space.sample()
+                result, interrupts = None, 0
+                while result is None:
+                    if interrupts < 3:
+                        signal.setitimer(signal.ITIMER_REAL, draws.uniform(20e-6, 500e-6))
+                    try:
+                        result = vec.step(actions)
+                    except KeyboardInterrupt:
+                        interrupts += 1
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                assert_same(result, twin.step(actions))
+            np.testing.assert_array_equal(vec.digests, twin.digests)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert hits > 20
+
+
+def test_a_signal_reaches_a_call_that_waits() -> None:
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        env = client.make("HalfCheetah")
+        env.reset()
+        (worker,) = environment_workers(client)
+        os.kill(worker, signal.SIGSTOP)
+        timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                while True:
+                    env.step(np.zeros(6))
+        finally:
+            timer.join()
+        env.reset()  # by the worker that replaces the frozen one
+        env.close()

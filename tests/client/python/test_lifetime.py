@@ -1,0 +1,150 @@
+"""What is closed by nobody: sessions, sockets and threads of collected things and of ended programs."""
+
+from __future__ import annotations
+
+import errno
+import gc
+import os
+import subprocess
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+
+import b4mrl
+import gymnasium as gym
+import numpy as np
+import pytest
+import zmq
+from b4mrl import errors, sockets
+from b4mrl.connection import Connection
+
+PATIENCE_SECONDS = 60  # for what happens in the background of a busy machine
+
+PROGRAM = """
+import sys, threading
+import b4mrl, gymnasium, numpy
+from gymnasium.vector import AsyncVectorEnv
+
+endpoint, kind = sys.argv[1:]
+
+def make():
+    return gymnasium.make("b4mrl:b4mrl/HalfCheetah-v0", endpoint=endpoint)
+
+def step_for_ever(env, first):
+    while True:
+        env.step(numpy.zeros(6))
+        first.set()
+
+if __name__ == "__main__":
+    if kind in ("fork", "spawn"):
+        vec = AsyncVectorEnv([make] * 2, context=kind)
+        vec.reset()
+    else:
+        env = make()
+        env.reset()
+        vec = b4mrl.connect(endpoint).make_vec("Hopper", 2)
+        vec.reset()
+        vec.send(numpy.zeros((2, 3)))
+        other = b4mrl.connect(endpoint)
+        other.query("HalfCheetah", numpy.zeros((2, 17)), numpy.zeros((2, 6)))
+    if kind == "raises":
+        raise SystemExit(3)
+    if kind == "thread":
+        first = threading.Event()
+        threading.Thread(target=step_for_ever, args=(env, first), daemon=True).start()
+        first.wait()
+"""
+
+
+def run(endpoint: str, kind: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "default::ResourceWarning", "-c", PROGRAM, endpoint, kind]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def await_true(condition: Callable[[], bool]) -> bool:
+    """Whether it becomes true in time."""
+    finish = time.monotonic() + PATIENCE_SECONDS
+    pause = threading.Event()
+    while not condition() and time.monotonic() < finish:
+        pause.wait(0.01)
+    return condition()
+
+
+@pytest.fixture
+def own_client() -> b4mrl.Client:
+    """Of a daemon whose sessions are all of one test."""
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        yield client
+
+
+@pytest.mark.parametrize(("kind", "status"), [("ends", 0), ("raises", 3), ("fork", 0)])
+def test_a_program_that_closes_nothing_leaves_no_session(
+    own_client: b4mrl.Client, kind: str, status: int
+) -> None:
+    done = run(own_client.endpoint, kind)
+    assert (done.returncode, done.stderr) == (status, "")
+    assert await_true(lambda: own_client.server_status().session_count == 0)
+
+
+def test_a_thread_that_steps_on_does_not_disturb_the_end(own_client: b4mrl.Client) -> None:
+    assert run(own_client.endpoint, "thread").returncode == 0
+    # The thread's own session is left to the lease; the others are given back.
+    assert await_true(lambda: own_client.server_status().session_count <= 1)
+
+
+def test_what_is_collected_leaves_nothing_behind(own_client: b4mrl.Client) -> None:
+    def use() -> None:
+        client = b4mrl.connect(own_client.endpoint)
+        env = client.make("HalfCheetah")
+        env.reset()
+        vec = client.make_vec("Hopper", 2)
+        vec.reset()
+        vec.send(np.zeros((2, 3)))
+        client.query("HalfCheetah", np.zeros((2, 17)), np.zeros((2, 6)))
+
+    use()  # ZeroMQ's own threads and descriptors stay
+    assert await_true(lambda: own_client.server_status().session_count == 0)
+    descriptors, threads = len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(5):
+            use()
+        gc.collect()
+    assert [str(warning.message) for warning in caught] == []
+    assert await_true(lambda: own_client.server_status().session_count == 0)
+    assert await_true(lambda: len(os.listdir("/proc/self/fd")) <= descriptors)
+    assert len(os.listdir("/proc/self/task")) <= threads
+
+
+def test_gymnasiums_makers_leave_no_socket_open(endpoint: str) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        gym.make("b4mrl:b4mrl/HalfCheetah-v0", endpoint=endpoint).close()
+        gym.make_vec("b4mrl:b4mrl/HalfCheetah-v0", num_envs=2, endpoint=endpoint).close()
+        gc.collect()
+    assert [str(w.message) for w in caught if w.category is ResourceWarning] == []
+
+
+def test_monitors_have_names_that_nobody_else_takes(endpoint: str) -> None:
+    context = sockets._context_of(os.getpid())
+    taken = []
+    for number in range(256):  # pyzmq's name is the number of the descriptor
+        taken.append(context.socket(zmq.PAIR))
+        taken[-1].bind(f"inproc://monitor.s-{number}")
+    try:
+        b4mrl.connect(endpoint).close()
+    finally:
+        for socket in taken:
+            socket.close()
+
+
+@pytest.mark.parametrize("method", ["socket", "get_monitor_socket"])
+def test_no_more_sockets_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    def refuse(*_: object) -> None:
+        raise zmq.ZMQError(errno.EMFILE)
+
+    monkeypatch.setattr(zmq.Context if method == "socket" else zmq.Socket, method, refuse)
+    with pytest.raises(errors.UnavailableError, match="tcp://127.0.0.1:1.*ulimit"):
+        Connection("tcp://127.0.0.1:1")

@@ -1,0 +1,88 @@
+"""Gymnasium's registry: specs that tell the truth."""
+
+from __future__ import annotations
+
+import b4mrl
+import gymnasium as gym
+import numpy as np
+import pytest
+from b4mrl import errors
+
+NAME = "b4mrl:b4mrl/{}-v0"
+
+
+def steps_until_the_end(env: gym.Env) -> int:
+    env.reset(seed=0)
+    steps = 0
+    ended = False
+    while not ended:
+        *_, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, np.float32))
+        steps += 1
+        ended = terminated or truncated
+    assert info["cause"] == "limit"  # in the daemon's own words
+    return steps
+
+
+@pytest.mark.parametrize("limit", [3, 1200])
+def test_max_episode_steps_reaches_the_daemon_and_the_spec(endpoint: str, limit: int) -> None:
+    with gym.make(NAME.format("HalfCheetah"), limit, endpoint=endpoint) as env:
+        assert env.spec.max_episode_steps == limit
+        assert env.unwrapped.spec.max_episode_steps == limit
+        assert env.unwrapped.session.spec.max_episode_steps == limit
+        assert steps_until_the_end(env) == limit
+
+
+def test_a_task_that_counts_seconds_has_it_too(endpoint: str) -> None:
+    with gym.make(NAME.format("Highway"), 3, endpoint=endpoint) as env:
+        assert env.unwrapped.session.spec.max_episode_steps == 3
+        assert env.spec.max_episode_steps == 3
+
+
+def test_without_it_the_spec_has_the_tasks_own(client: b4mrl.Client, environment: str) -> None:
+    own = client.environments()[environment].max_episode_steps
+    for arguments in ({}, {"max_episode_steps": -1}):
+        with gym.make(NAME.format(environment), endpoint=client.endpoint, **arguments) as env:
+            assert env.spec.max_episode_steps == own
+    with client.make(environment) as env, client.make_vec(environment, 2) as vec:
+        assert env.spec.max_episode_steps == vec.spec.max_episode_steps == own
+
+
+def test_what_the_settings_say_is_in_the_spec(endpoint: str) -> None:
+    config = {"max_episode_steps": 4}
+    with gym.make(NAME.format("HalfCheetah"), endpoint=endpoint, config=config) as env:
+        assert env.spec.max_episode_steps == 4
+        assert steps_until_the_end(env) == 4
+
+
+def test_the_two_must_not_differ(client: b4mrl.Client) -> None:
+    config = {"max_episode_steps": 4}
+    client.make("HalfCheetah", config=config, max_episode_steps=4).close()
+    with pytest.raises(errors.InvalidArgumentError, match="is 5 and config"):
+        client.make("HalfCheetah", config=config, max_episode_steps=5)
+    with pytest.raises(errors.InvalidArgumentError, match="max_episode_steps"):
+        client.make("HalfCheetah", max_episode_steps=-3)
+
+
+@pytest.mark.parametrize("how", ["vector_entry_point", "sync"])
+def test_make_vec_has_it_as_well(endpoint: str, how: str) -> None:
+    options = {"endpoint": endpoint, "vectorization_mode": how, "max_episode_steps": 1001}
+    vec = gym.make_vec(NAME.format("HalfCheetah"), 2, **options)
+    vec.reset(seed=0)
+    for step in range(1001):
+        truncated = vec.step(np.zeros((2, 6), np.float32))[3]
+        assert truncated.all() == (step == 1000)
+    assert how == "sync" or vec.spec.max_episode_steps == 1001
+    vec.close()
+
+
+def test_a_spec_makes_the_same_again(client: b4mrl.Client, environment: str) -> None:
+    with client.make(environment, "obs-noise=0.1", seed=1, max_episode_steps=7) as env:
+        with gym.make(env.spec) as again:
+            ours, theirs = env.session.in_force, again.unwrapped.session.in_force
+            assert ours.experiment_id == theirs.experiment_id
+            assert again.spec.max_episode_steps == 7
+    with client.make_vec(environment, 3, "obs-noise=0.1") as vec:
+        again = gym.make_vec(vec.spec)
+        assert again.num_envs == 3
+        assert again.unwrapped.session.in_force.perturbations == vec.session.in_force.perturbations
+        again.close()
