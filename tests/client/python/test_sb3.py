@@ -74,6 +74,14 @@ def test_another_mode_is_refused(client: b4mrl.Client) -> None:
             StableBaselinesVecEnv(vec)
 
 
+def test_a_single_environment_needs_no_adapter(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        with pytest.raises(errors.InvalidArgumentError, match="make_vec.*takes what Client.make"):
+            StableBaselinesVecEnv(env)
+        model = SAC("MlpPolicy", env, learning_starts=20, policy_kwargs={"net_arch": [8]})
+        assert model.learn(40).num_timesteps == 40
+
+
 def test_attributes_are_those_of_the_batch(client: b4mrl.Client) -> None:
     vec = batch(client, "HalfCheetah", 3)
     vec.reset()
