@@ -25,53 +25,19 @@ import threading
 import time
 import weakref
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import Any
 
 import zmq
 from google.protobuf.message import DecodeError
 
-from b4mrl import arrays, errors, limits, sockets
+from b4mrl import errors, limits, sockets
+from b4mrl.deliveries import Delivery, Pending, read_reply
 from b4mrl.messages import Reply, Request
 
 # Of a request, unless its caller has another. A machine that is busy with other things must not end
 # what runs for hours.
 DEADLINE_MS = 120_000
 FAREWELL_MS = 500  # for a last request, when everything may be gone already
-_PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
-
-
-@dataclass(slots=True)
-class Delivery:
-    """What became of one request: a reply, or an error.
-
-    Attributes:
-        reply: the Reply, whose status is OK; None with an error.
-        arrays: the reply's arrays, writable.
-        executed: True, False, or None when that is not known.
-    """
-
-    request_id: int
-    reply: Any = None
-    arrays: dict[str, arrays.Array] = field(default_factory=dict)
-    error: errors.B4mrlError | None = None
-    executed: bool | None = True
-
-
-@dataclass(slots=True)
-class _Pending:
-    """A request that has not been answered. Times are seconds of time.monotonic()."""
-
-    envelope: bytes  # without version, token, id and deadline
-    payload: bytearray
-    deadline_ms: float  # as the caller gave it
-    deadline: float
-    patience: float
-    connection: int = 0  # the number of the connection that it was last sent over
-    sent: float = 0.0  # 0: not yet, or to be sent again at once
-    resent: bool = False
-    renewed: bool = False  # its deadline, after a reconnection
-
 
 _all: weakref.WeakSet[Connection] = weakref.WeakSet()
 
@@ -98,7 +64,7 @@ class Connection:
         self._next_id = 1
         self._handshakes = 0
         self._last_reply = 0.0
-        self._pending: dict[int, _Pending] = {}
+        self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
         self._link = sockets.open_link(address)
         self._socket = self._link.socket
@@ -195,14 +161,8 @@ class Connection:
                 f"allowed: at most {limits.MAX_ENVELOPE_BYTES}"
             )
         request_id = self._next_id
-        seconds = deadline_ms / 1000
-        pending = _Pending(
-            envelope,
-            payload,
-            deadline_ms,
-            time.monotonic() + seconds,
-            seconds / _PATIENCE_FRACTION,
-        )
+        pending = Pending(envelope, payload)
+        pending.set_deadline(deadline_ms)
         # Kept before it is sent: were Ctrl-C to come in between, it must not be forgotten.
         self._next_id += 1
         self._pending[request_id] = pending
@@ -245,10 +205,20 @@ class Connection:
             raise delivery.error
         return delivery
 
-    def ask_again(self, request_id: int) -> None:
-        """Its reply may have been lost on this side, as by Ctrl-C in the middle of a message."""
-        if request_id in self._pending:
-            self._pending[request_id].sent = 0
+    def ask_again(self, request_id: int, deadline_ms: float) -> None:
+        """Sends a request once more, by its old id, unless its outcome is here already.
+
+        There may be none because nobody waited for it, because Ctrl-C took a part of its reply
+        along, or because its deadline has passed; it has a new one then.
+        """
+        delivery = self._arrived.get(request_id)
+        if delivery is not None and delivery.unsettled is not None:
+            self._pending[request_id] = delivery.unsettled
+            del self._arrived[request_id]
+        pending = self._pending.get(request_id)
+        if pending is not None:
+            pending.set_deadline(deadline_ms)
+            pending.sent = 0
 
     def abandon(self, request_id: int) -> None:
         """The reply is not wanted any more. The server may execute the request all the same."""
@@ -260,7 +230,7 @@ class Connection:
         self._pending.clear()
         self._arrived.clear()
 
-    def _transmit(self, request_id: int, pending: _Pending) -> bool:
+    def _transmit(self, request_id: int, pending: Pending) -> bool:
         now = time.monotonic()
         remaining_ms = math.ceil((pending.deadline - now) * 1000)
         head = Request(
@@ -314,7 +284,7 @@ class Connection:
             min(pending.deadline, self._resend_time(pending)) for pending in self._pending.values()
         )
 
-    def _resend_time(self, pending: _Pending) -> float:
+    def _resend_time(self, pending: Pending) -> float:
         if pending.sent == 0:
             return 0
         return max(pending.sent, self._last_reply) + pending.patience
@@ -329,10 +299,11 @@ class Connection:
         if pending is None or len(frames) > 2:
             return False
         self._last_reply = time.monotonic()
-        delivery = _read_reply(reply, frames)
+        delivery = read_reply(reply, frames)
         error = delivery.error
         if error is not None and error.recoverable and pending.resent:
-            delivery.executed = None  # one copy was turned away; another may still be executed
+            # One copy was turned away; another may still be executed.
+            delivery.executed, delivery.unsettled = None, pending
         self._arrived[reply.request_id] = delivery
         return True
 
@@ -356,9 +327,11 @@ class Connection:
         for request_id in [i for i, pending in self._pending.items() if pending.deadline <= now]:
             pending = self._pending.pop(request_id)
             error = self._give_up(pending)
-            self._arrived[request_id] = Delivery(request_id, error=error, executed=None)
+            self._arrived[request_id] = Delivery(
+                request_id, error=error, executed=None, unsettled=pending
+            )
 
-    def _give_up(self, pending: _Pending) -> errors.B4mrlError:
+    def _give_up(self, pending: Pending) -> errors.B4mrlError:
         """Why a request has no answer, with all that its sender may want to change."""
         name = Request.FromString(pending.envelope).WhichOneof("payload")
         within = f"within {pending.deadline_ms / 1000:g} s (deadline_ms={pending.deadline_ms:g})"
@@ -367,8 +340,8 @@ class Connection:
                 f"{self.address} cannot be reached {within}, so {name} was not sent"
             )
         return errors.DeadlineExceededError(
-            f"no answer to {name} from {self.address} {within}; "
-            "on a busy machine, connect or make with a longer deadline_ms"
+            f"no answer to {name} from {self.address} {within}; the same call may be made again, "
+            "and on a busy machine with a longer deadline_ms of connect or make"
         )
 
 
@@ -378,16 +351,3 @@ def close_all() -> None:
     for connection in list(_all):
         if connection.is_free:
             connection.close()
-
-
-def _read_reply(reply: Any, frames: list[zmq.Frame]) -> Delivery:
-    status = reply.status
-    if status.code != 0:
-        error = errors.error_of(status.code, status.message, status.recoverable)
-        executed = None if error.executed_unknown else False
-        return Delivery(reply.request_id, error=error, executed=executed)
-    payload = bytearray(frames[1].buffer) if len(frames) > 1 else bytearray()
-    try:
-        return Delivery(reply.request_id, reply, arrays.unpack(reply.arrays, payload))
-    except errors.InternalError as error:
-        return Delivery(reply.request_id, error=error, executed=None)

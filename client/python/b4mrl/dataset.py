@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from b4mrl import checks, errors, limits, simulators
 from b4mrl.arrays import Array, require
-from b4mrl.connection import Connection, Delivery
+from b4mrl.connection import Connection
+from b4mrl.deliveries import Delivery
 from b4mrl.descriptions import DatasetInForce
 from b4mrl.display import Record, Shown
 from b4mrl.messages import Request

@@ -1,7 +1,8 @@
 """Steps, resets and restores of a session: each executed once, and none lost to Ctrl-C.
 
 KeyboardInterrupt may come between any two lines. An operation that it leaves without a caller stays
-here with its outcome:
+here with its outcome. So does one that got no answer within its deadline, and what follows asks for
+it again first:
 
 - the call that repeats it, with the same lanes and numbers, gets this outcome, so that interrupting
   a call and making it again is as if nothing had happened;
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 
 from b4mrl import arrays, errors
 from b4mrl.arrays import Array
-from b4mrl.connection import Connection, Delivery
+from b4mrl.connection import Connection
+from b4mrl.deliveries import Delivery
 from b4mrl.lane_numbers import LaneNumbers, Lanes
 from b4mrl.messages import Request
 
@@ -38,7 +40,7 @@ class _Operation:
     lanes: Lanes | None
     numbers: NDArray[np.uint64]
     payload: bytearray
-    is_interrupted: bool = True  # nobody would wait for it if Ctrl-C came now
+    is_interrupted: bool = True  # nobody would receive it if Ctrl-C came now
 
 
 class Operations:
@@ -81,7 +83,7 @@ class Operations:
 
         Its error, if that is what came, has the lanes in `env_ids`.
         """
-        steps = [each for each, operation in self._under_way.items() if operation.kind == "step"]
+        steps = [each for each, it in self._under_way.items() if not it.is_interrupted]
         if not steps:
             raise errors.FailedPreconditionError("nothing was sent that could be received")
         delivery = self._connection.await_any(steps)
@@ -90,15 +92,20 @@ class Operations:
             delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
         return self._take(delivery, read)
 
-    def await_interrupted(self) -> None:
+    def await_interrupted(self, deadline_ms: float) -> None:
         """Waits until the lanes stand behind what was interrupted; the outcomes stay here."""
         for request_id in self._interrupted():
-            if self._connection.is_in_flight(request_id):
-                self._await(request_id)
+            self._settle(request_id, deadline_ms)
 
-    def _await(self, request_id: int) -> Delivery:
-        self._connection.ask_again(request_id)
-        return self._connection.await_any((request_id,))
+    def _settle(self, request_id: int, deadline_ms: float) -> Delivery:
+        """What became of an interrupted operation. Raises what leaves that open."""
+        if not self._connection.is_in_flight(request_id):
+            return Delivery(request_id, executed=False)  # it was never sent
+        self._connection.ask_again(request_id, deadline_ms)
+        delivery = self._connection.await_any((request_id,))
+        if delivery.error is not None and delivery.unsettled is not None:
+            raise delivery.error
+        return delivery
 
     def _interrupted(self) -> list[int]:
         return [each for each, operation in self._under_way.items() if operation.is_interrupted]
@@ -113,9 +120,9 @@ class Operations:
         if self._under_way:
             for request_id in self._interrupted():
                 if self._is_repeated(request_id, kind, lanes, columns):
-                    self._connection.ask_again(request_id)
+                    self._connection.ask_again(request_id, deadline_ms)
                     return request_id
-            self._pass_over(kind, lanes)
+            self._pass_over(kind, lanes, deadline_ms)
         numbers = self._numbers.next_of(lanes)
         operation = _Operation(kind, _request_of(kind), lanes, numbers, bytearray())
         request_id = self._connection.next_id
@@ -142,15 +149,13 @@ class Operations:
         payload = _pack(again, columns, request)
         return bool(request == operation.request and payload == operation.payload)
 
-    def _pass_over(self, kind: str, lanes: Lanes | None) -> None:
+    def _pass_over(self, kind: str, lanes: Lanes | None, deadline_ms: float) -> None:
         """Ends the interrupted operations of `lanes`, which another one of `kind` is to follow."""
         for request_id in self._interrupted():
             operation = self._under_way[request_id]
             if not _overlap(lanes, operation.lanes):
                 continue
-            delivery = Delivery(request_id, executed=False)  # it was never sent
-            if self._connection.is_in_flight(request_id):
-                delivery = self._await(request_id)
+            delivery = self._settle(request_id, deadline_ms)
             self._end(delivery)
             if kind == "step" and delivery.executed:
                 warnings.warn(
@@ -162,11 +167,14 @@ class Operations:
                 )
 
     def _take(self, delivery: Delivery, read: Read[T]) -> T:
+        operation = self._under_way[delivery.request_id]
         if delivery.error is not None:
-            self._end(delivery)
+            operation.is_interrupted = True
+            if delivery.unsettled is None:
+                self._end(delivery)
             raise delivery.error
         try:
-            result = read(delivery.arrays, self._under_way[delivery.request_id].lanes)
+            result = read(delivery.arrays, operation.lanes)
         except Exception:
             self._end(delivery)
             raise

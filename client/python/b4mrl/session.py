@@ -99,7 +99,7 @@ class Session:
 
     def snapshot(self, lanes: Lanes | None = None) -> dict[str, Array]:
         """`snapshot` uint8 (n, bytes), exact, and readable parts, float64 (n, size)."""
-        self._operations.await_interrupted()
+        self._operations.await_interrupted(self.deadline_ms)
         self._numbers.check_range(lanes)
         request = Request()
         request.snapshot.SetInParent()
@@ -128,7 +128,7 @@ class Session:
         It takes tens of milliseconds a lane. FailedPreconditionError: a lane was never reset.
         UnsupportedError: the server cannot draw.
         """
-        self._operations.await_interrupted()
+        self._operations.await_interrupted(self.deadline_ms)
         width = checks.unsigned("width", width, bits=32) or self.spec.picture_width
         height = checks.unsigned("height", height, bits=32) or self.spec.picture_height
         chosen = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes

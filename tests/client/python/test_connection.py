@@ -203,6 +203,27 @@ def test_no_answer_leaves_open_what_was_executed(start, connect) -> None:
         assert part in str(delivery.error)
 
 
+def test_a_request_that_got_no_answer_is_asked_for_again_by_its_old_id(start, connect) -> None:
+    silent = threading.Event()
+    server = start(lambda request, count: [] if silent.is_set() else [done(request)])
+    connection = connect(server.address)
+    connection.call(hello(), bytearray(), 60_000)
+    silent.set()
+    request_id = connection.send(hello(), bytearray(), 1)
+    for _ in range(2):
+        assert connection.await_any((request_id,)).executed is None
+        connection.ask_again(request_id, 1)
+    assert connection.await_any((request_id,)).executed is None
+    silent.clear()
+    connection.ask_again(request_id, 60_000)
+    delivery = connection.await_any((request_id,))
+    assert (delivery.error, delivery.executed, delivery.unsettled) == (None, True, None)
+    assert {each.request_id for each in server.requests[1:]} == {request_id}
+    connection.ask_again(request_id, 60_000)  # its outcome is here
+    assert connection.receive(request_id) is delivery
+    assert not connection.is_in_flight(request_id)
+
+
 def test_a_server_that_is_not_there_is_unavailable(connect) -> None:
     with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
         port = socket.bind_to_random_port("tcp://127.0.0.1")  # taken, and speaks to nobody

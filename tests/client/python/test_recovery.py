@@ -46,21 +46,52 @@ def test_a_trajectory_does_not_notice_that_workers_die(long: bool) -> None:
         assert restarts >= steps // every
 
 
-def test_no_answer_within_the_deadline_ends_the_environment_and_no_other() -> None:
+@pytest.mark.parametrize("follows", ["the same step", "another step", "reset", "get_state"])
+def test_what_got_no_answer_within_the_deadline_is_asked_for_again(follows: str) -> None:
+    lost, other = np.full(6, 0.5), np.full(6, -0.5)
     with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
-        env = client.make("HalfCheetah")
-        env.reset()
-        env.session.deadline_ms = 100
-        (worker,) = environment_workers(client)
-        os.kill(worker, signal.SIGSTOP)
-        with pytest.raises(TimeoutError, match=r"step from tcp://\S+ within 0.1 s.*deadline_ms"):
-            while True:
-                env.step(np.zeros(6))
-        with pytest.raises(errors.FailedPreconditionError, match="not known"):
-            env.step(np.zeros(6))
-        env.close()
-        with client.make("HalfCheetah") as other:
-            other.reset()
+        with client.make("HalfCheetah") as env, client.make("HalfCheetah") as twin:
+            env.reset(seed=1)
+            twin.reset(seed=1)
+            (worker,) = environment_workers(client)
+            os.kill(worker, signal.SIGSTOP)
+            env.session.deadline_ms = 100
+            with pytest.raises(TimeoutError, match=r"step from tcp://\S+ within 0.1 s.*again"):
+                env.step(lost)
+            env.session.deadline_ms = 120_000  # until a replacement is there
+            wanted = twin.step(lost)
+            if follows == "the same step":
+                assert_same(env.step(lost), wanted)
+            if follows == "another step":
+                with pytest.warns(RuntimeWarning, match="passed over"):
+                    assert_same(env.step(other), twin.step(other))
+            if follows == "reset":
+                assert_same(env.reset(), twin.reset())
+            if follows == "get_state":
+                assert_same(env.get_state(), twin.get_state())
+                assert_same(env.step(lost), wanted)
+            assert_same(env.step(other), twin.step(other))
+            assert env.digest == twin.digest
+
+
+def test_a_sent_step_that_got_no_answer_may_be_sent_again() -> None:
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.make_vec("HalfCheetah", 2) as vec, client.make_vec("HalfCheetah", 2) as twin:
+            vec.reset(seed=1)
+            twin.reset(seed=1)
+            (worker,) = environment_workers(client)
+            os.kill(worker, signal.SIGSTOP)
+            vec.session.deadline_ms = 100
+            vec.send(np.ones((1, 6)), [1])
+            with pytest.raises(TimeoutError) as caught:
+                vec.recv()
+            assert caught.value.env_ids.tolist() == [1]
+            with pytest.raises(errors.FailedPreconditionError, match="nothing was sent"):
+                vec.recv()
+            vec.session.deadline_ms = 120_000
+            vec.send(np.ones((1, 6)), [1])
+            observations = vec.recv()[0]
+            assert_same(observations[0], twin.step(np.ones((2, 6)))[0][1])
 
 
 def test_a_session_that_the_server_lost_says_so(client: b4mrl.Client) -> None:
