@@ -32,7 +32,7 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
       open->set_rows(dataset_rows);
       open->set_observation_size(kObservationSize);
       open->set_action_size(kActionSize);
-      open->set_environment("Fake");
+      open->set_environment(dataset_environment);
       return server.Reply(call, std::move(reply));
     }
     case pb::Request::kDatasetStats:

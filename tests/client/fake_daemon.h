@@ -47,6 +47,7 @@ class FakeDaemon {
   pb::OpenReply open_reply;
   uint32_t protocol_version = limits::kProtocolVersion;
   uint64_t dataset_rows = 100;
+  std::string dataset_environment = "Fake";
 
   // Sessions that were given back; a Close that comes twice counts once.
   uint64_t closed_sessions() const {

@@ -29,7 +29,7 @@ class Recorder {
  public:
   Recorder()
       : daemon_([this](FakeServer&, FakeCall& call) { return Note(call); }),
-        client_(Take(Client::Connect(daemon_.address()))) {}
+        client_(Connect(daemon_)) {}
 
   LearnerContext Context(std::span<const Hyperparameter> table) {
     return FakeContext(client_, folder_.File(""), table);
@@ -47,6 +47,10 @@ class Recorder {
   }
 
  private:
+  static Client Connect(FakeDaemon& daemon) {
+    daemon.dataset_environment = "HalfCheetah";
+    return Take(Client::Connect(daemon.address()));
+  }
   bool Note(const FakeCall& call) {
     const std::lock_guard lock(mutex_);
     if (call.request.has_step()) steps_.push_back(Elements<float>(call, "actions"));

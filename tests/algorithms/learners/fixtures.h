@@ -19,7 +19,8 @@ inline LearnerContext CheetahContext(TestDaemon& daemon, const std::string& data
   return context;
 }
 
-// For a FakeDaemon. No two of its action's dimensions have the same bounds, and none has [-1, 1].
+// For a FakeDaemon whose dataset_environment is HalfCheetah. No two of its action's dimensions have
+// the same bounds, and none has [-1, 1].
 inline constexpr float kFakeActionScale[] = {0.25f, 2.5f};
 inline LearnerContext FakeContext(Client& client, const std::string& folder,
                                   std::span<const Hyperparameter> table) {

@@ -38,6 +38,7 @@ std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>
                            [&](uint64_t i) { return row(i % sample.rows()); });
     return true;
   });
+  daemon.dataset_environment = "HalfCheetah";
   Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
   LearnerContext context = FakeContext(client, folder.path(), H2oHyperparameters());

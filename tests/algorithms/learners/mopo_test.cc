@@ -29,7 +29,7 @@ bool ServeWalkers(FakeServer& server, const FakeCall& call) {
 class SmallMopo {
  public:
   explicit SmallMopo(const std::map<std::string_view, double>& changes)
-      : daemon_(ServeWalkers), client_(Take(Client::Connect(daemon_.address()))) {
+      : daemon_(ServeWalkers), client_(Connect(daemon_)) {
     context_ = FakeContext(client_, folder_.path(), MopoHyperparameters());
     context_.environment.name = "Walker2d";
     std::map<std::string_view, double> values = {
@@ -46,6 +46,11 @@ class SmallMopo {
   std::string File(const std::string& name) const { return folder_.File(name); }
 
  private:
+  static Client Connect(FakeDaemon& daemon) {
+    daemon.dataset_environment = "Walker2d";
+    return Take(Client::Connect(daemon.address()));
+  }
+
   TemporaryFolder folder_;
   FakeDaemon daemon_;
   Client client_;
