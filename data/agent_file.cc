@@ -74,7 +74,7 @@ Result<AgentLayer> ReadLayer(const Hdf5Reader& file, std::string_view name) {
 // Optional entries: absent is fine, present but unreadable is not.
 Status ReadOptional(const Hdf5Reader& file, const std::string& path, std::string* out) {
   if (!file.Exists(path)) return Status();
-  B4MRL_ASSIGN_OR_RETURN(*out, file.ReadString(path));
+  B4MRL_ASSIGN_OR_RETURN(*out, file.ReadText(path));
   return Status();
 }
 
@@ -131,9 +131,9 @@ Status WriteProvenance(Hdf5Writer& file, const AgentProvenance& provenance) {
 
 Status ReadKind(const Hdf5Reader& file, Agent* agent) {
   B4MRL_ASSIGN_OR_RETURN(const std::string nonlinearity,
-                         file.ReadString(fmt::format("{}/nonlinearity", kPolicy)));
+                         file.ReadText(fmt::format("{}/nonlinearity", kPolicy)));
   B4MRL_ASSIGN_OR_RETURN(const std::string distribution,
-                         file.ReadString(fmt::format("{}/output_distribution", kPolicy)));
+                         file.ReadText(fmt::format("{}/output_distribution", kPolicy)));
   if (nonlinearity != "relu" && nonlinearity != "tanh") {
     return InvalidArgument("nonlinearity", nonlinearity, "relu, tanh");
   }

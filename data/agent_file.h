@@ -7,7 +7,8 @@
 //   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/{weight (outputs, inputs),bias
 //   (outputs)}
 //   metadata/policy/{history_length,observation_mask,observation_mean,observation_std,action_scale}
-// A D4RL file lacks the last line's entries; then they take the defaults below.
+// A D4RL file lacks the last line's entries; then they take the defaults below. Strings may have
+// fixed or variable length.
 //
 // How an agent acts: each of the last `history_length` observations (oldest first, an episode's
 // first one repeated after a reset) is masked (masked dimensions become 0), then normalised (o -

@@ -35,7 +35,7 @@ AtomicFile::~AtomicFile() {
   if (owns_temporary_) unlink(temporary_path_.c_str());
 }
 
-Result<AtomicFile> AtomicFile::Create(const std::string& path) {
+Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mode_t> mode) {
   const std::string temporary = path + ".tmp";
   constexpr int kAttempts = 10;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
@@ -46,6 +46,7 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path) {
     }
     if (!StillNamed(fd.get(), temporary)) continue;
     if (ftruncate(fd.get(), 0) != 0) return IoError("truncate", temporary, errno);
+    if (mode && fchmod(fd.get(), *mode) != 0) return IoError("set the mode of", temporary, errno);
     return AtomicFile(path, std::move(fd));
   }
   return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
@@ -93,12 +94,13 @@ std::string FolderOf(const std::string& path) {
   return slash == 0 ? "/" : path.substr(0, slash);
 }
 
-Status WriteSmallFile(const std::string& path, std::string_view text) {
-  return WriteSmallFile(path, std::as_bytes(std::span(text)));
+Status WriteSmallFile(const std::string& path, std::string_view text, std::optional<mode_t> mode) {
+  return WriteSmallFile(path, std::as_bytes(std::span(text)), mode);
 }
 
-Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes) {
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
+Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
+                      std::optional<mode_t> mode) {
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path, mode));
   B4MRL_RETURN_IF_ERROR(file.Write(bytes));
   return file.Commit();
 }

@@ -7,7 +7,10 @@
 // Errors: kIoError with path and reason (full disk, permissions, missing folder), kBusy.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -19,7 +22,8 @@ namespace b4mrl {
 
 class AtomicFile {
  public:
-  static Result<AtomicFile> Create(const std::string& path);
+  // The file gets `mode`, whatever the umask; without one, what the umask leaves of 0644.
+  static Result<AtomicFile> Create(const std::string& path, std::optional<mode_t> mode = {});
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
@@ -47,8 +51,10 @@ Status SyncFolder(const std::string& folder);
 // The folder part of a path: "." when it has none.
 std::string FolderOf(const std::string& path);
 // A whole file, as above.
-Status WriteSmallFile(const std::string& path, std::string_view text);
-Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes);
+Status WriteSmallFile(const std::string& path, std::string_view text,
+                      std::optional<mode_t> mode = {});
+Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
+                      std::optional<mode_t> mode = {});
 // The whole file, refused when longer than `max_bytes`.
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
 

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -31,6 +32,17 @@ Status Damaged(const std::string& folder, std::string_view what) {
 
 std::string ColumnPath(const std::string& folder, std::string_view name) {
   return fmt::format("{}/{}.raw", folder, name);
+}
+
+std::string ManifestPath(const std::string& folder) {
+  return fmt::format("{}/{}", folder, kManifestName);
+}
+
+// A name for what is not to be found under its own: in the making, or on its way out.
+std::string TemporaryBeside(const std::string& folder) {
+  static std::atomic<uint64_t> counter{0};
+  return fmt::format("{}/{}{}-{}", FolderOf(folder), kUnfinishedCachePrefix, getpid(),
+                     counter.fetch_add(1));
 }
 
 bool ValidColumnName(std::string_view name) {
@@ -83,6 +95,7 @@ size_t ColumnBytes(const CachedColumn& column) {
 Result<std::shared_ptr<const ColumnCache>> ColumnCache::Map(const std::string& folder) {
   std::shared_ptr<ColumnCache> cache(new ColumnCache());
   cache->folder_ = folder;
+  B4MRL_RETURN_IF_ERROR(cache->Lock());
   B4MRL_RETURN_IF_ERROR(cache->ReadManifest());
   for (const CachedColumn& column : cache->columns_) {
     B4MRL_RETURN_IF_ERROR(cache->MapColumn(column));
@@ -96,10 +109,21 @@ ColumnCache::~ColumnCache() {
   }
 }
 
+Status ColumnCache::Lock() {
+  const Status gone(StatusCode::kUnknownName, fmt::format("there is no column cache {}", folder_));
+  const std::string path = ManifestPath(folder_);
+  lock_ = UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+  if (!lock_.valid()) return errno == ENOENT ? gone : IoError("open", path, errno);
+  // File systems without locks serve all the same.
+  if (flock(lock_.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK) return gone;
+  struct stat info {};
+  if (fstat(lock_.get(), &info) != 0) return IoError("inspect", path, errno);
+  return info.st_nlink > 0 ? Status() : gone;  // removed between our open and our lock
+}
+
 Status ColumnCache::ReadManifest() {
-  B4MRL_ASSIGN_OR_RETURN(
-      const std::string text,
-      ReadSmallFile(fmt::format("{}/{}", folder_, kManifestName), kMaxManifestBytes));
+  B4MRL_ASSIGN_OR_RETURN(const std::string text,
+                         ReadSmallFile(ManifestPath(folder_), kMaxManifestBytes));
   // Values nested deeper than ours are dropped while parsing: writing JSON back recurses.
   const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= 4; };
   const Json manifest = Json::parse(text, shallow, /*allow_exceptions=*/false);
@@ -190,12 +214,13 @@ Result<const std::byte*> ColumnCache::FindBytes(std::string_view name, DType dty
   return static_cast<const std::byte*>(mappings_[index].data);
 }
 
-ColumnCacheWriter::ColumnCacheWriter(std::string folder, std::string temporary)
-    : folder_(std::move(folder)), temporary_(std::move(temporary)) {}
+ColumnCacheWriter::ColumnCacheWriter(std::string folder, std::string temporary, mode_t file_mode)
+    : folder_(std::move(folder)), temporary_(std::move(temporary)), file_mode_(file_mode) {}
 
 ColumnCacheWriter::ColumnCacheWriter(ColumnCacheWriter&& other) noexcept
     : folder_(std::move(other.folder_)),
       temporary_(std::exchange(other.temporary_, std::string())),
+      file_mode_(other.file_mode_),
       columns_(std::move(other.columns_)),
       properties_(std::move(other.properties_)) {}
 
@@ -204,13 +229,14 @@ ColumnCacheWriter::~ColumnCacheWriter() {
 }
 
 Result<ColumnCacheWriter> ColumnCacheWriter::Create(const std::string& folder) {
-  static std::atomic<uint64_t> counter{0};
-  const std::string temporary = fmt::format("{}/{}{}-{}", FolderOf(folder), kUnfinishedCachePrefix,
-                                            getpid(), counter.fetch_add(1));
+  const std::string temporary = TemporaryBeside(folder);
   // A killed process with our id may have left its own.
   RemoveCache(temporary);
-  if (mkdir(temporary.c_str(), 0755) != 0) return IoError("create folder", temporary, errno);
-  return ColumnCacheWriter(folder, temporary);
+  const mode_t mode = ModeInside(FolderOf(folder));
+  if (mkdir(temporary.c_str(), mode) != 0) return IoError("create folder", temporary, errno);
+  ColumnCacheWriter writer(folder, temporary, mode & 0666);
+  if (chmod(temporary.c_str(), mode) != 0) return IoError("set the mode of", temporary, errno);
+  return writer;
 }
 
 Result<size_t> ColumnCacheWriter::AddColumn(std::string_view name, DType dtype, uint64_t width) {
@@ -220,8 +246,9 @@ Result<size_t> ColumnCacheWriter::AddColumn(std::string_view name, DType dtype, 
   const std::string path = ColumnPath(temporary_, name);
   Column column;
   column.description = {std::string(name), dtype, 0, width, ""};
-  column.fd = UniqueFd(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+  column.fd = UniqueFd(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, file_mode_));
   if (!column.fd.valid()) return IoError("create", path, errno);
+  if (fchmod(column.fd.get(), file_mode_) != 0) return IoError("set the mode of", path, errno);
   columns_.push_back(std::move(column));
   return columns_.size() - 1;
 }
@@ -263,23 +290,42 @@ Status ColumnCacheWriter::WriteManifest() {
   const auto replace = Json::error_handler_t::replace;
   manifest = Json::parse(manifest.dump(-1, ' ', false, replace), nullptr, false);
   manifest["hash"] = HashManifest(manifest);
-  return WriteSmallFile(fmt::format("{}/{}", temporary_, kManifestName), manifest.dump(1) + "\n");
+  return WriteSmallFile(ManifestPath(temporary_), manifest.dump(1) + "\n", file_mode_);
 }
 
 Status ColumnCacheWriter::Commit() {
   // Columns are not fsynced: whoever maps them checks sizes and hashes, and can make them again.
   B4MRL_RETURN_IF_ERROR(WriteManifest());
-  if (rename(temporary_.c_str(), folder_.c_str()) != 0) {
-    if (errno == ENOTEMPTY || errno == EEXIST) return Status();
-    return IoError("create folder", folder_, errno);
-  }
-  temporary_.clear();
-  return SyncFolder(FolderOf(folder_));
+  return PlaceCache(temporary_, folder_);  // the destructor removes what found its place taken
+}
+
+Status PlaceCache(const std::string& made, const std::string& folder) {
+  if (rename(made.c_str(), folder.c_str()) == 0) return SyncFolder(FolderOf(folder));
+  if (errno != ENOTEMPTY && errno != EEXIST) return IoError("create folder", folder, errno);
+  if (access(ManifestPath(folder).c_str(), F_OK) == 0) return Status();
+  RemoveCache(folder);  // somebody has deleted a part of it
+  if (rename(made.c_str(), folder.c_str()) != 0) return IoError("create folder", folder, errno);
+  return SyncFolder(FolderOf(folder));
 }
 
 void RemoveCache(const std::string& folder) {
+  const std::string leaving = TemporaryBeside(folder);
+  const bool renamed = rename(folder.c_str(), leaving.c_str()) == 0;
   std::error_code ignored;
-  std::filesystem::remove_all(folder, ignored);
+  std::filesystem::remove_all(renamed ? leaving : folder, ignored);
+}
+
+bool RemoveUnusedCache(const std::string& folder) {
+  const UniqueFd manifest(open(ManifestPath(folder).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  const bool in_use =
+      manifest.valid() && flock(manifest.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  if (!in_use) RemoveCache(folder);
+  return !in_use;
+}
+
+mode_t ModeInside(const std::string& folder) {
+  struct stat info {};
+  return stat(folder.c_str(), &info) == 0 ? info.st_mode & 02777 : 0700;
 }
 
 }  // namespace b4mrl

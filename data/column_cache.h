@@ -1,14 +1,17 @@
 // A folder with one raw file per column and a manifest: the form in which datasets are served.
 //
-//   <folder>/manifest.json       schema, properties, and for each column name, dtype, rows, width,
-//   hash <folder>/<column>.raw        rows x width elements, row-major, little-endian, nothing else
+//   <folder>/manifest.json   schema, properties, and name, dtype, rows, width and hash of each
+//   column <folder>/<column>.raw    rows x width elements, row-major, little-endian, nothing else
 //
-// The folder appears complete or not at all: it is made under a temporary name and renamed. Mapping
-// checks the manifest's own hash and every file's size; verification reads every column against its
-// XXH3 hash. Thread rule: a ColumnCache is immutable and may be read by any thread; a writer
-// belongs to one. Errors: kIoError, kDataLoss (damaged), kVersionMismatch (another schema), kBusy
-// never.
+// The folder appears complete or not at all: it is made under a temporary name and renamed. It and
+// its files are as open to others as the folder that it lies in, whatever the umask. Mapping checks
+// the manifest's own hash and every file's size; verification reads every column against its XXH3
+// hash. What is mapped is locked against RemoveUnusedCache of any process. Thread rule: a
+// ColumnCache is immutable and may be read by any thread; a writer belongs to one. Errors:
+// kUnknownName (no such cache), kIoError, kDataLoss (damaged), kVersionMismatch (another schema).
 #pragma once
+
+#include <sys/types.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -22,6 +25,7 @@
 #include "data/atomic_file.h"
 #include "data/file_hash.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 #include "proto/wire/tensor.h"
 
 namespace b4mrl {
@@ -67,6 +71,7 @@ class ColumnCache {
     size_t bytes = 0;
   };
   ColumnCache() = default;
+  Status Lock();
   Status ReadManifest();
   Status MapColumn(const CachedColumn& column);
   Result<const std::byte*> FindBytes(std::string_view name, DType dtype, uint64_t rows,
@@ -76,6 +81,7 @@ class ColumnCache {
   CacheProperties properties_;
   std::vector<CachedColumn> columns_;
   std::vector<Mapping> mappings_;  // one per column
+  UniqueFd lock_;                  // of the manifest, shared
 };
 
 class ColumnCacheWriter {
@@ -103,17 +109,25 @@ class ColumnCacheWriter {
     UniqueFd fd;
     StreamHash hash;
   };
-  explicit ColumnCacheWriter(std::string folder, std::string temporary);
+  ColumnCacheWriter(std::string folder, std::string temporary, mode_t file_mode);
   Status WriteManifest();
 
   std::string folder_;
   std::string temporary_;
+  mode_t file_mode_;
   std::vector<Column> columns_;
   CacheProperties properties_;
 };
 
-// Removes a cache folder; what is mapped stays readable. Nothing happens if there is none.
+// Gives a finished cache folder its place; where that is taken by a cache of that name, both stay.
+Status PlaceCache(const std::string& made, const std::string& folder);
+// Removes a cache folder, at once for everybody else; what is mapped stays readable. Nothing
+// happens if there is none.
 void RemoveCache(const std::string& folder);
+// The same unless a process has it mapped; then false.
+bool RemoveUnusedCache(const std::string& folder);
+// The mode of what is made in `folder`: its own without the umask's say, set-group-ID included.
+mode_t ModeInside(const std::string& folder);
 // The prefix of the names of folders that are being written.
 inline constexpr std::string_view kUnfinishedCachePrefix = "unfinished-";
 

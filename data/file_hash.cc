@@ -39,12 +39,14 @@ class Sha256 {
 
 }  // namespace
 
-Result<std::string> Sha256OfDescriptor(int fd, const std::string& path) {
+Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
+                                       const std::function<Status()>& go_on) {
   constexpr size_t kBlockBytes = 1 << 20;
   std::vector<char> block(kBlockBytes);
   Sha256 hash;
   off_t offset = 0;
   while (true) {
+    B4MRL_RETURN_IF_ERROR(go_on());
     const ssize_t got = pread(fd, block.data(), block.size(), offset);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return IoError("read", path, errno);

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -15,8 +16,11 @@ namespace b4mrl {
 
 // Lower-case hexadecimal, 64 characters.
 Result<std::string> Sha256OfFile(const std::string& path);
-// `fd` is read from its start to its end by position; `path` is for the message.
-Result<std::string> Sha256OfDescriptor(int fd, const std::string& path);
+// `fd` is read from its start to its end by position; `path` is for the message. Between blocks of
+// 1 MiB `go_on` is asked, and an error of it returned.
+Result<std::string> Sha256OfDescriptor(
+    int fd, const std::string& path,
+    const std::function<Status()>& go_on = [] { return Status(); });
 std::string Sha256OfText(std::string_view text);
 
 // Lower-case hexadecimal, 32 characters. One thread at a time.

@@ -9,6 +9,7 @@ namespace {
 constexpr size_t kCacheLine = 64;
 // Far enough that memory answers in time, near enough to stay within the processor's miss buffers.
 constexpr size_t kRowsAhead = 12;
+constexpr size_t kRowsBetweenCalls = 32;
 
 void PrefetchRow(const GatherColumn& column, uint64_t row) {
   const std::byte* begin = column.source + row * column.row_bytes;
@@ -37,12 +38,14 @@ inline void CopyRow(std::byte* to, const std::byte* from, size_t bytes) {
 
 }  // namespace
 
-void GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows) {
+void GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
+                const std::function<void()>& alive) {
   const size_t count = rows.size();
   for (size_t i = 0; i < std::min(count, kRowsAhead); ++i) {
     for (const GatherColumn& column : columns) PrefetchRow(column, rows[i]);
   }
   for (size_t i = 0; i < count; ++i) {
+    if (i % kRowsBetweenCalls == kRowsBetweenCalls - 1) alive();
     if (i + kRowsAhead < count) {
       for (const GatherColumn& column : columns) PrefetchRow(column, rows[i + kRowsAhead]);
     }

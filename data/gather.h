@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 
 namespace b4mrl {
@@ -16,7 +17,10 @@ struct GatherColumn {
   std::byte* destination = nullptr;  // rows.size() * row_bytes; does not overlap the source
 };
 
-// destination row i = source row rows[i]; the caller has checked that every row exists.
-void GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows);
+// destination row i = source row rows[i]; the caller has checked that every row exists. Calls
+// `alive` every 32 rows.
+void GatherRows(
+    std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
+    const std::function<void()>& alive = [] {});
 
 }  // namespace b4mrl

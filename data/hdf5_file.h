@@ -4,9 +4,9 @@
 // comes from outside is only opened inside the importer's sandbox; beyond that the reader follows
 // hard links only, loads no plugins, and refuses external and virtual storage, variable-length,
 // reference, compound and opaque types, filters other than deflate, shuffle and fletcher32, and any
-// declared size above proto/base/limits.h or beyond what the stored bytes can inflate to, before it
-// allocates. The library reads through this project's own file driver, so it never opens a path by
-// itself.
+// declared size above proto/base/limits.h or beyond what the stored bytes (holes not counted) can
+// inflate to, before it allocates. The library reads through this project's own file driver, so it
+// never opens a path by itself. ReadText alone takes a variable-length string, without the library.
 //
 // Hdf5Writer makes a file that appears complete or not at all (see atomic_file.h). Equal calls give
 // equal bytes: no timestamps, and buffering makes the layout independent of how appends are split.
@@ -84,6 +84,8 @@ class Hdf5Reader {
   Result<double> ReadNumber(std::string_view path) const;
   // A scalar fixed-length string of at most 64 KiB, without its padding.
   Result<std::string> ReadString(std::string_view path) const;
+  // The same, or a variable-length string as h5py writes them, of at most 64 KiB too.
+  Result<std::string> ReadText(std::string_view path) const;
 
  private:
   struct State;

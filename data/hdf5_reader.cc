@@ -8,6 +8,8 @@
 
 #include "data/hdf5_file.h"
 #include "data/hdf5_handle.h"
+#include "data/hdf5_heap.h"
+#include "data/stored_bytes.h"
 #include "proto/base/limits.h"
 #include "proto/base/unique_fd.h"
 
@@ -26,6 +28,7 @@ constexpr uint64_t kInflationSlackBytes = 64 * 1024;
 struct OpenFile {
   UniqueFd fd;
   Hdf5DriverState driver;
+  uint64_t stored_bytes = 0;  // without its holes
   Hdf5Handle handle;
   std::string path;
 };
@@ -60,6 +63,19 @@ Result<Hdf5Type> Classify(hid_t type, std::string_view path) {
   return Refuse(StatusCode::kInvalidArgument, path,
                 "has an unsupported type, allowed: float32, float64, integer, bool, fixed-length "
                 "string");
+}
+
+bool IsHardLinked(hid_t file, std::string_view path) {
+  size_t end = 0;
+  while (end != std::string_view::npos) {
+    end = path.find('/', end + 1);
+    const std::string prefix(path.substr(0, end));
+    H5L_info_t info{};
+    if (H5Lget_info(file, prefix.c_str(), &info, H5P_DEFAULT) < 0 || info.type != H5L_TYPE_HARD) {
+      return false;
+    }
+  }
+  return true;
 }
 
 Status CheckFilters(hid_t creation, std::string_view path) {
@@ -103,7 +119,20 @@ std::string_view Hdf5TypeName(Hdf5Type type) {
 
 struct Hdf5Reader::State {
   std::shared_ptr<OpenFile> file;
+  Result<Hdf5Handle> OpenDataset(std::string_view path) const;
 };
+
+// Only what hard links lead to.
+Result<Hdf5Handle> Hdf5Reader::State::OpenDataset(std::string_view path) const {
+  if (!IsHardLinked(file->handle.get(), path)) {
+    return Status(StatusCode::kUnknownName,
+                  fmt::format("{} has no dataset '{}'", file->path, path));
+  }
+  Hdf5Handle dataset(H5Dopen2(file->handle.get(), std::string(path).c_str(), H5P_DEFAULT),
+                     H5Dclose);
+  if (dataset.valid()) return dataset;
+  return Refuse(StatusCode::kInvalidArgument, path, "cannot be opened as a dataset");
+}
 
 struct Hdf5Column::State {
   std::shared_ptr<OpenFile> file;  // keeps the descriptor while the dataset is open
@@ -184,7 +213,7 @@ Status Hdf5Column::State::CheckLayout() {
 Status Hdf5Column::State::CheckInflation() const {
   const uint64_t declared = rows() * width() * element_bytes;
   const uint64_t stored =
-      std::min<uint64_t>(H5Dget_storage_size(dataset.get()), file->driver.file_bytes);
+      std::min<uint64_t>(H5Dget_storage_size(dataset.get()), file->stored_bytes);
   if (declared <= kInflationSlackBytes + stored * kMaxInflation) return Status();
   return Refuse(StatusCode::kDataLoss, path,
                 fmt::format("declares {} bytes but stores {}", declared, stored));
@@ -272,6 +301,7 @@ Result<Hdf5Reader> Hdf5Reader::Open(const std::string& path) {
   if (!S_ISREG(info.st_mode)) {
     return InvalidArgument("path", path, "a regular file");
   }
+  file->stored_bytes = StoredBytes(file->fd.get());
   file->driver = {.fd = file->fd.get(), .file_bytes = static_cast<uint64_t>(info.st_size)};
   const Hdf5Handle access = Hdf5DriverAccess(&file->driver);
   file->handle = Hdf5Handle(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()), H5Fclose);
@@ -285,32 +315,14 @@ Result<Hdf5Reader> Hdf5Reader::Open(const std::string& path) {
 }
 
 bool Hdf5Reader::Exists(std::string_view path) const {
-  size_t end = 0;
-  while (end != std::string_view::npos) {
-    end = path.find('/', end + 1);
-    const std::string prefix(path.substr(0, end));
-    H5L_info_t info{};
-    if (H5Lget_info(state_->file->handle.get(), prefix.c_str(), &info, H5P_DEFAULT) < 0 ||
-        info.type != H5L_TYPE_HARD) {
-      return false;
-    }
-  }
-  return true;
+  return IsHardLinked(state_->file->handle.get(), path);
 }
 
 Result<Hdf5Column> Hdf5Reader::OpenColumn(std::string_view path) const {
-  if (!Exists(path)) {
-    return Status(StatusCode::kUnknownName,
-                  fmt::format("{} has no dataset '{}'", state_->file->path, path));
-  }
   auto column = std::make_unique<Hdf5Column::State>();
   column->file = state_->file;
   column->path = path;
-  column->dataset =
-      Hdf5Handle(H5Dopen2(state_->file->handle.get(), column->path.c_str(), H5P_DEFAULT), H5Dclose);
-  if (!column->dataset.valid()) {
-    return Refuse(StatusCode::kInvalidArgument, path, "cannot be opened as a dataset");
-  }
+  B4MRL_ASSIGN_OR_RETURN(column->dataset, state_->OpenDataset(path));
   B4MRL_RETURN_IF_ERROR(column->Describe());
   B4MRL_RETURN_IF_ERROR(column->CheckLayout());
   B4MRL_RETURN_IF_ERROR(column->CheckInflation());
@@ -353,6 +365,26 @@ Result<std::string> Hdf5Reader::ReadString(std::string_view path) const {
   const char padding = H5Tget_strpad(type.get()) == H5T_STR_SPACEPAD ? ' ' : '\0';
   if (padding == '\0') return text.substr(0, text.find('\0'));
   text.erase(text.find_last_not_of(padding) + 1);
+  return text;
+}
+
+Result<std::string> Hdf5Reader::ReadText(std::string_view path) const {
+  B4MRL_ASSIGN_OR_RETURN(const Hdf5Handle dataset, state_->OpenDataset(path));
+  const Hdf5Handle type(H5Dget_type(dataset.get()), H5Tclose);
+  if (!type.valid() || H5Tis_variable_str(type.get()) <= 0) return ReadString(path);
+  const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose);
+  const Hdf5Handle creation(H5Fget_create_plist(state_->file->handle.get()), H5Pclose);
+  size_t address_bytes = 0, size_bytes = 0;
+  H5Pget_sizes(creation.get(), &address_bytes, &size_bytes);
+  hsize_t user_block = 0;
+  H5Pget_userblock(creation.get(), &user_block);
+  const haddr_t address = H5Dget_offset(dataset.get());
+  if (H5Sget_simple_extent_npoints(space.get()) != 1 || address_bytes != 8 || size_bytes != 8 ||
+      user_block != 0 || address == HADDR_UNDEF) {
+    return Refuse(StatusCode::kInvalidArgument, path, "is not a single, plainly stored string");
+  }
+  Result<std::string> text = ReadHeapString(state_->file->fd.get(), address, kMaxStringBytes);
+  if (!text.ok()) return Refuse(text.status().code(), path, text.status().message());
   return text;
 }
 

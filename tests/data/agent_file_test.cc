@@ -1,5 +1,7 @@
 #include "data/agent_file.h"
 
+#include <hdf5.h>
+
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -96,6 +98,35 @@ TEST_CASE("a policy inside a dataset file, with D4RL's entries alone, gets the d
   CHECK(agent->observation_dimensions == 3);
   CHECK(agent->observation_mask == std::vector<uint8_t>{1, 1, 1});
   CHECK(agent->observation_std == std::vector<float>{1, 1, 1});
+}
+
+TEST_CASE("strings of variable length, h5py's default, are read like those of fixed length") {
+  const TemporaryFolder folder;
+  Agent agent = MakeAgent();
+  agent.provenance.environment = "Walker2d";
+  REQUIRE(WriteAgent(folder.File("a.h5"), agent).ok());
+  const hid_t file = H5Fopen(folder.File("a.h5").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t type = H5Tcopy(H5T_C_S1);
+  H5Tset_size(type, H5T_VARIABLE);
+  const hid_t space = H5Screate(H5S_SCALAR);
+  for (const auto& [path, text] :
+       {std::pair{"metadata/environment", "Walker2d"},
+        std::pair{"metadata/policy/nonlinearity", "relu"},
+        std::pair{"metadata/policy/output_distribution", "tanh_gaussian"}}) {
+    REQUIRE(H5Ldelete(file, path, H5P_DEFAULT) >= 0);
+    const hid_t dataset =
+        H5Dcreate2(file, path, type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    REQUIRE(H5Dwrite(dataset, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, &text) >= 0);
+    H5Dclose(dataset);
+  }
+  H5Sclose(space);
+  H5Tclose(type);
+  H5Fclose(file);
+  const auto read = ReadAgent(folder.File("a.h5"));
+  INFO(read.status().ToString());
+  REQUIRE(read.ok());
+  CHECK(read->provenance.environment == "Walker2d");
+  CHECK(read->output_distribution == OutputDistribution::kTanhGaussian);
 }
 
 TEST_CASE("inconsistent agents are refused before anything is written") {

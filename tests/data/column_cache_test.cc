@@ -1,8 +1,13 @@
 #include "data/column_cache.h"
 
-#include <catch2/catch.hpp>
-#include <filesystem>
+#include <sys/stat.h>
 
+#include <catch2/catch.hpp>
+#include <cctype>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "data/file_hash.h"
 #include "tests/data/file_size_limit.h"
 #include "tests/data/temporary_folder.h"
 
@@ -63,8 +68,10 @@ TEST_CASE("a file of another length is refused when mapped, changed bytes when v
   REQUIRE(MakeCache(folder.File("c")).ok());
   const std::string column = folder.File("c/observations.raw");
   const std::string bytes = ReadBytes(column);
-  WriteBytes(column, bytes.substr(1));
-  CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kDataLoss);
+  for (const std::string& other : {bytes.substr(1), bytes + "x"}) {
+    WriteBytes(column, other);
+    CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kDataLoss);
+  }
   std::string changed = bytes;
   changed[7] ^= 1;
   WriteBytes(column, changed);
@@ -83,15 +90,78 @@ TEST_CASE("any damage of the manifest is found") {
     std::string bytes = whole;
     bytes[i] = static_cast<char>(bytes[i] ^ 4);
     WriteBytes(path, bytes);
-    const auto cache = ColumnCache::Map(folder.File("c"));
     // White space between values means nothing, and only such a change may pass.
-    if (cache.ok()) CHECK((*cache)->Find<float>("observations", 3, 2).ok());
+    if (ColumnCache::Map(folder.File("c")).ok()) CHECK(std::isspace(whole[i]) != 0);
     WriteBytes(path, whole.substr(0, i));
     // All but the final newline.
     CHECK(ColumnCache::Map(folder.File("c")).ok() == (i + 1 >= whole.size()));
   }
   WriteBytes(path, std::string(500'000, '['));
   CHECK_FALSE(ColumnCache::Map(folder.File("c")).ok());
+}
+
+TEST_CASE("a cache of another schema is told from a damaged one") {
+  const TemporaryFolder folder;
+  REQUIRE(MakeCache(folder.File("c")).ok());
+  const std::string path = folder.File("c/manifest.json");
+  nlohmann::json manifest = nlohmann::json::parse(ReadBytes(path));
+  manifest["schema"] = 2;
+  manifest.erase("hash");
+  const std::string text = manifest.dump();
+  StreamHash hash;
+  hash.Update(std::as_bytes(std::span(text)));
+  manifest["hash"] = hash.Hex();
+  WriteBytes(path, manifest.dump());
+  CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kVersionMismatch);
+}
+
+TEST_CASE("what is mapped is not removed as unused") {
+  const TemporaryFolder folder;
+  REQUIRE(MakeCache(folder.File("c")).ok());
+  auto first = ColumnCache::Map(folder.File("c"));
+  auto second = ColumnCache::Map(folder.File("c"));
+  REQUIRE(first.ok());
+  REQUIRE(second.ok());
+  CHECK_FALSE(RemoveUnusedCache(folder.File("c")));
+  first->reset();
+  CHECK_FALSE(RemoveUnusedCache(folder.File("c")));
+  second->reset();
+  CHECK(RemoveUnusedCache(folder.File("c")));
+  CHECK(std::filesystem::is_empty(folder.path()));
+  CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kUnknownName);
+}
+
+TEST_CASE("a cache that somebody deleted in part is made again") {
+  const TemporaryFolder folder;
+  REQUIRE(MakeCache(folder.File("c")).ok());
+  std::filesystem::remove(folder.File("c/manifest.json"));
+  CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kUnknownName);
+  REQUIRE(MakeCache(folder.File("c")).ok());
+  CHECK(ColumnCache::Map(folder.File("c")).ok());
+}
+
+TEST_CASE("a cache is as open as the folder that it lies in, whatever the umask") {
+  const TemporaryFolder folder;
+  const mode_t umask_before = umask(0);
+  for (const mode_t mask : {0, 0022, 0077}) {
+    for (const mode_t mode : {0700, 0770, 0755}) {
+      CAPTURE(mask, mode);
+      const std::string parent = folder.File(std::to_string(mask) + "-" + std::to_string(mode));
+      REQUIRE(mkdir(parent.c_str(), 0700) == 0);
+      REQUIRE(chmod(parent.c_str(), mode) == 0);
+      umask(mask);
+      CHECK(MakeCache(parent + "/c").ok());
+      umask(umask_before);
+      const auto mode_of = [&](const std::string& path) {
+        struct stat info {};
+        REQUIRE(stat(path.c_str(), &info) == 0);
+        return info.st_mode & 0777;
+      };
+      CHECK(mode_of(parent + "/c") == mode);
+      CHECK(mode_of(parent + "/c/observations.raw") == (mode & 0666));
+      CHECK(mode_of(parent + "/c/manifest.json") == (mode & 0666));
+    }
+  }
 }
 
 TEST_CASE("a full disk while caching is an error that leaves nothing") {

@@ -137,10 +137,24 @@ TEST_CASE("declared sizes are capped before anything is allocated") {
         StatusCode::kLimitExceeded);
   CHECK(CodeOfOpening({.extents = {1 << 28, 1}, .chunk = {1 << 27, 1}, .write = false}) ==
         StatusCode::kLimitExceeded);
+  // Chunks are limited in bytes: this one has fewer elements than that.
+  CHECK(CodeOfOpening({.extents = {90'000'000, 1}, .chunk = {80'000'000, 1}, .write = false}) ==
+        StatusCode::kLimitExceeded);
   // Within the limits, but a file of a few KiB cannot hold it.
   CHECK(CodeOfOpening({.extents = {50'000'000, 17}, .chunk = {1024, 17}, .write = false}) ==
         StatusCode::kDataLoss);
   CHECK(CodeOfOpening({.extents = {2, 2, 3}, .write = false}) == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("holes of a sparse file hold no rows") {
+  // The library takes room for 3.4 GB at once, and the file system does not.
+  const auto reserve = [](hid_t list) {
+    H5Pset_alloc_time(list, H5D_ALLOC_TIME_EARLY);
+    H5Pset_fill_time(list, H5D_FILL_TIME_NEVER);
+  };
+  CHECK(CodeOfOpening({.extents = {50'000'000, 17}, .creation = reserve, .write = false}) ==
+        StatusCode::kDataLoss);
+  CHECK(CodeOfOpening({.extents = {4, 3}, .creation = reserve}) == StatusCode::kOk);
 }
 
 TEST_CASE("filters other than deflate, shuffle and fletcher32 are refused") {
