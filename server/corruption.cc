@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kBlockRows = 16384;
+constexpr uint64_t kBlockRows = 16384;  // between two looks at whether it is still wanted
 constexpr std::string_view kD4rlFolder = "d4rl/";
 
 std::string LowerCase(std::string_view text) {
@@ -114,11 +114,13 @@ Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
 }
 
 Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
-                       uint64_t matrix, DatasetBuilder* builder) {
+                       uint64_t matrix, const std::atomic<bool>& cancelled,
+                       DatasetBuilder* builder) {
   const size_t size = source.observation_size;
   RowPerturber perturber(set, seed, matrix, source.observation_size);
   std::vector<float> observations, next_observations;
   for (uint64_t first = 0; first < source.rows; first += kBlockRows) {
+    if (cancelled) return Cancelled();
     const uint64_t rows = std::min(kBlockRows, source.rows - first);
     const auto part = [&](std::span<const float> all, size_t width) {
       return all.subspan(first * width, rows * width);
@@ -153,6 +155,8 @@ Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& s
   }
   return Status();
 }
+
+Status Cancelled() { return Status(StatusCode::kUnavailable, "it was cancelled; ask again"); }
 
 uint64_t MatrixOfFile(const std::string& sha256) {
   uint64_t matrix = 0;

@@ -9,6 +9,7 @@
 // never served with a corruption. Numbers that are not finite pass. Any thread.
 #pragma once
 
+#include <atomic>
 #include <string>
 #include <vector>
 
@@ -40,9 +41,13 @@ struct Corruption {
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec);
 
-// Appends every row of `source`, corrupted. `matrix` names the noise matrix (MatrixOfFile).
+// Appends every row of `source`, corrupted. `matrix` names the noise matrix (MatrixOfFile). Ends
+// with Cancelled() within milliseconds after `cancelled` turned true.
 Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
-                       uint64_t matrix, DatasetBuilder* builder);
+                       uint64_t matrix, const std::atomic<bool>& cancelled,
+                       DatasetBuilder* builder);
+// kUnavailable.
+Status Cancelled();
 // The first 64 bits of a SHA-256 in hexadecimal; 0 for anything else.
 uint64_t MatrixOfFile(const std::string& sha256);
 

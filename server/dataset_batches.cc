@@ -13,6 +13,9 @@
 namespace b4mrl {
 namespace {
 
+// That Read copies between two signs of life.
+constexpr size_t kReadBytes = 256 * 1024;
+
 // The five columns of a batch, in the order of the wire.
 struct BatchColumn {
   const char* name;
@@ -47,7 +50,7 @@ Status CheckPayload(const ArrayLayout& layout) {
 }  // namespace
 
 Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& request,
-                            pb::Reply* reply) {
+                            const std::function<void()>& alive, pb::Reply* reply) {
   const uint32_t batches = std::max(request.batches(), 1u);
   if (batches > limits::kMaxBatchesPerSample) {
     return InvalidNumber("batches", batches, fmt::format("0..{}", limits::kMaxBatchesPerSample));
@@ -76,14 +79,15 @@ Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& req
     gather[i] = {static_cast<const std::byte*>(columns[i].source), columns[i].row_bytes(),
                  payload.data() + offsets[i]};
   }
-  GatherRows(gather, indices);
+  GatherRows(gather, indices, alive);
   if (request.with_indices()) {
     std::ranges::copy(indices, ArrayAt<uint64_t>(payload, indices_offset, rows).begin());
   }
   return payload;
 }
 
-Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request, pb::Reply* reply) {
+Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request,
+                       const std::function<void()>& alive, pb::Reply* reply) {
   if (request.rows() == 0 || request.rows() > limits::kMaxRowsPerBatch) {
     return InvalidNumber("rows", request.rows(), fmt::format("1..{}", limits::kMaxRowsPerBatch));
   }
@@ -103,9 +107,14 @@ Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request, p
   Frame payload = layout.Allocate();
   for (size_t i = 0; i < columns.size(); ++i) {
     const size_t row_bytes = columns[i].row_bytes();
-    std::memcpy(payload.data() + offsets[i],
-                static_cast<const std::byte*>(columns[i].source) + request.first_row() * row_bytes,
-                rows * row_bytes);
+    const size_t bytes = rows * row_bytes;
+    const std::byte* source =
+        static_cast<const std::byte*>(columns[i].source) + request.first_row() * row_bytes;
+    for (size_t done = 0; done < bytes; done += kReadBytes) {
+      std::memcpy(payload.data() + offsets[i] + done, source + done,
+                  std::min(kReadBytes, bytes - done));
+      alive();
+    }
   }
   return payload;
 }

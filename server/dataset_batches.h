@@ -3,6 +3,8 @@
 // kLimitExceeded with the argument's name.
 #pragma once
 
+#include <functional>
+
 #include "data/dataset.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/status.h"
@@ -10,10 +12,12 @@
 
 namespace b4mrl {
 
-// Each fills the reply's payload case and table of arrays, and returns frame 2.
+// Each fills the reply's payload case and table of arrays, and returns frame 2. Rows that have to
+// come from the disk can take long: `alive` is called every few dozen of them.
 Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& request,
-                            pb::Reply* reply);
-Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request, pb::Reply* reply);
+                            const std::function<void()>& alive, pb::Reply* reply);
+Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request,
+                       const std::function<void()>& alive, pb::Reply* reply);
 Result<Frame> DescribeStatistics(const Dataset& dataset, pb::Reply* reply);
 
 }  // namespace b4mrl

@@ -1,12 +1,9 @@
-// The datasets of a data folder and their caches on disk: finds files, has them imported, derives
-// what corruptions and transition rules ask for, and maps the results.
+// The datasets of a data folder and their caches: finds files, has them imported, derives what
+// corruptions and transition rules ask for, and maps the results.
 //
-//   DATA/.cache/<fingerprint>/      a column cache: of a file, or derived from one
-//   DATA/.cache/index/<hash>.json   what a file was when it was imported: size, time, SHA-256
-//
-// Thread rule: one thread opens, another one may list, load and open what is prepared meanwhile;
-// the Datasets that they return are immutable and may be read by any. Errors: kUnknownName, those
-// of the importer, kIoError.
+// Thread rule: any threads; two imports of one file at once do the work twice. The Datasets that
+// are returned are immutable and may be read by any. Errors: kUnknownName, those of the importer,
+// kIoError, kLimitExceeded (more than the caches may take), kUnavailable (cancelled).
 #pragma once
 
 #include <atomic>
@@ -15,16 +12,16 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "data/dataset.h"
 #include "data/dataset_builder.h"
 #include "data/episodes.h"
-#include "proto/base/clock.h"
 #include "proto/base/spec.h"
 #include "proto/base/status.h"
+#include "server/cache_folder.h"
+#include "server/dataset_index.h"
 
 namespace b4mrl {
 
@@ -50,7 +47,11 @@ struct OpenedDataset {
   std::string environment;                  // as the file says, else as its name; "" if neither
   std::vector<NamedArgument> corruptions;   // parametric forms
   std::vector<uint32_t> hidden_dimensions;  // sorted
-  std::shared_ptr<const Dataset> dataset;
+  std::shared_ptr<const Dataset> dataset;   // null when something is missing
+
+  // What has to be made first, and how much data it is made from.
+  enum class Missing { kNothing, kImport, kDerivation } missing = Missing::kNothing;
+  uint64_t source_bytes = 0;
 };
 
 class DatasetStore {
@@ -59,51 +60,52 @@ class DatasetStore {
     std::string data_folder;
     std::string importer_program;
     uint64_t max_cache_bytes = 0;
-    const std::atomic<bool>* cancelled = nullptr;  // ends a running import when it turns true
   };
-  explicit DatasetStore(Options options) : options_(std::move(options)) {}
+  explicit DatasetStore(const Options& options);
 
   // Sorted by name. kIoError when the data folder cannot be read.
   Result<std::vector<DatasetFileInfo>> List() const;
-  // What to do where no cache has what is asked for.
-  enum class IfMissing {
-    kMake,      // import and derive it: takes as long as that does
-    kGiveNull,  // return an OpenedDataset whose dataset is null, in milliseconds
-  };
-  Result<OpenedDataset> Open(const DatasetRequest& request,
-                             IfMissing if_missing = IfMissing::kMake);
-  // A dataset that an earlier Open made, perhaps of another process. kUnknownName if it is no more.
+
+  // What the caches hold; where it is not enough, `missing` says what to call first. Milliseconds,
+  // but for a cache that nobody has mapped: it is read once.
+  Result<OpenedDataset> Open(const DatasetRequest& request);
+  // Imports the file of that name; takes as long as that does. Of the result, only `fingerprint`
+  // and `dataset` are set. A failure that lies in the file is remembered, and then Open's answer.
+  // Ends soon after `cancelled` turned true.
+  Result<OpenedDataset> Import(const std::string& name, const std::atomic<bool>& cancelled);
+  // Open, and derives what an imported file lacks.
+  Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
+
+  // A dataset that was made earlier, perhaps by another process. kUnknownName if it is no more.
   Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
-  // Removes what killed processes left half-made.
-  void RemoveUnfinished();
+  // At the start: gives the caches their mode, removes what killed processes left half-made.
+  void TidyUp();
 
  private:
+  using DatasetPointer = std::shared_ptr<const Dataset>;
   struct File {
     std::string name;
     std::string path;
   };
-  // What identifies a file's contents without reading it, and what an import found out.
-  struct IndexEntry;
 
-  std::string CacheRoot() const { return options_.data_folder + "/.cache"; }
-  std::string CacheFolder(const std::string& fingerprint) const;
-  std::string IndexPath(const std::string& name) const;
   Result<std::vector<File>> FindFiles() const;
   Result<File> FindFile(const std::string& name) const;
-  std::optional<IndexEntry> ReadIndex(const File& file) const;
-  Status WriteIndex(const File& file, const IndexEntry& entry) const;
-  Result<IndexEntry> Import(const File& file);
-  // Like Open, these give null where something is missing and not to be made.
-  Result<std::shared_ptr<const Dataset>> OpenSource(const File& file, IfMissing if_missing,
-                                                    IndexEntry* entry);
-  // The dataset of `fingerprint`: from the cache, or made by `derive` and then cached.
-  Result<std::shared_ptr<const Dataset>> LoadOrDerive(
-      const std::string& fingerprint, const Dataset& source, IfMissing if_missing,
-      const std::function<Status(DatasetBuilder*)>& derive);
-  // Makes room for `bytes` more by removing the caches that were opened longest ago.
-  void MakeRoom(uint64_t bytes);
+  // `cancelled` is null where nothing may be derived.
+  Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
+                                     DatasetPointer dataset, const std::atomic<bool>* cancelled);
+  Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,
+                                    const std::atomic<bool>* cancelled);
+  Result<ImportedFile> ImportFile(const File& file, const std::atomic<bool>& cancelled);
+  // Replaces `*dataset` by the one of `fingerprint`: from the cache, or made by `derive`. Null if
+  // it is not there and must not be made.
+  Status Replace(DatasetPointer* dataset, const std::string& fingerprint, bool make,
+                 const std::function<Status(DatasetBuilder*)>& derive);
+  // Maps what was just made and makes room for it, or else removes it again.
+  Result<DatasetPointer> Admit(const std::string& fingerprint);
 
   Options options_;
+  CacheFolder cache_;
+  DatasetIndex index_;
   std::mutex mutex_;
   // What somebody still holds need not be mapped and verified again. Under mutex_.
   std::map<std::string, std::weak_ptr<const Dataset>> mapped_;

@@ -4,12 +4,13 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <array>
+#include <deque>
 #include <functional>
 #include <list>
 #include <map>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
@@ -20,7 +21,9 @@
 #include "server/dataset_store.h"
 #include "server/describe.h"
 #include "server/open_request.h"
+#include "server/preparation_queue.h"
 #include "server/request_job.h"
+#include "server/served_datasets.h"
 
 namespace b4mrl {
 namespace {
@@ -30,6 +33,8 @@ constexpr int64_t kBeatMs = 100;
 constexpr int64_t kLingerMs = 1000;
 // Messages are handled for so long before background work and deadlines get their turn.
 constexpr int64_t kTurnMs = 50;
+// At a time, by processes and by threads of this one.
+constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 
 // A request, from its arrival to its reply.
@@ -59,8 +64,7 @@ class DatasetWorker {
   DatasetWorker(const DatasetWorkerOptions& options, RouterSocket* socket)
       : options_(options),
         socket_(socket),
-        store_({options.data_folder, options.importer_program, options.max_cache_bytes,
-                options.drain}) {}
+        store_({options.data_folder, options.importer_program, options.max_cache_bytes}) {}
 
   void Run();
 
@@ -76,8 +80,9 @@ class DatasetWorker {
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
   void HandleOpen(PendingRequest pending);
-  // Opens the dataset of the parked request `id`.
-  void SubmitOpen(uint64_t id, DatasetRequest wanted, DatasetStore::IfMissing if_missing);
+  // Opens the dataset of the parked request `id` from the caches, and has made what they lack.
+  void SubmitOpen(uint64_t id, DatasetRequest wanted);
+  void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(PendingRequest pending);
   // Keeps a request until its completion or its deadline; null when too many wait already.
@@ -88,53 +93,64 @@ class DatasetWorker {
   void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
   void FinishLoad(const std::string& fingerprint, const Result<DatasetPointer>& dataset);
   void ServeRows(const PendingRequest& pending, const Dataset& dataset);
+  // Handles messages, and requests whose dataset has come, for at most kTurnMs.
+  void TakeTurn();
   void ExpireParked();
   void AnswerAllParked(const Status& status);
 
-  DatasetPointer FindServed(const std::string& fingerprint);
-  void Serve(const std::string& fingerprint, DatasetPointer dataset);
   void Reply(const PendingRequest& to, pb::Reply* reply, Frame payload);
   void ReplyError(const PendingRequest& to, const Status& status);
-
-  struct Served {
-    DatasetPointer dataset;
-    uint64_t last_use = 0;
-  };
 
   const DatasetWorkerOptions& options_;
   RouterSocket* socket_;
   DatasetStore store_;  // background threads only
-  std::map<std::string, Served> served_;
-  uint64_t uses_ = 0;
+  const std::function<void()> beat_ = [this] { Beat(); };
+  ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;
   // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
   std::map<std::string, std::vector<uint64_t>> loading_;
+  std::deque<PendingRequest> ready_;  // whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
-  BackgroundThread preparing_;  // imports and corrupts: minutes
-  BackgroundThread mapping_;    // lists, opens and maps what is prepared: milliseconds
+  BackgroundThread mapping_;  // lists, opens and maps what is prepared: milliseconds
+  PreparationQueue imports_{kShortImports, kLongImports};
+  PreparationQueue derivations_{kShortDerivations, kLongDerivations};
 };
 
 void DatasetWorker::Run() {
-  preparing_.Submit([this] {
-    store_.RemoveUnfinished();
+  mapping_.Submit([this] {
+    store_.TidyUp();
     return [] {};
   });
-  const std::array<int, 2> wakes = {preparing_.fd(), mapping_.fd()};
+  std::vector<int> wakes = {mapping_.fd()};
+  for (const PreparationQueue* queue : {&imports_, &derivations_}) {
+    const std::vector<int> fds = queue->fds();
+    wakes.insert(wakes.end(), fds.begin(), fds.end());
+  }
   while (!draining()) {
     Beat();
-    WaitReadable(socket_->handle(), wakes, kBeatMs);
-    for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
-      std::optional<IncomingMessage> incoming = socket_->TryReceive();
-      if (!incoming) break;
-      Handle(std::move(*incoming));
-    }
-    preparing_.RunCompletions();
+    WaitReadable(socket_->handle(), wakes, ready_.empty() ? kBeatMs : 0);
+    TakeTurn();
     mapping_.RunCompletions();
+    imports_.Run();
+    derivations_.Run();
     ExpireParked();
+    served_.ReleaseIdle();
   }
   AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
   socket_->LingerOnClose(kLingerMs);
+}
+
+void DatasetWorker::TakeTurn() {
+  for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
+    std::optional<IncomingMessage> incoming = socket_->TryReceive();
+    if (!incoming && ready_.empty()) return;
+    if (incoming) Handle(std::move(*incoming));
+    if (ready_.empty()) continue;
+    PendingRequest pending = std::move(ready_.front());
+    ready_.pop_front();
+    Dispatch(std::move(pending));
+  }
 }
 
 void DatasetWorker::Handle(IncomingMessage incoming) {
@@ -156,7 +172,7 @@ void DatasetWorker::Handle(IncomingMessage incoming) {
 
 void DatasetWorker::Dispatch(PendingRequest pending) {
   if (const std::string* fingerprint = FingerprintOf(pending.request)) {
-    const DatasetPointer dataset = FindServed(*fingerprint);
+    const DatasetPointer dataset = served_.Find(*fingerprint);
     return dataset != nullptr ? ServeRows(pending, *dataset) : SubmitLoad(std::move(pending));
   }
   switch (pending.request.payload_case()) {
@@ -173,7 +189,8 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
   // A parked request that expires frees its place, but its task stays in the backlog.
-  const size_t backlog = preparing_.backlog() + mapping_.backlog();
+  const size_t backlog =
+      mapping_.backlog() + imports_.backlog() + derivations_.backlog() + ready_.size();
   if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests) {
     ReplyError(pending, Status(StatusCode::kLimitExceeded,
                                fmt::format("{} requests already wait for datasets",
@@ -204,27 +221,39 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
   }
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  SubmitOpen(id, std::move(wanted), DatasetStore::IfMissing::kGiveNull);
+  SubmitOpen(id, std::move(wanted));
 }
 
-void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted,
-                               DatasetStore::IfMissing if_missing) {
-  // What is prepared already need not wait for an import that is running.
-  const bool prepare = if_missing == DatasetStore::IfMissing::kMake;
-  BackgroundThread& thread = prepare ? preparing_ : mapping_;
-  thread.Submit(
-      [this, id, wanted = std::move(wanted), if_missing]() -> BackgroundThread::Completion {
-        auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted, if_missing));
-        return [this, id, wanted, opened] {
-          const bool missing = opened->ok() && (*opened)->dataset == nullptr;
-          if (missing) return SubmitOpen(id, wanted, DatasetStore::IfMissing::kMake);
-          FinishOpen(id, *opened);
-        };
-      });
+void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted) {
+  mapping_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
+    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
+    return [this, id, wanted, opened] {
+      const bool missing = opened->ok() && (*opened)->dataset == nullptr;
+      return missing ? Prepare(id, wanted, **opened) : FinishOpen(id, *opened);
+    };
+  });
+}
+
+void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
+  const auto parked = parked_.find(id);
+  if (parked == parked_.end()) return;  // its deadline has answered it
+  const auto done = [this, id, wanted](const Result<OpenedDataset>& made) {
+    if (!made.ok()) return FinishOpen(id, made);
+    if (made->dataset != nullptr) served_.Add(made->fingerprint, made->dataset);
+    SubmitOpen(id, wanted);
+  };
+  const bool is_import = found.missing == OpenedDataset::Missing::kImport;
+  PreparationQueue& queue = is_import ? imports_ : derivations_;
+  queue.Submit(
+      is_import ? wanted.name : found.fingerprint, parked->second.sender, found.source_bytes,
+      [this, wanted, is_import](const std::atomic<bool>& cancelled) {
+        return is_import ? store_.Import(wanted.name, cancelled) : store_.Derive(wanted, cancelled);
+      },
+      done);
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
-  if (opened.ok()) Serve(opened->fingerprint, opened->dataset);
+  if (opened.ok()) served_.Add(opened->fingerprint, opened->dataset);
   const std::optional<PendingRequest> pending = Unpark(id);
   if (!pending) return;
   if (!opened.ok()) return ReplyError(*pending, opened.status());
@@ -266,16 +295,16 @@ void DatasetWorker::SubmitLoad(PendingRequest pending) {
 
 void DatasetWorker::FinishLoad(const std::string& fingerprint,
                                const Result<DatasetPointer>& dataset) {
-  if (dataset.ok()) Serve(fingerprint, *dataset);
+  if (dataset.ok()) served_.Add(fingerprint, *dataset);
   const auto waiting = loading_.extract(fingerprint);
   if (waiting.empty()) return;
   for (const uint64_t id : waiting.mapped()) {
-    const std::optional<PendingRequest> pending = Unpark(id);
+    std::optional<PendingRequest> pending = Unpark(id);
     if (!pending) continue;
-    if (dataset.ok()) {
-      ServeRows(*pending, **dataset);
-    } else {
+    if (!dataset.ok()) {
       ReplyError(*pending, dataset.status());
+    } else {
+      ready_.push_back(std::move(*pending));
     }
   }
 }
@@ -285,8 +314,9 @@ void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& data
   const Clock::time_point start = Clock::now();
   pb::Reply reply;
   const pb::Request& request = pending.request;
-  Result<Frame> payload = request.has_sample() ? SampleBatches(dataset, request.sample(), &reply)
-                          : request.has_read() ? ReadRows(dataset, request.read(), &reply)
+  Result<Frame> payload = request.has_sample()
+                              ? SampleBatches(dataset, request.sample(), beat_, &reply)
+                          : request.has_read() ? ReadRows(dataset, request.read(), beat_, &reply)
                                                : DescribeStatistics(dataset, &reply);
   if (!payload.ok()) return ReplyError(pending, payload.status());
   pb::Timing* timing = reply.mutable_timing();
@@ -309,21 +339,9 @@ void DatasetWorker::ExpireParked() {
 
 void DatasetWorker::AnswerAllParked(const Status& status) {
   for (const auto& [id, pending] : parked_) ReplyError(pending, status);
+  for (const PendingRequest& pending : ready_) ReplyError(pending, status);
   parked_.clear();
-}
-
-DatasetPointer DatasetWorker::FindServed(const std::string& fingerprint) {
-  const auto found = served_.find(fingerprint);
-  if (found == served_.end()) return nullptr;
-  found->second.last_use = ++uses_;
-  return found->second.dataset;
-}
-
-void DatasetWorker::Serve(const std::string& fingerprint, DatasetPointer dataset) {
-  served_[fingerprint] = {std::move(dataset), ++uses_};
-  if (served_.size() <= limits::kMaxMappedDatasets) return;
-  served_.erase(std::ranges::min_element(served_, {},
-                                         [](const auto& entry) { return entry.second.last_use; }));
+  ready_.clear();
 }
 
 void DatasetWorker::Reply(const PendingRequest& to, pb::Reply* reply, Frame payload) {

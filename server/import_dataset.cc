@@ -118,8 +118,13 @@ Result<SourceColumns> OpenSource(const Hdf5Reader& file) {
   return source;
 }
 
+// Of observation, next observation, action and reward.
+uint64_t RowFloats(const SourceColumns& source) {
+  return 2ull * source.observation_size + source.action_size + 1;
+}
+
 uint64_t BlockRows(const SourceColumns& source) {
-  const uint64_t row_bytes = (2ull * source.observation_size + source.action_size + 1) * 4;
+  const uint64_t row_bytes = RowFloats(source) * sizeof(float);
   const uint64_t most = std::max<uint64_t>(kMaxBlockBytes / row_bytes, 1);
   return std::min({source.observations.block_rows(), most, source.rows});
 }
@@ -199,27 +204,27 @@ std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
       .substr(0, 32);
 }
 
-Result<ImportResult> ImportDataset(const ImporterOptions& options, const std::string& sha256) {
-  ImportResult result;
-  result.sha256 = sha256;
-  result.fingerprint = DatasetFingerprint(sha256, TransitionRule::kStored, "", 0);
+Result<uint64_t> ImportDataset(const ImporterOptions& options) {
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(options.file));
   B4MRL_ASSIGN_OR_RETURN(const SourceColumns source, OpenSource(file));
-  B4MRL_ASSIGN_OR_RETURN(
-      DatasetBuilder builder,
-      DatasetBuilder::Create(fmt::format("{}/{}", options.cache_folder, result.fingerprint),
-                             source.observation_size, source.action_size));
+  const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // and two flags
+  if (bytes > options.max_cache_bytes) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} takes {} bytes when it is served, allowed: {}", options.file,
+                              bytes, options.max_cache_bytes));
+  }
+  B4MRL_ASSIGN_OR_RETURN(DatasetBuilder builder,
+                         DatasetBuilder::Create(ImportedCachePath(options.folder),
+                                                source.observation_size, source.action_size));
   const bool stored = source.next_observations.has_value();
   B4MRL_RETURN_IF_ERROR(stored ? CopyStored(source, &builder) : CopyD4rl(source, &builder));
-  result.rows = builder.rows();
-  builder.SetProperty("source_sha256", sha256);
   builder.SetProperty("transition_rule",
                       TransitionRuleName(stored ? TransitionRule::kStored : TransitionRule::kD4rl));
   builder.SetProperty("corruptions", "");
   builder.SetProperty("behaviour_policy", BehaviourPolicy(file));
   builder.SetProperty("environment", Environment(file));
   B4MRL_RETURN_IF_ERROR(builder.Commit());
-  return result;
+  return builder.rows();
 }
 
 }  // namespace b4mrl

@@ -4,7 +4,8 @@
 // float32), boolean or integer flags, missing timeouts (an episode ends at 1,000 steps) and missing
 // next_observations (then the rows are those of TransitionRule::kD4rl).
 // Errors: kUnknownName (a column is missing), kInvalidArgument (type, rank, unequal lengths, no
-// rows), kLimitExceeded (declared size), kDataLoss (truncated, damaged), kIoError (full disk).
+// rows), kLimitExceeded (declared size, too large a cache), kDataLoss (truncated, damaged),
+// kIoError (full disk).
 #pragma once
 
 #include <string>
@@ -20,7 +21,7 @@ namespace b4mrl {
 std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
                                const std::string& corruptions, uint64_t seed);
 
-// `sha256` is that of options.file; the cache's folder is named by its fingerprint.
-Result<ImportResult> ImportDataset(const ImporterOptions& options, const std::string& sha256);
+// Makes the cache and returns its number of rows.
+Result<uint64_t> ImportDataset(const ImporterOptions& options);
 
 }  // namespace b4mrl

@@ -3,15 +3,18 @@
 //
 // The process first gives up what it does not need: no core files, bounded memory, processor time,
 // file size and descriptors, no new privileges, and (Linux 5.13 or later, Landlock) no access to
-// the file system beyond reading the one file and writing the one cache folder. It prints one JSON
-// line on stdout:
-//   {"ok": true, "fingerprint": "...", "rows": 1000000, "sha256": "..."}
+// the file system beyond reading the one file and writing into the one folder that was made for
+// this import. What it may spend is measured by what the file stores, without its holes. It prints
+// one JSON line on stdout:
+//   {"ok": true, "rows": 1000000}
 //   {"ok": false, "code": 12, "message": "..."}
-// Thread rule: RunImporter is a process's main function; ImportInChild may be called by any one
+// What the file is (its hash, and so the cache's name) is not asked of a process that has parsed
+// it. Thread rule: RunImporter is a process's main function; ImportInChild may be called by any
 // thread.
 #pragma once
 
 #include <atomic>
+#include <cstdint>
 #include <string>
 
 #include "proto/base/clock.h"
@@ -20,25 +23,23 @@
 namespace b4mrl {
 
 struct ImporterOptions {
-  std::string file;          // HDF5 in D4RL's layout
-  std::string cache_folder;  // must exist; the cache appears in it as a folder named by fingerprint
+  std::string file;              // HDF5 in D4RL's layout
+  std::string folder;            // exists, is empty; the cache appears as ImportedCachePath(folder)
+  uint64_t max_cache_bytes = 0;  // the largest cache that may be made
 };
 
-// `b4mrl-serve --role importer --file F --cache DIR`. Exit code 0 when the cache stands, 3 on bad
-// input, 1 otherwise.
+std::string ImportedCachePath(const std::string& folder);
+
+// `b4mrl-serve --role importer --file F --cache DIR --cache-bytes N`. Exit code 0 when the cache
+// stands, 3 on bad input, 1 otherwise.
 int RunImporter(const ImporterOptions& options);
 
-struct ImportResult {
-  std::string fingerprint;  // hex; names the cache folder
-  std::string sha256;       // of the file
-  uint64_t rows = 0;
-};
-
-// Starts `program --role importer ...`, waits for it and parses its answer. A crash, a silent exit
-// or a missed deadline (the child is killed) becomes a kDataLoss or kDeadlineExceeded that names
-// the file. When `cancelled` (may be null) turns true, the child is killed within 100 ms.
-Result<ImportResult> ImportInChild(const std::string& program, const ImporterOptions& options,
-                                   const Deadline& deadline,
-                                   const std::atomic<bool>* cancelled = nullptr);
+// Starts `program --role importer ...`, waits for it and returns the number of rows. A crash, a
+// silent exit or a missed deadline (the child is killed) becomes a kDataLoss that names the file;
+// asking again would not help. When `cancelled` (may be null) turns true, the child is killed
+// within 100 ms: kUnavailable. What a failed import leaves in the folder is the caller's to remove.
+Result<uint64_t> ImportInChild(const std::string& program, const ImporterOptions& options,
+                               const Deadline& deadline,
+                               const std::atomic<bool>* cancelled = nullptr);
 
 }  // namespace b4mrl

@@ -37,6 +37,7 @@ struct CommandLine {
   // `model-compiler`, which the gateway starts.
   std::string untrusted_file;
   std::string cache_folder;
+  uint64_t cache_bytes = 0;
   std::string environment;
 };
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <poll.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -21,12 +22,19 @@ using Json = nlohmann::json;
 
 constexpr size_t kMaxAnswerBytes = 64 * 1024;
 constexpr int64_t kPollMs = 100;
+// After this time the rest of the machine goes first.
+constexpr int64_t kEagerMs = 2000;
+constexpr int kPatientNice = 10;
 
 // Everything up to the end of output, or why the child is to be ended before it.
-Status ReadUntilEnd(const SandboxedChild& child, int fd, const Deadline& deadline,
-                    const std::atomic<bool>* cancelled, std::string* text) {
+Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& process,
+                    const Deadline& deadline, const std::atomic<bool>* cancelled,
+                    std::string* text) {
   std::array<char, 4096> block;
+  const int fd = process.output.get();
+  const Deadline eager = Deadline::AfterMs(kEagerMs);
   while (true) {
+    if (eager.expired()) setpriority(PRIO_PROCESS, process.process_id, kPatientNice);
     if (text->size() > kMaxAnswerBytes) {
       return Status(StatusCode::kDataLoss, child.name + " answered more than it may");
     }
@@ -70,7 +78,7 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   const int error = StartWithOutput(wanted.program, std::move(words), &child);
   if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
   std::string text;
-  const Status answered = ReadUntilEnd(wanted, child.output.get(), deadline, cancelled, &text);
+  const Status answered = ReadUntilEnd(wanted, child, deadline, cancelled, &text);
   if (!answered.ok()) kill(child.process_id, SIGKILL);
   const int exit_status = WaitForExit(child.process_id, deadline);
   const auto result = [&](Result<std::string> json) {

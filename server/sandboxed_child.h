@@ -1,8 +1,8 @@
 // Runs this program again in a role that reads untrusted files, and collects its one answer.
 //
 // The child inherits nothing but stderr; its stdin is /dev/null and its stdout a pipe. It prints
-// one JSON object and exits: {"ok": true, ...} or {"ok": false, "code": 12, "message": "..."}. Any
-// thread; the child dies with the thread that started it.
+// one JSON object and exits: {"ok": true, ...} or {"ok": false, "code": 12, "message": "..."}.
+// After 2 s it runs at lower priority. Any thread; the child dies with the thread that started it.
 #pragma once
 
 #include <sys/types.h>

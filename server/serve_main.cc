@@ -68,7 +68,7 @@ int ServeMain(int argc, char** argv) {
   std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);
   if (!line) return exit_code;
   if (line->child.role == "importer") {
-    LeaveSandbox(RunImporter({line->untrusted_file, line->cache_folder}));
+    LeaveSandbox(RunImporter({line->untrusted_file, line->cache_folder, line->cache_bytes}));
   }
   if (line->child.role == "model-compiler") {
     LeaveSandbox(RunModelCompiler(

@@ -32,7 +32,7 @@ Corrupted Corrupt(const ExampleDataset& data, const std::string& items, uint64_t
   INFO(corruption.status().ToString());
   REQUIRE(corruption.ok());
   auto builder = DatasetBuilder::Create(folder.File("c"), kSize, kActions);
-  REQUIRE(AppendCorrupted(ColumnsOf(data), corruption->set, seed, matrix, &*builder).ok());
+  REQUIRE(AppendCorrupted(ColumnsOf(data), corruption->set, seed, matrix, false, &*builder).ok());
   REQUIRE(builder->Commit().ok());
   return {Dataset::Open(folder.File("c")).value()};
 }

@@ -1,8 +1,14 @@
 #include "server/dataset_store.h"
 
-#include <catch2/catch.hpp>
-#include <filesystem>
+#include <sys/stat.h>
 
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "data/file_hash.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/file_size_limit.h"
 #include "tests/data/temporary_folder.h"
@@ -20,14 +26,53 @@ struct StoreFixture {
     fs::create_directory(folder.File("HalfCheetah"));
     REQUIRE(WriteExample(folder.File("HalfCheetah/medium.h5"), data).ok());
   }
-  DatasetStore Store(uint64_t max_cache_bytes = 1ull << 30) const {
+  DatasetStore Store(uint64_t max_cache_bytes = 1ull << 30,
+                     const std::string& importer = B4MRL_BINARY_DIR "/b4mrl-serve") const {
     return DatasetStore({.data_folder = folder.path(),
-                         .importer_program = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve",
+                         .importer_program = importer,
                          .max_cache_bytes = max_cache_bytes});
+  }
+  // Opens it, with whatever it lacks made first.
+  static Result<OpenedDataset> OpenMade(DatasetStore& store, const DatasetRequest& request) {
+    const std::atomic<bool> cancelled{false};
+    while (true) {
+      Result<OpenedDataset> opened = store.Open(request);
+      if (!opened.ok() || opened->dataset != nullptr) return opened;
+      const bool is_import = opened->missing == OpenedDataset::Missing::kImport;
+      Result<OpenedDataset> made =
+          is_import ? store.Import(request.name, cancelled) : store.Derive(request, cancelled);
+      if (!made.ok()) return made;
+    }
+  }
+  Result<OpenedDataset> OpenMade(const std::string& corruptions, uint64_t seed = 0) const {
+    DatasetStore store = Store();
+    return OpenMade(store, Request(corruptions, seed));
+  }
+  std::string WriteScript(const std::string& body) const {
+    const std::string path = folder.File("program");
+    WriteBytes(path, "#!/bin/sh\n" + body);
+    fs::permissions(path, fs::perms::owner_all);
+    return path;
   }
   static DatasetRequest Request(const std::string& corruptions, uint64_t seed = 0) {
     return {"HalfCheetah/medium", ParseNamedArguments(corruptions).value(), seed,
             TransitionRule::kStored};
+  }
+  bool HasCache(const std::string& fingerprint) const {
+    return fs::exists(folder.File(".cache/" + fingerprint + "/manifest.json"));
+  }
+  // On disk, in whole blocks.
+  uint64_t CacheBytes(const std::string& fingerprint) const {
+    uint64_t bytes = 0;
+    for (const auto& entry : fs::directory_iterator(folder.File(".cache/" + fingerprint))) {
+      bytes += (entry.file_size() + 4095) / 4096 * 4096;
+    }
+    return bytes;
+  }
+  mode_t ModeOf(const std::string& path) const {
+    struct stat info {};
+    REQUIRE(stat(folder.File(path).c_str(), &info) == 0);
+    return info.st_mode & 0777;
   }
   size_t CacheCount() const {
     size_t count = 0;
@@ -40,87 +85,267 @@ struct StoreFixture {
 
 TEST_CASE("an unchanged file is imported once, also by another process") {
   const StoreFixture fixture;
-  const auto first = fixture.Store().Open(fixture.Request(""));
+  const auto first = fixture.OpenMade("");
   REQUIRE(first.ok());
-  DatasetStore other({.data_folder = fixture.folder.path(),
-                      .importer_program = "/no/such/program",
-                      .max_cache_bytes = 1ull << 30});
-  const auto second = other.Open(fixture.Request(""));
+  DatasetStore other = fixture.Store(1ull << 30, "/no/such/program");
+  const auto second = fixture.OpenMade(other, fixture.Request(""));
   REQUIRE(second.ok());
   CHECK(second->fingerprint == first->fingerprint);
   CHECK(second->info.sha256 == first->info.sha256);
+  CHECK(first->info.sha256 == Sha256OfFile(fixture.folder.File("HalfCheetah/medium.h5")).value());
   // Written again, it is another file as far as one can see without reading it.
   REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data).ok());
-  CHECK(other.Open(fixture.Request("")).status().code() == StatusCode::kIoError);
-  CHECK(fixture.Store().Open(fixture.Request(""))->fingerprint == first->fingerprint);
+  CHECK(fixture.OpenMade(other, fixture.Request("")).status().code() == StatusCode::kIoError);
+  CHECK(fixture.OpenMade("")->fingerprint == first->fingerprint);
+}
+
+TEST_CASE("a file that was overwritten in place, at equal size, is imported again") {
+  const StoreFixture fixture;
+  const std::string path = fixture.folder.File("HalfCheetah/medium.h5");
+  const std::string other = fixture.folder.File("other.h5");
+  REQUIRE(WriteExample(path, fixture.data, "HalfCheetah").ok());
+  REQUIRE(WriteExample(other, fixture.data, "halfcheetah").ok());
+  const std::string first = fixture.OpenMade("")->info.sha256;
+  const std::string bytes = ReadBytes(other);
+  REQUIRE(bytes.size() == fs::file_size(path));
+  WriteBytes(path, bytes);
+  fs::last_write_time(path, fs::last_write_time(path) + std::chrono::seconds(1));
+  const auto second = fixture.OpenMade("");
+  CHECK(second->info.sha256 != first);
+  CHECK(second->environment == "halfcheetah");
 }
 
 TEST_CASE("equal corruptions share a cache, however they are written") {
   const StoreFixture fixture;
   DatasetStore store = fixture.Store();
-  const auto preset = store.Open(fixture.Request("obs-noise-low", 1));
+  const auto preset = fixture.OpenMade(store, fixture.Request("obs-noise-low", 1));
   REQUIRE(preset.ok());
-  CHECK(store.Open(fixture.Request("obs-noise=0.010", 1))->fingerprint == preset->fingerprint);
-  CHECK(store.Open(fixture.Request("obs-noise-low", 2))->fingerprint != preset->fingerprint);
+  CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=0.010", 1))->fingerprint ==
+        preset->fingerprint);
+  CHECK(fixture.OpenMade(store, fixture.Request("obs-noise-low", 2))->fingerprint !=
+        preset->fingerprint);
   CHECK(fixture.CacheCount() == 3);
 }
 
-TEST_CASE("what is prepared can be opened without preparing anything") {
+TEST_CASE("opening says what is missing and makes nothing") {
   const StoreFixture fixture;
   DatasetStore store = fixture.Store();
-  constexpr auto kGiveNull = DatasetStore::IfMissing::kGiveNull;
-  for (const char* corruptions : {"", "hidden-high"}) {
+  using Missing = OpenedDataset::Missing;
+  for (const auto& [corruptions, what] :
+       {std::pair{"", Missing::kImport}, std::pair{"hidden-high", Missing::kDerivation}}) {
     const DatasetRequest request = fixture.Request(corruptions);
-    const auto missing = store.Open(request, kGiveNull);
+    const auto missing = store.Open(request);
     REQUIRE(missing.ok());
     CHECK(missing->dataset == nullptr);
-    const auto opened = store.Open(request);
-    REQUIRE(opened.ok());
-    const auto prepared = store.Open(request, kGiveNull);
+    CHECK(missing->missing == what);
+    CHECK(missing->source_bytes > 0);
+    const auto made = fixture.OpenMade(store, request);
+    REQUIRE(made.ok());
+    if (what == Missing::kDerivation) CHECK(made->fingerprint == missing->fingerprint);
+    const auto prepared = store.Open(request);
     REQUIRE(prepared.ok());
     REQUIRE(prepared->dataset != nullptr);
-    CHECK(prepared->fingerprint == opened->fingerprint);
-    CHECK(prepared->info.sha256 == opened->info.sha256);
-    CHECK(prepared->hidden_dimensions == opened->hidden_dimensions);
+    CHECK(prepared->missing == Missing::kNothing);
+    CHECK(prepared->fingerprint == made->fingerprint);
+    CHECK(prepared->info.sha256 == made->info.sha256);
+    CHECK(prepared->hidden_dimensions == made->hidden_dimensions);
   }
+}
+
+TEST_CASE("work that was cancelled leaves nothing") {
+  const StoreFixture fixture;
+  const std::atomic<bool> cancelled{true};
+  DatasetStore store = fixture.Store();
+  CHECK(store.Import("HalfCheetah/medium", cancelled).status().code() == StatusCode::kUnavailable);
+  REQUIRE(fixture.OpenMade("").ok());
+  const DatasetRequest noisy = fixture.Request("obs-noise=1");
+  CHECK(store.Derive(noisy, cancelled).status().code() == StatusCode::kUnavailable);
+  DatasetRequest d4rl = fixture.Request("");
+  d4rl.rule = TransitionRule::kD4rl;
+  CHECK(store.Derive(d4rl, cancelled).status().code() == StatusCode::kUnavailable);
+  CHECK(fixture.CacheCount() == 1);
+  CHECK(std::distance(fs::directory_iterator(fixture.folder.File(".cache")), {}) == 2);
 }
 
 TEST_CASE("caches that were opened longest ago make room, and come back when asked for by name") {
   const StoreFixture fixture;
-  const uint64_t one = fixture.Store().Open(fixture.Request(""))->dataset->cache().bytes();
-  DatasetStore store = fixture.Store(3 * one);
-  std::string first;
+  const uint64_t one = fixture.CacheBytes(fixture.OpenMade("")->fingerprint);
+  DatasetStore store = fixture.Store(3 * one + one / 2);
+  std::vector<std::string> made;
   for (uint64_t seed = 0; seed < 5; ++seed) {
-    const auto opened = store.Open(fixture.Request("obs-noise=1", seed));
+    const auto opened = fixture.OpenMade(store, fixture.Request("obs-noise=1", seed));
     REQUIRE(opened.ok());
-    if (seed == 0) first = opened->fingerprint;
+    made.push_back(opened->fingerprint);
+    // Opened again and again, the first one is never the one that was opened longest ago.
+    CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=1", 0))->fingerprint == made[0]);
+    CHECK(fixture.CacheCount() <= 3);
+    CHECK(fixture.HasCache(made.back()));
+    CHECK(fixture.HasCache(made.front()));
+  }
+  CHECK(store.Load(made[1]).status().code() == StatusCode::kUnknownName);
+  CHECK(store.Load(made[4]).ok());
+  CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=1", 1))->fingerprint == made[1]);
+}
+
+TEST_CASE("what is mapped never makes room, whoever mapped it") {
+  const StoreFixture fixture;
+  const auto source = fixture.OpenMade("");  // held, by another store as by another process
+  const uint64_t one = fixture.CacheBytes(source->fingerprint);
+  DatasetStore store = fixture.Store(3 * one + one / 2);
+  const auto busiest = fixture.OpenMade(store, fixture.Request("obs-noise=1", 0));
+  for (uint64_t seed = 1; seed < 6; ++seed) {
+    REQUIRE(fixture.OpenMade(store, fixture.Request("obs-noise=1", seed)).ok());
     CHECK(fixture.CacheCount() <= 3);
   }
-  CHECK(store.Load(first).status().code() == StatusCode::kUnknownName);
-  CHECK(store.Open(fixture.Request("obs-noise=1", 0))->fingerprint == first);
+  CHECK(fixture.HasCache(source->fingerprint));
+  CHECK(fixture.HasCache(busiest->fingerprint));
+  // With all of the room in use, there is none for another.
+  const auto third = fixture.OpenMade(store, fixture.Request("obs-noise=1", 9));
+  REQUIRE(third.ok());
+  const auto refused = fixture.OpenMade(store, fixture.Request("obs-noise=1", 10));
+  CHECK(refused.status().code() == StatusCode::kLimitExceeded);
+  CHECK(fixture.CacheCount() == 3);
+  CHECK(fixture.HasCache(third->fingerprint));
+}
+
+TEST_CASE("no cache goes for a file that is not found good, or that takes more than all may") {
+  const StoreFixture fixture;
+  const std::string first = fixture.OpenMade("")->fingerprint;
+  const std::string second = fixture.OpenMade("hidden-high")->fingerprint;
+  const uint64_t one = fixture.CacheBytes(first);
+  DatasetStore store = fixture.Store(2 * one + one / 2);
+  WriteBytes(fixture.folder.File("HalfCheetah/sparse.h5"), "");
+  fs::resize_file(fixture.folder.File("HalfCheetah/sparse.h5"), 70ull << 30);
+  WriteBytes(fixture.folder.File("HalfCheetah/text.h5"), std::string(3 * one, 'x'));
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/large.h5"), MakeExampleDataset({3000}, 17, 6))
+          .ok());
+  const auto code_of = [&](const std::string& name) {
+    return fixture.OpenMade(store, {name, {}, 0, TransitionRule::kStored}).status().code();
+  };
+  CHECK(code_of("HalfCheetah/sparse") == StatusCode::kDataLoss);
+  CHECK(code_of("HalfCheetah/text") == StatusCode::kDataLoss);
+  CHECK(code_of("HalfCheetah/large") == StatusCode::kLimitExceeded);
+  CHECK(fixture.HasCache(first));
+  CHECK(fixture.HasCache(second));
+  // A sparse file among the caches takes no room.
+  WriteBytes(fixture.folder.File(".cache/" + second + "/more"), "");
+  fs::resize_file(fixture.folder.File(".cache/" + second + "/more"), 70ull << 30);
+  CHECK(fixture.OpenMade(store, fixture.Request("", 0)).ok());
+  REQUIRE(fixture.OpenMade(store, fixture.Request("hidden=1")).ok());
+  CHECK(fixture.CacheCount() == 2);
+}
+
+TEST_CASE("an import that failed for its file is not tried again until the file changes") {
+  const StoreFixture fixture;
+  const std::string tries = fixture.folder.File("tries");
+  const auto answering = [&](const std::string& answer) {
+    return fixture.WriteScript("echo x >>" + tries + "\necho '" + answer + "'\n");
+  };
+  const std::string program = answering(R"({"ok": false, "code": 12, "message": "damaged"})");
+  DatasetStore store = fixture.Store(1ull << 30, program);
+  for (int i = 0; i < 3; ++i) {
+    const auto opened = fixture.OpenMade(store, fixture.Request(""));
+    CHECK(opened.status().code() == StatusCode::kDataLoss);
+    CHECK_THAT(opened.status().message(), Catch::Contains("damaged"));
+  }
+  CHECK(ReadBytes(tries) == "x\n");
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data).ok());
+  // What is not the file's fault is tried again.
+  answering(R"({"ok": false, "code": 13, "message": "disk full"})");
+  for (int i = 0; i < 2; ++i) {
+    CHECK(fixture.OpenMade(store, fixture.Request("")).status().code() == StatusCode::kIoError);
+  }
+  CHECK(ReadBytes(tries) == "x\nx\nx\n");
+}
+
+TEST_CASE("an importer cannot say which file it has read") {
+  const StoreFixture fixture;
+  const std::string victim = fixture.OpenMade("")->fingerprint;
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/evil.h5"), MakeExampleDataset({5}, 17, 6))
+              .ok());
+  // Copies another dataset's cache, and claims its name.
+  DatasetStore store = fixture.Store(
+      1ull << 30,
+      fixture.WriteScript(
+          "cp -r " + fixture.folder.File(".cache/" + victim) + " \"$6/imported\"\n" +
+          R"(echo '{"ok": true, "rows": 1, "sha256": "ab", "fingerprint": ")" + victim + "\"}'\n"));
+  const auto evil = fixture.OpenMade(store, {"HalfCheetah/evil", {}, 0, TransitionRule::kStored});
+  REQUIRE(evil.ok());
+  CHECK(evil->fingerprint != victim);
+  CHECK(evil->info.sha256 == Sha256OfFile(fixture.folder.File("HalfCheetah/evil.h5")).value());
+}
+
+TEST_CASE("a cache of another schema is made anew") {
+  const StoreFixture fixture;
+  const std::string fingerprint = fixture.OpenMade("")->fingerprint;
+  const std::string path = fixture.folder.File(".cache/" + fingerprint + "/manifest.json");
+  nlohmann::json manifest = nlohmann::json::parse(ReadBytes(path));
+  manifest["schema"] = 2;
+  manifest.erase("hash");
+  const std::string text = manifest.dump();
+  StreamHash hash;
+  hash.Update(std::as_bytes(std::span(text)));
+  manifest["hash"] = hash.Hex();
+  WriteBytes(path, manifest.dump());
+  const auto again = fixture.OpenMade("");
+  REQUIRE(again.ok());
+  CHECK(again->fingerprint == fingerprint);
+  CHECK(nlohmann::json::parse(ReadBytes(path))["schema"] == 1);
+}
+
+TEST_CASE("caches are their user's alone, unless the data folder is its group's") {
+  const mode_t umask_before = umask(0);
+  umask(umask_before);
+  for (const mode_t mask : {0, 0022, 0077}) {
+    for (const mode_t mode : {0755, 0775, 0770}) {
+      CAPTURE(mask, mode);
+      const StoreFixture fixture;
+      REQUIRE(chmod(fixture.folder.path().c_str(), mode) == 0);
+      umask(mask);
+      const bool opened = fixture.OpenMade("hidden-high").ok();
+      umask(umask_before);
+      CHECK(opened);
+      const mode_t folders = (mode & 0020) != 0 ? mode : 0700;
+      CHECK(fixture.ModeOf(".cache") == folders);
+      for (const auto& entry : fs::recursive_directory_iterator(fixture.folder.File(".cache"))) {
+        CAPTURE(entry.path().string());
+        const mode_t wanted = entry.is_directory() ? folders : folders & 0666;
+        CHECK(fixture.ModeOf(fs::relative(entry.path(), fixture.folder.path())) == wanted);
+      }
+    }
+  }
+  // What an earlier version left open is closed when a worker starts.
+  const StoreFixture fixture;
+  REQUIRE(fixture.OpenMade("").ok());
+  fs::permissions(fixture.folder.File(".cache"), fs::perms(0755));
+  fixture.Store().TidyUp();
+  CHECK(fixture.ModeOf(".cache") == 0700);
 }
 
 TEST_CASE("a full disk while deriving is an error that leaves no cache") {
   const StoreFixture fixture;
   DatasetStore store = fixture.Store();
-  REQUIRE(store.Open(fixture.Request("")).ok());
+  REQUIRE(fixture.OpenMade(store, fixture.Request("")).ok());
   {
     const FileSizeLimit full(10'000);
-    CHECK(store.Open(fixture.Request("hidden-high")).status().code() == StatusCode::kIoError);
+    CHECK(fixture.OpenMade(store, fixture.Request("hidden-high")).status().code() ==
+          StatusCode::kIoError);
   }
   CHECK(fixture.CacheCount() == 1);
   CHECK(std::distance(fs::directory_iterator(fixture.folder.File(".cache")), {}) == 2);
-  CHECK(store.Open(fixture.Request("hidden-high")).ok());
+  CHECK(fixture.OpenMade(store, fixture.Request("hidden-high")).ok());
 }
 
 TEST_CASE("what dead processes left half-made is removed, what live ones make is not") {
   const StoreFixture fixture;
   const std::string dead = fixture.folder.File(".cache/unfinished-2147483647-0");
+  const std::string dead_import = fixture.folder.File(".cache/unfinished-2147483647-import-0");
   const std::string live = fixture.folder.File(".cache/unfinished-1-0");
-  fs::create_directories(dead);
-  fs::create_directories(live);
-  fixture.Store().RemoveUnfinished();
+  for (const std::string& path : {dead, dead_import, live}) fs::create_directories(path);
+  fixture.Store().TidyUp();
   CHECK_FALSE(fs::exists(dead));
+  CHECK_FALSE(fs::exists(dead_import));
   CHECK(fs::exists(live));
 }
 

@@ -146,9 +146,13 @@ struct DataFolder {
     REQUIRE(WriteExample(folder.File("HalfCheetah/medium.h5"), data).ok());
   }
   // A program that imports for ever.
-  std::string EndlessImporter() const {
+  std::string EndlessImporter() const { return ImporterThatHangsOn(""); }
+  // The real one, but for files with `word` in their names.
+  std::string ImporterThatHangsOn(const std::string& word) const {
     const std::string importer = folder.File("importer");
-    WriteBytes(importer, "#!/bin/sh\nexec sleep 1000\n");
+    WriteBytes(importer, "#!/bin/sh\ncase $4 in *" + word +
+                             "*) exec sleep 1000 ;; esac\nexec " B4MRL_BINARY_DIR
+                             "/b4mrl-serve \"$@\"\n");
     std::filesystem::permissions(importer, std::filesystem::perms::owner_all);
     return importer;
   }

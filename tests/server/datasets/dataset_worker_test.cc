@@ -54,8 +54,42 @@ TEST_CASE("an import that takes long holds up nothing that is prepared") {
   CHECK(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
   CHECK(daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint() == fingerprint);
   CHECK(daemon.Open("HalfCheetah/unknown").code() == StatusCode::kUnknownName);
+  CHECK(daemon.Open("HalfCheetah/medium", "hidden-high").code() == StatusCode::kOk);
   CHECK_FALSE(soon.expired());
   CHECK_FALSE(patient.TryReceive().has_value());
+}
+
+TEST_CASE("imports that never end keep neither another client's import nor deadlines waiting") {
+  DataFolder files;
+  constexpr int kEndless = 5;  // as many as may run at a time, of a client each
+  for (int i = 0; i < kEndless; ++i) {
+    WriteBytes(files.folder.File(fmt::format("HalfCheetah/endless-{}.h5", i)), "");
+  }
+  Daemon daemon(files.folder.path(), files.ImporterThatHangsOn("endless"));
+  std::vector<DealerSocket> attackers;
+  const auto ask_for = [&](int i, int64_t deadline_ms) {
+    pb::Request open;
+    open.set_protocol_version(limits::kProtocolVersion);
+    open.set_deadline_ms(deadline_ms);
+    open.mutable_open_dataset()->set_dataset(fmt::format("HalfCheetah/endless-{}", i));
+    REQUIRE(attackers[i].Send({SerializeEnvelope(open).value(), Frame()}).ok());
+  };
+  for (int i = 0; i < kEndless; ++i) {
+    attackers.push_back(daemon.Connect());
+    ask_for(i, limits::kMaxDeadlineMs);
+  }
+  const Clock::time_point start = Clock::now();
+  CHECK(daemon.Open("HalfCheetah/medium").code() == StatusCode::kOk);
+  // It waits for the end of the others' first 2 s; 2.3 s in all on an idle machine.
+  CHECK(SecondsSince(start) < 20);
+  for (int i = 0; i < kEndless; ++i) {  // some have been started, some wait
+    CAPTURE(i);
+    const Clock::time_point asked = Clock::now();
+    ask_for(i, 200);
+    CHECK(daemon.Receive(attackers[i]).code() == StatusCode::kDeadlineExceeded);
+    CHECK(SecondsSince(asked) >= 0.2);
+    CHECK(SecondsSince(asked) < 3);  // 0.3 on an idle machine
+  }
 }
 
 TEST_CASE("requests that wait for datasets are bounded, and what is mapped is served on") {

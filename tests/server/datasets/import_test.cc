@@ -5,7 +5,6 @@
 
 #include "data/column_cache.h"
 #include "data/dataset.h"
-#include "data/file_hash.h"
 #include "data/hdf5_file.h"
 #include "proto/base/rng.h"
 #include "server/import_dataset.h"
@@ -24,20 +23,22 @@ struct ImportFixture {
   std::string file = folder.File("x.h5");
   std::string cache = folder.File("cache");
 
-  ImportFixture() { std::filesystem::create_directory(cache); }
-  Result<ImportResult> Import(const std::string& program = kProgram, int64_t deadline_ms = 60'000) {
-    return ImportInChild(program, {file, cache}, Deadline::AfterMs(deadline_ms));
+  Result<uint64_t> Import(const std::string& program = kProgram, int64_t deadline_ms = 60'000,
+                          uint64_t max_cache_bytes = 1ull << 30) {
+    std::filesystem::remove_all(cache);
+    std::filesystem::create_directory(cache);
+    return ImportInChild(program, {file, cache, max_cache_bytes}, Deadline::AfterMs(deadline_ms));
   }
   std::shared_ptr<const Dataset> ImportAndOpen() {
-    const auto result = Import();
-    INFO(result.status().ToString());
-    REQUIRE(result.ok());
-    const auto dataset = Dataset::Open(cache + "/" + result->fingerprint);
+    const auto rows = Import();
+    INFO(rows.status().ToString());
+    REQUIRE(rows.ok());
+    const auto dataset = Dataset::Open(ImportedCachePath(cache));
     REQUIRE(dataset.ok());
     REQUIRE((*dataset)->cache().Verify().ok());
     return *dataset;
   }
-  bool CacheIsEmpty() const { return std::filesystem::is_empty(cache); }
+  bool HasCache() const { return std::filesystem::exists(ImportedCachePath(cache)); }
   void WriteScript(const std::string& body) {
     WriteBytes(folder.File("program"), "#!/bin/sh\n" + body);
     chmod(folder.File("program").c_str(), 0755);
@@ -62,7 +63,6 @@ TEST_CASE("an imported dataset equals the file") {
   CHECK(ToVector(columns.rewards) == data.rewards);
   CHECK(ToVector(columns.terminals) == data.terminals);
   CHECK(ToVector(columns.timeouts) == data.timeouts);
-  CHECK(dataset->property("source_sha256") == Sha256OfFile(fixture.file).value());
   CHECK(dataset->statistics().episodes == 3);
 }
 
@@ -154,7 +154,7 @@ TEST_CASE("missing columns, unequal lengths and wrong types are named") {
     const auto result = fixture.Import();
     CHECK(result.status().code() == plan.code);
     CHECK_THAT(result.status().message(), Catch::Contains(plan.named));
-    CHECK(fixture.CacheIsEmpty());
+    CHECK_FALSE(fixture.HasCache());
   }
 }
 
@@ -169,7 +169,7 @@ TEST_CASE("files that are missing, empty, no HDF5, or no files are typed errors"
   CHECK(fixture.Import().status().code() == StatusCode::kInvalidArgument);
   fixture.file = "/dev/zero";
   CHECK(fixture.Import().status().code() == StatusCode::kInvalidArgument);
-  CHECK(fixture.CacheIsEmpty());
+  CHECK_FALSE(fixture.HasCache());
 }
 
 TEST_CASE("a file truncated anywhere is refused") {
@@ -182,7 +182,7 @@ TEST_CASE("a file truncated anywhere is refused") {
     CAPTURE(size);
     WriteBytes(fixture.file, whole.substr(0, size));
     CHECK_FALSE(fixture.Import().ok());
-    CHECK(fixture.CacheIsEmpty());
+    CHECK_FALSE(fixture.HasCache());
   }
 }
 
@@ -202,16 +202,26 @@ TEST_CASE("a file with random bytes changed is imported whole or refused") {
     WriteBytes(fixture.file, bytes);
     const auto result = fixture.Import();
     if (!result.ok()) {
-      CHECK(fixture.CacheIsEmpty());
+      CHECK_FALSE(fixture.HasCache());
       continue;
     }
     ++imported;
-    const auto dataset = Dataset::Open(fixture.cache + "/" + result->fingerprint);
+    const auto dataset = Dataset::Open(ImportedCachePath(fixture.cache));
     REQUIRE(dataset.ok());
+    CHECK((*dataset)->rows() == *result);
     CHECK((*dataset)->cache().Verify().ok());
-    RemoveCache(fixture.cache + "/" + result->fingerprint);
   }
   CHECK(imported < 60);
+}
+
+TEST_CASE("what would take more than the caches may is refused before it is written") {
+  ImportFixture fixture;
+  REQUIRE(WriteExample(fixture.file, MakeExampleDataset({50})).ok());
+  // 50 rows of 3 + 3 + 2 + 1 floats and two flags.
+  CHECK(fixture.Import(kProgram, 60'000, 50 * 38).ok());
+  CHECK(fixture.Import(kProgram, 60'000, 50 * 38 - 1).status().code() ==
+        StatusCode::kLimitExceeded);
+  CHECK_FALSE(fixture.HasCache());
 }
 
 TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
@@ -222,9 +232,9 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   CHECK_THAT(crashed.status().message(), Catch::Contains("signal 11"));
   fixture.WriteScript("exec sleep 100\n");
   CHECK(fixture.Import(fixture.folder.File("program"), 100).status().code() ==
-        StatusCode::kDeadlineExceeded);
+        StatusCode::kDataLoss);
   const std::atomic<bool> cancelled{true};
-  CHECK(ImportInChild(fixture.folder.File("program"), {fixture.file, fixture.cache},
+  CHECK(ImportInChild(fixture.folder.File("program"), {fixture.file, fixture.cache, 1},
                       Deadline::AfterMs(60'000), &cancelled)
             .status()
             .code() == StatusCode::kUnavailable);
@@ -232,10 +242,10 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   CHECK_FALSE(fixture.Import(fixture.folder.File("program"), 100).ok());
   fixture.WriteScript("exec cat /dev/zero\n");
   CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
-  fixture.WriteScript(
-      "echo '{\"ok\": true, \"fingerprint\": \"../../etc\", \"sha256\": \"\", "
-      "\"rows\": 1}'\n");
-  CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
+  for (const char* rows : {"-1", "1.5", "\"1\"", "null"}) {
+    fixture.WriteScript(std::string("echo '{\"ok\": true, \"rows\": ") + rows + "}'\n");
+    CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
+  }
   fixture.WriteScript("exit 0\n");
   CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
   CHECK(fixture.Import(fixture.folder.File("none")).status().code() == StatusCode::kIoError);

@@ -1,0 +1,128 @@
+#include "server/preparation_queue.h"
+
+#include <catch2/catch.hpp>
+#include <functional>
+#include <map>
+#include <thread>
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 60'000;
+
+// Jobs that run until they are told to end or cancelled.
+class Fixture {
+ public:
+  explicit Fixture(int64_t short_ms = kPatienceMs) : queue(2, 1, short_ms) {}
+
+  void Submit(const std::string& key, const RoutingId& client, uint64_t bytes = 1) {
+    Job* job = &jobs_[key];
+    const auto work = [job](const std::atomic<bool>& cancelled) -> Result<OpenedDataset> {
+      ++job->starts;
+      while (!job->may_end && !cancelled) std::this_thread::yield();
+      if (cancelled) return Status(StatusCode::kUnavailable, "cancelled");
+      return OpenedDataset();
+    };
+    queue.Submit(key, client, bytes, work, [job](const auto& result) {
+      ++job->answers;
+      job->code = result.status().code();
+    });
+  }
+  void End(const std::string& key) {
+    jobs_[key].may_end = true;
+    REQUIRE(Await([&] { return jobs_[key].answers > 0; }));
+  }
+  // Runs the queue until it holds; false if it does not in time.
+  bool Await(const std::function<bool()>& holds) {
+    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+    while (!holds()) {
+      if (deadline.expired()) return false;
+      queue.Run();
+      std::this_thread::yield();
+    }
+    return true;
+  }
+  int starts(const std::string& key) { return jobs_[key].starts; }
+  int answers(const std::string& key) { return jobs_[key].answers; }
+  StatusCode code(const std::string& key) { return jobs_[key].code; }
+
+ private:
+  struct Job {
+    std::atomic<int> starts{0};
+    std::atomic<bool> may_end{false};
+    int answers = 0;
+    StatusCode code = StatusCode::kInternal;
+  };
+  std::map<std::string, Job> jobs_;
+
+ public:
+  PreparationQueue queue;
+};
+
+TEST_CASE("requests for one thing share a job, and all are answered") {
+  Fixture fixture;
+  fixture.Submit("a", "first");
+  fixture.Submit("a", "second");
+  CHECK(fixture.queue.backlog() == 2);
+  fixture.End("a");
+  CHECK(fixture.starts("a") == 1);
+  CHECK(fixture.answers("a") == 2);
+  CHECK(fixture.code("a") == StatusCode::kOk);
+  CHECK(fixture.queue.backlog() == 0);
+  fixture.Submit("a", "first");
+  CHECK(fixture.Await([&] { return fixture.starts("a") == 2; }));
+}
+
+TEST_CASE("clients with nothing running go first, then small jobs, then old ones") {
+  Fixture fixture;
+  fixture.Submit("1", "greedy", 1);
+  fixture.Submit("2", "greedy", 2);
+  REQUIRE(fixture.Await([&] { return fixture.starts("1") + fixture.starts("2") == 2; }));
+  fixture.Submit("tiny", "greedy", 1);
+  fixture.Submit("large", "modest", 1000);
+  fixture.Submit("small", "modest", 10);
+  fixture.Submit("late", "modest", 10);
+  for (const auto& [ended, started] : {std::pair{"1", "small"}, std::pair{"2", "tiny"},
+                                       std::pair{"tiny", "late"}, std::pair{"late", "large"}}) {
+    CAPTURE(started);
+    CHECK(fixture.starts(started) == 0);
+    fixture.End(ended);
+    CHECK(fixture.Await([&] { return fixture.starts(started) == 1; }));
+  }
+}
+
+TEST_CASE("long jobs leave the places for short ones to those that wait, and end in their own") {
+  Fixture fixture(/*short_ms=*/20);
+  const std::vector<std::string> bombs = {"a", "b", "c", "d"};
+  for (const std::string& key : bombs) fixture.Submit(key, "attacker");
+  for (int i = 0; i < 3; ++i) {
+    const std::string key = "small-" + std::to_string(i);
+    fixture.Submit(key, "bystander");
+    // Ends at once; it starts although the four others never end.
+    fixture.End(key);
+  }
+  for (const std::string& key : bombs) CHECK(fixture.answers(key) == 0);
+  // Whatever was cancelled is done in the end.
+  for (const std::string& key : bombs) fixture.End(key);
+  for (const std::string& key : bombs) CHECK(fixture.code(key) == StatusCode::kOk);
+  CHECK(fixture.queue.backlog() == 0);
+}
+
+TEST_CASE("a long job goes on where it is while nobody waits") {
+  Fixture fixture(/*short_ms=*/1);
+  for (const char* key : {"a", "b", "c"}) fixture.Submit(key, "client");
+  // One becomes long, which lets the third one start; then all three places are taken.
+  REQUIRE(fixture.Await(
+      [&] { return fixture.starts("a") + fixture.starts("b") + fixture.starts("c") >= 3; }));
+  for (const char* key : {"a", "b", "c"}) fixture.End(key);
+  CHECK(fixture.starts("a") + fixture.starts("b") + fixture.starts("c") == 3);
+}
+
+TEST_CASE("the end of the queue is the end of what runs") {
+  Fixture fixture;
+  fixture.Submit("endless", "client");
+  REQUIRE(fixture.Await([&] { return fixture.starts("endless") == 1; }));
+}  // hangs if the queue only waits
+
+}  // namespace
+}  // namespace b4mrl
