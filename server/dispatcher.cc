@@ -226,7 +226,7 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
     return Reply(from, status);
   }
   Result<std::unique_ptr<RequestJob>> job =
-      factory({session, &request, std::move(payload), executor_.threads()});
+      factory({session, &request, std::move(payload)});
   if (!job.ok()) return Reply(from, job.status());
   (*job)->sender = from.sender;
   (*job)->received = Clock::now();
@@ -265,7 +265,8 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
   if (job->patient()) ++patient_jobs_;
   session.in_flight()[job->request_id()] = job;
   for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
-  const bool short_work = job->items == 0 || (job->items == 1 && job->priority == Priority::kLanes);
+  const bool short_work = job->items == 0 || (job->items == 1 && job->work_kind == WorkKind::kLanes &&
+                                              !job->cost->too_long_for_bites());
   if (short_work && !more_waiting && executor_.idle()) {
     executor_.RunHere(job);
     Finish(job);

@@ -44,11 +44,14 @@ void InstallCrashRecorder() {
 Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores)
     : marks_(marks),
       cores_(std::move(cores)),
+      queue_(threads),
+      patient_queue_(1),
       completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   socket_thread_.mark = thread_mark = &marks_[0];
-  for (uint32_t i = 1; i < threads && i < marks.size(); ++i) {
-    pool_.emplace_back(&Executor::ThreadMain, this, i);
+  for (uint32_t i = 1; i < threads && i + 1 < marks.size(); ++i) {
+    pool_.emplace_back(&Executor::ThreadMain, this, i, &WorkQueue::Take);
   }
+  pool_.emplace_back(&Executor::ThreadMain, this, pool_.size() + 1, &WorkQueue::TakeInstead);
   patient_thread_ = std::thread(&Executor::PatientThreadMain, this);
 }
 
@@ -60,11 +63,11 @@ Executor::~Executor() {
   close(completion_fd_);
 }
 
-void Executor::ThreadMain(uint32_t index) {
+void Executor::ThreadMain(uint32_t index, TakeFunction take) {
   WorkerThread self;
   self.mark = thread_mark = &marks_[index];
   if (!cores_.empty()) PinThisThread({cores_[index % cores_.size()]});
-  while (const std::optional<Piece> piece = queue_.Take()) {
+  while (const std::optional<Piece> piece = (queue_.*take)()) {
     ++busy_threads_;
     Execute(*piece, self);
     --busy_threads_;
@@ -81,13 +84,19 @@ void Executor::PatientThreadMain() {
 }
 
 void Executor::Submit(RequestJob* job) {
-  if (!job->patient()) return queue_.Push(job);
-  patient_queue_.Push(job, /*caller_helps=*/false);
+  QueueOf(*job).Push(job, /*caller_helps=*/!job->patient());
+}
+
+void Executor::EndExpired(RequestJob* job) {
+  const std::optional<Piece> rest = QueueOf(*job).TakeExpired(job);
+  if (rest) Execute(*rest, socket_thread_);
 }
 
 void Executor::Execute(const Piece& piece, WorkerThread& thread) {
   auto* job = static_cast<RequestJob*>(piece.work);
-  if (!job->RunPiece(piece, thread)) return;
+  const double us = job->RunPiece(piece, thread);
+  QueueOf(*job).Settle(piece, us);
+  if (!job->EndPiece(piece)) return;
   job->Complete();
   {
     std::lock_guard lock(completed_mutex_);
@@ -101,7 +110,7 @@ void Executor::Execute(const Piece& piece, WorkerThread& thread) {
 void Executor::RunHere(RequestJob* job) {
   if (job->items > 0) {
     const bool expired = job->deadline.expired();
-    job->RunPiece({job, 0, job->items, expired}, socket_thread_);
+    (void)job->RunPiece({job, 0, job->items, expired, 0}, socket_thread_);
   }
   job->Complete();
 }
@@ -132,9 +141,10 @@ void Executor::EndWait() {
 
 bool Executor::healthy() const {
   const int64_t now = MonotonicMs();
-  return std::none_of(marks_.begin(), marks_.begin() + threads(), [now](const ThreadMark& mark) {
-    return mark.kind.load() != MarkKind::kIdle && now - mark.since_ms.load() > kSlowItemMs;
-  });
+  return std::none_of(
+      marks_.begin(), marks_.begin() + pool_.size() + 1, [now](const ThreadMark& mark) {
+        return mark.kind.load() != MarkKind::kIdle && now - mark.since_ms.load() > kSlowItemMs;
+      });
 }
 
 }  // namespace b4mrl

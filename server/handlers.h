@@ -19,7 +19,6 @@ struct HandlerInput {
   Session* session = nullptr;
   const pb::Request* request = nullptr;
   Frame payload;
-  uint32_t threads = 1;  // of the pool
 };
 
 Result<std::unique_ptr<RequestJob>> NewStepJob(HandlerInput input);

@@ -18,11 +18,11 @@ class LaneJob : public RequestJob {
       : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
                    std::move(input.payload)),
         operation_(operation) {
-    priority = Priority::kLanes;
+    work_kind = WorkKind::kLanes;
   }
 
   // Validates the request and plans the reply.
-  Status Prepare(const pb::Request& request, uint32_t threads);
+  Status Prepare(const pb::Request& request);
 
   uint64_t steps_done() const override {
     return operation_ == Operation::kStep && !failed() ? selection_.execute.size() : 0;
@@ -56,15 +56,13 @@ class LaneJob : public RequestJob {
   std::atomic<bool> any_ended_{false};
 };
 
-Status LaneJob::Prepare(const pb::Request& request, uint32_t threads) {
+Status LaneJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), operation_));
   B4MRL_RETURN_IF_ERROR(ReadInputs());
   if (operation_ == Operation::kReset) B4MRL_RETURN_IF_ERROR(CheckResets());
   PlanReply();
   items = static_cast<uint32_t>(selection_.execute.size());
-  items_per_piece = owner().step_cost().ItemsPerPiece(items, threads);
-  items_per_bite = owner().step_cost().ItemsPerBite();
   // Every lane that is named stays untouched until the reply has left, the answered ones as well:
   // their records are what the reply is made of.
   busy_lanes_ = selection_.lanes;
@@ -165,7 +163,7 @@ void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     }
     WriteOutcome(position);
   }
-  owner().step_cost().Observe(1e6 * SecondsSince(start) / count);
+  cost->Observe(1e6 * SecondsSince(start) / count);
 }
 
 Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThread& thread) {
@@ -264,7 +262,7 @@ void LaneJob::FinishReply() {
 
 Result<std::unique_ptr<RequestJob>> NewLaneJob(HandlerInput input, Operation operation) {
   auto job = std::make_unique<LaneJob>(input, operation);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request, input.threads));
+  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
   return std::unique_ptr<RequestJob>(std::move(job));
 }
 

@@ -19,10 +19,11 @@ class QueryJob : public RequestJob {
                    std::move(input.payload)),
         first_row_{input.request->query().seed(), input.request->query().draw(),
                    input.request->query().first_row()} {
-    priority = Priority::kQuery;
+    work_kind = WorkKind::kQuery;
+    ends_at_deadline = true;
   }
 
-  Status Prepare(const pb::Request& request, uint32_t threads);
+  Status Prepare(const pb::Request& request);
   uint64_t rows_done() const override { return failed() ? 0 : items; }
 
  protected:
@@ -42,7 +43,7 @@ class QueryJob : public RequestJob {
   } offsets_{};
 };
 
-Status QueryJob::Prepare(const pb::Request& request, uint32_t threads) {
+Status QueryJob::Prepare(const pb::Request& request) {
   B4MRL_RETURN_IF_ERROR(owner().simulator().CheckQueryable());
   if (IsQueryCondemned(owner().record(), request_id())) {
     return Status(StatusCode::kInternal, "this query ended its worker twice and is not repeated");
@@ -60,8 +61,6 @@ Status QueryJob::Prepare(const pb::Request& request, uint32_t threads) {
   B4MRL_ASSIGN_OR_RETURN(actions_, arrays_->Require("actions", {DType::kFloat32, DType::kFloat64},
                                                     {rows, spec.action.size()}));
   items = static_cast<uint32_t>(rows);
-  items_per_piece = owner().query_cost().ItemsPerPiece(items, threads);
-  items_per_bite = owner().query_cost().ItemsPerBite();
   PlanReply();
   return Status();
 }
@@ -93,7 +92,7 @@ void QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     ReachFaultPoint(FaultPoint::kBeforeQueryRow, row, request_id());
     RunRow(row, **environment, thread, next);
   }
-  owner().query_cost().Observe(1e6 * SecondsSince(start) / count);
+  cost->Observe(1e6 * SecondsSince(start) / count);
 }
 
 void QueryJob::RunRow(uint32_t row, Environment& environment, WorkerThread& thread,
@@ -115,7 +114,7 @@ void QueryJob::RunRow(uint32_t row, Environment& environment, WorkerThread& thre
 
 Result<std::unique_ptr<RequestJob>> NewQueryJob(HandlerInput input) {
   auto job = std::make_unique<QueryJob>(input);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request, input.threads));
+  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
   return std::unique_ptr<RequestJob>(std::move(job));
 }
 

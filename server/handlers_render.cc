@@ -18,7 +18,10 @@ class RenderJob : public RequestJob {
  public:
   explicit RenderJob(HandlerInput& input)
       : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)) {}
+                   std::move(input.payload)) {
+    // Its pictures are taken one by one, as nobody tells the queue what they cost.
+    ends_at_deadline = true;
+  }
   Status Prepare(const pb::Request& request);
   bool patient() const override { return true; }
 
@@ -78,7 +81,6 @@ Status RenderJob::Prepare(const pb::Request& request) {
   picture_.simulator = owner().simulator_request();
   picture_.identity = owner().simulator().identity_hash();
   items = static_cast<uint32_t>(lanes.size());
-  items_per_piece = 1;  // a picture takes longer than a piece of any other work
   reply_.mutable_render();
   return Status();
 }

@@ -91,7 +91,7 @@ class RestoreJob : public RequestJob {
   explicit RestoreJob(HandlerInput& input)
       : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
                    std::move(input.payload)) {
-    priority = Priority::kLanes;
+    work_kind = WorkKind::kLanes;
   }
   Status Prepare(const pb::Request& request);
 

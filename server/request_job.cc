@@ -13,19 +13,26 @@ RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t r
       request_id_(request_id),
       payload_(std::move(frame)) {
   session = owner->index();
+  cost = &owner->cost(kind);
 }
 
-bool RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
-  // Read now: as soon as this piece counts as done, another thread may end the job and its life.
-  const uint32_t all_items = items;
+double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
   const Clock::time_point start = Clock::now();
   int64_t unset = -1;
   started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
   if (piece.expired) {
-    Fail(Status(StatusCode::kDeadlineExceeded, "the deadline passed before anything was executed"));
-  } else {
-    RunItems(piece.first, piece.count, thread);
+    Fail(Status(StatusCode::kDeadlineExceeded,
+                piece.count == items ? "the deadline passed before anything was executed"
+                                     : "the deadline passed before all of it was executed"));
+    return 0;
   }
+  RunItems(piece.first, piece.count, thread);
+  return 1e6 * SecondsSince(start);
+}
+
+bool RequestJob::EndPiece(const Piece& piece) {
+  // Read now: as soon as this piece counts as done, another thread may end the job and its life.
+  const uint32_t all_items = items;
   return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
 }
 

@@ -49,8 +49,11 @@ class RequestJob : public QueuedWork {
   // The lanes that are busy with this job.
   const std::vector<uint32_t>& busy_lanes() const { return busy_lanes_; }
 
-  // Executes a piece; true for the thread that ended the job's last one, which then calls Complete.
-  bool RunPiece(const Piece& piece, WorkerThread& thread);
+  // Executes a piece; the microseconds that it took.
+  double RunPiece(const Piece& piece, WorkerThread& thread);
+  // The piece counts as done. True for the thread that ended the job's last one, which then calls
+  // Complete; for all others the job may be gone.
+  bool EndPiece(const Piece& piece);
   // Fills in the rest of the reply. Once, after all items.
   void Complete();
   // The finished reply; once, after Complete.

@@ -3,17 +3,11 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
-#include <algorithm>
-
 #include "proto/base/limits.h"
 #include "server/environments/model_file.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr double kPieceUs = 500;
-constexpr double kBiteUs = 100;
-constexpr double kShortestPieceUs = 60;  // below this, sharing out costs more than it gains
 
 SimulatorRequest SimulatorOf(const pb::OpenRequest& request, const std::string& models_folder) {
   SimulatorRequest simulator;
@@ -59,31 +53,6 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
                               OperationName(status.operation), OperationName(operation)));
   }
   return LaneVerdict::kAnswerFromSlot;
-}
-
-void ItemCost::Observe(double us_per_item) {
-  constexpr float kWeight = 0.1f, kFarOff = 20;
-  // Threads may overwrite each other's update; any of them is as good.
-  const float before = us_.load(std::memory_order_relaxed);
-  // A first guess that is far off must not make pieces of seconds.
-  if (us_per_item > kFarOff * before) return us_.store(static_cast<float>(us_per_item));
-  us_.store(before + kWeight * (static_cast<float>(us_per_item) - before),
-            std::memory_order_relaxed);
-}
-
-uint32_t ItemCost::ItemsPerPiece(uint32_t items, uint32_t threads) const {
-  const double fair_us = items * us() / std::max(threads, 1u);
-  return std::min(ItemsIn(std::clamp(fair_us, kShortestPieceUs, kPieceUs)), std::max(items, 1u));
-}
-
-uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }
-
-double ItemCost::us() const {
-  return std::max(0.1, static_cast<double>(us_.load(std::memory_order_relaxed)));
-}
-
-uint32_t ItemCost::ItemsIn(double duration_us) const {
-  return std::max(1u, static_cast<uint32_t>(duration_us / us() + 0.5));
 }
 
 Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,

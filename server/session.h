@@ -5,7 +5,7 @@
 // slots and sizes, which never change, and the costs, which are atomic.
 #pragma once
 
-#include <atomic>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,6 +16,7 @@
 #include "proto/wire/socket.h"
 #include "server/environments/lane_stepper.h"
 #include "server/environments/simulator.h"
+#include "server/item_cost.h"
 #include "server/shared_state.h"
 
 namespace b4mrl {
@@ -36,24 +37,6 @@ enum class LaneVerdict { kExecute, kAnswerFromSlot };
 // (kBusy). `lane` is for the message.
 Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t number,
                               Operation operation);
-
-// Average time of one item of work, learnt while working.
-class ItemCost {
- public:
-  explicit ItemCost(float first_guess_us) : us_(first_guess_us) {}
-  void Observe(double us_per_item);
-  // How many of `items` make one piece: at most half a millisecond of work, and small enough for
-  // all `threads` to get some.
-  uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
-  // Those of a bite: a tenth of a millisecond, the longest that a message waits.
-  uint32_t ItemsPerBite() const;
-
- private:
-  double us() const;
-  uint32_t ItemsIn(double duration_us) const;
-
-  std::atomic<float> us_;
-};
 
 class Session {
  public:
@@ -102,8 +85,8 @@ class Session {
   // By request id.
   std::unordered_map<uint64_t, RequestJob*>& in_flight() { return in_flight_; }
   size_t requests_in_flight() const { return in_flight_.size(); }
-  ItemCost& step_cost() { return step_cost_; }
-  ItemCost& query_cost() { return query_cost_; }
+  // Of one item of such a request.
+  ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
 
   // Closes that wait until nothing is under way; each is answered.
   struct PendingClose {
@@ -131,8 +114,7 @@ class Session {
   std::string experiment_id_;
   std::vector<LaneStatus> lanes_;
   std::unordered_map<uint64_t, RequestJob*> in_flight_;
-  ItemCost step_cost_{30};
-  ItemCost query_cost_{30};
+  std::map<pb::Request::PayloadCase, ItemCost> costs_;
 };
 
 }  // namespace b4mrl

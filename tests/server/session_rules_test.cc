@@ -41,17 +41,5 @@ TEST_CASE("A lane does one thing at a time") {
   REQUIRE(JudgeLane(lane, 0, 5, Operation::kStep).status().code() == StatusCode::kBusy);
 }
 
-TEST_CASE("Pieces last at most half a millisecond and are shared among the threads") {
-  ItemCost cost(10);  // microseconds
-  REQUIRE(cost.ItemsPerPiece(4096, 2) == 50);
-  REQUIRE(cost.ItemsPerPiece(64, 2) == 32);
-  REQUIRE(cost.ItemsPerPiece(64, 64) == 6);  // 60 us is the least that is worth sharing
-  REQUIRE(cost.ItemsPerPiece(1, 2) == 1);
-  REQUIRE(cost.ItemsPerBite() == 10);  // 0.1 ms
-  for (int i = 0; i < 200; ++i) cost.Observe(1000);
-  REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
-  REQUIRE(cost.ItemsPerBite() == 1);
-}
-
 }  // namespace
 }  // namespace b4mrl
