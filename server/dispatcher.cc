@@ -17,6 +17,8 @@ namespace {
 
 // A session whose rebuilding ended its worker this often is given up.
 constexpr uint32_t kMaxAdoptionAttempts = 3;
+// Deadlines are looked after at most this often, as each time all requests are looked at.
+constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
 // Of an OpenReply, beside what the worker says of the session.
 constexpr size_t kEnvelopeRest = 1024;
 
@@ -225,8 +227,7 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
   if (const Status status = Admit(*session, request, payload); !status.ok()) {
     return Reply(from, status);
   }
-  Result<std::unique_ptr<RequestJob>> job =
-      factory({session, &request, std::move(payload)});
+  Result<std::unique_ptr<RequestJob>> job = factory({session, &request, std::move(payload)});
   if (!job.ok()) return Reply(from, job.status());
   (*job)->sender = from.sender;
   (*job)->received = Clock::now();
@@ -265,8 +266,9 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
   if (job->patient()) ++patient_jobs_;
   session.in_flight()[job->request_id()] = job;
   for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
-  const bool short_work = job->items == 0 || (job->items == 1 && job->work_kind == WorkKind::kLanes &&
-                                              !job->cost->too_long_for_bites());
+  const bool short_work =
+      job->items == 0 ||
+      (job->items == 1 && job->work_kind == WorkKind::kLanes && !job->cost->too_long_for_bites());
   if (short_work && !more_waiting && executor_.idle()) {
     executor_.RunHere(job);
     Finish(job);
@@ -274,8 +276,32 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
     job->Complete();
     Finish(job);
   } else {
+    next_deadline_sweep_ =
+        std::min(next_deadline_sweep_,
+                 std::max(job->deadline.at(), last_deadline_sweep_ + kDeadlineSweepInterval));
     executor_.Submit(job);
   }
+}
+
+void Dispatcher::EndExpired() {
+  const Clock::time_point now = Clock::now();
+  if (now < next_deadline_sweep_) return;
+  Clock::time_point next = Clock::time_point::max();
+  for (const auto& [job, owned] : jobs_) {
+    if (job->deadline.at() > now) {
+      next = std::min(next, job->deadline.at());
+    } else {
+      executor_.EndExpired(job);
+    }
+  }
+  last_deadline_sweep_ = now;
+  next_deadline_sweep_ = std::max(next, now + kDeadlineSweepInterval);
+}
+
+int64_t Dispatcher::MsToNextDeadline() const {
+  if (next_deadline_sweep_ == Clock::time_point::max()) return limits::kMaxDeadlineMs;
+  const auto left = next_deadline_sweep_ - Clock::now();
+  return std::max<int64_t>(0, std::chrono::ceil<std::chrono::milliseconds>(left).count());
 }
 
 void Dispatcher::FinishCompleted() {

@@ -31,6 +31,10 @@ class Dispatcher {
   void AdoptSessions();
   // `more_waiting`: other messages are there already, so the work goes to the pool at once.
   void Handle(IncomingMessage incoming, bool more_waiting);
+  // Ends requests whose deadline has passed; FinishCompleted answers them.
+  void EndExpired();
+  // How long the caller may wait before it calls EndExpired again.
+  int64_t MsToNextDeadline() const;
   // Answers what the pool has finished.
   void FinishCompleted();
   // Ends sessions whose lease has run out.
@@ -78,6 +82,9 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t patient_jobs_ = 0;
+  // When EndExpired looked at all jobs, and when it has to again.
+  Clock::time_point last_deadline_sweep_{};
+  Clock::time_point next_deadline_sweep_ = Clock::time_point::max();
 };
 
 }  // namespace b4mrl

@@ -2,6 +2,9 @@
 // and a pool that only simulates.
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+
+#include "proto/base/clock.h"
 #include "proto/base/cores.h"
 #include "proto/base/limits.h"
 #include "server/child.h"
@@ -11,8 +14,10 @@
 namespace b4mrl {
 namespace {
 
-// Messages taken from the socket before completed work is answered.
+// Messages taken from the socket before completed work is answered, and for how long they may keep
+// it waiting, for some are large.
 constexpr int kReceiveBurst = 64;
+constexpr double kReceiveBurstSeconds = 1e-4;
 constexpr int64_t kFlushMs = 1'000;
 constexpr int64_t kReapIntervalMs = 1'000;
 
@@ -49,9 +54,12 @@ void Worker::Send(const RoutingId& receiver, Message reply) {
 
 void Worker::ReceiveBurst() {
   std::optional<IncomingMessage> next = socket_.TryReceive();
-  for (int i = 0; i < kReceiveBurst && next; ++i) {
+  if (!next) return;
+  const Clock::time_point start = Clock::now();
+  for (int i = 0; next; ++i) {
     IncomingMessage current = std::move(*next);
-    next = i + 1 < kReceiveBurst ? socket_.TryReceive() : std::nullopt;
+    const bool goes_on = i + 1 < kReceiveBurst && SecondsSince(start) < kReceiveBurstSeconds;
+    next = goes_on ? socket_.TryReceive() : std::nullopt;
     dispatcher_.Handle(std::move(current), next.has_value());
   }
 }
@@ -64,6 +72,7 @@ Status Worker::Run() {
   int64_t next_reap_ms = 0;
   while (true) {
     ReceiveBurst();
+    dispatcher_.EndExpired();
     dispatcher_.FinishCompleted();
     if (executor_.healthy()) context_.Beat();
     if (context_.draining()) {
@@ -76,7 +85,8 @@ Status Worker::Run() {
     }
     if (executor_.RunBite()) continue;
     if (executor_.BeginWait()) {
-      WaitReadable(socket_.handle(), {&completion_fd, 1}, kBeatIntervalMs);
+      WaitReadable(socket_.handle(), {&completion_fd, 1},
+                   std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()));
     }
     executor_.EndWait();
   }
