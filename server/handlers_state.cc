@@ -1,11 +1,13 @@
 // Snapshot and Restore of lanes.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cstring>
+#include <deque>
 
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
-#include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/lane_selection.h"
 #include "server/snapshot_blob.h"
@@ -13,22 +15,37 @@
 namespace b4mrl {
 namespace {
 
-// Both work on all lanes as one item: they are rare, and Restore must be all or nothing.
+// Items are lanes. Both count only as a whole, so a deadline may end either half-way.
 
 class SnapshotJob : public RequestJob {
  public:
   explicit SnapshotJob(HandlerInput& input)
       : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
                    std::move(input.payload)) {
-    items = 1;
+    ends_at_deadline = true;
   }
   Status Prepare(const pb::Request& request);
 
  protected:
   void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  void FinishReply() override;
 
  private:
-  void WriteReply(const std::vector<NamedState>& states);
+  // A readable part, for all lanes, of those that the first lane has.
+  struct Part {
+    std::string name;
+    size_t size;
+    size_t offset;
+    // Some lane has none of that size; then nobody gets it.
+    std::atomic<bool> missing{false};
+  };
+  Status PlanReply();
+  // Of a lane that was ever reset.
+  NamedState StateOf(Environment& environment, uint32_t lane) const;
+  void WriteLane(uint32_t position, Environment& environment);
+
+  size_t snapshot_ = 0;  // offset
+  std::deque<Part> parts_;
 };
 
 Status SnapshotJob::Prepare(const pb::Request& request) {
@@ -38,51 +55,72 @@ Status SnapshotJob::Prepare(const pb::Request& request) {
     if (owner().lane(lane).busy == nullptr) continue;
     return Status(StatusCode::kBusy, fmt::format("lane {} executes another request", lane));
   }
+  items = static_cast<uint32_t>(busy_lanes_.size());
+  return PlanReply();
+}
+
+NamedState SnapshotJob::StateOf(Environment& environment, uint32_t lane) const {
+  return owner().stepper().GetNamedState(environment, owner().committed_record(lane));
+}
+
+Status SnapshotJob::PlanReply() {
+  reply_.mutable_snapshot()->set_engine_version(EngineVersion());
+  ArrayLayout layout(reply_.mutable_arrays());
+  snapshot_ = layout.Add("snapshot", DType::kUint8, {items, SnapshotBytes(owner().layout())});
+  // A lane that was never reset has no state to show; its bytes still restore to just that.
+  const bool any_fresh =
+      std::ranges::any_of(busy_lanes_, [this](uint32_t lane) { return owner().lane(lane).fresh; });
+  if (!any_fresh) {
+    B4MRL_ASSIGN_OR_RETURN(const Simulator::Lease environment, owner().simulator().Borrow());
+    for (const auto& [name, values] : StateOf(*environment, busy_lanes_.front())) {
+      Part& part = parts_.emplace_back();
+      part.name = name;
+      part.size = values.size();
+      part.offset = layout.Add(name, DType::kFloat64, {items, values.size()});
+    }
+  }
+  if (layout.payload_bytes() > limits::kMaxPayloadBytes) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("the snapshot has {} bytes, at most {}; name fewer lanes",
+                              layout.payload_bytes(), limits::kMaxPayloadBytes));
+  }
+  reply_payload_ = layout.Allocate();
   return Status();
 }
 
-void SnapshotJob::RunItems(uint32_t /*first*/, uint32_t /*count*/, WorkerThread& /*thread*/) {
+void SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& /*thread*/) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
   if (!environment.ok()) return Fail(environment.status());
-  std::vector<NamedState> states;
-  for (const uint32_t lane : busy_lanes_) {
-    const ConstLaneRecord record = owner().committed_record(lane);
-    // A lane that was never reset has no state to show; its bytes still restore to just that.
-    const bool fresh = record.header().phase == LanePhase::kFresh;
-    states.push_back(fresh ? NamedState() : owner().stepper().GetNamedState(**environment, record));
-  }
-  WriteReply(states);
+  const Clock::time_point start = Clock::now();
+  for (uint32_t item = first; item < first + count; ++item) WriteLane(item, **environment);
+  cost->Observe(1e6 * SecondsSince(start) / count);
 }
 
-void SnapshotJob::WriteReply(const std::vector<NamedState>& states) {
-  const size_t count = busy_lanes_.size();
+void SnapshotJob::WriteLane(uint32_t position, Environment& environment) {
+  const uint32_t lane = busy_lanes_[position];
   const size_t bytes = SnapshotBytes(owner().layout());
-  reply_.mutable_snapshot()->set_engine_version(EngineVersion());
-  ArrayLayout layout(reply_.mutable_arrays());
-  const size_t snapshot = layout.Add("snapshot", DType::kUint8, {count, bytes});
-  // Readable parts that all lanes have, in equal size.
-  std::vector<std::pair<std::string, size_t>> parts;
-  for (const auto& [name, values] : states.front()) {
-    const bool everywhere = std::all_of(states.begin(), states.end(), [&](const NamedState& state) {
-      const auto found = state.find(name);
-      return found != state.end() && found->second.size() == values.size();
-    });
-    if (everywhere)
-      parts.emplace_back(name, layout.Add(name, DType::kFloat64, {count, values.size()}));
-  }
-  if (layout.payload_bytes() > limits::kMaxPayloadBytes) {
-    return Fail(Status(StatusCode::kInvalidArgument,
-                       fmt::format("the snapshot has {} bytes, at most {}; name fewer lanes",
-                                   layout.payload_bytes(), limits::kMaxPayloadBytes)));
-  }
-  reply_payload_ = layout.Allocate();
-  for (size_t i = 0; i < count; ++i) {
-    const std::span<std::byte> place(reply_payload_.data() + snapshot + i * bytes, bytes);
-    WriteSnapshot(owner().simulator().identity_hash(), owner().committed_record(busy_lanes_[i]),
-                  place);
-    for (const auto& [name, offset] : parts) {
-      WriteRow(reply_payload_, offset, DType::kFloat64, i, states[i].at(name));
+  WriteSnapshot(owner().simulator().identity_hash(), owner().committed_record(lane),
+                {reply_payload_.data() + snapshot_ + position * bytes, bytes});
+  if (parts_.empty()) return;
+  const NamedState state = StateOf(environment, lane);
+  for (Part& part : parts_) {
+    const auto found = state.find(part.name);
+    if (found != state.end() && found->second.size() == part.size) {
+      WriteRow(reply_payload_, part.offset, DType::kFloat64, position, found->second);
+    } else {
+      part.missing.store(true, std::memory_order_relaxed);
     }
+  }
+}
+
+// Lanes differ in a part's size only where a client restored them so (Highway's cars). Its place
+// stays, as zeros.
+void SnapshotJob::FinishReply() {
+  auto* table = reply_.mutable_arrays();
+  for (const Part& part : parts_) {
+    if (!part.missing.load(std::memory_order_relaxed)) continue;
+    std::memset(reply_payload_.data() + part.offset, 0, items * part.size * sizeof(double));
+    table->erase(std::ranges::find(*table, part.name, &pb::Array::name));
   }
 }
 
@@ -92,6 +130,7 @@ class RestoreJob : public RequestJob {
       : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
                    std::move(input.payload)) {
     work_kind = WorkKind::kLanes;
+    ends_at_deadline = true;
   }
   Status Prepare(const pb::Request& request);
 
@@ -100,17 +139,16 @@ class RestoreJob : public RequestJob {
   void FinishReply() override;
 
  private:
-  // 8-byte aligned memory for one lane's new record.
-  using RecordBuffer = std::vector<uint64_t>;
-
   Status ReadNamedParts(const pb::Request& request);
   Status ComputeRecord(uint32_t position, Environment& environment, WorkerThread& thread,
                        std::span<std::byte> record) const;
-  void Commit(uint32_t position, std::span<const std::byte> record);
+  void PlanReply();
+  void WriteObservation(uint32_t position, ConstLaneRecord record);
 
   std::optional<ArrayReader> arrays_;
   LaneSelection selection_;
-  TensorView snapshot_;  // empty: named parts
+  size_t observations_ = 0;  // offset
+  TensorView snapshot_;      // empty: named parts
   std::map<std::string, TensorView> parts_;
 };
 
@@ -137,9 +175,25 @@ Status RestoreJob::Prepare(const pb::Request& request) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane));
   }
-  items = selection_.execute.empty() ? 0 : 1;
+  items = static_cast<uint32_t>(selection_.execute.size());
   busy_lanes_ = selection_.lanes;
+  PlanReply();
   return Status();
+}
+
+void RestoreJob::PlanReply() {
+  reply_.mutable_restore();
+  ArrayLayout layout(reply_.mutable_arrays());
+  observations_ = layout.Add("observations", owner().observation_dtype(),
+                             {selection_.lanes.size(), owner().layout().observation_size});
+  reply_payload_ = layout.Allocate();
+  if (items == selection_.lanes.size()) return;
+  std::vector<bool> executes(selection_.lanes.size());
+  for (const uint32_t position : selection_.execute) executes[position] = true;
+  for (uint32_t position = 0; position < executes.size(); ++position) {
+    if (executes[position]) continue;
+    WriteObservation(position, owner().committed_record(selection_.lanes[position]));
+  }
 }
 
 Status RestoreJob::ReadNamedParts(const pb::Request& request) {
@@ -176,43 +230,36 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
                                          LaneRecord(layout, record.data()));
 }
 
-// Everything is computed aside before the first lane is committed, so that an error restores
+// Every lane's new record waits in its idle buffer until all are there, so that an error restores
 // nothing.
-void RestoreJob::RunItems(uint32_t /*first*/, uint32_t /*count*/, WorkerThread& thread) {
+void RestoreJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  if (failed()) return;
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
   if (!environment.ok()) return Fail(environment.status());
+  const Clock::time_point start = Clock::now();
   const size_t bytes = owner().layout().bytes();
-  std::vector<RecordBuffer> buffers(selection_.execute.size());
-  for (size_t i = 0; i < buffers.size(); ++i) {
-    buffers[i].resize((bytes + 7) / 8);
-    const uint32_t position = selection_.execute[i];
-    const std::span<std::byte> record(reinterpret_cast<std::byte*>(buffers[i].data()), bytes);
+  for (uint32_t item = first; item < first + count; ++item) {
+    const uint32_t position = selection_.execute[item];
+    LaneSlot slot = owner().slot(selection_.lanes[position]);
+    const std::span<std::byte> record = slot.idle_buffer().first(bytes);
     const Status status = ComputeRecord(position, **environment, thread, record);
     if (!status.ok()) {
       return Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
     }
+    slot.Seal(Operation::kRestore, bytes);
+    WriteObservation(position, ConstLaneRecord(owner().layout(), record.data()));
   }
-  for (size_t i = 0; i < buffers.size(); ++i) {
-    Commit(selection_.execute[i], {reinterpret_cast<const std::byte*>(buffers[i].data()), bytes});
-  }
+  cost->Observe(1e6 * SecondsSince(start) / count);
 }
 
-void RestoreJob::Commit(uint32_t position, std::span<const std::byte> record) {
-  LaneSlot slot = owner().slot(selection_.lanes[position]);
-  std::memcpy(slot.idle_buffer().data(), record.data(), record.size());
-  slot.Commit(Operation::kRestore, record.size());
+void RestoreJob::WriteObservation(uint32_t position, ConstLaneRecord record) {
+  WriteRow(reply_payload_, observations_, owner().observation_dtype(), position,
+           record.observation());
 }
 
 void RestoreJob::FinishReply() {
-  reply_.mutable_restore();
-  const size_t count = selection_.lanes.size();
-  ArrayLayout layout(reply_.mutable_arrays());
-  const size_t observations = layout.Add("observations", owner().observation_dtype(),
-                                         {count, owner().layout().observation_size});
-  reply_payload_ = layout.Allocate();
-  for (uint32_t position = 0; position < count; ++position) {
-    WriteRow(reply_payload_, observations, owner().observation_dtype(), position,
-             owner().committed_record(selection_.lanes[position]).observation());
+  for (const uint32_t position : selection_.execute) {
+    owner().slot(selection_.lanes[position]).Publish();
   }
 }
 

@@ -39,7 +39,7 @@ uint64_t LaneSlot::Checksum(const BufferSeal& seal) const {
   return XXH3_64bits_withSeed(buffer(seal.number).data(), seal.size, seed);
 }
 
-void LaneSlot::Seal(uint64_t number, Operation operation, size_t size) {
+void LaneSlot::WriteSeal(uint64_t number, Operation operation, size_t size) {
   BufferSeal& target = memory_->seals[number & 1];
   target.number = number;
   target.size = static_cast<uint32_t>(size);
@@ -48,13 +48,12 @@ void LaneSlot::Seal(uint64_t number, Operation operation, size_t size) {
 }
 
 void LaneSlot::Commit(Operation operation, size_t size) {
-  const uint64_t number = committed() + 1;
-  Seal(number, operation, size);
-  memory_->committed.store(number, std::memory_order_release);
+  Seal(operation, size);
+  Publish();
 }
 
 void LaneSlot::Initialize(uint64_t generation, size_t size) {
-  Seal(0, Operation::kNone, size);
+  WriteSeal(0, Operation::kNone, size);
   memory_->blame.store(0, std::memory_order_relaxed);
   memory_->blamed_number.store(0, std::memory_order_relaxed);
   memory_->blamed_attempt.store(0, std::memory_order_relaxed);

@@ -65,8 +65,11 @@ class LaneSlot {
   std::span<const std::byte> committed_record() const;
   // Where operation committed() + 1 writes its record; limits::kLaneBufferBytes long.
   std::span<std::byte> idle_buffer() { return buffer(committed() + 1); }
-  // Publishes the idle buffer's first `size` bytes as operation committed() + 1.
+  // Publishes the idle buffer's first `size` bytes as operation committed() + 1. In two halves:
+  // Seal completes the buffer, which counts from Publish on.
   void Commit(Operation operation, size_t size);
+  void Seal(Operation operation, size_t size) { WriteSeal(committed() + 1, operation, size); }
+  void Publish() { memory_->committed.store(committed() + 1, std::memory_order_release); }
 
   // Makes the slot a new session's: the first buffer's `size` bytes, written by the caller
   // beforehand, are its record number 0. Only for a lane whose session is not live yet.
@@ -92,7 +95,7 @@ class LaneSlot {
                              : std::span<std::byte>(memory_->second);
   }
   uint64_t Checksum(const BufferSeal& seal) const;
-  void Seal(uint64_t number, Operation operation, size_t size);
+  void WriteSeal(uint64_t number, Operation operation, size_t size);
 
   LaneSlotMemory* memory_;
 };

@@ -74,9 +74,10 @@ class WorkerFixture {
   }
 
   // The record of a session whose Attach has not been sent.
-  uint32_t Allocate(uint32_t lanes, const std::string& token = kToken) {
+  uint32_t Allocate(uint32_t lanes, const std::string& token = kToken,
+                    const std::string& environment = "HalfCheetah") {
     pb::OpenRequest open;
-    open.set_environment("HalfCheetah");
+    open.set_environment(environment);
     open.set_num_envs(lanes);
     open.set_seed(5);
     const std::string bytes = open.SerializeAsString();
@@ -90,8 +91,9 @@ class WorkerFixture {
     attach.mutable_attach()->set_generation(state_->session(index).generation);
     return Call(attach, {}).code();
   }
-  uint32_t Open(uint32_t lanes, const std::string& token = kToken) {
-    const uint32_t index = Allocate(lanes, token);
+  uint32_t Open(uint32_t lanes, const std::string& token = kToken,
+                const std::string& environment = "HalfCheetah") {
+    const uint32_t index = Allocate(lanes, token, environment);
     REQUIRE(Attach(index) == StatusCode::kOk);
     REQUIRE(SessionTable(*state_).MakeLive(index));
     return index;
@@ -126,14 +128,30 @@ class WorkerFixture {
     Message message{Frame::Copy(envelope), payload.empty() ? Frame() : Frame::Copy(payload)};
     dispatcher_->Handle({sender, std::move(message)}, waiting);
   }
-  void Work() {
+  // One bite of what waits; false if there is none.
+  bool Bite() { return executor_->RunBite(); }
+  // Until all is answered; in so many bites.
+  int Work() {
+    int bites = 0;
     while (!dispatcher_->idle()) {
       // As the worker's loop does; the thread that waits for pictures must not find us spinning.
-      if (!executor_->RunBite() && executor_->BeginWait()) {
+      if (Bite()) {
+        ++bites;
+      } else if (executor_->BeginWait()) {
         pollfd completion{executor_->completion_fd(), POLLIN, 0};
         poll(&completion, 1, 100);
       }
       executor_->EndWait();
+      dispatcher_->FinishCompleted();
+    }
+    return bites;
+  }
+  // Looks after deadlines until there is an answer more, and executes nothing meanwhile.
+  void AwaitDeadline() {
+    const size_t before = answers.size();
+    const Deadline patience = Deadline::AfterMs(10'000);
+    while (answers.size() == before && !patience.expired()) {
+      dispatcher_->EndExpired();
       dispatcher_->FinishCompleted();
     }
   }
