@@ -14,8 +14,8 @@
 namespace b4mrl {
 
 // The context's dataset with its corruptions, whose noise is RoleSeed(run seed, "corruption").
-// kInvalidArgument when its sizes are not the environment's. The pointer stays valid: streams need
-// it.
+// kInvalidArgument when it was recorded in another environment, or its sizes are not the
+// environment's. The pointer stays valid: streams need it.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
 // Of a batch that is partly the dataset's: real-ratio * batch-size, fractions dropped.

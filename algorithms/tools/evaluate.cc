@@ -20,6 +20,7 @@ struct EvaluateCommand {
   std::string agent_path, environment, simulator, observe = "trained", video_path;
   uint32_t episodes = 10;
   uint64_t seed = 0;
+  bool anyway = false;
   bool json = false;
 
   void AddOptions();
@@ -41,6 +42,7 @@ void EvaluateCommand::AddOptions() {
                   "none is [trained]")
       ->check(CLI::IsMember({"trained", "full"}));
   app->add_option("--video", video_path, "film the first episode into this file (needs ffmpeg)");
+  app->add_flag("--anyway", anyway, "evaluate it also where it was not trained to act");
   app->add_flag("--json", json, "print JSON");
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
@@ -51,6 +53,14 @@ std::optional<Failure> EvaluateCommand::Run() {
   if (!agent.ok()) return BadInput(agent.status());
   auto policy = AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
   if (!policy.ok()) return BadInput(policy.status());
+  // Sizes do not tell tasks apart: HalfCheetah and Walker2d have the same.
+  const std::string& home = agent->provenance.environment;
+  if (!anyway && !home.empty() && home != environment) {
+    return BadInput(
+        Status(StatusCode::kInvalidArgument,
+               fmt::format("{} was trained on {}, not on {}; --anyway evaluates it there",
+                           agent_path, home, environment)));
+  }
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());
 

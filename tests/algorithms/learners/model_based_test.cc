@@ -272,10 +272,24 @@ TEST_CASE("The horizon's default is the environment's") {
   CHECK(Hyperparameters(mopo->hyperparameters, "Walker2d").Integer("horizon") == 1);
 }
 
-TEST_CASE("MOPO refuses an environment whose end no observation tells") {
+TEST_CASE("A dataset of another task is refused although it has the same sizes") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 50);
   LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
+  context.environment = Take(daemon.client().FindEnvironment("Walker2d"));
+  const Status status = OpenTrainingDataset(context).status();
+  INFO(status.ToString());
+  CHECK(status.code() == StatusCode::kInvalidArgument);
+  CHECK(status.message().find("HalfCheetah") != std::string::npos);
+  CHECK(status.message().find("Walker2d") != std::string::npos);
+}
+
+TEST_CASE("MOPO refuses an environment whose end no observation tells") {
+  TestDaemon daemon;
+  const std::string file = daemon.MakeDataset("small", 50);
+  std::filesystem::create_directories(daemon.folder("data/mine"));  // which tells no task
+  std::filesystem::rename(file, daemon.folder("data/mine/small.h5"));
+  LearnerContext context = CheetahContext(daemon, "mine/small");
   context.environment.name = "Highway";
   const Algorithm* mopo = Take(FindAlgorithm("mopo"));
   context.hyperparameters = Hyperparameters(mopo->hyperparameters);
