@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 
 namespace b4mrl {
 
@@ -17,9 +19,9 @@ std::vector<std::string_view> Hyperparameter::ChoiceNames() const {
   return names;
 }
 
-std::string Hyperparameter::Text() const {
-  if (choices.empty()) return fmt::format("{}", value);
-  return std::string(ChoiceNames()[static_cast<size_t>(value)]);
+std::string Hyperparameter::TextOf(double any) const {
+  if (choices.empty()) return fmt::format("{}", any);
+  return std::string(ChoiceNames()[static_cast<size_t>(any)]);
 }
 
 Hyperparameters::Hyperparameters(std::span<const Hyperparameter> table,
@@ -65,7 +67,11 @@ const Hyperparameter* Hyperparameters::Find(std::string_view name) const {
 
 double Hyperparameters::Number(std::string_view name) const {
   const Hyperparameter* entry = Find(name);
-  return entry == nullptr ? std::nan("") : entry->value;
+  if (entry == nullptr) {
+    fmt::print(stderr, "b4mrl: there is no hyperparameter '{}' in the learner's table\n", name);
+    std::abort();
+  }
+  return entry->value;
 }
 
 Result<Hyperparameter*> Hyperparameters::Need(std::string_view name) {

@@ -60,8 +60,9 @@ struct Hyperparameter {
   std::vector<std::string_view> ChoiceNames() const;
   // Takes "true" and "false" too, as TOML has them.
   bool IsSwitch() const { return whole && low == 0 && high == 1 && choices.empty(); }
-  // The value as users write it: "0.0003", "gaussian".
-  std::string Text() const;
+  // A value as users write it: "0.0003", "gaussian".
+  std::string TextOf(double any) const;
+  std::string Text() const { return TextOf(value); }
 };
 
 // The values in force: a learner's table with the user's changes.
@@ -78,7 +79,7 @@ class Hyperparameters {
   Status SetText(std::string_view name, std::string_view text);
   // nullptr when `name` does not stand in the table.
   const Hyperparameter* Find(std::string_view name) const;
-  // NaN when `name` does not stand in the table.
+  // Ends the program with the name when it does not stand in the table: a programmer's error.
   double Number(std::string_view name) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
   uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }
@@ -100,7 +101,6 @@ struct LearnerContext {
   std::vector<NamedArgument> corruption;
   uint32_t history_length = 1;
   uint64_t seed = 0;
-  uint64_t updates = 0;  // planned; for schedules
   uint32_t threads = 1;  // of the updates; they change no bit
   std::string folder;    // for files that are too big for a checkpoint
   Hyperparameters hyperparameters;
@@ -124,6 +124,10 @@ class Learner {
   // Load takes the place of Prepare when a run is resumed.
   virtual Status Save(CheckpointWriter& writer) = 0;
   virtual Status Load(CheckpointReader& reader) = 0;
+  // True of a learner whose Save asks the daemon for nothing, and whose Update, when it fails,
+  // leaves what Save stores (and the metrics) as they were: a run that loses its daemon then loses
+  // no update.
+  virtual bool outlives_daemon() const { return false; }
 
   // Steps taken in the simulator so far, warm-up included and queries not.
   virtual uint64_t environment_steps() const { return 0; }

@@ -61,6 +61,8 @@ class CheckpointReader {
  public:
   static Result<CheckpointReader> Open(const std::string& path);
 
+  // What versions added: checkpoints of older ones lack it.
+  bool Has(std::string_view name) const { return file_.Exists(name); }
   int64_t Integer(std::string_view name);
   uint64_t Unsigned(std::string_view name);
   double Number(std::string_view name);

@@ -1,20 +1,16 @@
 #include "algorithms/rl/core_options.h"
 
-#include <cmath>
-
 namespace b4mrl {
 namespace {
 
 // Leaves `out` as it is where the table lacks the name.
 template <typename Number>
 void Read(const Hyperparameters& values, std::string_view name, Number& out) {
-  const double value = values.Number(name);
-  if (!std::isnan(value)) out = static_cast<Number>(value);
+  if (values.Find(name) != nullptr) out = static_cast<Number>(values.Number(name));
 }
 
 void Read(const Hyperparameters& values, std::string_view name, std::optional<double>& out) {
-  const double value = values.Number(name);
-  if (!std::isnan(value)) out = value;
+  if (values.Find(name) != nullptr) out = values.Number(name);
 }
 
 }  // namespace

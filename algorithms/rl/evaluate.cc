@@ -136,6 +136,7 @@ void SaveEvaluation(CheckpointWriter& writer, const std::string& name,
   writer.Number(name + "/std_return", result.std_return);
   writer.Integer(name + "/has_score", result.score ? 1 : 0);
   writer.Number(name + "/score", result.score.value_or(0));
+  writer.Unsigned(name + "/given_up", result.given_up);
 }
 
 EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& name) {
@@ -151,6 +152,9 @@ EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& nam
   const bool has_score = reader.Integer(name + "/has_score") != 0;
   const double score = reader.Number(name + "/score");
   if (has_score) result.score = score;
+  if (reader.Has(name + "/given_up")) {
+    result.given_up = static_cast<uint32_t>(reader.Unsigned(name + "/given_up"));
+  }
   return result;
 }
 

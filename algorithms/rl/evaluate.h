@@ -63,7 +63,7 @@ class Evaluator {
   uint64_t seed_;
 };
 
-// One result in a checkpoint, under "<name>/", but for given_up, which is said when it happens.
+// One result in a checkpoint, under "<name>/".
 void SaveEvaluation(CheckpointWriter& writer, const std::string& name,
                     const EvaluationResult& result);
 EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& name);

@@ -58,13 +58,14 @@ class ModelBased : public Learner {
   PolicyWeights Policy() const override;
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
+  bool outlives_daemon() const override { return true; }
   std::string dataset_sha256() const override { return dataset_->in_force().info().sha256(); }
 
  private:
   Status StartCycle(MetricMeans& metrics);
-  Status BeginRollout(uint64_t cycle, const PolicyWeights& policy);
-  Result<RolloutCounts> FinishRollout(Generation generation);
-  Status FillBatch();
+  Result<Generation> BeginRollout(uint64_t cycle, const PolicyWeights& policy);
+  void Keep(Generation generation);
+  void FillBatch(const TransitionRows& real);
   void StartStream();
   RemoteEnvironment* simulator() { return simulator_ ? &*simulator_ : nullptr; }
 
@@ -125,10 +126,15 @@ Status ModelBased::Prepare(Progress& progress) {
   return Status();
 }
 
+// What asks the daemon comes first, and nothing that Save stores changes before its last answer.
 Status ModelBased::Update(MetricMeans& metrics) {
   const auto update = static_cast<uint64_t>(core_.updates());
+  TransitionRows real;
+  if (real_rows_ > 0) {
+    B4MRL_ASSIGN_OR_RETURN(real, stream_->Next());
+  }
   if (update % rollout_every_ == 0) B4MRL_RETURN_IF_ERROR(StartCycle(metrics));
-  B4MRL_RETURN_IF_ERROR(FillBatch());
+  FillBatch(real);
   AddMetrics(core_.Update(batch_.view()), metrics);
   return Status();
 }
@@ -136,43 +142,44 @@ Status ModelBased::Update(MetricMeans& metrics) {
 Status ModelBased::StartCycle(MetricMeans& metrics) {
   const uint64_t cycle = static_cast<uint64_t>(core_.updates()) / rollout_every_;
   if (!pending_) {  // no lag, or the first cycle
-    const PolicyWeights policy = core_.Policy();
-    B4MRL_RETURN_IF_ERROR(BeginRollout(cycle, policy));
-    pending_ = Generation{cycle, FlattenPolicy(policy), 0};
+    B4MRL_ASSIGN_OR_RETURN(pending_, BeginRollout(cycle, core_.Policy()));
   }
-  B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, FinishRollout(*std::move(pending_)));
-  pending_.reset();
+  Generation finished = *pending_;
+  finished.first_record = pool_.length();
+  B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, rollout_.Finish(pool_));
   if (counts.rows == 0) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("all {} rollouts of cycle {} left the finite numbers",
                               counts.invalid_rows, cycle));
   }
+  std::optional<Generation> next;
+  if (lag_) {
+    B4MRL_ASSIGN_OR_RETURN(next, BeginRollout(cycle + 1, core_.Policy()));
+  }
+  Keep(std::move(finished));
+  pending_ = std::move(next);
   metrics.Add("rollout_reward", counts.reward_sum / static_cast<double>(counts.rows));
   metrics.Add("rollout_invalid_rows", static_cast<double>(counts.invalid_rows));
   metrics.Add("rollout_terminated_rows", static_cast<double>(counts.terminated_rows));
-  if (!lag_) return Status();
-  const PolicyWeights policy = core_.Policy();
-  pending_ = Generation{cycle + 1, FlattenPolicy(policy), 0};
-  return BeginRollout(cycle + 1, policy);
+  return Status();
 }
 
-Status ModelBased::BeginRollout(uint64_t cycle, const PolicyWeights& policy) {
+Result<Generation> ModelBased::BeginRollout(uint64_t cycle, const PolicyWeights& policy) {
   B4MRL_ASSIGN_OR_RETURN(
       std::vector<float> starts,
       DrawStarts(*dataset_, static_cast<uint32_t>(context_.hyperparameters.Integer("rollout-rows")),
                  RoleSeed(context_.seed, "rollout-starts"), cycle));
-  return rollout_.Begin(cycle, std::move(starts), policy);
+  B4MRL_RETURN_IF_ERROR(rollout_.Begin(cycle, std::move(starts), policy));
+  return Generation{cycle, FlattenPolicy(policy), 0};
 }
 
-Result<RolloutCounts> ModelBased::FinishRollout(Generation generation) {
-  generation.first_record = pool_.length();
+// Makes room for it in D_model, which has its rows already.
+void ModelBased::Keep(Generation generation) {
   generations_.push_back(std::move(generation));
   if (generations_.size() > context_.hyperparameters.Unsigned("model-retain")) {
     generations_.pop_front();
   }
-  B4MRL_ASSIGN_OR_RETURN(const RolloutCounts counts, rollout_.Finish(pool_));
   pool_.DropBefore(generations_.front().first_record);
-  return counts;
 }
 
 // Batch b of D is a function of (seed, b), so a resumed learner asks on where it stopped.
@@ -184,14 +191,10 @@ void ModelBased::StartStream() {
 }
 
 // Real rows keep the dataset's reward; the penalty is in the model's rows.
-Status ModelBased::FillBatch() {
-  if (real_rows_ > 0) {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, stream_->Next());
-    batch_.SetRows(real, 0, real.rows, action_scale_);
-  }
+void ModelBased::FillBatch(const TransitionRows& real) {
+  if (real_rows_ > 0) batch_.SetRows(real, 0, real.rows, action_scale_);
   Rng rows(RoleSeed(context_.seed, "model-rows"), "rows", static_cast<uint64_t>(core_.updates()));
   pool_.Sample(rows, real_rows_, batch_.size() - real_rows_, batch_);
-  return Status();
 }
 
 PolicyWeights ModelBased::Policy() const {
@@ -223,18 +226,20 @@ Status ModelBased::Load(CheckpointReader& reader) {
   const uint64_t kept = reader.Unsigned("generations");
   const uint64_t pending = reader.Unsigned("pending");
   for (uint64_t i = 0; i < kept + pending; ++i) {
-    Generation generation = {reader.Unsigned(fmt::format("generation{}/cycle", i)),
-                             reader.Floats(fmt::format("generation{}/policy", i)), 0};
+    const uint64_t cycle = reader.Unsigned(fmt::format("generation{}/cycle", i));
+    const std::vector<float> numbers = reader.Floats(fmt::format("generation{}/policy", i));
     B4MRL_RETURN_IF_ERROR(reader.status());
     PolicyWeights policy = core_.Policy();
-    if (!UnflattenPolicy(generation.policy, policy)) {
+    if (!UnflattenPolicy(numbers, policy)) {
       return Status(StatusCode::kDataLoss, fmt::format("generation{}/policy has another size", i));
     }
-    B4MRL_RETURN_IF_ERROR(BeginRollout(generation.cycle, policy));
+    B4MRL_ASSIGN_OR_RETURN(Generation generation, BeginRollout(cycle, policy));
     if (i == kept) {
       pending_ = std::move(generation);
     } else {
-      B4MRL_RETURN_IF_ERROR(FinishRollout(std::move(generation)).status());
+      generation.first_record = pool_.length();
+      B4MRL_RETURN_IF_ERROR(rollout_.Finish(pool_).status());
+      Keep(std::move(generation));
     }
   }
   StartStream();

@@ -50,6 +50,7 @@ class OfflineLearner : public Learner {
     return Status();
   }
 
+  bool outlives_daemon() const override { return true; }
   std::string dataset_sha256() const override { return batches_.dataset_sha256(); }
 
  private:

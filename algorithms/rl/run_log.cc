@@ -14,7 +14,7 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kEvaluationsKept = 10;  // a run's score is also reported as their mean
-constexpr size_t kRowsHeld = 10'000;     // a row more waits for the evaluation
+constexpr size_t kRowsHeld = 10'000;     // one more waits for the evaluation
 constexpr size_t kMaxAgentBytes = 64 << 20;
 
 void SaveRow(CheckpointWriter& writer, const std::string& name, const MetricRow& row) {
@@ -55,10 +55,9 @@ Status RunLog::Begin() {
 }
 
 Status RunLog::Write(MetricRow row) {
-  if (held_.size() >= kRowsHeld) B4MRL_RETURN_IF_ERROR(Wait());
   if (held_.empty()) return log_->Write(row);
   held_.push_back(std::move(row));
-  return Status();
+  return held_.size() > kRowsHeld ? Wait() : Status();
 }
 
 Status RunLog::Evaluate(const Agent& agent, MetricRow row) {

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -11,6 +12,7 @@
 #include "data/agent_file.h"
 #include "data/atomic_file.h"
 #include "proto/base/limits.h"
+#include "proto/base/rng.h"
 #include "proto/base/version.h"
 
 namespace b4mrl {
@@ -141,7 +143,38 @@ std::string ConfigurationLine(const Hyperparameter& entry) {
   return line + "\n";
 }
 
+// Of a folder's name that no shell or file system minds.
+bool IsPlain(char c) {
+  return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+         std::string_view(".,=+-").find(c) != std::string_view::npos;
+}
+
 }  // namespace
+
+std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
+  std::string name = fmt::format("{}-{}", options.environment, options.algorithm);
+  // A hybrid's dataset must not be taken for a simulator.
+  const bool hybrid = needs.simulator && needs.dataset;
+  if (!options.simulator.empty() || hybrid) {
+    name += "-" + (options.simulator.empty() ? "true" : options.simulator);
+  }
+  const bool own_dataset = options.dataset.starts_with(options.environment + "/");
+  if (!options.dataset.empty()) {
+    name += "-" + options.dataset.substr(own_dataset ? options.environment.size() + 1 : 0);
+  }
+  if (!options.corruption.empty()) name += "+" + options.corruption;
+  if (options.history_length > 1) name += fmt::format("-h{}", options.history_length);
+  name += fmt::format("-s{}", options.seed);
+
+  const std::string all = name;
+  std::ranges::replace_if(
+      name, [](char c) { return !IsPlain(c); }, '_');
+  constexpr size_t kHashBytes = 17;
+  const bool whole = name == all && name.size() <= kMaxRunNameBytes;
+  if (whole && (own_dataset || options.dataset.empty())) return name;
+  name.resize(std::min(name.size(), kMaxRunNameBytes - kHashBytes));
+  return fmt::format("{}-{:016x}", name, HashName(all));
+}
 
 Status WriteRunConfiguration(const TrainOptions& options) {
   std::string text = "# b4mrl train --config THIS_FILE --out FOLDER repeats the run.\n";

@@ -44,6 +44,13 @@ struct TrainOptions {
   std::string command;    // as typed, for provenance
 };
 
+// What tells a run apart from others, as a folder's name: "HalfCheetah-hymopo-gravity-medium-s0",
+// with the corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). Of
+// letters, digits and ".,=+-_", at most kMaxRunNameBytes long. Where that leaves anything out, a
+// hash of all of it follows.
+inline constexpr size_t kMaxRunNameBytes = 200;
+std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
+
 // Under what a run computed: training is reproducible among sessions that are equal.
 struct RunSession {
   std::string version;  // of the program

@@ -1,15 +1,12 @@
 #include "algorithms/rl/train_loop.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -27,40 +24,37 @@
 namespace b4mrl {
 namespace {
 
-// A second trainer in the same folder would interleave its files with ours.
-Result<UniqueFd> LockFolder(const std::string& folder) {
-  const std::string path = folder + "/lock";
-  UniqueFd fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
-  if (!fd.valid()) return IoError("create", path, errno);
-  if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
-    return Status(StatusCode::kBusy, fmt::format("another process trains in {}", folder));
-  }
-  return fd;
-}
-
 class TrainRun {
  public:
   TrainRun(const TrainOptions& options, Client& client, Progress& progress,
            const std::atomic<bool>& stop)
       : options_(options), client_(client), progress_(progress), stop_(stop) {}
 
+  // In this order, each after the others' success. An error of the first is one of another run.
+  Status TakeFolder();
   Status Open();
   Status Run();
-  TrainSummary Summary() const;
+  // Of a run that ended with `status`.
+  TrainSummary Summary(const Status& status) const;
 
  private:
-  Status OpenFolder();
   std::vector<RunSession> EarlierSessions() const;
   Status CreateLearner();
   Status RestoreNewest();
   Status Restore(uint64_t update);
+  Status UpdateToTheEnd();
   Status Update();
-  Status CheckFinite() const;
-  Status Diverged(uint64_t update, std::string_view what) const;
-  Status AfterUpdate(bool last);
+  Status CheckFinite();
+  Status Diverged(uint64_t update, std::string_view what);
+  Status AfterUpdate();
+  Status Record();
+  Status Evaluate();
+  Status Conclude();
   MetricRow TakeRow();
   Status Checkpoint();
+  void KeepLastUpdate();
   bool ReachedScore() const;
+  double Seconds() const { return seconds_before_ + SecondsSince(start_); }
   Agent PresentAgent() const;
 
   const TrainOptions& options_;
@@ -68,31 +62,43 @@ class TrainRun {
   Progress& progress_;
   const std::atomic<bool>& stop_;
   UniqueFd lock_;
+  bool resumes_ = false;
   LearnerContext context_;
   std::unique_ptr<Learner> learner_;
   std::optional<RunLog> log_;
   MetricMeans means_;
   uint64_t update_ = 0;
   uint64_t checkpoint_update_ = UINT64_MAX;  // of the newest checkpoint
-  double seconds_before_ = 0;                // spent before the last resume
-  Clock::time_point start_ = Clock::now();   // of this process's Run, preparation included
-  Clock::time_point last_log_ = Clock::now();
-  uint64_t last_log_update_ = 0;
+  bool diverged_ = false;
+  double seconds_before_ = 0;               // spent before the last resume
+  Clock::time_point start_ = Clock::now();  // of this process's Run, preparation included
+  // Of the last row, or where the updates began.
+  uint64_t row_update_ = 0;
+  double row_seconds_ = 0;  // on the clock of Seconds
 };
+
+Status TrainRun::TakeFolder() {
+  std::error_code error;
+  std::filesystem::create_directories(options_.folder, error);
+  if (error) return IoError("create", options_.folder, error.value());
+  B4MRL_ASSIGN_OR_RETURN(lock_, LockRunFolder(options_.folder));
+  B4MRL_RETURN_IF_ERROR(CheckNoEarlierRun(options_));
+  resumes_ = options_.resume && !ListCheckpoints(options_.folder).empty();
+  return resumes_ ? WriteResultState(options_, RunState::kRunning, "")
+                  : WriteResult(options_, TrainSummary());
+}
 
 Status TrainRun::Open() {
   UseOneBlasThread();
-  B4MRL_RETURN_IF_ERROR(OpenFolder());
   B4MRL_RETURN_IF_ERROR(CreateLearner());
   B4MRL_ASSIGN_OR_RETURN(RunLog log, RunLog::Open(options_, client_, progress_));
   log_.emplace(std::move(log));
 
-  const bool resumes = options_.resume && !ListCheckpoints(options_.folder).empty();
   std::vector<RunSession> earlier;
-  if (resumes) earlier = EarlierSessions();
+  if (resumes_) earlier = EarlierSessions();
   B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
   B4MRL_RETURN_IF_ERROR(WriteRunConfiguration(options_));
-  return resumes ? RestoreNewest() : log_->Begin();
+  return resumes_ ? RestoreNewest() : log_->Begin();
 }
 
 // Those of a resumed run. A record that cannot be read has been reported by whoever needs it.
@@ -109,14 +115,6 @@ std::vector<RunSession> TrainRun::EarlierSessions() const {
   return record->sessions;
 }
 
-Status TrainRun::OpenFolder() {
-  std::error_code error;
-  std::filesystem::create_directories(options_.folder, error);
-  if (error) return IoError("create", options_.folder, error.value());
-  B4MRL_ASSIGN_OR_RETURN(lock_, LockFolder(options_.folder));
-  return CheckNoEarlierRun(options_);
-}
-
 Status TrainRun::CreateLearner() {
   B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options_.algorithm));
   B4MRL_ASSIGN_OR_RETURN(context_.environment, client_.FindEnvironment(options_.environment));
@@ -126,7 +124,6 @@ Status TrainRun::CreateLearner() {
   context_.dataset = options_.dataset;
   context_.history_length = options_.history_length;
   context_.seed = options_.seed;
-  context_.updates = options_.updates;
   context_.folder = options_.folder;
   context_.threads = options_.threads;
   context_.stop = &stop_;
@@ -156,36 +153,45 @@ Status TrainRun::Restore(uint64_t update) {
                          CheckpointReader::Open(CheckpointPath(options_.folder, update)));
   update_ = reader.Unsigned("run/update");
   seconds_before_ = reader.Number("run/seconds");
+  // Checkpoints without these came after their row.
+  const bool has_row = reader.Has("run/row_update");
+  row_update_ = has_row ? reader.Unsigned("run/row_update") : update_;
+  row_seconds_ = has_row ? reader.Number("run/row_seconds") : seconds_before_;
   means_.Load(reader);
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_RETURN_IF_ERROR(log_->Load(reader));
-  last_log_update_ = checkpoint_update_ = update_;
+  checkpoint_update_ = update_;
   return Status();
 }
 
 Status TrainRun::Run() {
   start_ = Clock::now();
-  const bool fresh = checkpoint_update_ == UINT64_MAX;
-  if (fresh) {
+  if (!resumes_) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
     if (stop_) return Status();  // perhaps half prepared
+    row_seconds_ = Seconds();
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
+  const Status status = UpdateToTheEnd();
+  if (!status.ok()) KeepLastUpdate();
+  progress_.Finish();
+  return status;
+}
+
+Status TrainRun::UpdateToTheEnd() {
   if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
-  last_log_ = Clock::now();
+  if (update_ < options_.updates) B4MRL_RETURN_IF_ERROR(Record());  // a run ended here before
   progress_.Start("train", "updates", options_.updates, update_);
   while (update_ < options_.updates && !ReachedScore() && !stop_) {
     B4MRL_RETURN_IF_ERROR(Update());
     progress_.Update(update_);
-    B4MRL_RETURN_IF_ERROR(AfterUpdate(update_ == options_.updates));
+    B4MRL_RETURN_IF_ERROR(AfterUpdate());
     B4MRL_RETURN_IF_ERROR(log_->Poll());
   }
-  if (update_ >= options_.updates) B4MRL_RETURN_IF_ERROR(log_->Wait());
   if (checkpoint_update_ != update_) B4MRL_RETURN_IF_ERROR(Checkpoint());
-  progress_.Finish();
-  return Status();
+  return update_ < options_.updates ? Status() : Conclude();
 }
 
 // An error may come from a policy whose actions are no numbers any more: then that is the reason.
@@ -200,44 +206,63 @@ Status TrainRun::Update() {
   return policy.ok() ? status : Diverged(update_, policy.message());
 }
 
-Status TrainRun::CheckFinite() const {
+Status TrainRun::CheckFinite() {
   const auto& metric = means_.first_nonfinite();
   if (!metric) return Status();
   return Diverged(update_ + 1, fmt::format("{} became {}", metric->name, metric->value));
 }
 
 // A learner that diverged never recovers; its last good checkpoint may still be of use.
-Status TrainRun::Diverged(uint64_t update, std::string_view what) const {
+Status TrainRun::Diverged(uint64_t update, std::string_view what) {
+  diverged_ = true;
   return Status(StatusCode::kFailedPrecondition,
                 fmt::format("the run diverged: {} at update {}; the last good state is {}", what,
                             update, CheckpointPath(options_.folder, checkpoint_update_)));
 }
 
-Status TrainRun::AfterUpdate(bool last) {
-  if (last || update_ % options_.eval_every == 0) {
-    const Agent agent = PresentAgent();
-    if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
-    B4MRL_RETURN_IF_ERROR(log_->Evaluate(agent, TakeRow()));
-    if (last || options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
-  } else if (update_ % options_.log_every == 0) {
-    B4MRL_RETURN_IF_ERROR(log_->Write(TakeRow()));
-  }
+Status TrainRun::AfterUpdate() {
+  const bool last = update_ == options_.updates;
+  // Else Conclude evaluates, which a longer run would not.
+  if (!last || update_ % options_.eval_every == 0) B4MRL_RETURN_IF_ERROR(Record());
+  if (last) B4MRL_RETURN_IF_ERROR(log_->Wait());
   if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
   return Status();
 }
 
+// What belongs to the present update however long the run is, unless it has been done.
+Status TrainRun::Record() {
+  if (row_update_ == update_) return Status();
+  if (update_ % options_.eval_every == 0) return Evaluate();
+  if (update_ % options_.log_every == 0) return log_->Write(TakeRow());
+  return Status();
+}
+
+Status TrainRun::Evaluate() {
+  const Agent agent = PresentAgent();
+  if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
+  B4MRL_RETURN_IF_ERROR(log_->Wait());  // before the row is taken: this may fail
+  B4MRL_RETURN_IF_ERROR(log_->Evaluate(agent, TakeRow()));
+  return options_.stop_at_score ? log_->Wait() : Status();
+}
+
+// The last update's evaluation, if it has none. Nothing of it goes into a checkpoint.
+Status TrainRun::Conclude() {
+  if (row_update_ != update_) B4MRL_RETURN_IF_ERROR(Evaluate());
+  return log_->Wait();
+}
+
 MetricRow TrainRun::TakeRow() {
-  const double interval = SecondsSince(last_log_);
+  const double seconds = Seconds();
   MetricRow row = {
       {"update", static_cast<double>(update_)},
       {"environment_steps", static_cast<double>(learner_->environment_steps())},
-      {"seconds", seconds_before_ + SecondsSince(start_)},
-      {"updates_per_second", static_cast<double>(update_ - last_log_update_) / interval},
+      {"seconds", seconds},
+      {"updates_per_second", static_cast<double>(update_ - row_update_) / (seconds - row_seconds_)},
   };
   const MetricRow means = means_.Take();
   row.insert(row.end(), means.begin(), means.end());
-  last_log_ = Clock::now();
-  last_log_update_ = update_;
+  row_update_ = update_;
+  row_seconds_ = seconds;
   return row;
 }
 
@@ -245,7 +270,9 @@ Status TrainRun::Checkpoint() {
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer,
                          CheckpointWriter::Create(CheckpointPath(options_.folder, update_)));
   writer.Unsigned("run/update", update_);
-  writer.Number("run/seconds", seconds_before_ + SecondsSince(start_));
+  writer.Number("run/seconds", Seconds());
+  writer.Unsigned("run/row_update", row_update_);
+  writer.Number("run/row_seconds", row_seconds_);
   B4MRL_RETURN_IF_ERROR(log_->Save(writer));
   means_.Save(writer);
   B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
@@ -256,6 +283,12 @@ Status TrainRun::Checkpoint() {
   checkpoint_update_ = update_;
   RemoveOldCheckpoints(options_.folder);
   return Status();
+}
+
+// After an error. A checkpoint that fails too leaves the one before it.
+void TrainRun::KeepLastUpdate() {
+  if (diverged_ || checkpoint_update_ == update_ || !learner_->outlives_daemon()) return;
+  if (Checkpoint().ok()) progress_.Message(fmt::format("kept what there is at update {}", update_));
 }
 
 bool TrainRun::ReachedScore() const {
@@ -278,11 +311,22 @@ Agent TrainRun::PresentAgent() const {
   return agent;
 }
 
-TrainSummary TrainRun::Summary() const {
+TrainSummary TrainRun::Summary(const Status& status) const {
   TrainSummary summary;
   summary.updates = update_;
   summary.environment_steps = learner_->environment_steps();
-  summary.interrupted = update_ < options_.updates && !ReachedScore();
+  if (!status.ok()) {
+    summary.state = diverged_ ? RunState::kDiverged : RunState::kFailed;
+    summary.reason = status.ToString();
+  } else if (update_ >= options_.updates) {
+    summary.state = RunState::kFinished;
+  } else if (ReachedScore()) {
+    summary.state = RunState::kFinished;
+    summary.reason = fmt::format("the score asked for, {}, was reached", *options_.stop_at_score);
+  } else {
+    summary.state = RunState::kInterrupted;
+    summary.reason = "told to stop";
+  }
   summary.agent_path = log_->AgentPath();
   const std::vector<EvaluationResult>& evaluations = log_->evaluations();
   if (evaluations.empty()) return summary;
@@ -297,32 +341,6 @@ TrainSummary TrainRun::Summary() const {
 
 }  // namespace
 
-std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary) {
-  nlohmann::ordered_json json;
-  json["algorithm"] = options.algorithm;
-  json["environment"] = options.environment;
-  json["simulator"] = options.simulator;
-  json["dataset"] = options.dataset;
-  json["corruption"] = options.corruption;
-  json["seed"] = options.seed;
-  json["updates"] = summary.updates;
-  json["environment_steps"] = summary.environment_steps;
-  json["interrupted"] = summary.interrupted;
-  json["agent"] = summary.agent_path;
-  if (summary.last) {
-    json["returns"] = summary.last->returns;
-    json["mean_return"] = summary.last->mean_return;
-    json["std_return"] = summary.last->std_return;
-    if (summary.last->given_up > 0) json["given_up_episodes"] = summary.last->given_up;
-    if (summary.last->score) json["score"] = *summary.last->score;
-    json["mean_return_of_last_ten"] = summary.mean_return_of_last_ten;
-    if (summary.mean_score_of_last_ten) {
-      json["mean_score_of_last_ten"] = *summary.mean_score_of_last_ten;
-    }
-  }
-  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
-}
-
 Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment) {
   LearnerContext context;
   context.environment = environment;
@@ -336,6 +354,11 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
                          fmt::format("1..{} with the {} values of an observation of {}", most,
                                      values, environment.name));
   }
+  if (options.stop_at_score && !environment.NormalisedScore(0)) {
+    return InvalidNumber(
+        "--stop-at-score", *options.stop_at_score,
+        fmt::format("nothing in {}, which has no scores but returns alone", environment.name));
+  }
   B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
   return algorithm->check == nullptr ? Status() : algorithm->check(context);
 }
@@ -343,11 +366,17 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {
   TrainRun run(options, client, progress, stop);
-  B4MRL_RETURN_IF_ERROR(run.Open());
-  B4MRL_RETURN_IF_ERROR(run.Run());
-  const TrainSummary summary = run.Summary();
-  B4MRL_RETURN_IF_ERROR(
-      WriteSmallFile(options.folder + "/result.json", SummaryJson(options, summary) + "\n"));
+  B4MRL_RETURN_IF_ERROR(run.TakeFolder());
+  if (const Status status = run.Open(); !status.ok()) {
+    // This error is the one to tell; where the file cannot be written either, it says "running".
+    static_cast<void>(WriteResultState(options, RunState::kFailed, status.ToString()));
+    return status;
+  }
+  const Status status = run.Run();
+  const TrainSummary summary = run.Summary(status);
+  const Status written = WriteResult(options, summary);
+  B4MRL_RETURN_IF_ERROR(status);
+  B4MRL_RETURN_IF_ERROR(written);
   return summary;
 }
 

@@ -98,6 +98,11 @@ Json AlgorithmItem(const Algorithm& algorithm) {
       parameter["default"] = entry.Text();
       parameter["choices"] = entry.ChoiceNames();
     }
+    Json& others = parameter["default_by_environment"] = Json::object();
+    for (const auto& [environment, value] : entry.by_environment) {
+      others[std::string(environment)] =
+          entry.choices.empty() ? Json(value) : Json(entry.TextOf(value));
+    }
     parameter["unit"] = entry.unit;
     parameter["source"] = entry.source;
     item["hyperparameters"].push_back(std::move(parameter));

@@ -40,6 +40,8 @@ struct TrainCommand {
 
   void AddOptions();
   std::optional<Failure> Run();
+  Result<const Algorithm*> ChosenAlgorithm() const;
+  std::optional<Failure> ChooseFolder();
   Status MergeRecord(NamedTexts& hyperparameters);
   Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
   Status CheckNeeds(const Algorithm& algorithm) const;
@@ -50,7 +52,8 @@ struct TrainCommand {
   void PrintSummary(const TrainSummary& summary) const;
 };
 
-// "  --batch-size 256 rows      of one update [1..65536]" and a line for who chose the default.
+// "  --batch-size 256 rows      of one update [1..65536]", a line for who chose the default, and
+// one for the environments that have another one.
 std::string HelpOf(const Hyperparameter& entry) {
   const std::string unit = entry.unit.empty() ? "" : fmt::format(" {}", entry.unit);
   const std::string allowed =
@@ -60,20 +63,28 @@ std::string HelpOf(const Hyperparameter& entry) {
   const std::string option = fmt::format("--{} {}{}", entry.name, entry.Text(), unit);
   std::string text = fmt::format("  {:<34} {} [{}]\n", option, entry.meaning, allowed);
   if (!entry.source.empty()) text += fmt::format("  {:<34} from: {}\n", "", entry.source);
+  std::string others;
+  for (const auto& [environment, value] : entry.by_environment) {
+    others +=
+        fmt::format("{}{} in {}", others.empty() ? "" : ", ", entry.TextOf(value), environment);
+  }
+  if (!others.empty()) text += fmt::format("  {:<34} default: {}\n", "", others);
   return text;
 }
 
-std::string HelpOf(const Algorithm& algorithm) {
-  std::string text = fmt::format("Hyperparameters of {} ({}), here with their defaults:\n",
-                                 algorithm.name, algorithm.description);
-  for (const Hyperparameter& entry : algorithm.hyperparameters) text += HelpOf(entry);
+std::string HelpOf(const Algorithm& algorithm, const std::string& environment) {
+  std::string text = fmt::format("Hyperparameters of {} ({}), here with their defaults{}:\n",
+                                 algorithm.name, algorithm.description,
+                                 environment.empty() ? "" : fmt::format(" in {}", environment));
+  const Hyperparameters defaults(algorithm.hyperparameters, environment);
+  for (const Hyperparameter& entry : defaults.entries()) text += HelpOf(entry);
   return text;
 }
 
 // Behind the options: the chosen algorithm's hyperparameters, or what can be chosen.
-std::string AlgorithmHelp(const std::string& chosen) {
+std::string AlgorithmHelp(const std::string& chosen, const std::string& environment) {
   const auto found = FindAlgorithm(chosen);
-  if (found.ok()) return HelpOf(**found);
+  if (found.ok()) return HelpOf(**found, environment);
   std::string text = chosen.empty() ? "" : fmt::format("{}\n\n", found.status().message());
   text +=
       "\nAlgorithms, whose hyperparameters are options too (b4mrl train --algorithm A --help):\n";
@@ -113,7 +124,9 @@ void TrainCommand::AddOptions() {
                   "of the updates: twin critics and ensemble members side by side, with the same "
                   "numbers [1]")
       ->check(CLI::Range(1u, kMaxTrainingThreads));
-  app->add_option("--out", options.folder, "folder of the run [runs/ENVIRONMENT-ALGORITHM-sSEED]");
+  app->add_option("--out", options.folder,
+                  "folder of the run [runs/NAME, with the name made of environment, algorithm, "
+                  "simulator, dataset, corruption, history and seed]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
   app->add_flag("--quiet", quiet, "no progress on stderr");
@@ -121,7 +134,29 @@ void TrainCommand::AddOptions() {
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
   app->allow_extras();  // hyperparameters, whose names depend on the algorithm
-  app->footer([this] { return AlgorithmHelp(options.algorithm); });
+  app->footer([this] { return AlgorithmHelp(options.algorithm, options.environment); });
+}
+
+Result<const Algorithm*> TrainCommand::ChosenAlgorithm() const {
+  if (!options.algorithm.empty()) return FindAlgorithm(options.algorithm);
+  std::string names;
+  for (const Algorithm& algorithm : Algorithms()) {
+    names += fmt::format("{}{}", names.empty() ? "" : ", ", algorithm.name);
+  }
+  return Status(StatusCode::kInvalidArgument, fmt::format("--algorithm is missing: {}", names));
+}
+
+std::optional<Failure> TrainCommand::ChooseFolder() {
+  if (options.folder.empty()) {
+    const auto algorithm = ChosenAlgorithm();
+    if (!algorithm.ok()) return BadUsage(algorithm.status());
+    options.folder = "runs/" + RunName(options, (*algorithm)->needs);
+  }
+  // Otherwise --resume begins a run where there is none, so that one command does for both.
+  if (options.resume && options.algorithm.empty() && !HasRunRecord(options.folder)) {
+    return BadInput(Status(StatusCode::kUnknownName, options.folder + " holds no run"));
+  }
+  return std::nullopt;
 }
 
 // An identity option: as recorded when not given, refused when it differs.
@@ -244,18 +279,23 @@ Failure RunFailure(const Status& status) {
   return FromDaemon(status);
 }
 
+// What there is to be continued.
+void SayStateOf(const std::string& folder, Progress& progress) {
+  const auto run = ReadRunStatus(folder);
+  if (!run.ok()) return;  // none yet, or Train says what is wrong with it
+  progress.Message(fmt::format("the run in {} so far: {}{}", folder, RunStateName(run->state),
+                               run->reason.empty() ? "" : fmt::format(" ({})", run->reason)));
+}
+
 std::optional<Failure> TrainCommand::Run() {
   if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
-  if (options.folder.empty()) {
-    options.folder =
-        fmt::format("runs/{}-{}-s{}", options.environment, options.algorithm, options.seed);
-  }
+  if (auto failure = ChooseFolder()) return failure;
   NamedTexts recorded;
   // A run may be killed before its first checkpoint, too.
   if (options.resume && HasRunRecord(options.folder)) {
     if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
   }
-  auto algorithm = FindAlgorithm(options.algorithm);
+  auto algorithm = ChosenAlgorithm();
   if (!algorithm.ok()) return BadUsage(algorithm.status());
   if (Status status = SetHyperparameters(**algorithm, recorded); !status.ok()) {
     return BadUsage(std::move(status));
@@ -269,11 +309,12 @@ std::optional<Failure> TrainCommand::Run() {
   std::signal(SIGINT, RequestStop);
   std::signal(SIGTERM, RequestStop);
   Progress progress(quiet);
+  if (options.resume) SayStateOf(options.folder, progress);
   const auto summary = Train(options, connection->client(), progress, g_stop);
   progress.Finish();
   if (!summary.ok()) return RunFailure(summary.status());
   PrintSummary(*summary);
-  if (summary->interrupted) {
+  if (summary->state == RunState::kInterrupted) {
     return Failure{kExitInterrupted,
                    Status(StatusCode::kUnavailable,
                           fmt::format("interrupted at update {}; continue with --resume --out {}",

@@ -11,42 +11,13 @@
 #include "algorithms/rl/evaluate.h"
 #include "algorithms/rl/online_lanes.h"
 #include "algorithms/rl/td3_core.h"
+#include "tests/algorithms/learners/fake_episodes.h"
 #include "tests/algorithms/learners/fixtures.h"
 
 namespace b4mrl {
-namespace {
-
-// Every step of every lane ends its episode with this cause.
-class GivingUp {
- public:
-  explicit GivingUp(Cause cause) : cause_(cause) {}
-
-  bool operator()(FakeServer& server, FakeCall& call) const {
-    if (!call.request.has_step()) return false;
-    const size_t rows = Elements<uint64_t>(call, "numbers").size();
-    pb::Reply reply;
-    ArrayLayout layout(reply.mutable_arrays());
-    layout.Add("observations", DType::kFloat32, {rows, kObservationSize});
-    layout.Add("rewards", DType::kFloat64, {rows});
-    layout.Add("terminated", DType::kUint8, {rows});
-    const size_t truncated = layout.Add("truncated", DType::kUint8, {rows});
-    const size_t causes = layout.Add("cause", DType::kUint8, {rows});
-    Frame payload = layout.Allocate();
-    std::fill_n(payload.data(), payload.size(), std::byte{0});
-    std::ranges::fill(ArrayAt<uint8_t>(payload, truncated, rows), uint8_t{1});
-    std::ranges::fill(ArrayAt<uint8_t>(payload, causes, rows), static_cast<uint8_t>(cause_));
-    server.Reply(call, std::move(reply), std::move(payload));
-    return true;
-  }
-
- private:
-  Cause cause_;
-};
-
-}  // namespace
 
 TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
-  FakeDaemon daemon{GivingUp(Cause::kNumericalError)};
+  FakeDaemon daemon{EndsEveryStep(Cause::kNumericalError)};
   Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
   LearnerContext context = FakeContext(client, folder.File(""), Td3Hyperparameters());
@@ -64,7 +35,7 @@ TEST_CASE("An evaluation counts the episodes that the simulator gave up, and tho
   const auto [cause, given_up] =
       GENERATE(std::pair{Cause::kCrash, 3u}, std::pair{Cause::kNumericalError, 3u},
                std::pair{Cause::kLimit, 0u});
-  FakeDaemon daemon{GivingUp(cause)};
+  FakeDaemon daemon{EndsEveryStep(cause)};
   Client client = Take(Client::Connect(daemon.address()));
   Td3Options options;
   options.observation_size = kObservationSize;

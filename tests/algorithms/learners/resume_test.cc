@@ -11,6 +11,7 @@
 #include "algorithms/nn/checkpoint.h"
 #include "algorithms/rl/train_loop.h"
 #include "data/agent_file.h"
+#include "tests/algorithms/learners/logged_rows.h"
 #include "tests/algorithms/learners/test_daemon.h"
 
 namespace b4mrl {
@@ -69,33 +70,30 @@ TrainSummary RunTraining(const TrainOptions& options, Client& client) {
   return Take(Train(options, client, quiet, stop));
 }
 
-void RequireEqualPolicies(const std::string& path_a, const std::string& path_b) {
-  const Agent a = Take(ReadAgent(path_a)), b = Take(ReadAgent(path_b));
-  REQUIRE(a.hidden.size() == b.hidden.size());
-  for (size_t i = 0; i < a.hidden.size(); ++i) {
-    CHECK(a.hidden[i].weight == b.hidden[i].weight);
-    CHECK(a.hidden[i].bias == b.hidden[i].bias);
+// Equal agents give equal bytes: all tensors of the policy, and where it comes from.
+void RequireEqualAgents(const std::string& path_a, const std::string& path_b) {
+  REQUIRE(Take(ReadAgent(path_a)).hidden.size() == 2);
+  const bool equal = ReadBytes(path_a) == ReadBytes(path_b);
+  CHECK(equal);
+}
+
+// Each row's rate is that of the updates since the row before, whatever happened in between.
+void RequireTrueRates(const std::string& folder) {
+  const std::vector<nlohmann::json> rows = LoggedRows(folder);
+  for (size_t i = 1; i < rows.size(); ++i) {
+    const auto change = [&](const char* name) {
+      return rows[i][name].get<double>() - rows[i - 1][name].get<double>();
+    };
+    INFO(rows[i].dump());
+    // The logs keep nine digits of a few seconds, and a row takes milliseconds.
+    CHECK(rows[i]["updates_per_second"].get<double>() ==
+          Approx(change("update") / change("seconds")).epsilon(1e-3));
   }
-  CHECK(a.last_fc.weight == b.last_fc.weight);
-  CHECK(a.observation_mean == b.observation_mean);
 }
 
 // What a killed process may leave behind its last checkpoint.
 void AppendGarbage(const std::string& path) {
   std::ofstream(path, std::ios::binary | std::ios::app) << "half a li";
-}
-
-// metrics.jsonl without what the clock says.
-std::vector<nlohmann::json> RowsWithoutTimes(const std::string& folder) {
-  std::vector<nlohmann::json> rows;
-  std::ifstream lines(folder + "/metrics.jsonl");
-  for (std::string line; std::getline(lines, line);) {
-    rows.push_back(nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false));
-    REQUIRE(rows.back().is_object());
-    rows.back().erase("seconds");
-    rows.back().erase("updates_per_second");
-  }
-  return rows;
 }
 
 size_t Lines(const std::string& path) {
@@ -128,7 +126,7 @@ std::vector<std::string> TimelessCells(const std::string& path) {
   return kept;
 }
 
-void CheckResume(const std::string& algorithm, bool lag = false) {
+void CheckResume(const std::string& algorithm, bool lag = false, uint64_t first = 30) {
   TestDaemon daemon;
   TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
   if (!straight.dataset.empty()) daemon.MakeDataset("small", 500);
@@ -137,8 +135,8 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
 
   TrainOptions halves = straight;
   halves.folder = daemon.folder("halves");
-  halves.updates = 30;
-  RunTraining(halves, daemon.client());
+  halves.updates = first;
+  CHECK(RunTraining(halves, daemon.client()).state == RunState::kFinished);
   AppendGarbage(halves.folder + "/progress.csv");
   AppendGarbage(halves.folder + "/metrics.jsonl");
   AppendGarbage(halves.folder + "/events.out.tfevents.b4mrl");
@@ -146,7 +144,7 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   halves.resume = true;
   const TrainSummary resumed = RunTraining(halves, daemon.client());
 
-  RequireEqualPolicies(straight.folder + "/agent.h5", halves.folder + "/agent.h5");
+  RequireEqualAgents(straight.folder + "/agent.h5", halves.folder + "/agent.h5");
   CHECK(resumed.last->returns == expected.last->returns);
   CHECK(resumed.environment_steps == expected.environment_steps);
   CHECK(resumed.mean_return_of_last_ten == expected.mean_return_of_last_ten);
@@ -155,7 +153,8 @@ void CheckResume(const std::string& algorithm, bool lag = false) {
   CHECK(RowsWithoutTimes(halves.folder) == RowsWithoutTimes(straight.folder));
   CHECK(std::filesystem::file_size(halves.folder + "/events.out.tfevents.b4mrl") ==
         std::filesystem::file_size(straight.folder + "/events.out.tfevents.b4mrl"));
-  CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, 30});
+  CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, first});
+  RequireTrueRates(halves.folder);
 }
 
 }  // namespace
@@ -175,6 +174,33 @@ TEST_CASE("A resumed HyMOPO run with a rollout lag ends with the bits of an undi
   CheckResume("hymopo", /*lag=*/true);
 }
 
+TEST_CASE(
+    "A run that ended where a longer one evaluates or logs nothing is continued as that one") {
+  CheckResume("td3-bc", /*lag=*/false, /*first=*/45);  // no evaluation, no row
+  CheckResume("td3-bc", /*lag=*/false, /*first=*/40);  // a row, no evaluation
+}
+
+TEST_CASE("The last update is evaluated and logged, however the run is cut up") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  options.updates = 45;
+  const TrainSummary first = RunTraining(options, daemon.client());
+  REQUIRE(first.last.has_value());
+  const auto rows = RowsWithoutTimes(options.folder);
+  REQUIRE(rows.size() == 5);
+  CHECK(rows.back()["update"] == 45);
+  CHECK(rows.back().contains("evaluation_return"));
+  CHECK(rows.back().contains("critic_loss"));
+  const std::string agent = ReadBytes(first.agent_path);
+  options.resume = true;  // there is nothing left to do
+  const TrainSummary again = RunTraining(options, daemon.client());
+  CHECK(again.last->returns == first.last->returns);
+  CHECK(again.mean_return_of_last_ten == first.mean_return_of_last_ten);
+  CHECK(RowsWithoutTimes(options.folder) == rows);
+  CHECK((ReadBytes(again.agent_path) == agent));
+}
+
 TEST_CASE("A run ends with the same bits whether its evaluations run in its process or beside it") {
   TestDaemon daemon;
   daemon.MakeDataset("small", 500);
@@ -183,7 +209,7 @@ TEST_CASE("A run ends with the same bits whether its evaluations run in its proc
   here.eval_inline = true;
   const TrainSummary a = RunTraining(here, daemon.client());
   const TrainSummary b = RunTraining(beside, daemon.client());
-  RequireEqualPolicies(here.folder + "/agent.h5", beside.folder + "/agent.h5");
+  RequireEqualAgents(here.folder + "/agent.h5", beside.folder + "/agent.h5");
   CHECK(a.last->returns == b.last->returns);
   CHECK(a.mean_return_of_last_ten == b.mean_return_of_last_ten);
   CHECK(Lines(here.folder + "/metrics.jsonl") == 6);
@@ -262,6 +288,9 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
   CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
   CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
   RequireOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
+  const RunStatus left = Take(ReadRunStatus(options.folder));
+  CHECK(left.state == RunState::kDiverged);
+  CHECK(left.reason == status.ToString());
 }
 
 TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite") {
@@ -305,8 +334,9 @@ TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
   const std::atomic<bool> stop = true;
   Progress quiet(true);
   const TrainSummary stopped = Take(Train(options, daemon.client(), quiet, stop));
-  CHECK(stopped.interrupted);
+  CHECK(stopped.state == RunState::kInterrupted);
   CHECK(stopped.updates == 0);
+  CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kInterrupted);
   options.resume = true;
   CHECK(RunTraining(options, daemon.client()).updates == 60);
 }
@@ -319,8 +349,8 @@ TEST_CASE("Threads change no bit of what a learner learns") {
   TrainOptions team = alone;
   team.folder = daemon.folder("team");
   team.threads = 3;
-  RequireEqualPolicies(RunTraining(alone, daemon.client()).agent_path,
-                       RunTraining(team, daemon.client()).agent_path);
+  RequireEqualAgents(RunTraining(alone, daemon.client()).agent_path,
+                     RunTraining(team, daemon.client()).agent_path);
 }
 
 TEST_CASE("A run ends at the first evaluation that reaches the score asked for") {
@@ -329,7 +359,8 @@ TEST_CASE("A run ends at the first evaluation that reaches the score asked for")
   options.stop_at_score = -1000;  // any policy has more
   const TrainSummary summary = RunTraining(options, daemon.client());
   CHECK(summary.updates == options.eval_every);
-  CHECK_FALSE(summary.interrupted);
+  CHECK(summary.state == RunState::kFinished);
+  CHECK(summary.reason.find("-1000") != std::string::npos);
 }
 
 }  // namespace b4mrl

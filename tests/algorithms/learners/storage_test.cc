@@ -1,11 +1,19 @@
 // Replay files, checkpoints, means and hyperparameters; no daemon.
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <csignal>
 #include <limits>
+#include <string>
 
 #include "algorithms/learner.h"
 #include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
+#include "algorithms/rl/evaluate.h"
 #include "algorithms/rl/metrics.h"
 #include "algorithms/rl/observation_history.h"
 #include "algorithms/rl/replay_buffer.h"
@@ -201,6 +209,54 @@ TEST_CASE("Choices are set by name, never by number, and are shown by name") {
     INFO("'" << wrong << "'");
     CHECK(values.SetText("gamma", wrong).code() == StatusCode::kInvalidArgument);
   }
+}
+
+TEST_CASE("A hyperparameter that a table lacks ends the program by name") {
+  std::array<int, 2> err{};
+  REQUIRE(pipe(err.data()) == 0);
+  const pid_t child = fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    dup2(err[1], STDERR_FILENO);
+    std::signal(SIGABRT, SIG_DFL);  // not the test framework's
+    const Hyperparameters values(Take(FindAlgorithm("sac"))->hyperparameters);
+    values.Integer("no-such-name");
+    _exit(0);
+  }
+  close(err[1]);
+  std::string text(1000, '\0');
+  const ssize_t length = read(err[0], text.data(), text.size());
+  close(err[0]);
+  int status = 0;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  CHECK((WIFSIGNALED(status) && WTERMSIG(status) == SIGABRT));
+  text.resize(static_cast<size_t>(std::max<ssize_t>(length, 0)));
+  CHECK(text.find("'no-such-name'") != std::string::npos);
+}
+
+TEST_CASE("A checkpoint keeps all of an evaluation") {
+  const TemporaryFolder folder;
+  EvaluationResult result = {.returns = {1, 3},
+                             .lengths = {5, 7},
+                             .given_up = 1,
+                             .mean_return = 2,
+                             .std_return = 1,
+                             .score = 40};
+  CheckpointWriter writer = Take(CheckpointWriter::Create(folder.File("checkpoint.h5")));
+  SaveEvaluation(writer, "with", result);
+  result.score.reset();
+  SaveEvaluation(writer, "without", result);
+  RequireOk(writer.Commit());
+  CheckpointReader reader = Take(CheckpointReader::Open(folder.File("checkpoint.h5")));
+  const EvaluationResult kept = LoadEvaluation(reader, "with");
+  CHECK(kept.returns == result.returns);
+  CHECK(kept.lengths == result.lengths);
+  CHECK(kept.given_up == 1);
+  CHECK(kept.mean_return == 2);
+  CHECK(kept.std_return == 1);
+  CHECK(kept.score == 40);
+  CHECK_FALSE(LoadEvaluation(reader, "without").score.has_value());
+  RequireOk(reader.status());
 }
 
 TEST_CASE("Every algorithm's choices are the whole numbers of their range") {

@@ -64,6 +64,16 @@ TEST_CASE("A history that no agent file holds is refused by name") {
   CHECK(Names(CheckTraining(options, kCheetah), "--history"));
 }
 
+TEST_CASE("A score to stop at is refused where there are returns alone") {
+  TrainOptions options = OptionsOf("sac");
+  options.stop_at_score = 40;
+  CHECK(Names(CheckTraining(options, kHumanoid), "--stop-at-score"));
+  EnvironmentSpec scored = kCheetah;
+  scored.reference_min = -280;
+  scored.reference_max = 12'135;
+  CHECK(CheckTraining(options, scored).ok());
+}
+
 TEST_CASE("An ensemble that its file could not give back is refused, and the bound is exact") {
   const Status status = CheckWith("mopo", "ensemble-width", 4096);
   INFO(status.ToString());

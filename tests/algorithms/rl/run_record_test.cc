@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,44 @@ class Recorded {
 };
 
 }  // namespace
+
+TEST_CASE("A run's name tells it from every other") {
+  constexpr LearnerNeeds kOffline = {.dataset = true}, kOnline = {.simulator = true},
+                         kHybrid = {.simulator = true, .dataset = true};
+  TrainOptions options;
+  options.environment = "HalfCheetah";
+  options.algorithm = "hymopo";
+  options.simulator = "gravity";
+  options.dataset = "HalfCheetah/medium";
+  CHECK(RunName(options, kHybrid) == "HalfCheetah-hymopo-gravity-medium-s0");
+  std::set<std::string> names = {RunName(options, kHybrid)};
+  const auto is_new = [&](const LearnerNeeds& needs) {
+    const std::string name = RunName(options, needs);
+    INFO(name);
+    CHECK(name.size() <= kMaxRunNameBytes);
+    CHECK(name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                 ".,=+-_") == std::string::npos);
+    CHECK(names.insert(name).second);
+  };
+  options.seed = 1, is_new(kHybrid);
+  options.history_length = 3, is_new(kHybrid);
+  options.corruption = "hidden=9+10", is_new(kHybrid);
+  options.corruption = "hidden=9+10,obs-noise=0.1", is_new(kHybrid);
+  options.dataset = "medium", is_new(kHybrid);
+  options.dataset = "d4rl/halfcheetah-medium-v2", is_new(kHybrid);
+  options.dataset = "d4rl_halfcheetah-medium-v2", is_new(kHybrid);
+  options.dataset = "HalfCheetah/medium", options.corruption = "";
+  options.simulator = "gravity,model=my file.xml", is_new(kHybrid);
+  options.simulator = "gravity,model=my_file.xml", is_new(kHybrid);
+  options.simulator = "", is_new(kHybrid);
+  is_new(kOffline);
+  options.simulator = "gravity", options.dataset = "", is_new(kOnline);
+  options.simulator = "", is_new(kOnline);
+  options.simulator = std::string(1000, 'a'), is_new(kOnline);
+  options.simulator += "a", is_new(kOnline);
+  options.simulator = "", options.environment = "../..", is_new(kOnline);
+  options.environment = "\xff\n", is_new(kOnline);
+}
 
 TEST_CASE("What a run's record keeps is what is read from it") {
   const Recorded recorded;

@@ -11,6 +11,7 @@
 
 #include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
+#include "algorithms/rl/run_result.h"
 #include "data/agent_file.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/data/temporary_folder.h"
@@ -96,6 +97,31 @@ TEST_CASE("Bad input ends with code 3, no daemon with 4, a refusal with 5") {
   CHECK(refused.err.find("did you mean 'HalfCheetah'") != std::string::npos);
 }
 
+TEST_CASE("An agent is evaluated where it was trained, and elsewhere only when told to") {
+  const Words evaluate = {
+      "evaluate",      "--agent", B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5",
+      "--environment",
+      "Walker2d",  // of the same sizes
+      "--episodes",    "1"};
+  const Outcome refused = Run(evaluate);
+  CHECK(refused.exit_code == 3);
+  CHECK(refused.err.find("HalfCheetah") != std::string::npos);
+  CHECK(refused.err.find("Walker2d") != std::string::npos);
+  CHECK(Run(evaluate + Words{"--anyway"}).exit_code == 0);
+}
+
+TEST_CASE("What a run needs and was not given is named") {
+  const TemporaryFolder folder;
+  const Outcome nothing = Run({"train", "--environment", "HalfCheetah"});
+  CHECK(nothing.exit_code == 2);
+  CHECK(nothing.err.find("--algorithm is missing") != std::string::npos);
+  CHECK(nothing.err.find("hymopo") != std::string::npos);
+  const Outcome nowhere = Run({"train", "--resume", "--out", folder.File("nowhere")});
+  CHECK(nowhere.exit_code == 3);
+  CHECK(nowhere.err.find("nowhere holds no run") != std::string::npos);
+  CHECK_FALSE(std::filesystem::exists(folder.File("nowhere")));
+}
+
 TEST_CASE("Help and the version end with code 0") {
   const Outcome help = Run({"train", "--help"});
   CHECK(help.exit_code == 0);
@@ -124,6 +150,27 @@ TEST_CASE(
       }
     }
   }
+}
+
+TEST_CASE("Defaults are shown as they hold in the environment") {
+  const Outcome walker =
+      Run({"train", "--algorithm", "mopo", "--environment", "Walker2d", "--help"});
+  CHECK(walker.out.find("  --horizon 1 steps") != std::string::npos);
+  const Outcome any = Run({"train", "--algorithm", "mopo", "--help"});
+  CHECK(any.out.find("  --horizon 5 steps") != std::string::npos);
+  CHECK(any.out.find("1 in Walker2d") != std::string::npos);
+  const auto algorithms =
+      nlohmann::json::parse(Run({"list", "algorithms", "--json"}).out, nullptr, false);
+  size_t found = 0;
+  for (const auto& algorithm : algorithms) {
+    for (const auto& parameter : algorithm["hyperparameters"]) {
+      const bool horizon = algorithm["name"] == "mopo" && parameter["name"] == "horizon";
+      found += horizon ? 1 : 0;
+      CHECK(parameter["default_by_environment"] ==
+            (horizon ? nlohmann::json{{"Walker2d", 1.0}} : nlohmann::json::object()));
+    }
+  }
+  CHECK(found == 1);
 }
 
 TEST_CASE("Lists are JSON arrays of objects with a name") {
@@ -159,6 +206,8 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
     killed.Kill();
   }
   REQUIRE_FALSE(ListCheckpoints(folder.File("killed")).empty());
+  const auto state = [&] { return ReadRunStatus(folder.File("killed"))->state; };
+  CHECK(state() == RunState::kKilled);
   const Outcome resumed = Run({"train", "--resume", "--out", folder.File("killed"), "--json"});
   INFO(resumed.err);
   REQUIRE(resumed.exit_code == 0);
@@ -168,6 +217,8 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
   REQUIRE(b.ok());
   CHECK(a->hidden[0].weight == b->hidden[0].weight);
   CHECK(a->last_fc.weight == b->last_fc.weight);
+  CHECK(resumed.err.find("so far: killed") != std::string::npos);
+  CHECK(state() == RunState::kFinished);
   const auto json = nlohmann::json::parse(resumed.out, nullptr, false);
   REQUIRE(json.is_object());
   CHECK(json["updates"] == 60);
