@@ -11,11 +11,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <set>
 #include <utility>
 
 #include "server/options.h"
-#include "server/process_activity.h"
 
 namespace b4mrl {
 namespace {
@@ -48,8 +46,6 @@ constexpr int64_t kStartingMs = 20'000;
   _exit(127);
 }
 
-uint32_t BlameFor(Death death) { return death == Death::kKilled ? kKillBlame : kCrashBlame; }
-
 }  // namespace
 
 ChildProcess::ChildProcess(uint32_t child, ChildOptions options, SharedState* shared)
@@ -76,8 +72,8 @@ Status ChildProcess::Start() {
   record.process_id.store(child);
   killed_as_frozen_ = false;
   started_ms_ = MonotonicMs();
-  NoteBeat(started_ms_);
-  beat_at_start_ = last_beat_;
+  RestartWatches(started_ms_);
+  beat_at_start_ = record.heartbeat.load();
   return Status();
 }
 
@@ -104,8 +100,7 @@ std::optional<Death> ChildProcess::Reap() {
 
 void ChildProcess::ScheduleRestart(Death death) {
   const int64_t now = MonotonicMs();
-  const bool own_fault = death != Death::kKilled || !ready();
-  young_deaths_ = own_fault && now - started_ms_ < kYoungMs ? young_deaths_ + 1 : 0;
+  young_deaths_ = death != Death::kKilled && now - started_ms_ < kYoungMs ? young_deaths_ + 1 : 0;
   int64_t delay = 0;
   if (young_deaths_ > 1) {
     const uint32_t doublings = std::min(young_deaths_ - 2, 16u);
@@ -115,64 +110,70 @@ void ChildProcess::ScheduleRestart(Death death) {
   ++shared_->child(child_).restarts;
 }
 
-void ChildProcess::NoteBeat(int64_t now_ms) {
-  last_beat_ = shared_->child(child_).heartbeat.load();
-  last_beat_ms_ = now_ms;
-  processor_ms_at_beat_ = ProcessorTimeMs(process_id_).value_or(0);
-  starvation_logged_ = false;
+std::span<ThreadMark> ChildProcess::marks() const {
+  if (child_ < kFirstWorkerChild) return {};
+  const std::span<ThreadMark> all = shared_->marks(child_ - kFirstWorkerChild);
+  const size_t used = size_t{options_.threads} + 1;  // and the stand-in (executor.h)
+  return all.first(std::min(used, all.size()));
+}
+
+void ChildProcess::RestartWatches(int64_t now_ms) {
+  main_loop_.Restart(now_ms);
+  work_.resize(marks().size());
+  for (ThreadWatch& watch : work_) watch.Restart(now_ms);
+}
+
+bool ChildProcess::MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms) {
+  const uint64_t beat = shared_->child(child_).heartbeat.load();
+  std::optional<Silence> silence = main_loop_.Look(beat, process_id_, process_id_, now_ms);
+  if (!silence) {
+    starvation_logged_ = false;
+    return false;
+  }
+  if (silence->ms < limit_ms) return false;
+  // It may wait for a lock that another thread holds, which gets no processor.
+  silence->wants_processor = silence->wants_processor || WantsProcessor(process_id_);
+  const Verdict verdict = Judge(*silence, limit_ms);
+  if (verdict == Verdict::kPatience) {
+    if (!starvation_logged_) {
+      spdlog::warn("{} has waited {} ms for a processor: the machine is overloaded",
+                   ChildName(child_), silence->ms - silence->processor_ms);
+      starvation_logged_ = true;
+    }
+    return false;
+  }
+  spdlog::warn("{} has not answered for {} ms and is replaced", ChildName(child_), silence->ms);
+  if (verdict == Verdict::kStuck && !marks().empty()) marks()[0].guilty.store(1);
+  return true;
+}
+
+bool ChildProcess::WorkIsStuck(int64_t now_ms, int64_t limit_ms) {
+  bool stuck = false;
+  for (size_t i = 0; i < work_.size(); ++i) {
+    ThreadMark& mark = marks()[i];
+    if (mark.kind == MarkKind::kIdle) continue;
+    const std::optional<Silence> silence =
+        work_[i].Look(static_cast<uint64_t>(mark.since_ms), process_id_, mark.thread_id, now_ms);
+    if (!silence || Judge(*silence, limit_ms) != Verdict::kStuck) continue;
+    spdlog::warn("{} has been at one piece of work for {} ms and is replaced", ChildName(child_),
+                 silence->ms);
+    mark.guilty.store(1);
+    stuck = true;
+  }
+  return stuck;
 }
 
 void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
   if (!running() || killed_as_frozen_) return;
-  if (paused || shared_->child(child_).heartbeat.load() != last_beat_) return NoteBeat(now_ms);
-  const int64_t limit = ready() ? limits::kFrozenChildMs : kStartingMs;
-  Silence silence{.ms = now_ms - last_beat_ms_};
-  if (silence.ms < limit) return;
-  silence.processor_ms = ProcessorTimeMs(process_id_).value_or(0) - processor_ms_at_beat_;
-  silence.wants_processor = WantsProcessor(process_id_);
-  if (!IsFrozen(silence, limit)) {
-    if (!starvation_logged_) {
-      spdlog::warn("{} has waited {} ms for a processor: the machine is overloaded",
-                   ChildName(child_), silence.ms - silence.processor_ms);
-      starvation_logged_ = true;
-    }
-    return;
-  }
-  spdlog::warn("{} has not answered for {} ms and is replaced", ChildName(child_), silence.ms);
+  if (paused) return RestartWatches(now_ms);
+  const int64_t limit_ms = ready() ? limits::kFrozenChildMs : kStartingMs;
+  if (!WorkIsStuck(now_ms, limit_ms) && !MainLoopIsFrozen(now_ms, limit_ms)) return;
   killed_as_frozen_ = true;
   Kill();
 }
 
 void ChildProcess::Kill() {
   if (running()) kill(process_id_, SIGKILL);
-}
-
-void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
-  const std::span<ThreadMark> marks = shared.marks(worker);
-  const bool one_crashed = std::any_of(marks.begin(), marks.end(),
-                                       [](const ThreadMark& mark) { return mark.crashed != 0; });
-  const int64_t now = MonotonicMs();
-  const uint32_t blame = BlameFor(death);
-  // By session and request id: many threads may share one, whose blame is that of one death.
-  std::set<std::pair<uint32_t, uint64_t>> queries;
-  for (ThreadMark& mark : marks) {
-    const bool accused = death == Death::kCrashed && one_crashed ? mark.crashed != 0
-                         : death == Death::kFrozen
-                             ? now - mark.since_ms >= limits::kFrozenChildMs / 2
-                             : true;
-    const MarkKind kind = mark.kind.load();
-    if (accused && kind == MarkKind::kLane && mark.lane.load() < limits::kMaxLanes) {
-      shared.lane(mark.lane.load()).AddBlame(mark.number.load(), mark.attempt.load(), blame);
-    }
-    if (accused && kind == MarkKind::kQuery && mark.session.load() < limits::kMaxSessions) {
-      queries.emplace(mark.session.load(), mark.number.load());
-    }
-    mark.kind.store(MarkKind::kIdle);
-    mark.crashed.store(0);
-  }
-  for (const auto& [session, request_id] : queries) {
-    AddQueryBlame(shared.session(session), request_id, blame);
-  }
 }
 
 }  // namespace b4mrl

@@ -4,20 +4,16 @@
 #include <sys/types.h>
 
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "server/blame.h"
 #include "server/child.h"
+#include "server/process_activity.h"
 #include "server/shared_state.h"
 
 namespace b4mrl {
-
-// How a process ended, as far as blame and restarts care.
-enum class Death {
-  kKilled,   // SIGKILL from outside: nobody's fault
-  kCrashed,  // another signal, or an exit that nobody asked for
-  kFrozen,   // SIGKILL from the supervisor after its heartbeat stopped
-};
 
 class ChildProcess {
  public:
@@ -30,13 +26,14 @@ class ChildProcess {
   Status Start();
   bool running() const { return process_id_ > 0; }
   // The time of the next Start of a dead child: at once, but backing off while it dies young again
-  // and again. A ready process that somebody else kills has not died of youth.
+  // and again. One that somebody else kills has not died of youth.
   int64_t restart_at_ms() const { return restart_at_ms_; }
 
   // Reaps the process if it has ended; says how.
   std::optional<Death> Reap();
-  // Kills it if its heartbeat has been silent too long and not for want of a processor. `paused`
-  // says that the supervisor itself was not running for a while, so that silence means nothing.
+  // Kills it if its heartbeat is silent or a thread at one piece of work for too long, and not for
+  // want of a processor; the thread is blamed if it was its own doing. `paused` says that the
+  // supervisor itself was not running for a while, so that silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);
   void Kill();
 
@@ -48,7 +45,12 @@ class ChildProcess {
 
  private:
   void ScheduleRestart(Death death);
-  void NoteBeat(int64_t now_ms);
+  void RestartWatches(int64_t now_ms);
+  // Whether the main loop goes round too slowly; accuses what its thread executes if that is why.
+  bool MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms);
+  // Whether threads of an environment worker stand still at what they execute; accuses them.
+  bool WorkIsStuck(int64_t now_ms, int64_t limit_ms);
+  std::span<ThreadMark> marks() const;  // none but an environment worker's
 
   uint32_t child_;
   ChildOptions options_;
@@ -56,19 +58,14 @@ class ChildProcess {
   pid_t process_id_ = 0;
   bool killed_as_frozen_ = false;
   uint64_t beat_at_start_ = 0;
-  uint64_t last_beat_ = 0;
-  int64_t last_beat_ms_ = 0;
-  int64_t processor_ms_at_beat_ = 0;
-  bool starvation_logged_ = false;  // since the last beat
+  ThreadWatch main_loop_;
+  std::vector<ThreadWatch> work_;   // by thread of an environment worker
+  bool starvation_logged_ = false;  // since it last had no reason
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
   uint32_t young_deaths_ = 0;  // in a row
   uint32_t deaths_before_ready_ = 0;
   int last_exit_code_ = -1;
 };
-
-// Spreads the blame for the death of environment worker `worker` over what its threads were
-// executing, and clears their marks. The thread that raised a deadly signal takes it alone.
-void BlameDeath(SharedState& shared, uint32_t worker, Death death);
 
 }  // namespace b4mrl

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "proto/base/limits.h"
+#include "server/blame.h"
 #include "server/describe.h"
 #include "server/fault_point.h"
 #include "server/handlers.h"
@@ -15,8 +16,6 @@
 namespace b4mrl {
 namespace {
 
-// A session whose rebuilding ended its worker this often is given up.
-constexpr uint32_t kMaxAdoptionAttempts = 3;
 // Deadlines are looked after at most this often, as each time all requests are looked at.
 constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
 // Of an OpenReply, beside what the worker says of the session.
@@ -67,17 +66,22 @@ Dispatcher::~Dispatcher() = default;
 void Dispatcher::AdoptSessions() {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     SessionRecord& record = shared_.session(index);
-    if (record.state() != SessionState::kLive || record.worker != worker_) continue;
-    Status status(StatusCode::kInternal, "rebuilding it ended the worker again and again");
-    if (record.adoption_attempts.fetch_add(1) < kMaxAdoptionAttempts) {
-      status = Attach(index).status();
+    const uint64_t generation = record.generation;
+    const SessionState state = record.state();
+    if (record.worker != worker_) continue;
+    // An earlier process may have built it and said so, which the gateway has yet to read. What is
+    // wrong with it is said when its Attach comes again.
+    if (state == SessionState::kOpening && record.build_deaths == 0) {
+      static_cast<void>(Attach(index, generation));
     }
-    if (status.ok()) {
-      record.adoption_attempts.store(0);
-      continue;
-    }
+    if (state != SessionState::kLive) continue;
+    const Status status =
+        record.build_deaths < kMaxBuildDeaths
+            ? Attach(index, generation).status()
+            : Status(StatusCode::kInternal, "rebuilding it ended the worker again and again");
+    if (status.ok() || status.code() == StatusCode::kBusy) continue;
     spdlog::error("session {} is lost: {}", index, status.ToString());
-    record.Close(record.generation);
+    record.Close(generation);
   }
 }
 
@@ -107,7 +111,7 @@ void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
     return Reply(from, VersionMismatch(request_.protocol_version()));
   }
   if (request_.payload_case() == pb::Request::kAttach) {
-    return HandleAttach(from, request_.attach());
+    return HandleAttach(from, request_);
   }
   if (request_.payload_case() == pb::Request::kClose) {
     return HandleClose(from, request_.session_token());
@@ -115,22 +119,26 @@ void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
   HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
 }
 
-void Dispatcher::HandleAttach(const Envelope& from, const pb::AttachRequest& request) {
+void Dispatcher::HandleAttach(const Envelope& from, const pb::Request& request) {
   if (!accepting_) return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
-  if (request.session_index() >= limits::kMaxSessions) {
-    return Reply(from, InvalidNumber("session_index", request.session_index(), "a session"));
+  const uint32_t index = request.attach().session_index();
+  if (index >= limits::kMaxSessions) {
+    return Reply(from, InvalidNumber("session_index", index, "a session"));
   }
-  SessionRecord& record = shared_.session(request.session_index());
-  if (record.generation != request.generation()) {
+  SessionRecord& record = shared_.session(index);
+  // A client can guess index and generation, but learns nothing of sessions that are not its own.
+  if (record.generation != request.attach().generation() ||
+      SessionToken(record) != request.session_token()) {
     return Reply(from, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
   }
   record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
-  const Result<Session*> session = Attach(request.session_index());
+  const Result<Session*> session = Attach(index, request.attach().generation());
   if (!session.ok()) return Reply(from, session.status());
   pb::Reply reply;
   DescribeSession(**session, reply.mutable_attach());
   if (reply.ByteSizeLong() + kEnvelopeRest > limits::kMaxEnvelopeBytes) {
-    // The client cannot be told what it would get, and the gateway frees the record.
+    // The client cannot be told what it would get.
+    record.Close((*session)->generation());
     sessions_.erase(std::string((*session)->token()));
     return Reply(
         from, Status(StatusCode::kInvalidArgument,
@@ -146,8 +154,8 @@ bool Dispatcher::ForgetIfDisowned(Session* session) {
   return true;
 }
 
-Result<Session*> Dispatcher::Attach(uint32_t index) {
-  const SessionRecord& record = shared_.session(index);
+Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
+  SessionRecord& record = shared_.session(index);
   const SessionState state = record.state();
   if ((state != SessionState::kOpening && state != SessionState::kLive) ||
       record.worker != worker_) {
@@ -156,14 +164,16 @@ Result<Session*> Dispatcher::Attach(uint32_t index) {
   const std::string token(SessionToken(record));
   const auto found = sessions_.find(token);
   if (found != sessions_.end()) {
-    if (found->second->generation() == record.generation) return found->second.get();
+    if (found->second->generation() == generation) return found->second.get();
     if (!ForgetIfDisowned(found->second.get())) {
       return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
     }
   }
-  ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, record.generation);
+  const ScopedMark mark = ScopedMark::OfSession(&own_mark(), index, generation);
+  ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
-                         Session::Build(shared_, index, models_folder_));
+                         Session::Build(shared_, index, generation, models_folder_));
+  record.build_deaths.store(0);
   return (sessions_[token] = std::move(session)).get();
 }
 
@@ -227,7 +237,11 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
   if (const Status status = Admit(*session, request, payload); !status.ok()) {
     return Reply(from, status);
   }
-  Result<std::unique_ptr<RequestJob>> job = factory({session, &request, std::move(payload)});
+  Result<std::unique_ptr<RequestJob>> job = [&] {
+    const ScopedMark mark =
+        ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
+    return factory({session, &request, std::move(payload)});
+  }();
   if (!job.ok()) return Reply(from, job.status());
   (*job)->sender = from.sender;
   (*job)->received = Clock::now();
@@ -238,6 +252,9 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
+  if (IsRequestCondemned(session.record(), request.request_id())) {
+    return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
+  }
   const size_t in_flight = session.requests_in_flight();
   if (in_flight >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,

@@ -27,7 +27,8 @@ class Dispatcher {
              SendFunction send);
   ~Dispatcher();
 
-  // Takes over the live sessions of this worker. Before the first message.
+  // Takes over this worker's sessions that it does not hold, which an earlier process of it has
+  // left. Before the first message, and again from time to time.
   void AdoptSessions();
   // `more_waiting`: other messages are there already, so the work goes to the pool at once.
   void Handle(IncomingMessage incoming, bool more_waiting);
@@ -54,9 +55,11 @@ class Dispatcher {
   // Fills in what every reply says.
   void Reply(const Envelope& to, pb::Reply reply);
 
-  void HandleAttach(const Envelope& from, const pb::AttachRequest& request);
-  // Builds the session of record `index`, or finds it built.
-  Result<Session*> Attach(uint32_t index);
+  void HandleAttach(const Envelope& from, const pb::Request& request);
+  // Builds the session that has record `index` in this generation, or finds it built.
+  Result<Session*> Attach(uint32_t index, uint64_t generation);
+  // Of the socket's thread.
+  ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
   // Forgets `session` without a word if its record is not its own any more; true if it did.
   bool ForgetIfDisowned(Session* session);
   void HandleClose(const Envelope& from, const std::string& token);

@@ -1,53 +1,23 @@
 #include "server/executor.h"
 
-#include <fcntl.h>
-#include <signal.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <array>
+#include <utility>
 
 #include "proto/base/cores.h"
 #include "server/painter_process.h"
 
 namespace b4mrl {
-namespace {
-
-// An item takes microseconds. The heartbeat pauses after this; limits::kFrozenChildMs of silence
-// later the process is replaced.
-constexpr int64_t kSlowItemMs = 200;
-constexpr std::array<int, 5> kDeadlySignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
-std::array<struct sigaction, kDeadlySignals.size()> previous_actions;
-thread_local ThreadMark* thread_mark = nullptr;
-
-// Async-signal-safe: stores to shared memory and a system call.
-void RecordCrash(int signal) {
-  if (thread_mark != nullptr) thread_mark->crashed.store(1);
-  for (size_t i = 0; i < kDeadlySignals.size(); ++i) {
-    // Returning repeats the faulting instruction (abort() raises again) under the previous action.
-    if (kDeadlySignals[i] == signal) sigaction(signal, &previous_actions[i], nullptr);
-  }
-}
-
-}  // namespace
-
-void InstallCrashRecorder() {
-  for (size_t i = 0; i < kDeadlySignals.size(); ++i) {
-    struct sigaction action {};
-    action.sa_handler = RecordCrash;
-    action.sa_flags = SA_NODEFER;
-    sigaction(kDeadlySignals[i], &action, &previous_actions[i]);
-  }
-}
 
 Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores)
     : marks_(marks),
       cores_(std::move(cores)),
       queue_(threads),
       patient_queue_(1),
+      socket_thread_mark_(&marks_[0]),
       completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-  socket_thread_.mark = thread_mark = &marks_[0];
+  socket_thread_.mark = &marks_[0];
   for (uint32_t i = 1; i < threads && i + 1 < marks.size(); ++i) {
     pool_.emplace_back(&Executor::ThreadMain, this, i, &WorkQueue::Take);
   }
@@ -65,7 +35,8 @@ Executor::~Executor() {
 
 void Executor::ThreadMain(uint32_t index, TakeFunction take) {
   WorkerThread self;
-  self.mark = thread_mark = &marks_[index];
+  self.mark = &marks_[index];
+  const MarkedThread marked(self.mark);
   if (!cores_.empty()) PinThisThread({cores_[index % cores_.size()]});
   while (const std::optional<Piece> piece = (queue_.*take)()) {
     ++busy_threads_;
@@ -137,14 +108,6 @@ void Executor::EndWait() {
   // A thread that saw the wait may write only now; that costs one empty wake-up.
   eventfd_t count = 0;
   eventfd_read(completion_fd_, &count);
-}
-
-bool Executor::healthy() const {
-  const int64_t now = MonotonicMs();
-  return std::none_of(
-      marks_.begin(), marks_.begin() + pool_.size() + 1, [now](const ThreadMark& mark) {
-        return mark.kind.load() != MarkKind::kIdle && now - mark.since_ms.load() > kSlowItemMs;
-      });
 }
 
 }  // namespace b4mrl

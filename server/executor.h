@@ -17,6 +17,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/blame.h"
 #include "server/request_job.h"
 #include "server/shared_state.h"
 #include "server/work_queue.h"
@@ -51,10 +52,6 @@ class Executor {
   void EndWait();
   int completion_fd() const { return completion_fd_; }
 
-  // False while some thread has been at one item for suspiciously long: the process stops its
-  // heartbeat then, so that a step that never returns counts as frozen.
-  bool healthy() const;
-
  private:
   using TakeFunction = std::optional<Piece> (WorkQueue::*)();
   // Thread `index`, which has that mark and core.
@@ -70,6 +67,7 @@ class Executor {
   WorkQueue patient_queue_;
   std::atomic<uint32_t> busy_threads_{0};  // of the pool
   WorkerThread socket_thread_;
+  MarkedThread socket_thread_mark_;
   std::mutex completed_mutex_;
   std::vector<RequestJob*> completed_;
   std::atomic<bool> any_completed_{false};
@@ -79,8 +77,5 @@ class Executor {
   std::vector<std::thread> pool_;  // the last one is the stand-in
   std::thread patient_thread_;
 };
-
-// Makes a deadly signal record which thread of this process raised it before it takes its course.
-void InstallCrashRecorder();
 
 }  // namespace b4mrl

@@ -248,6 +248,7 @@ void Gateway::SendAttach(uint64_t id, const PendingOpen& open) {
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_request_id(id);
+  *request.mutable_session_token() = SessionToken(context_.shared().session(open.session_index));
   request.mutable_attach()->set_session_index(open.session_index);
   request.mutable_attach()->set_generation(open.generation);
   Result<Frame> envelope = SerializeEnvelope(request);

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "proto/base/limits.h"
+#include "server/blame.h"
 #include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/lane_selection.h"
@@ -178,7 +179,7 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
     return Status(StatusCode::kInternal, "its step and the start after it both ended the worker");
   }
   {
-    const ScopedMark mark(thread.mark, global_lane, number, attempt);
+    const ScopedMark mark = ScopedMark::OfLane(thread.mark, global_lane, number, attempt);
     if (operation_ == Operation::kStep && slot.condemned(attempt)) {
       B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(environment, before, after));
     } else {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "proto/base/limits.h"
+#include "server/blame.h"
 #include "server/fault_point.h"
 #include "server/handlers.h"
 #include "server/lane_selection.h"
@@ -45,9 +46,6 @@ class QueryJob : public RequestJob {
 
 Status QueryJob::Prepare(const pb::Request& request) {
   B4MRL_RETURN_IF_ERROR(owner().simulator().CheckQueryable());
-  if (IsQueryCondemned(owner().record(), request_id())) {
-    return Status(StatusCode::kInternal, "this query ended its worker twice and is not repeated");
-  }
   const EnvironmentSpec& spec = owner().simulator().spec();
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(observations_,
@@ -88,7 +86,7 @@ void QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   const ScopedThroughputSlice lanes_go_first;
   const Clock::time_point start = Clock::now();
   for (uint32_t row = first; row < first + count; ++row) {
-    const ScopedMark mark(thread.mark, owner().index(), request_id());
+    const ScopedMark mark = ScopedMark::OfRequest(thread.mark, owner().index(), request_id());
     ReachFaultPoint(FaultPoint::kBeforeQueryRow, row, request_id());
     RunRow(row, **environment, thread, next);
   }

@@ -7,6 +7,7 @@
 #include <deque>
 
 #include "proto/base/limits.h"
+#include "server/blame.h"
 #include "server/environments/list.h"
 #include "server/handlers.h"
 #include "server/lane_selection.h"
@@ -88,7 +89,8 @@ Status SnapshotJob::PlanReply() {
   return Status();
 }
 
-void SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& /*thread*/) {
+void SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  const ScopedMark mark = ScopedMark::OfRequest(thread.mark, owner().index(), request_id());
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
   if (!environment.ok()) return Fail(environment.status());
   const Clock::time_point start = Clock::now();
@@ -224,8 +226,9 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
     values.resize(size);
     CopyToDoubles(view, position * size, values);
   }
-  const ScopedMark mark(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
-                        AttemptKey(Operation::kRestore));
+  const ScopedMark mark =
+      ScopedMark::OfLane(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
+                         AttemptKey(Operation::kRestore));
   return owner().stepper().SetNamedState(environment, owner().committed_record(lane), state,
                                          LaneRecord(layout, record.data()));
 }

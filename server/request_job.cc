@@ -67,24 +67,6 @@ Result<Message> RequestJob::TakeReply() {
   return Message{std::move(envelope), std::move(reply_payload_)};
 }
 
-ScopedMark::ScopedMark(ThreadMark* mark, uint32_t lane, uint64_t number, uint64_t attempt)
-    : mark_(mark) {
-  mark->lane.store(lane, std::memory_order_relaxed);
-  mark->attempt.store(attempt, std::memory_order_relaxed);
-  Begin(MarkKind::kLane, number);
-}
-
-ScopedMark::ScopedMark(ThreadMark* mark, uint32_t session, uint64_t request_id) : mark_(mark) {
-  mark->session.store(session, std::memory_order_relaxed);
-  Begin(MarkKind::kQuery, request_id);
-}
-
-void ScopedMark::Begin(MarkKind kind, uint64_t number) {
-  mark_->number.store(number, std::memory_order_relaxed);
-  mark_->since_ms.store(MonotonicMs(), std::memory_order_relaxed);
-  mark_->kind.store(kind, std::memory_order_release);
-}
-
 Message ErrorReply(uint64_t request_id, const Status& status) {
   pb::Reply reply;
   reply.set_protocol_version(limits::kProtocolVersion);

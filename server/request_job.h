@@ -95,23 +95,6 @@ class RequestJob : public QueuedWork {
   Status error_;
 };
 
-// Marks what a thread is doing for as long as it lives, so that a death can be blamed on it.
-class ScopedMark {
- public:
-  // An operation of a lane, which is an index into SharedState::lane.
-  ScopedMark(ThreadMark* mark, uint32_t lane, uint64_t number, uint64_t attempt);
-  // A row of a query.
-  ScopedMark(ThreadMark* mark, uint32_t session, uint64_t request_id);
-  ~ScopedMark() { mark_->kind.store(MarkKind::kIdle, std::memory_order_release); }
-  ScopedMark(const ScopedMark&) = delete;
-  ScopedMark& operator=(const ScopedMark&) = delete;
-
- private:
-  void Begin(MarkKind kind, uint64_t number);
-
-  ThreadMark* mark_;
-};
-
 // A reply without arrays that carries `status`.
 Message ErrorReply(uint64_t request_id, const Status& status);
 

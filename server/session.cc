@@ -56,6 +56,7 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 }
 
 Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,
+                                                uint64_t generation,
                                                 const std::string& models_folder) {
   const SessionRecord& record = shared.session(index);
   B4MRL_RETURN_IF_ERROR(CheckSessionRecord(record));
@@ -68,17 +69,21 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
   session->simulator_request_ = std::move(simulator);
   session->token_ = std::string(SessionToken(record));
-  session->generation_ = record.generation.load();
+  session->generation_ = generation;
   session->first_lane_ = record.first_lane.load();
   session->lanes_.resize(record.lane_count.load());
   session->observation_dtype_ =
       request.observation_dtype() == pb::FLOAT64 ? DType::kFloat64 : DType::kFloat32;
   session->request_ = std::move(request);
   session->NameExperiment();
-  if (record.state() == SessionState::kOpening) {
+  // The gateway may have given the record away while it was read.
+  const SessionState state = session->state();
+  if (state == SessionState::kOpening) {
     session->InitializeLanes();
-  } else {
+  } else if (state == SessionState::kLive) {
     B4MRL_RETURN_IF_ERROR(session->AdoptLanes());
+  } else {
+    return Status(StatusCode::kSessionLost, "the session was given up meanwhile");
   }
   return session;
 }

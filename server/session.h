@@ -41,9 +41,10 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 class Session {
  public:
   // Reads record `index`. A record that is kOpening gets fresh lanes; one that is kLive has its
-  // lanes verified and taken over as they are. Errors name what is wrong with the request or the
-  // record.
+  // lanes verified and taken over as they are. kSessionLost if the record is not of `generation`
+  // all the while; other errors name what is wrong with the request or the record.
   static Result<std::unique_ptr<Session>> Build(SharedState& shared, uint32_t index,
+                                                uint64_t generation,
                                                 const std::string& models_folder);
 
   uint32_t index() const { return index_; }

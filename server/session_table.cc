@@ -56,9 +56,9 @@ Result<uint32_t> SessionTable::Allocate(const NewSession& session) {
   record.generation.store(shared_.header().next_generation.fetch_add(1));
   record.last_activity_ms.store(MonotonicMs());
   record.steps.store(0);
-  record.adoption_attempts.store(0);
+  record.build_deaths.store(0);
   record.simulator_hash.store(0);
-  for (QueryBlame& entry : record.query_blames) entry.blame.store(0);
+  for (RequestBlame& entry : record.request_blames) entry.blame.store(0);
   std::memcpy(record.token.data(), session.token.data(), record.token.size());
   record.request_hash = session.request_hash;
   record.open_size = static_cast<uint32_t>(session.open_bytes.size());

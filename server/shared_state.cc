@@ -100,24 +100,6 @@ SessionState SessionRecord::state() const {
   return closed ? SessionState::kClosed : by_gateway;
 }
 
-void AddQueryBlame(SessionRecord& record, uint64_t request_id, uint32_t blame) {
-  QueryBlame* entry = nullptr;
-  for (QueryBlame& candidate : record.query_blames) {
-    const bool is_its_own = candidate.blame != 0 && candidate.request_id == request_id;
-    if (is_its_own || entry == nullptr || candidate.blame < entry->blame) entry = &candidate;
-    if (is_its_own) break;
-  }
-  const bool is_new = entry->blame == 0 || entry->request_id != request_id;
-  entry->request_id.store(request_id);
-  entry->blame.store(std::min((is_new ? 0 : entry->blame.load()) + blame, kBlameLimit));
-}
-
-bool IsQueryCondemned(const SessionRecord& record, uint64_t request_id) {
-  return std::ranges::any_of(record.query_blames, [request_id](const QueryBlame& entry) {
-    return entry.blame >= kBlameLimit && entry.request_id == request_id;
-  });
-}
-
 uint64_t SessionChecksum(const SessionRecord& record) {
   const uint64_t place = (uint64_t{record.first_lane.load()} << 32) | record.lane_count.load();
   const uint64_t token_hash =

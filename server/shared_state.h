@@ -35,7 +35,7 @@ std::string ChildName(uint32_t child);
 struct alignas(64) ChildRecord {
   std::atomic<int32_t> process_id;  // 0: not running
   std::atomic<uint32_t> restarts;
-  // Grows at least every 200 ms from the moment the child reads its sockets, while it is healthy.
+  // Grows at least every 200 ms from the moment the child reads its sockets.
   std::atomic<uint64_t> heartbeat;
   // Totals since the daemon's start; they go on through restarts.
   std::atomic<uint64_t> steps;
@@ -45,15 +45,21 @@ struct alignas(64) ChildRecord {
 };
 
 // What one thread of a worker is executing, so that a death can be blamed on somebody.
-enum class MarkKind : uint32_t { kIdle = 0, kLane = 1, kQuery = 2 };
+enum class MarkKind : uint32_t {
+  kIdle = 0,
+  kLane = 1,     // an operation of a lane
+  kRequest = 2,  // a request: its examination, a row of a query, a snapshot
+  kSession = 3,  // the building of a session
+};
 struct alignas(64) ThreadMark {
-  std::atomic<MarkKind> kind;     // stored last when work begins, first when it ends
-  std::atomic<uint32_t> crashed;  // this thread raised the deadly signal
-  std::atomic<uint32_t> lane;     // kLane: index into SharedState::lane
-  std::atomic<uint32_t> session;  // kQuery: index into SharedState::session
-  std::atomic<uint64_t> number;   // kLane: the operation; kQuery: the request id
-  std::atomic<uint64_t> attempt;  // kLane: its AttemptKey
-  std::atomic<int64_t> since_ms;  // MonotonicMs() when it began
+  std::atomic<MarkKind> kind;      // stored last when work begins, first when it ends
+  std::atomic<uint32_t> guilty;    // it raised the deadly signal, or the supervisor saw it frozen
+  std::atomic<uint32_t> lane;      // kLane: index into SharedState::lane
+  std::atomic<uint32_t> session;   // the others: index into SharedState::session
+  std::atomic<uint64_t> number;    // the operation, the request's id, the session's generation
+  std::atomic<uint64_t> attempt;   // kLane: its AttemptKey
+  std::atomic<int64_t> since_ms;   // MonotonicMs() when it began
+  std::atomic<int32_t> thread_id;  // the system's
 };
 inline constexpr uint32_t kMarksPerWorker =
     limits::kMaxThreads + 1;  // the socket's thread is mark 0
@@ -65,8 +71,8 @@ enum class SessionState : uint32_t {
   kClosed = 3,   // the worker is done with it; the gateway frees it
 };
 
-// Blame for a query, by its request id, as a lane slot has it for an operation. 0: nobody's.
-struct QueryBlame {
+// Blame for a request, by its id, as a lane slot has it for an operation. 0: nobody's.
+struct RequestBlame {
   std::atomic<uint64_t> request_id;
   std::atomic<uint32_t> blame;
 };
@@ -80,9 +86,9 @@ struct alignas(64) SessionRecord {
   std::atomic<uint64_t> closed_generation;  // the last one that its worker was done with
   std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
   std::atomic<uint64_t> steps;
-  std::atomic<uint32_t> adoption_attempts;  // deaths while rebuilding it
-  std::atomic<uint64_t> simulator_hash;     // of what the lanes were made with
-  std::array<QueryBlame, 4> query_blames;   // the most blamed ones
+  std::atomic<uint32_t> build_deaths;    // of workers while they built it, one after the other
+  std::atomic<uint64_t> simulator_hash;  // of what the lanes were made with
+  std::array<RequestBlame, 4> request_blames;  // the most blamed ones
   std::array<uint8_t, limits::kTokenBytes> token;
   uint64_t request_hash;  // of the OpenRequest as it came, for the same token again
   // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and
@@ -149,11 +155,6 @@ class SharedState {
   int fd_ = -1;
   SharedMemory* memory_ = nullptr;
 };
-
-// Supervisor: query `request_id` was under way when its process died.
-void AddQueryBlame(SessionRecord& record, uint64_t request_id, uint32_t blame);
-// Whether it has ended its process too often to be tried again.
-bool IsQueryCondemned(const SessionRecord& record, uint64_t request_id);
 
 // The checksum that belongs into `record.checksum`.
 uint64_t SessionChecksum(const SessionRecord& record);

@@ -7,6 +7,7 @@
 #include "proto/base/clock.h"
 #include "proto/base/cores.h"
 #include "proto/base/limits.h"
+#include "server/blame.h"
 #include "server/child.h"
 #include "server/dispatcher.h"
 #include "server/executor.h"
@@ -61,6 +62,7 @@ void Worker::ReceiveBurst() {
     const bool goes_on = i + 1 < kReceiveBurst && SecondsSince(start) < kReceiveBurstSeconds;
     next = goes_on ? socket_.TryReceive() : std::nullopt;
     dispatcher_.Handle(std::move(current), next.has_value());
+    context_.Beat();  // a burst may build many sessions
   }
 }
 
@@ -74,13 +76,14 @@ Status Worker::Run() {
     ReceiveBurst();
     dispatcher_.EndExpired();
     dispatcher_.FinishCompleted();
-    if (executor_.healthy()) context_.Beat();
+    context_.Beat();
     if (context_.draining()) {
       dispatcher_.StopAccepting();
       if (dispatcher_.idle()) break;
     }
     if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
       dispatcher_.ReapIdleSessions();
+      dispatcher_.AdoptSessions();
       next_reap_ms = now + kReapIntervalMs;
     }
     if (executor_.RunBite()) continue;

@@ -211,7 +211,7 @@ Status LaneStepper::TruncateAfterCrash(Environment& environment, ConstLaneRecord
   ClearOutcome(header);
   header.truncated = 1;
   header.cause = Cause::kCrash;
-  if (header.phase == LanePhase::kRunning) {
+  if (header.phase == LanePhase::kRunning || mode_ == AutoresetMode::kDisabled) {
     ++header.elapsed_steps;
   } else {
     // The start that this step was to be crashed: the next reset must not draw it again.
@@ -237,6 +237,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
   environment.SaveState(after.state());
   if (header.phase != LanePhase::kRunning) {
+    if (header.phase == LanePhase::kEnded) ++header.episode;  // whose noise was drawn already
     header.phase = LanePhase::kRunning;
     header.elapsed_steps = 0;
     header.episode_return = 0;

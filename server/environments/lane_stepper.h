@@ -67,8 +67,8 @@ class LaneStepper {
   // The simulator's state under readable names.
   NamedState GetNamedState(Environment& environment, ConstLaneRecord before) const;
   // Puts the lane into that state and observes it. A running episode goes on (seed, steps and
-  // return and perturbations' state kept); a lane that was not running runs from step 0 of its
-  // episode.
+  // return and perturbations' state kept); a lane that was never reset runs from step 0 of its
+  // first episode, and one whose episode has ended from step 0 of the next.
   Status SetNamedState(Environment& environment, ConstLaneRecord before, const NamedState& state,
                        LaneRecord after) const;
 

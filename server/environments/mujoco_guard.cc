@@ -24,7 +24,7 @@ void JumpBack(const char* message) {
 
 void EndProcess(const char* message) {
   spdlog::critical("MuJoCo error outside a step: {}", message);
-  std::_Exit(EXIT_FAILURE);
+  std::abort();  // a signal, so that a worker records which thread it was
 }
 
 // The counters in mjData say the same; by default MuJoCo would also write a file.

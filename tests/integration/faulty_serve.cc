@@ -1,7 +1,8 @@
 // b4mrl-serve with a fault in it, for the tests of recovery. B4MRL_FAULT says which:
 //   crash:LANE:NUMBER                 operation NUMBER of lane LANE ends the process, every time
-//   exit:LANE:NUMBER                  the same through exit(), the physics engine's own error path
+//   exit:LANE:NUMBER                  the same through exit(), as a library may do it
 //   hang:LANE:NUMBER                  it never returns, every time
+//   spin:LANE:NUMBER                  the same in an endless loop, every time
 //   hang-once:LANE:NUMBER:FILE        it never returns; FILE remembers that this has happened
 //   tear-once:LANE:NUMBER:FILE        killed with the slot's idle buffer half written
 //   kill-after-once:LANE:NUMBER:FILE  killed after the commit and before the reply
@@ -57,11 +58,19 @@ void Hang() {
   while (true) pause();
 }
 
+void Spin() {
+  volatile uint64_t turns = 0;
+  while (true) {
+    turns = turns + 1;
+  }
+}
+
 void BreakOperation(FaultPoint point, std::span<std::byte> idle_buffer) {
   const std::string& kind = planned.kind;
   if (point == FaultPoint::kBeforeOperation) {
     if (kind == "crash") std::abort();
     if (kind == "exit") _exit(1);
+    if (kind == "spin") Spin();
     if (kind == "hang" || (kind == "hang-once" && FirstTime())) Hang();
   }
   if (point == FaultPoint::kSlotHalfWritten && kind == "tear-once" && FirstTime()) {

@@ -76,6 +76,11 @@ TEST_CASE("A damaged record is told from a whole one") {
     memory->committed.store(1);
     REQUIRE(slot.Verify(kGeneration, kSize).code() == StatusCode::kDataLoss);
   }
+  SECTION("a record that passes for a later one in the same buffer") {
+    memory->seals[0].number = 2;
+    memory->committed.store(2);
+    REQUIRE(slot.Verify(kGeneration, kSize).code() == StatusCode::kDataLoss);
+  }
   SECTION("a size beyond the buffer") {
     memory->seals[0].size = UINT32_MAX;
     REQUIRE(slot.Verify(kGeneration, UINT32_MAX).code() == StatusCode::kDataLoss);

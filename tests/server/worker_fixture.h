@@ -89,6 +89,7 @@ class WorkerFixture {
     pb::Request attach;
     attach.mutable_attach()->set_session_index(index);
     attach.mutable_attach()->set_generation(state_->session(index).generation);
+    *attach.mutable_session_token() = SessionToken(state_->session(index));
     return Call(attach, {}).code();
   }
   uint32_t Open(uint32_t lanes, const std::string& token = kToken,

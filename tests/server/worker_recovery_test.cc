@@ -47,10 +47,14 @@ TEST_CASE("A replacement gives up a damaged session and keeps the others") {
   REQUIRE(worker.Call(reset, {Numbers({1})}).code() == StatusCode::kOk);
 }
 
-TEST_CASE("A session whose rebuilding ends its worker is given up after three attempts") {
+TEST_CASE("A session whose rebuilding ended its worker three times is given up") {
   WorkerFixture worker;
   const uint32_t index = worker.Open(1);
-  worker.state().session(index).adoption_attempts.store(3);
+  worker.state().session(index).build_deaths.store(kMaxBuildDeaths - 1);
+  worker.Restart();
+  REQUIRE(worker.dispatcher().session_count() == 1);
+  REQUIRE(worker.state().session(index).build_deaths == 0);  // it went well
+  worker.state().session(index).build_deaths.store(kMaxBuildDeaths);
   worker.Restart();
   REQUIRE(worker.dispatcher().session_count() == 0);
   REQUIRE(worker.state().session(index).state() == SessionState::kClosed);

@@ -201,42 +201,6 @@ TEST_CASE("A state that blows up ends the episode, in every mode, and the next o
   }
 }
 
-TEST_CASE("After a crash the episode ends as truncated at its last observation") {
-  for (const AutoresetMode mode :
-       {AutoresetMode::kNextStep, AutoresetMode::kSameStep, AutoresetMode::kDisabled}) {
-    TestLane lane(OpenHalfCheetah(), mode);
-    lane.Reset();
-    for (uint64_t k = 0; k < 5; ++k) lane.Step(Action(k));
-    const std::vector<double> last = lane.observation();
-    const double episode_return = lane.header().episode_return;
-    lane.TruncateAfterCrash();
-    REQUIRE(lane.header().cause == Cause::kCrash);
-    REQUIRE(lane.header().truncated == 1);
-    REQUIRE(lane.header().reward == 0);
-    REQUIRE(lane.header().final_length == 6);
-    REQUIRE(lane.header().final_return == episode_return);
-    REQUIRE(lane.final_observation() == last);
-    if (mode == AutoresetMode::kSameStep) {
-      REQUIRE(lane.header().phase == LanePhase::kRunning);
-      REQUIRE(lane.observation() != last);
-    } else {
-      REQUIRE(lane.header().phase == LanePhase::kEnded);
-      REQUIRE(lane.observation() == last);
-    }
-  }
-}
-
-TEST_CASE("A reset that crashes moves on to another start") {
-  TestLane lane(OpenHalfCheetah("", kThreeSteps));
-  lane.Reset();
-  for (uint64_t k = 0; k < 3; ++k) lane.Step(Action(k));
-  lane.TruncateAfterCrash();  // instead of the auto-reset to episode 1
-  REQUIRE(lane.header().final_length == 0);
-  lane.Step(Action(3));
-  REQUIRE(lane.header().episode == 2);
-  REQUIRE(lane.header().phase == LanePhase::kRunning);
-}
-
 // Spoils the first observations of episodes 1 to `last`.
 class SpoiledStarts : public Perturbation {
  public:
