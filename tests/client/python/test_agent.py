@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import b4mrl
@@ -9,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from b4mrl import errors
+from b4mrl.serve import find_server
 
 CARRIED = Path(__file__).parents[3] / "data" / "agents" / "halfcheetah-medium.h5"
 SIZE, ACTIONS, HIDDEN = 3, 2, 5
@@ -135,6 +139,29 @@ def test_a_file_that_is_no_agent_is_refused(tmp_path: Path) -> None:
         b4mrl.load_agent(tmp_path / "other.h5")
     with pytest.raises(OSError):
         b4mrl.load_agent(tmp_path / "absent.h5")
+
+
+def test_texts_may_be_as_h5py_writes_them_here_and_for_the_command(tmp_path: Path) -> None:
+    """Of variable length, unless it is told otherwise."""
+    own = tmp_path / "own.h5"
+    shutil.copy(CARRIED, own)
+    with h5py.File(own, "a") as file:
+        for name in ("environment", "policy/nonlinearity", "policy/output_distribution"):
+            value = file["metadata"][name][()].decode()
+            del file["metadata"][name]
+            file["metadata"][name] = value
+            assert h5py.check_string_dtype(file["metadata"][name].dtype).length is None
+    observations = np.random.default_rng(0).normal(size=(4, 17))
+    actions = [b4mrl.load_agent(path)(observations) for path in (CARRIED, own)]
+    np.testing.assert_array_equal(*actions)
+    command = [Path(find_server()[0]).with_name("b4mrl-tools"), "evaluate", "--json"]
+    command += ["--environment", "HalfCheetah", "--episodes", "1", "--agent"]
+    answers = []
+    for path in (CARRIED, own):
+        done = subprocess.run([*command, path], capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        answers.append(json.loads(done.stdout) | {"agent": None})
+    assert answers[0] == answers[1]
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (2, 4), (0, 3)])
