@@ -8,18 +8,20 @@ they are normalised.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from b4mrl.display import Shown
 from b4mrl.errors import DataLossError, InvalidArgumentError
 
 Vector = NDArray[np.float32]
 Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias (outputs,)
 
 
-class Policy:
+class Policy(Shown):
     """A deterministic policy: `action = policy(observation)`.
 
     `observation` is (observation size,) or a batch (n, observation size), float32 or float64, any
@@ -63,6 +65,16 @@ class Policy:
         self._scale = _vector(group, "action_scale", np.ones(self.action_size))
         self._history: NDArray[np.float32] | None = None  # (n, history, size), oldest first
         self._starts = np.ones(0, np.bool_)  # rows whose next observation is an episode's first
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {
+            "environment": self.environment,
+            "algorithm": self.algorithm,
+            "observation_size": self.observation_size,
+            "action_size": self.action_size,
+            "history_length": self.history_length,
+            "layers": tuple(len(bias) for _, bias in self._layers),
+        }
 
     def reset(self, rows: ArrayLike | None = None) -> None:
         """The next observations of `rows` (numbers or a bool mask; all of them) start episodes."""

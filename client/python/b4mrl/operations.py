@@ -1,8 +1,8 @@
 """Steps, resets and restores of a session: each executed once, and none lost to Ctrl-C.
 
 KeyboardInterrupt may come between any two lines. An operation that it leaves without a caller stays
-here with its outcome. So does one that got no answer within its deadline, and what follows asks for
-it again first:
+here with its outcome, and one that got no answer within its deadline stays to be asked for again.
+What follows settles it first:
 
 - the call that repeats it, with the same lanes and numbers, gets this outcome, so that interrupting
   a call and making it again is as if nothing had happened;

@@ -15,8 +15,10 @@ from b4mrl.errors import InvalidArgumentError
 from b4mrl.session import Session
 from b4mrl.simulators import Simulator
 
-# Enough to keep every thread of a worker busy while one answer is copied out.
+# Enough to keep every thread of a worker busy while one answer is copied out, and few enough rows
+# that all of them are done within a deadline where the costliest ones take milliseconds each.
 _REQUESTS_IN_FLIGHT = 6
+_ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
 
 Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 
@@ -117,4 +119,4 @@ def _rows_at_once(rows: Rows) -> int:
     row_bytes = itemsize * observation + max(itemsize * action, 8 + 2)
     padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
     fitting: int = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
-    return min(limits.MAX_QUERY_ROWS, fitting)
+    return min(_ROWS_AT_ONCE, fitting)

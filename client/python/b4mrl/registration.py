@@ -43,9 +43,7 @@ def make(environment: str, endpoint: str | None = None, **options: Any) -> Envir
     limit = _limit_of_the_caller()
     if limit is not None:
         options["max_episode_steps"] = limit
-    return open_environment(
-        endpoint or default_endpoint(), None, environment=environment, **options
-    )
+    return open_environment(_endpoint(endpoint), None, environment=environment, **options)
 
 
 def make_vec(
@@ -53,7 +51,7 @@ def make_vec(
 ) -> VectorEnvironment:
     """The entry point of gym.make_vec."""
     return open_vector_environment(
-        endpoint or default_endpoint(), None, environment=environment, num_envs=num_envs, **options
+        _endpoint(endpoint), None, environment=environment, num_envs=num_envs, **options
     )
 
 
@@ -69,7 +67,11 @@ def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Cl
         UnavailableError: nobody answers there.
         VersionMismatchError: it speaks another version of the protocol.
     """
-    return Client(default_endpoint() if endpoint is None else endpoint, deadline_ms)
+    return Client(_endpoint(endpoint), deadline_ms)
+
+
+def _endpoint(named: str | None) -> str:
+    return default_endpoint() if named is None else named
 
 
 def _limit_of_the_caller() -> int | None:

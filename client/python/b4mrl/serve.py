@@ -12,9 +12,11 @@ import tempfile
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from b4mrl.display import Shown
 from b4mrl.errors import UnavailableError
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
@@ -30,7 +32,7 @@ if os.getppid() == int(sys.argv[1]):
 """
 
 
-class PrivateDaemon:
+class PrivateDaemon(Shown):
     """What serve returns: `with b4mrl.serve() as endpoint: ...`, or `endpoint` and `stop()`.
 
     Attributes:
@@ -63,6 +65,9 @@ class PrivateDaemon:
         """
         self._stop()
         return self._process.returncode or 0
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {"endpoint": self.endpoint, "process_id": self.process_id}
 
     def __enter__(self) -> str:
         return self.endpoint

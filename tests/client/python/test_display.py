@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from html.parser import HTMLParser
+from pathlib import Path
 
 import b4mrl
 from b4mrl.descriptions import DatasetInfo, NamedArgument
 from b4mrl.display import Listing, Table, table
+
+from conftest import daemon
+
+ROOT = Path(__file__).parents[3]
 
 
 class Cells(HTMLParser):
@@ -43,6 +48,15 @@ def test_things_say_in_a_line_what_they_are(client: b4mrl.Client) -> None:
         assert "num_envs=3, autoreset_mode='disabled'" in repr(vec)
         assert "Hopper" in repr(vec)
     assert repr(client).startswith(f"<Client endpoint='{client.endpoint}', server='")
+
+
+def test_so_do_agents_and_daemons() -> None:
+    agent = repr(b4mrl.load_agent(next((ROOT / "data" / "agents").glob("half*.h5"))))
+    assert agent.startswith("<Policy environment='HalfCheetah', algorithm='")
+    assert "observation_size=17, action_size=6" in agent
+    assert repr(daemon()) == (
+        f"<PrivateDaemon endpoint='{daemon().endpoint}', process_id={daemon().process_id}>"
+    )
 
 
 def test_the_catalogue_is_short_and_its_table_complete(client: b4mrl.Client) -> None:
