@@ -44,7 +44,7 @@ StatusCode CodeOf(const pb::Reply& reply) { return GetStatus(reply.status()).cod
 
 // Connections to the gateway and to every worker.
 struct Peers {
-  explicit Peers(const std::string& address) : endpoint(address), gateway(context, address) {
+  explicit Peers(const std::string& gateways) : endpoint(gateways), gateway(context, gateways) {
     std::vector<std::string> tokens;
     for (uint32_t i = 0; i < kWorkers; ++i) {
       tokens.push_back(NextToken());
