@@ -1,5 +1,7 @@
 #include "tests/integration/worker_load.h"
 
+#include <poll.h>
+
 #include <algorithm>
 #include <deque>
 #include <numeric>
@@ -12,6 +14,7 @@ namespace {
 
 constexpr uint32_t kLanesInFlight = 512;
 constexpr size_t kRows = 4096;
+constexpr size_t kSmallRows = 64;
 
 class Steps {
  public:
@@ -87,13 +90,20 @@ class Queries {
 
 Load::Load(std::function<Status()> advance)
     : thread_([this, advance = std::move(advance)] {
-        while (!stop_.load() && status_.ok()) status_ = advance();
+        for (; !stop_.load() && status_.ok(); ++calls_) status_ = advance();
       }) {}
 
 Status Load::Stop() {
   Halt();
   if (thread_.joinable()) thread_.join();
   return status_;
+}
+
+double Load::RateFor(double seconds) const {
+  const uint64_t before = calls_.load();
+  const Clock::time_point start = Clock::now();
+  while (SecondsSince(start) < seconds) poll(nullptr, 0, 10);
+  return (calls_.load() - before) / SecondsSince(start);
 }
 
 std::unique_ptr<Load> StepHumanoids(const std::string& endpoint) {
@@ -136,6 +146,23 @@ double MedianMs(int times, const std::function<void()>& call) {
     durations.push_back(1e3 * SecondsSince(start));
   }
   return Median(std::move(durations));
+}
+
+SmallQueries::SmallQueries(Client& client)
+    : session_(Take(client.Make("HalfCheetah", {.num_envs = 0}))),
+      observations_(kSmallRows * session_.spec().observation.size(), 0.1f),
+      actions_(kSmallRows * session_.spec().action.size(), 0.1f),
+      next_observations_(observations_.size()),
+      rewards_(kSmallRows),
+      terminated_(kSmallRows),
+      valid_(kSmallRows) {}
+
+double SmallQueries::MedianMs(int times) {
+  return b4mrl::MedianMs(times, [this] {
+    RequireOk(session_.Query(std::span<const float>(observations_),
+                             std::span<const float>(actions_),
+                             {next_observations_, rewards_, terminated_, valid_}));
+  });
 }
 
 }  // namespace b4mrl

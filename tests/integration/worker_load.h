@@ -23,9 +23,12 @@ class Load {
   void Halt() { stop_.store(true); }
   // The first error, which ended it.
   Status Stop();
+  // Calls a second from now on for so long.
+  double RateFor(double seconds) const;
 
  private:
   std::atomic<bool> stop_{false};
+  std::atomic<uint64_t> calls_{0};
   Status status_;
   std::thread thread_;  // the last member: it uses the others
 };
@@ -47,5 +50,19 @@ Pace StepFor(RemoteEnvironment& session, double seconds);
 double Median(std::vector<double> values);
 // The median duration of `times` calls, in milliseconds.
 double MedianMs(int times, const std::function<void()>& call);
+
+// Queries of 64 rows of HalfCheetah.
+class SmallQueries {
+ public:
+  explicit SmallQueries(Client& client);
+  // How long one takes, in milliseconds: the median of `times`.
+  double MedianMs(int times);
+
+ private:
+  RemoteEnvironment session_;
+  std::vector<float> observations_, actions_, next_observations_;
+  std::vector<double> rewards_;
+  std::vector<uint8_t> terminated_, valid_;
+};
 
 }  // namespace b4mrl
