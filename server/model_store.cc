@@ -11,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "data/cache_root.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/environments/model_file.h"
@@ -80,8 +81,10 @@ struct ModelStore::Cache {
       if (!hash.ok() || InCache(*hash)) return hash;
     }
     std::error_code error;
-    fs::create_directories(folder, error);
-    if (error) return IoError("create cache folder", folder, error.value());
+    fs::create_directories(options.data_folder, error);
+    if (error) return IoError("create", options.data_folder, error.value());
+    B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options.data_folder));
+    B4MRL_RETURN_IF_ERROR(MakeFolderInside(folder));
     const Result<std::string> hash = CompileModelInChild(
         options.program, {options.models_folder, file, environment, folder},
         Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs)));
@@ -106,7 +109,7 @@ struct ModelStore::Cache {
 };
 
 std::string ModelCacheFolder(const std::string& data_folder) {
-  return data_folder + "/.cache/models";
+  return CacheRoot(data_folder) + "/models";
 }
 
 ModelStore::ModelStore(Options options)

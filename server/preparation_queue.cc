@@ -1,10 +1,17 @@
 #include "server/preparation_queue.h"
 
 #include <algorithm>
+#include <array>
 #include <tuple>
 #include <utility>
 
 namespace b4mrl {
+namespace {
+
+// Of a job's turn from one start to the next. What is thrown away adds up to a third of the rest.
+constexpr int64_t kTurnGrowth = 4;
+
+}  // namespace
 
 PreparationQueue::PreparationQueue(size_t short_places, size_t long_places, int64_t short_ms)
     : short_places_(short_places), long_places_(long_places), short_ms_(short_ms) {
@@ -26,8 +33,11 @@ void PreparationQueue::Submit(const std::string& key, const RoutingId& client, u
   ++backlog_;
   auto job = std::ranges::find(jobs_, key, &Job::key);
   if (job == jobs_.end()) {
-    jobs_.push_back(
-        {.number = next_number_++, .key = key, .bytes = bytes, .work = std::move(work)});
+    jobs_.push_back({.number = next_number_++,
+                     .key = key,
+                     .bytes = bytes,
+                     .work = std::move(work),
+                     .turn_ms = short_ms_});
     job = std::prev(jobs_.end());
   }
   job->clients.push_back(client);
@@ -81,7 +91,7 @@ void PreparationQueue::Start(Job* job) {
   job->place = free_.back();
   free_.pop_back();
   job->cancelled = std::make_shared<std::atomic<bool>>(false);
-  job->is_short = Deadline::AfterMs(short_ms_);
+  job->turn = Deadline::AfterMs(job->turn_ms);
   job->place->Submit([this, number = job->number, work = job->work,
                       cancelled = job->cancelled]() -> BackgroundThread::Completion {
     auto result = std::make_shared<Result<OpenedDataset>>(work(*cancelled));
@@ -93,7 +103,8 @@ void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& resu
   const auto found = std::ranges::find(jobs_, number, &Job::number);
   free_.push_back(std::exchange(found->place, nullptr));
   if (*found->cancelled && result.status().code() == StatusCode::kUnavailable) {
-    found->is_long = true;  // waits for its second start
+    found->is_long = true;  // waits for its next start
+    found->turn_ms *= kTurnGrowth;
     return;
   }
   const std::vector<Done> done = std::move(found->done);
@@ -103,16 +114,25 @@ void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& resu
 }
 
 void PreparationQueue::MakeWay() {
-  size_t waiting = std::ranges::count_if(
-      jobs_, [](const Job& job) { return job.place == nullptr && !job.is_long; });
+  // Jobs of a kind that wait beyond its free places; negative while places are left.
+  const auto count_waiting = [&](bool is_long) {
+    return std::ranges::count_if(
+               jobs_,
+               [&](const Job& job) { return job.place == nullptr && job.is_long == is_long; }) +
+           static_cast<int64_t>(CountRunning(is_long)) -
+           static_cast<int64_t>(is_long ? long_places_ : short_places_);
+  };
+  std::array<int64_t, 2> waiting = {count_waiting(false), count_waiting(true)};
   for (Job& job : jobs_) {
-    if (job.place == nullptr || job.is_long || !job.is_short.expired()) continue;
-    if (CountRunning(/*is_long=*/true) < long_places_ && NextWaiting(/*is_long=*/true) == nullptr) {
+    if (job.place == nullptr || !job.turn.expired() || waiting[job.is_long] <= 0) continue;
+    --waiting[job.is_long];
+    if (!job.is_long && waiting[true] < 0) {
+      ++waiting[true];
       job.is_long = true;
-    } else if (waiting > 0) {
+      job.turn = Deadline::AfterMs(job.turn_ms * kTurnGrowth);
+    } else {
       *job.cancelled = true;
     }
-    if (waiting > 0) --waiting;  // has a place now, or will have the one that was cancelled
   }
 }
 

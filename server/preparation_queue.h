@@ -1,10 +1,12 @@
 // Slow work that several clients of the dataset worker want at once: imports, or derivations.
 //
-// A job starts in one of the places for short work. After kShortMs it counts as long: it goes on
-// where a place for long work is free, or while nobody waits for its own; else it is cancelled, and
-// starts anew when such a place is free. So whoever wants little waits for seconds at most,
-// whatever others want. Of the jobs that wait, those whose clients have the fewest running go
-// first, of these the smallest, of these the oldest. Requests for the same thing share a job.
+// A job starts in one of the places for short work, with a turn of kShortMs. After it the job
+// counts as long: it goes on where a place for long work is free, or while nobody waits for its
+// own; else it is cancelled, and starts anew in such a place with a turn of four times the length,
+// after which the same holds. So whoever wants little waits for seconds at most, whatever others
+// want, and even a job that was slow because the machine is busy waits for nobody's end. Of the
+// jobs that wait, those whose clients have the fewest running go first, of these the smallest, of
+// these the oldest. Requests for the same thing share a job.
 //
 // Thread rule: all members belong to the loop's thread; the work runs on the queue's threads.
 // Destruction cancels what runs, waits for its end, and drops the rest.
@@ -58,7 +60,8 @@ class PreparationQueue {
     std::vector<Done> done;
     bool is_long = false;
     BackgroundThread* place = nullptr;  // null while it waits
-    Deadline is_short = Deadline::AfterMs(0);
+    int64_t turn_ms = 0;
+    Deadline turn = Deadline::AfterMs(0);
     std::shared_ptr<std::atomic<bool>> cancelled;
   };
 

@@ -64,5 +64,15 @@ TEST_CASE("gathering copies exactly the named rows of every width") {
   }
 }
 
+TEST_CASE("gathering shows signs of life") {
+  const std::vector<std::byte> source(4);
+  std::vector<std::byte> out(400);
+  const GatherColumn column = {source.data(), 4, out.data()};
+  const std::vector<uint64_t> rows(100, 0);
+  int signs = 0;
+  GatherRows(std::span(&column, 1), rows, [&] { ++signs; });
+  CHECK(signs == 3);
+}
+
 }  // namespace
 }  // namespace b4mrl
