@@ -16,7 +16,7 @@ class RawPeer {
  public:
   RawPeer(Context& context, const std::string& address);
 
-  // Fills in version, id and `token`; waits for room in the socket. The request's id.
+  // Fills in version, id and `token`; waits while too much is unanswered. The request's id.
   uint64_t Send(pb::Request request, const std::string& token);
   // Takes the replies that are there.
   void Pump();
