@@ -189,7 +189,8 @@ Status OnlineLanes::Load(CheckpointReader& reader) {
   states.snapshot = reader.Bytes("lanes/snapshot");
   reader.FloatsInto("lanes/histories", histories_.values());
   vector_steps_ = reader.Unsigned("lanes/vector_steps");
-  warm_up_steps_ = reader.Unsigned("lanes/warm_up_steps");
+  // Older checkpoints do not say it: no episode is left out.
+  warm_up_steps_ = reader.Has("lanes/warm_up_steps") ? reader.Unsigned("lanes/warm_up_steps") : 0;
   const uint64_t length = reader.Unsigned("lanes/replay_length");
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
