@@ -12,12 +12,19 @@
 #include <filesystem>
 #include <thread>
 
+#include "proto/base/count.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
+
+// A whole number of 1..most, as proto/base/count.h has it.
+CLI::Validator Count(uint64_t most) {
+  return CLI::Validator(CountText(1, most), fmt::format("1..{}", most));
+}
 
 // As the command line has them, before completion; 0 and "" stand for "not given".
 struct Flags {
@@ -185,6 +192,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
 std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_code) {
   CLI::App app("Serves environments, imperfect simulators and corrupted datasets until SIGTERM.",
                "b4mrl serve");
+  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
   CommandLine line;
   Flags flags;
   ServeOptions& serve = flags.serve;
@@ -192,13 +200,13 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  "tcp://HOST:PORT or ipc://PATH; may be repeated; port 0 picks a free one "
                  "(default tcp://127.0.0.1:7700)");
   app.add_option("--workers", serve.workers, "environment workers (default: cores, at most 4)")
-      ->check(CLI::Range(1u, limits::kMaxWorkers));
+      ->transform(Count(limits::kMaxWorkers));
   app.add_option("--threads", serve.threads, "threads of each worker (default: cores)")
-      ->check(CLI::Range(1u, limits::kMaxThreads));
+      ->transform(Count(limits::kMaxThreads));
   app.add_option("--lease", serve.lease_seconds,
                  "seconds after which a session without requests ends (default: 3600, or 300 where "
                  "other machines can connect)")
-      ->check(CLI::Range(1u, limits::kMaxLeaseSeconds));
+      ->transform(Count(limits::kMaxLeaseSeconds));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
