@@ -88,20 +88,23 @@ EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
   return spec;
 }
 
-Client::Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway)
+Client::Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
+               const std::atomic<bool>* cancelled)
     : context_(std::move(context)),
       endpoint_(std::move(endpoint)),
       gateway_(std::move(gateway)),
+      cancelled_(cancelled),
       reporter_([](const std::string& text) { fmt::print(stderr, "b4mrl: {}\n", text); }) {}
 
 void Client::set_reporter(std::function<void(const std::string&)> reporter) {
   reporter_ = std::move(reporter);
 }
 
-Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms) {
+Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
+                               const std::atomic<bool>* cancelled) {
   auto context = std::make_unique<Context>();
-  B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, ""));
-  Client client(std::move(context), endpoint, std::move(gateway));
+  B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, "", cancelled));
+  Client client(std::move(context), endpoint, std::move(gateway), cancelled);
   pb::Request request;
   request.mutable_hello()->set_client(fmt::format("{} {}", kClientName, ProjectVersion()));
   Result<ReceivedReply> reply =
@@ -169,7 +172,8 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(port));
   const bool exists = !address.empty();
   if (exists && !unreachable_.contains(address)) {
-    B4MRL_ASSIGN_OR_RETURN(Connection direct, Connection::Open(*context_, address, token));
+    B4MRL_ASSIGN_OR_RETURN(Connection direct,
+                           Connection::Open(*context_, address, token, cancelled_));
     // Without a relay, the first request waits for the connection as long as its deadline allows.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
@@ -182,7 +186,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   ReportRelay(
       exists ? fmt::format("{} does not answer within {} ms", address, limits::kDirectConnectMs)
              : "the server has no port of its own for this");
-  return Connection::Open(*context_, endpoint_, token);
+  return Connection::Open(*context_, endpoint_, token, cancelled_);
 }
 
 Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {
@@ -200,7 +204,8 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   // The session's token goes with Open, which the gateway answers, and with all that the worker
   // answers.
   const std::string token = DrawToken();
-  B4MRL_ASSIGN_OR_RETURN(Connection opener, Connection::Open(*context_, endpoint_, token));
+  B4MRL_ASSIGN_OR_RETURN(Connection opener,
+                         Connection::Open(*context_, endpoint_, token, cancelled_));
   Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
   // It is open, or may still be, and of no use. A server that was never reached opens nothing.
   if (!session.ok() && opener.connections() > 0) (void)opener.CloseSession();

@@ -13,6 +13,7 @@
 // slower; the first time that this happens, the Client says so.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -33,9 +34,11 @@ namespace b4mrl {
 
 class Client {
  public:
-  // Waits for the server's Hello, at most `deadline_ms`.
+  // Waits for the server's Hello, at most `deadline_ms`. Once `*cancelled` is true, every wait of
+  // the client and of what it opened ends with kUnavailable (connection.h).
   static Result<Client> Connect(const std::string& endpoint,
-                                int64_t deadline_ms = limits::kDefaultDeadlineMs);
+                                int64_t deadline_ms = limits::kDefaultDeadlineMs,
+                                const std::atomic<bool>* cancelled = nullptr);
 
   const pb::HelloReply& hello() const { return hello_; }
   // As given to Connect: another process can connect to it, too.
@@ -55,7 +58,8 @@ class Client {
   Result<RemoteDataset> OpenDataset(const std::string& dataset, DatasetOptions options = {});
 
  private:
-  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway);
+  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
+         const std::atomic<bool>* cancelled);
   // What Make does with its Open request, which goes over `opener`.
   Result<RemoteEnvironment> OpenSession(Connection& opener, const std::string& token,
                                         pb::Request request, const EnvironmentOptions& options);
@@ -69,6 +73,7 @@ class Client {
   std::unique_ptr<Context> context_;
   std::string endpoint_;
   Connection gateway_;
+  const std::atomic<bool>* cancelled_;
   pb::HelloReply hello_;
   std::set<std::string> unreachable_;  // addresses that did not answer; not tried again
   bool relayed_ = false;

@@ -30,15 +30,15 @@ Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
 
 }  // namespace
 
-Result<Connection> Connection::Open(Context& context, const std::string& address,
-                                    std::string token) {
+Result<Connection> Connection::Open(Context& context, const std::string& address, std::string token,
+                                    const std::atomic<bool>* cancelled) {
   B4MRL_ASSIGN_OR_RETURN(DealerSocket socket, DealerSocket::Connect(context, address));
-  return Connection(std::move(socket), std::move(token));
+  return Connection(std::move(socket), std::move(token), cancelled);
 }
 
 bool Connection::AwaitHandshake(const Deadline& deadline) {
   while (socket_.connections() == 0) {
-    if (deadline.expired()) return false;
+    if (deadline.expired() || IsCancelled()) return false;
     socket_.Wait(deadline);
   }
   return true;
@@ -94,6 +94,10 @@ Delivery Connection::ReceiveAny(std::span<const uint64_t> ids) {
       return {0, Delivery::Kind::kNoAnswer,
               Status(StatusCode::kFailedPrecondition, "no such request is in flight")};
     }
+    if (IsCancelled()) {
+      return {ids.front(), Delivery::Kind::kNoAnswer,
+              Status(StatusCode::kUnavailable, "interrupted")};
+    }
     Pump();
   }
 }
@@ -113,6 +117,8 @@ Status Connection::CloseSession(Deadline deadline) {
   // As many as may be in flight must not keep the last one back.
   pending_.clear();
   arrived_.clear();
+  // A session that nobody wants any more should not stay for its lease.
+  cancelled_ = nullptr;
   pb::Request request;
   request.mutable_close();
   return Call(std::move(request), Frame(), deadline).status();

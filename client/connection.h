@@ -11,6 +11,7 @@
 // connection.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <span>
@@ -49,7 +50,10 @@ struct Delivery {
 class Connection {
  public:
   // `token`: the session's, or "". Returns at once; the first request waits for the handshake.
-  static Result<Connection> Open(Context& context, const std::string& address, std::string token);
+  // `cancelled`, if given, outlives the connection: once it is true, whoever waits here gets
+  // kUnavailable within 20 ms. Any thread or signal handler may set it.
+  static Result<Connection> Open(Context& context, const std::string& address, std::string token,
+                                 const std::atomic<bool>* cancelled = nullptr);
 
   // Queues a request and returns its id. `request` has its payload and array table set; version,
   // token, id and deadline are filled in here. kLimitExceeded while limits::kMaxRequestsInFlight
@@ -67,7 +71,8 @@ class Connection {
   // The reply to `id` is not wanted any more. The server may execute the request all the same.
   void Abandon(uint64_t id);
   // Abandons everything in flight and gives the token's session back, if there is one. Where nobody
-  // asks how it went, half a second is enough: the lease settles the rest.
+  // asks how it went, half a second is enough: the lease settles the rest. It is done even after
+  // `cancelled`.
   Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
   // Waits until the connection is made for the first time; false if it is not by then.
@@ -91,8 +96,9 @@ class Connection {
     bool renewed = false;  // its deadline, after a reconnection
   };
 
-  Connection(DealerSocket socket, std::string token)
-      : socket_(std::move(socket)), token_(std::move(token)) {}
+  Connection(DealerSocket socket, std::string token, const std::atomic<bool>* cancelled)
+      : socket_(std::move(socket)), token_(std::move(token)), cancelled_(cancelled) {}
+  bool IsCancelled() const { return cancelled_ != nullptr && *cancelled_; }
   Status Transmit(Pending& pending);
   // Takes one message off the socket, or waits for one and for what is due meanwhile.
   void Pump();
@@ -106,6 +112,7 @@ class Connection {
 
   DealerSocket socket_;
   std::string token_;
+  const std::atomic<bool>* cancelled_;
   uint64_t next_id_ = 1;
   uint32_t connections_seen_ = 0;
   Clock::time_point last_reply_{};

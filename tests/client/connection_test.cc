@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <catch2/catch.hpp>
 #include <memory>
 
@@ -146,6 +147,33 @@ TEST_CASE("a server that is not there is unavailable") {
   request.mutable_hello();
   const auto reply = connection->Call(std::move(request), Frame(), Deadline::AfterMs(100));
   CHECK(reply.status().code() == StatusCode::kUnavailable);
+}
+
+TEST_CASE("a wait ends when it is cancelled, and the session is closed all the same") {
+  const SocketFolder folder;
+  Context context;
+  FakeServer server(folder.Address());
+  std::atomic<bool> cancelled = false;
+  Result<Connection> connection =
+      Connection::Open(context, folder.Address(), "0123456789abcdef", &cancelled);
+  REQUIRE(connection.ok());
+  pb::Request request;
+  request.mutable_hello();
+  const auto id = connection->Send(std::move(request), Frame(), Deadline::AfterMs(kPatientMs));
+  REQUIRE(id.ok());
+  REQUIRE(server.Take().has_value());
+  cancelled = true;
+  // Without it, the answer that never comes is awaited for ten minutes.
+  CHECK(connection->Receive(*id).status().code() == StatusCode::kUnavailable);
+  CHECK(connection->CloseSession(Deadline::AfterMs(10)).code() == StatusCode::kDeadlineExceeded);
+  const std::optional<FakeCall> close = server.Take();
+  REQUIRE(close.has_value());
+  CHECK(close->request.has_close());
+
+  Result<Connection> unreached =
+      Connection::Open(context, folder.Address("nobody"), "", &cancelled);
+  REQUIRE(unreached.ok());
+  CHECK_FALSE(unreached->AwaitHandshake(Deadline::AfterMs(kPatientMs)));
 }
 
 TEST_CASE("an address that is none is refused") {
