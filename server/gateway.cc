@@ -59,7 +59,7 @@ class Gateway {
         socket_(std::move(socket)),
         links_(std::move(links)),
         table_(context.shared()),
-        status_(context.shared()),
+        status_(context.shared(), context.options().data_folder),
         models_({ModelsFolder(context.options()), context.options().data_folder}),
         relay_(sockets, context.shared(),
                {context.options().worker_addresses, context.options().dataset_address},

@@ -1,8 +1,11 @@
 #include "server/status_report.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <string>
+#include <system_error>
 
+#include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
 
@@ -11,11 +14,19 @@ namespace {
 
 // A status must fit an envelope with room to spare.
 constexpr uint32_t kMaxListedSessions = 256;
+constexpr size_t kMaxFolderBytes = 4096;
+
+std::string Absolute(const std::string& folder) {
+  std::error_code error;
+  const std::string absolute = std::filesystem::absolute(folder, error).lexically_normal().string();
+  return error ? folder : absolute;
+}
 
 }  // namespace
 
-StatusReport::StatusReport(SharedState& shared)
+StatusReport::StatusReport(SharedState& shared, const std::string& data_folder)
     : shared_(shared),
+      data_folder_(Absolute(data_folder)),
       rates_(kFirstWorkerChild + shared.worker_count()),
       sampled_ms_(MonotonicMs()) {
   for (uint32_t child = 0; child < rates_.size(); ++child) {
@@ -39,6 +50,9 @@ void StatusReport::Fill(pb::ServerStatusReply* out) const {
   out->set_uptime_ms(static_cast<uint64_t>(MonotonicMs() - shared_.header().start_ms));
   for (uint32_t child = 0; child < rates_.size(); ++child) FillChild(child, out->add_workers());
   FillSessions(out);
+  if (data_folder_.size() > kMaxFolderBytes) return;
+  out->set_data_folder(data_folder_);
+  out->set_data_folder_id(FolderIdentity(data_folder_));
 }
 
 void StatusReport::FillChild(uint32_t child, pb::WorkerStatus* out) const {

@@ -1,6 +1,7 @@
 // What `b4mrl status` shows, read from shared memory by the gateway. Main thread.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
@@ -10,7 +11,7 @@ namespace b4mrl {
 
 class StatusReport {
  public:
-  explicit StatusReport(SharedState& shared);
+  StatusReport(SharedState& shared, const std::string& data_folder);
 
   // About once a second: takes the step counts that rates are computed from.
   void Sample();
@@ -25,6 +26,7 @@ class StatusReport {
   void FillSessions(pb::ServerStatusReply* out) const;
 
   SharedState& shared_;
+  std::string data_folder_;  // absolute
   std::vector<Rate> rates_;  // by child
   int64_t sampled_ms_;
 };

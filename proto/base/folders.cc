@@ -1,12 +1,15 @@
 #include "proto/base/folders.h"
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <system_error>
 
 #include "proto/base/child_program.h"
+#include "proto/base/rng.h"
 
 namespace b4mrl {
 
@@ -18,6 +21,16 @@ std::string DefaultDataFolder() {
   const char* home = std::getenv("HOME");
   if (home != nullptr && *home == '/') return fmt::format("{}/.local/share/b4mrl", home);
   return "/var/lib/.local/share/b4mrl";
+}
+
+uint64_t FolderIdentity(const std::string& path) {
+  std::ifstream kernel("/proc/sys/kernel/random/boot_id");
+  std::string boot;
+  struct stat info {};
+  if (!std::getline(kernel, boot) || stat(path.c_str(), &info) != 0 || !S_ISDIR(info.st_mode)) {
+    return 0;
+  }
+  return HashName(fmt::format("{} {} {}", boot, info.st_dev, info.st_ino));
 }
 
 std::string SharedFolder(std::string_view name, const std::string& in_source_tree) {

@@ -2,6 +2,7 @@
 // process's environment variables meanwhile.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -12,6 +13,11 @@ namespace b4mrl {
 // as the XDG specification asks: the daemon and a command in another folder would mean two places
 // by it.
 std::string DefaultDataFolder();
+
+// A number that tells the folder from every other one, on this host (until it boots again) and on
+// others, whatever path leads to it: two processes that compute the same number for their paths can
+// leave files there for each other. 0 where the folder or the kernel says too little.
+uint64_t FolderIdentity(const std::string& path);
 
 // A folder of files that come with the project ("models", "agents"): ../share/b4mrl/`name` as seen
 // from the running program's folder if there is one, as `cmake --install` makes it; otherwise

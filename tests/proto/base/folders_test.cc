@@ -5,10 +5,12 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
 
 #include "proto/base/child_program.h"
+#include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 namespace {
@@ -68,6 +70,22 @@ TEST_CASE("Shared files are the source tree's unless the program was installed w
   fs::remove(share / "b4mrl" / name);
   if (!had_share) fs::remove_all(share);
   CHECK(found == share / "b4mrl" / name);
+}
+
+TEST_CASE("A folder has one identity by whatever path, and no other folder has it") {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.File("a"));
+  fs::create_directory(folder.File("b"));
+  fs::create_directory_symlink(folder.File("a"), folder.File("link"));
+  std::ofstream(folder.File("file")) << "no folder";
+  const uint64_t a = FolderIdentity(folder.File("a"));
+  CHECK(a != 0);
+  CHECK(FolderIdentity(folder.File("link")) == a);
+  CHECK(FolderIdentity(folder.File("b") + "/../a/") == a);
+  CHECK(FolderIdentity(folder.File("b")) != a);
+  CHECK(FolderIdentity(folder.File("b")) != 0);
+  CHECK(FolderIdentity(folder.File("none")) == 0);
+  CHECK(FolderIdentity(folder.File("file")) == 0);
 }
 
 }  // namespace
