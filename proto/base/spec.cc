@@ -8,6 +8,15 @@
 #include <set>
 
 namespace b4mrl {
+namespace {
+
+// Without the spaces at both ends.
+std::string_view Trimmed(std::string_view text) {
+  const size_t first = std::min(text.find_first_not_of(' '), text.size());
+  return text.substr(first, text.find_last_not_of(' ') + 1 - first);
+}
+
+}  // namespace
 
 Result<uint32_t> SpaceSpec::FindDimension(std::string_view index_or_name) const {
   std::vector<std::string> names;
@@ -48,14 +57,14 @@ Result<std::vector<NamedArgument>> ParseNamedArguments(std::string_view text) {
   if (text.empty()) return items;
   while (true) {
     const size_t comma = text.find(',');
-    const std::string_view item = text.substr(0, comma);
+    const std::string_view item = Trimmed(text.substr(0, comma));
     const size_t equals = item.find('=');
-    const std::string_view name = item.substr(0, equals);
+    const std::string_view name = Trimmed(item.substr(0, equals));
     const bool valid_name = !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
       return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
     });
     const bool has_argument = equals != std::string_view::npos;
-    const std::string_view argument = has_argument ? item.substr(equals + 1) : "";
+    const std::string_view argument = has_argument ? Trimmed(item.substr(equals + 1)) : "";
     if (!valid_name || (has_argument && argument.empty())) {
       return InvalidArgument("perturbation", item, "name or name=argument, separated by commas");
     }

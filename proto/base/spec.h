@@ -82,8 +82,8 @@ struct NamedArgument {
   bool operator==(const NamedArgument&) const = default;
 };
 
-// Splits a comma-separated list; "" is the empty list. Refuses empty items and names with
-// characters outside [a-z0-9-].
+// Splits a comma-separated list; "" is the empty list. Spaces around names and arguments do not
+// count. Refuses empty items and names with characters outside [a-z0-9-].
 Result<std::vector<NamedArgument>> ParseNamedArguments(std::string_view text);
 std::string FormatNamedArguments(const std::vector<NamedArgument>& items);
 

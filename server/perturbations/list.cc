@@ -129,7 +129,15 @@ const PerturbationEntry* FindForm(std::string_view name) {
 // refused.
 Status RefusePreset(std::string_view name, std::string_view environment) {
   const PerturbationEntry* form = FindForm(name);
+  const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   if (form == nullptr) {
+    // "hidden=1,2": a comma ends the item before it.
+    if (spec.ok() && spec->observation.FindDimensions(name).ok()) {
+      return Status(StatusCode::kUnknownName,
+                    fmt::format("unknown perturbation '{0}'; the dimensions of one perturbation "
+                                "are joined by +: hidden=...+{0}",
+                                name));
+    }
     std::set<std::string_view> known;
     for (const PerturbationPreset& preset : PresetList()) known.insert(preset.name);
     for (const PerturbationEntry& entry : PerturbationList()) known.insert(entry.name);
@@ -141,7 +149,6 @@ Status RefusePreset(std::string_view name, std::string_view environment) {
                       (missing.environment.empty() || missing.environment == environment);
     if (fits && reason.empty()) reason = fmt::format(" ({})", missing.reason);
   }
-  const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   const std::string instead =
       spec.ok() && !Applies(*form, *spec)
           ? fmt::format("it takes {}", ParametricForms(environment))

@@ -22,12 +22,18 @@ TEST_CASE("a list of perturbations parses and formats back") {
 }
 
 TEST_CASE("malformed lists are refused with the offending item") {
-  for (const char* text : {",", "gravity,", ",gravity", "a,,b", "Gravity", "gravity =1", "=2",
-                           "gravity=", "gra\xff", "a=1,b!"}) {
+  for (const char* text : {",", "gravity,", ",gravity", "a,,b", "Gravity", "gravity=1, ", "=2", " ",
+                           "gravity=", "gravity= ", "gra vity", "gra\xff", "a=1,b!"}) {
     INFO(text);
     CHECK(ParseNamedArguments(text).status().code() == StatusCode::kInvalidArgument);
   }
   CHECK(ParseNamedArguments("gravity,B!").status().message().find("'B!'") != std::string::npos);
+}
+
+TEST_CASE("spaces around names and arguments do not count") {
+  const auto items = ParseNamedArguments(" gravity = 2 , obs-noise-low,hidden= 9+10 ");
+  REQUIRE(items.ok());
+  CHECK(FormatNamedArguments(*items) == "gravity=2,obs-noise-low,hidden=9+10");
 }
 
 TEST_CASE("what parses, formats to a list that parses to the same") {
