@@ -1,11 +1,28 @@
 #include "algorithms/tools/command.h"
 
-#include <cstdlib>
+#include <fmt/format.h>
+
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "client/interrupt.h"
+#include "proto/base/count.h"
+#include "proto/base/folders.h"
+#include "proto/base/limits.h"
+
 namespace b4mrl {
+
+namespace {
+
+// What to do where nobody answers.
+Status ExplainUnreachable(Status status) {
+  if (status.code() != StatusCode::kUnavailable || Interrupted()) return status;
+  return Status(status.code(), status.message() + "; is it running? `b4mrl serve` starts one");
+}
+
+}  // namespace
 
 Failure BadUsage(Status status) { return {kExitBadUsage, std::move(status)}; }
 Failure BadInput(Status status) { return {kExitBadInput, std::move(status)}; }
@@ -35,13 +52,29 @@ Status UnknownOption(const CLI::App& app, std::string_view option,
   return UnknownName("option", option.substr(0, option.find('=')), names);
 }
 
+CLI::Validator Count(uint64_t low, uint64_t high) {
+  return CLI::Validator(CountText(low, high), fmt::format("{}..{}", low, high));
+}
+
+CLI::Validator Seed() {
+  return CLI::Validator(CountText(0, std::numeric_limits<uint64_t>::max()), "");
+}
+
 void DaemonOptions::AddTo(CLI::App& app) {
   app.add_option("--endpoint", endpoint,
                  "a running daemon, as tcp://HOST:PORT or ipc://PATH; "
                  "without it a private one is started for this command")
       ->envname("B4MRL_ENDPOINT");
-  app.add_option("--data", data_folder, "dataset folder of a private daemon")
-      ->envname("B4MRL_DATA");
+  app.add_option("--data", data_folder,
+                 "dataset folder of the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; a "
+                 "running daemon has its own");
+  app.parse_complete_callback([this] {
+    if (endpoint.empty() || data_folder.empty()) return;
+    throw CLI::ValidationError(
+        "--data", fmt::format("{} is not used: the datasets are those of the daemon at {} "
+                              "(--endpoint or B4MRL_ENDPOINT)",
+                              data_folder, endpoint));
+  });
 }
 
 Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
@@ -55,9 +88,26 @@ Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
     connection.daemon_.emplace(std::move(daemon));
     endpoint = connection.daemon_->endpoint();
   }
-  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
-  connection.client_ = std::make_unique<Client>(std::move(client));
+  Result<Client> client = Client::Connect(endpoint, limits::kDefaultDeadlineMs, &Interrupted());
+  if (!client.ok()) return ExplainUnreachable(client.status());
+  connection.client_ = std::make_unique<Client>(*std::move(client));
   return connection;
+}
+
+Result<std::string> DaemonConnection::DataFolder() {
+  B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply status, client_->ServerStatus());
+  const std::string& folder = status.data_folder();
+  if (folder.empty()) {
+    return Status(StatusCode::kFailedPrecondition,
+                  "the daemon is older than this command and does not say where its datasets are");
+  }
+  if (FolderIdentity(folder) != status.data_folder_id() || status.data_folder_id() == 0) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("the daemon's data folder, {}, is not a folder that this command can "
+                              "reach: run it where the daemon runs, or without an endpoint",
+                              folder));
+  }
+  return folder;
 }
 
 }  // namespace b4mrl

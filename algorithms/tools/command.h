@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -40,6 +41,12 @@ Failure FromDaemon(Status status);
 Status UnknownOption(const CLI::App& app, std::string_view option,
                      const std::vector<std::string>& more = {});
 
+// A whole number of low..high as an option's value: `app.add_option(...)->transform(Count(1, 9))`.
+// proto/base/count.h says how it may be written.
+CLI::Validator Count(uint64_t low, uint64_t high);
+// Any seed.
+CLI::Validator Seed();
+
 // A command: options bound to a CLI11 subcommand, and what runs when it was chosen.
 using CommandBody = std::function<std::optional<Failure>()>;
 struct Command {
@@ -58,14 +65,19 @@ std::vector<Command> AddStatusCommand(CLI::App& app);
 // Where the daemon is: `--endpoint`, else B4MRL_ENDPOINT, else a private one for this command.
 struct DaemonOptions {
   std::string endpoint;
-  std::string data_folder;  // of a private daemon; "" is its default
+  std::string data_folder;  // of a private daemon; "" is its default. Refused beside an endpoint.
   void AddTo(CLI::App& app);
 };
 
 class DaemonConnection {
  public:
+  // An interrupt (client/interrupt.h) ends every wait of the client.
   static Result<DaemonConnection> Open(const DaemonOptions& options);
   Client& client() { return *client_; }
+
+  // The folder in which the daemon looks for datasets, for a command that wants to write one.
+  // kFailedPrecondition where that is not a folder of this machine, or not the same one.
+  Result<std::string> DataFolder();
 
  private:
   std::optional<PrivateDaemon> daemon_;  // outlives the client

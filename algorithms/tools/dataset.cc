@@ -15,6 +15,8 @@
 #include "algorithms/rl/agent_policy.h"
 #include "algorithms/rl/collect.h"
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/dataset_place.h"
+#include "client/interrupt.h"
 #include "data/agent_file.h"
 #include "data/atomic_file.h"
 #include "data/file_hash.h"
@@ -26,30 +28,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// "HalfCheetah/medium" is two names; anything else could point outside the data folder.
-Result<std::pair<std::string, std::string>> SplitName(const std::string& name) {
-  const size_t slash = name.find('/');
-  const auto valid = [](std::string_view part) {
-    return !part.empty() && std::all_of(part.begin(), part.end(), [](unsigned char c) {
-      return std::isalnum(c) != 0 || c == '-' || c == '_';
-    });
-  };
-  if (slash == std::string::npos || !valid(name.substr(0, slash)) ||
-      !valid(name.substr(slash + 1))) {
-    return InvalidArgument("dataset", name, "ENVIRONMENT/NAME of letters, digits, '-' and '_'");
-  }
-  return std::pair{name.substr(0, slash), name.substr(slash + 1)};
-}
-
-// Makes the folder and returns "<data>/<name>.h5" ("d4rl/..." keeps D4RL's ".hdf5").
-Result<std::string> DatasetPath(const std::string& data_folder, const std::string& name) {
-  B4MRL_ASSIGN_OR_RETURN(const auto parts, SplitName(name));
-  const std::string folder = data_folder + "/" + parts.first;
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) return IoError("create", folder, error.value());
-  return fmt::format("{}/{}{}", folder, parts.second, parts.first == "d4rl" ? ".hdf5" : ".h5");
-}
+// A daemon's data folder, and the file in it that a command is about to write. The order of the
+// members is that of their ends in reverse: the daemon goes before its folders do.
+struct Destination {
+  NewFolders folders;
+  std::optional<DaemonConnection> connection;
+  std::string path;
+};
 
 struct DatasetCommand {
   std::string name, agent_path, file, corruption;
@@ -68,15 +53,40 @@ struct DatasetCommand {
   std::optional<Failure> WithDataset(std::optional<Failure> (DatasetCommand::*use)(Client&,
                                                                                    RemoteDataset&));
 
-  std::string DataFolder() const {
-    return daemon.data_folder.empty() ? DefaultDataFolder() : daemon.data_folder;
-  }
+  // Opens the daemon and makes room for the new dataset where the daemon will look for it. `advice`
+  // is for a name that is taken.
+  std::optional<Failure> Prepare(Destination& destination, std::string_view advice) const;
   Result<std::string> AgentPath() const;
   Result<CollectSummary> WriteEpisodes(const Agent& agent, const std::string& agent_file,
                                        const std::string& path, Client& client);
   Status CopyInto(const std::string& path) const;
   Status WriteExport(RemoteDataset& dataset);
 };
+
+std::optional<Failure> DatasetCommand::Prepare(Destination& destination,
+                                               std::string_view advice) const {
+  const auto parts = ParseDatasetName(name);
+  if (!parts.ok()) return BadInput(parts.status());
+  if (!daemon.data_folder.empty()) {
+    if (Status status = destination.folders.Make(daemon.data_folder); !status.ok()) {
+      return BadInput(std::move(status));
+    }
+  }
+  auto connection = DaemonConnection::Open(daemon);
+  if (!connection.ok()) return FromDaemon(connection.status());
+  destination.connection.emplace(*std::move(connection));
+  const auto data_folder = destination.connection->DataFolder();
+  if (!data_folder.ok()) return FromDaemon(data_folder.status());
+  destination.path = DatasetPath(*data_folder, *parts);
+  if (std::error_code error; !replace && fs::exists(destination.path, error)) {
+    return BadInput(Status(StatusCode::kFailedPrecondition,
+                           fmt::format("{} exists; {}", destination.path, advice)));
+  }
+  if (Status status = destination.folders.Make(FolderOf(destination.path)); !status.ok()) {
+    return BadInput(std::move(status));
+  }
+  return std::nullopt;
+}
 
 // ---- make
 
@@ -103,29 +113,23 @@ std::optional<Failure> DatasetCommand::Make() {
   if (!agent_file.ok()) return BadInput(agent_file.status());
   const auto agent = ReadAgent(*agent_file);
   if (!agent.ok()) return BadInput(agent.status());
-  daemon.data_folder = DataFolder();
-  const auto path = DatasetPath(daemon.data_folder, name);
-  if (!path.ok()) return BadInput(path.status());
-  if (std::error_code error; !replace && fs::exists(*path, error)) {
-    return BadInput(Status(StatusCode::kFailedPrecondition,
-                           fmt::format("{} exists; choose another name, or --replace it", *path)));
-  }
-  auto connection = DaemonConnection::Open(daemon);
-  if (!connection.ok()) return FromDaemon(connection.status());
-  const auto summary = WriteEpisodes(*agent, *agent_file, *path, connection->client());
+  Destination destination;
+  if (auto failure = Prepare(destination, "choose another name, or --replace it")) return failure;
+  const std::string& path = destination.path;
+  const auto summary = WriteEpisodes(*agent, *agent_file, path, destination.connection->client());
   if (!summary.ok()) return FromDaemon(summary.status());
-  const auto sha256 = Sha256OfFile(*path);
+  const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());
   if (json) {
     const nlohmann::ordered_json out = {{"name", name},
-                                        {"file", *path},
+                                        {"file", path},
                                         {"rows", summary->rows},
                                         {"episodes", summary->episodes},
                                         {"mean_return", summary->mean_return},
                                         {"sha256", *sha256}};
     fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   } else {
-    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}\nsha256 {}\n", *path, summary->rows,
+    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}\nsha256 {}\n", path, summary->rows,
                summary->episodes, summary->mean_return, *sha256);
   }
   return std::nullopt;
@@ -135,8 +139,8 @@ Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
                                                      const std::string& agent_file,
                                                      const std::string& path, Client& client) {
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
-  B4MRL_ASSIGN_OR_RETURN(const auto parts, SplitName(name));
-  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment, client.FindEnvironment(parts.first));
+  B4MRL_ASSIGN_OR_RETURN(const DatasetName parts, ParseDatasetName(name));
+  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment, client.FindEnvironment(parts.folder));
   DatasetWriterOptions options;
   options.observation_dimensions = agent.observation_dimensions;
   options.action_dimensions = agent.action_dimensions;
@@ -144,7 +148,7 @@ Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
   Progress progress(quiet);
   CollectOptions collect;
-  collect.environment = parts.first;
+  collect.environment = parts.folder;
   collect.rows = rows;
   collect.seed = seed;
   B4MRL_ASSIGN_OR_RETURN(const CollectSummary summary,
@@ -167,22 +171,24 @@ Result<CollectSummary> DatasetCommand::WriteEpisodes(const Agent& agent,
 
 // ---- import
 
-std::optional<Failure> DatasetCommand::Import() {
-  daemon.data_folder = DataFolder();
-  const auto path = DatasetPath(daemon.data_folder, name);
-  if (!path.ok()) return BadInput(path.status());
-  if (std::error_code error; fs::exists(*path, error)) {
-    return BadInput(Status(StatusCode::kFailedPrecondition,
-                           fmt::format("{} exists; choose another --name or remove it", *path)));
+// The daemon names the copy that it read, which is gone.
+Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
+  std::string message = status.message();
+  for (size_t at = 0; (at = message.find(copy, at)) != std::string::npos; at += original.size()) {
+    message.replace(at, copy.size(), original);
   }
-  if (Status status = CopyInto(*path); !status.ok()) return BadInput(std::move(status));
-  auto connection = DaemonConnection::Open(daemon);
-  if (!connection.ok()) return FromDaemon(connection.status());
-  const auto dataset = connection->client().OpenDataset(name);
+  return Status(status.code(), std::move(message));
+}
+
+std::optional<Failure> DatasetCommand::Import() {
+  Destination destination;
+  if (auto failure = Prepare(destination, "choose another --name or remove it")) return failure;
+  if (Status status = CopyInto(destination.path); !status.ok()) return BadInput(std::move(status));
+  const auto dataset = destination.connection->client().OpenDataset(name);
   if (!dataset.ok()) {
     std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
-    fs::remove(*path, ignored);
-    return BadInput(dataset.status());
+    fs::remove(destination.path, ignored);
+    return BadInput(InTermsOf(file, destination.path, dataset.status()));
   }
   fmt::print("{}: {} rows, sha256 {}\n", name, dataset->rows(),
              dataset->in_force().info().sha256());
@@ -195,6 +201,7 @@ Status DatasetCommand::CopyInto(const std::string& path) const {
   B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
   std::vector<char> block(1 << 20);
   while (in) {
+    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
     in.read(block.data(), static_cast<std::streamsize>(block.size()));
     const auto count = static_cast<size_t>(in.gcount());
     B4MRL_RETURN_IF_ERROR(out.Write(std::string_view(block.data(), count)));
@@ -312,8 +319,8 @@ std::vector<Command> AddDatasetCommands(CLI::App& app) {
   const auto [make, make_app] = add("make", "roll out a behaviour policy");
   make_app->add_option("name", make->name, "\"HalfCheetah/medium\"")->required();
   make_app->add_option("--rows", make->rows, "transitions [1000000]")
-      ->check(CLI::Range(uint64_t{1}, limits::kMaxDatasetRows));
-  make_app->add_option("--seed", make->seed, "of environments and policy [0]");
+      ->transform(Count(1, limits::kMaxDatasetRows));
+  make_app->add_option("--seed", make->seed, "of environments and policy [0]")->transform(Seed());
   make_app->add_option("--agent", make->agent_path, "behaviour policy; none: the shipped one");
   make_app->add_flag("--replace", make->replace, "where a file of that name exists");
   make_app->add_flag("--json", make->json, "print JSON");
@@ -326,12 +333,13 @@ std::vector<Command> AddDatasetCommands(CLI::App& app) {
   export_app->add_option("name", exported->name, "dataset")->required();
   export_app->add_option("file", exported->file, "HDF5 file to write")->required();
   export_app->add_option("--corruption", exported->corruption, "\"hidden=9,obs-noise=0.02\"");
-  export_app->add_option("--seed", exported->seed, "of the corruption's noise [0]");
+  export_app->add_option("--seed", exported->seed, "of the corruption's noise [0]")
+      ->transform(Seed());
 
   const auto [info, info_app] = add("info", "size, returns, moments and hash");
   info_app->add_option("name", info->name, "dataset")->required();
   info_app->add_option("--corruption", info->corruption, "as of export");
-  info_app->add_option("--seed", info->seed, "of the corruption's noise [0]");
+  info_app->add_option("--seed", info->seed, "of the corruption's noise [0]")->transform(Seed());
   info_app->add_flag("--json", info->json, "print JSON");
 
   return {

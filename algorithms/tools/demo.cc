@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/tools/command.h"
+#include "client/interrupt.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {
@@ -53,7 +54,7 @@ using Estimates = std::array<Estimate, 2>;  // one an action
 // P(r = 1 | a) as the log has it.
 Estimates EstimateFromLog(DecisionProblem& problem, uint64_t decisions) {
   Estimates estimates;
-  for (uint64_t i = 0; i < decisions; ++i) {
+  for (uint64_t i = 0; i < decisions && !Interrupted(); ++i) {
     const int z = problem.DrawZ();
     const int action = Behaviour(z);
     estimates[action].Add(problem.DrawReward(z, action));
@@ -65,7 +66,7 @@ Estimates EstimateFromLog(DecisionProblem& problem, uint64_t decisions) {
 Estimates EstimateByActing(DecisionProblem& problem, uint64_t decisions) {
   Estimates estimates;
   for (int action = 0; action < 2; ++action) {
-    for (uint64_t i = 0; i < decisions; ++i) {
+    for (uint64_t i = 0; i < decisions && !Interrupted(); ++i) {
       estimates[action].Add(problem.DrawReward(problem.DrawZ(), action));
     }
   }
@@ -116,6 +117,9 @@ struct DemoCommand {
     DecisionProblem problem(seed);
     const Estimates logged = EstimateFromLog(problem, decisions);
     const Estimates acted = EstimateByActing(problem, decisions);
+    if (Interrupted()) {
+      return Failure{kExitFailed, Status(StatusCode::kUnavailable, "interrupted")};
+    }
     (json ? PrintJson : PrintTable)(logged, acted, decisions);
     return std::nullopt;
   }
@@ -130,8 +134,8 @@ std::vector<Command> AddDemoCommands(CLI::App& app) {
   command->app = demo->add_subcommand("confounding",
                                       "why logged decisions mislead when their reason is hidden");
   command->app->add_option("--decisions", command->decisions, "in the log [1000000]")
-      ->check(CLI::Range(uint64_t{1}, uint64_t{1'000'000'000}));
-  command->app->add_option("--seed", command->seed, "of the draws [0]");
+      ->transform(Count(1, 1'000'000'000));
+  command->app->add_option("--seed", command->seed, "of the draws [0]")->transform(Seed());
   command->app->add_flag("--json", command->json, "print JSON");
   return {{command->app, [command] { return command->Confounding(); }}};
 }

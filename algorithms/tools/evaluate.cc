@@ -35,8 +35,9 @@ void EvaluateCommand::AddOptions() {
   app->add_option("--environment", environment, "where it acts: \"HalfCheetah\"")->required();
   app->add_option("--simulator", simulator, "perturbations; none: the true environment");
   app->add_option("--episodes", episodes, "deterministic episodes [10]")
-      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
-  app->add_option("--seed", seed, "of the episodes' starts; 0 is the training evaluations' [0]");
+      ->transform(Count(1, limits::kMaxLanesPerSession));
+  app->add_option("--seed", seed, "of the episodes' starts; 0 is the training evaluations' [0]")
+      ->transform(Seed());
   app->add_option("--observe", observe,
                   "trained: dimensions hidden in training are zeroed; full: "
                   "none is [trained]")

@@ -3,11 +3,13 @@
 //   b4mrl serve ...     -> b4mrl-serve ...      the daemon
 //   b4mrl perf ...      -> b4mrl-perf ...       measurements
 //   b4mrl <other> ...   -> b4mrl-tools <other> ...
+//   b4mrl help ...      -> b4mrl ... --help
 // It replaces itself by the program, so signals, exit code and process id are the program's own. A
 // learner's process therefore never holds the simulator. B4MRL_SERVER, B4MRL_PERF and B4MRL_TOOLS
 // name another file to run. Links nothing of the project.
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <climits>
@@ -38,6 +40,11 @@ std::string ProgramPath(const char* variable, std::string_view name) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::string help = "--help";
+  if (argc > 1 && std::string_view(argv[1]) == "help") {
+    std::copy(argv + 2, argv + argc, argv + 1);
+    argv[argc - 1] = help.data();
+  }
   const std::string_view command = argc > 1 ? argv[1] : "--help";
   const bool own_program = command == "serve" || command == "perf";
   std::string path;

@@ -70,12 +70,26 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
   return item;
 }
 
+// "gravity=<factor> in 0..10", "model=<file>: heavy.xml light.xml".
+std::string ParametricForm(const Json& item) {
+  std::string form =
+      fmt::format("{}=<{}>", item["name"].get<std::string>(), item["parameter"].get<std::string>());
+  const std::string type = item["type"];
+  if (type == "number" || type == "integer") {
+    form += fmt::format(" in {}..{}", item["low"].get<double>(), item["high"].get<double>());
+  }
+  if (type != "file") return form;
+  form += item["files"].empty() ? ": the folder has none" : ":";
+  for (const Json& file : item["files"]) form += " " + file.get<std::string>();
+  return form;
+}
+
 Json DatasetItem(const pb::DatasetInfo& info) {
-  const std::string rows =
-      info.rows() > 0 ? fmt::format("{} rows", info.rows()) : std::string("not imported yet");
+  const std::string rows = info.rows() > 0 ? fmt::format("{} rows", info.rows())
+                                           : std::string("rows are counted when it is first used");
   return {{"name", info.name()},
           {"description",
-           fmt::format("{}, {:.1f} MB", rows, static_cast<double>(info.file_bytes()) / 1e6)},
+           fmt::format("{:.1f} MB, {}", static_cast<double>(info.file_bytes()) / 1e6, rows)},
           {"rows", info.rows()},
           {"file_bytes", info.file_bytes()},
           {"sha256", info.sha256()},
@@ -121,8 +135,8 @@ struct ListCommand {
   void Print(const Json& items) const;
 };
 
-const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations", "datasets",
-                                         "algorithms"};
+const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations",
+                                         "corruptions",  "datasets",   "algorithms"};
 
 std::optional<Failure> ListCommand::Run() {
   if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) {
@@ -142,6 +156,9 @@ std::optional<Failure> ListCommand::Run() {
     items = *std::move(listed);
   }
   Print(items);
+  if (kind == "datasets" && items.empty() && !json) {
+    fmt::print(stderr, "no datasets yet; `b4mrl dataset make HalfCheetah/medium` makes one\n");
+  }
   return std::nullopt;
 }
 
@@ -153,8 +170,12 @@ Result<Json> ListCommand::Items(Client& client) const {
     return items;
   }
   B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
-  if (kind == "perturbations") {
-    for (const auto& info : catalogue.perturbations()) items.push_back(PerturbationItem(info));
+  if (kind == "perturbations" || kind == "corruptions") {
+    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
+      if (kind == "perturbations" || info.corrupts_datasets()) {
+        items.push_back(PerturbationItem(info));
+      }
+    }
     return items;
   }
   std::vector<std::string> names;
@@ -180,6 +201,9 @@ void ListCommand::Print(const Json& items) const {
   for (const Json& item : items) {
     fmt::print("{:<{}}  {}\n", item["name"].get<std::string>(), width,
                item["description"].get<std::string>());
+    if (item.contains("parameter")) {
+      fmt::print("{:<{}}    {}\n", "", width, ParametricForm(item));
+    }
     for (const Json& preset : item.value("presets", Json::array())) {
       fmt::print("{:<{}}    {} = {}={} on {}\n", "", width, preset["name"].get<std::string>(),
                  item["name"].get<std::string>(), preset["argument"].get<std::string>(),
@@ -193,7 +217,7 @@ void ListCommand::Print(const Json& items) const {
 std::vector<Command> AddListCommand(CLI::App& app) {
   auto command = std::make_shared<ListCommand>();
   command->app = app.add_subcommand(
-      "list", "environments, dimensions E, perturbations, datasets or algorithms");
+      "list", "environments, dimensions E, perturbations, corruptions, datasets or algorithms");
   command->app->add_option("kind", command->kind, "what to list")->required();
   command->app->add_option("environment", command->environment, "of `list dimensions`");
   command->app->add_flag("--json", command->json, "print one JSON array");

@@ -9,15 +9,14 @@
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/config_file.h"
+#include "client/interrupt.h"
 #include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr const char* kDescription =
-    "B4MRL: simulators, datasets and learners for hybrid reinforcement learning\n\n"
-    "  b4mrl serve ...   runs the daemon (b4mrl serve --help)\n"
-    "  b4mrl perf ...    measures it against the machine's limits (b4mrl perf --help)\n";
+    "B4MRL: simulators, datasets and learners for hybrid reinforcement learning";
 
 std::string CommandLine(int argc, char** argv) {
   std::string line = "b4mrl";
@@ -28,7 +27,7 @@ std::string CommandLine(int argc, char** argv) {
 // CLI11 would say only that an argument was not expected.
 std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std::string>& words) {
   if (words.empty() || words[0].starts_with("-")) return std::nullopt;
-  std::vector<std::string> names = {"serve", "perf"};
+  std::vector<std::string> names;
   for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
   if (std::find(names.begin(), names.end(), words[0]) != names.end()) return std::nullopt;
   return UnknownName("command", words[0], names);
@@ -45,8 +44,36 @@ Status UnknownArgument(const CLI::App& app) {
 }
 
 int Report(const Failure& failure) {
-  fmt::print(stderr, "b4mrl: {}\n", failure.status.ToString());
+  // Whoever pressed Ctrl-C needs no name of an error.
+  const bool is_error = failure.exit_code != kExitInterrupted;
+  fmt::print(stderr, "b4mrl: {}\n",
+             is_error ? failure.status.ToString() : failure.status.message());
   return failure.exit_code;
+}
+
+// What the launcher (launcher.cc) does without this program; here for the help alone.
+std::vector<Command> AddOtherPrograms(CLI::App& app) {
+  std::vector<Command> commands;
+  for (const auto& [name, description] :
+       {std::pair{"serve", "run the daemon (b4mrl serve --help)"},
+        std::pair{"perf", "measure it against the machine's limits (b4mrl perf --help)"},
+        std::pair{"help", "of a command: b4mrl help train"}}) {
+    const Status status(StatusCode::kUnsupported,
+                        fmt::format("'{0}' is for the launcher: b4mrl {0}", name));
+    commands.push_back(
+        {app.add_subcommand(name, description), [status] { return BadUsage(status); }});
+  }
+  return commands;
+}
+
+int RunBody(const CommandBody& body) {
+  std::optional<Failure> failure = body();
+  if (!failure) return kExitDone;
+  if (Interrupted() && failure->exit_code != kExitInterrupted) {
+    fmt::print(stderr, "b4mrl: interrupted\n");
+    return InterruptExitCode();
+  }
+  return Report(*failure);
 }
 
 int Run(int argc, char** argv) {
@@ -57,7 +84,7 @@ int Run(int argc, char** argv) {
   std::vector<Command> commands;
   for (auto& added : {AddTrainCommand(app, CommandLine(argc, argv)), AddEvaluateCommand(app),
                       AddDatasetCommands(app), AddDemoCommands(app), AddListCommand(app),
-                      AddStatusCommand(app)}) {
+                      AddStatusCommand(app), AddOtherPrograms(app)}) {
     commands.insert(commands.end(), added.begin(), added.end());
   }
 
@@ -74,9 +101,7 @@ int Run(int argc, char** argv) {
     return code == 0 ? kExitDone : kExitBadUsage;
   }
   for (const Command& command : commands) {
-    if (!command.app->parsed()) continue;
-    const std::optional<Failure> failure = command.body();
-    return failure ? Report(*failure) : kExitDone;
+    if (command.app->parsed()) return RunBody(command.body);
   }
   return kExitBadUsage;
 }
@@ -84,4 +109,7 @@ int Run(int argc, char** argv) {
 }  // namespace
 }  // namespace b4mrl
 
-int main(int argc, char** argv) { return b4mrl::Run(argc, argv); }
+int main(int argc, char** argv) {
+  b4mrl::CatchInterrupts();
+  return b4mrl::Run(argc, argv);
+}

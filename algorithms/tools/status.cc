@@ -14,6 +14,7 @@ using Json = nlohmann::ordered_json;
 
 void PrintJson(const pb::ServerStatusReply& status) {
   Json out = {{"uptime_ms", status.uptime_ms()},
+              {"data_folder", status.data_folder()},
               {"session_count", status.session_count()},
               {"workers", Json::array()},
               {"sessions", Json::array()}};
@@ -40,8 +41,9 @@ void PrintJson(const pb::ServerStatusReply& status) {
 }
 
 void PrintText(const pb::ServerStatusReply& status) {
-  fmt::print("up {}, {} sessions\n", FormatDuration(static_cast<double>(status.uptime_ms()) / 1000),
-             status.session_count());
+  fmt::print("up {}, {} sessions, data in {}\n",
+             FormatDuration(static_cast<double>(status.uptime_ms()) / 1000), status.session_count(),
+             status.data_folder());
   fmt::print("{:<16} {:>8} {:>8} {:>8} {:>12} {:>10} {:>12} {:>8}\n", "process", "pid", "restarts",
              "sessions", "steps", "steps/s", "query rows", "errors");
   for (const pb::WorkerStatus& worker : status.workers()) {
@@ -61,9 +63,11 @@ struct StatusCommand {
   bool json = false;
 
   std::optional<Failure> Run() {
-    auto client = Client::Connect(endpoint);
-    if (!client.ok()) return Failure{kExitNoDaemon, client.status()};
-    const auto status = client->ServerStatus();
+    DaemonOptions daemon;
+    daemon.endpoint = endpoint;
+    auto connection = DaemonConnection::Open(daemon);
+    if (!connection.ok()) return Failure{kExitNoDaemon, connection.status()};
+    const auto status = connection->client().ServerStatus();
     if (!status.ok()) return FromDaemon(status.status());
     json ? PrintJson(*status) : PrintText(*status);
     return std::nullopt;

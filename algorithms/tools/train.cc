@@ -19,6 +19,8 @@
 namespace b4mrl {
 namespace {
 
+constexpr uint64_t kMaxUpdates = 1'000'000'000'000;  // years
+
 std::atomic<bool> g_stop = false;
 
 // The first signal ends the run with a checkpoint; the second ends the process.
@@ -103,27 +105,28 @@ void TrainCommand::AddOptions() {
   app->add_option("--corruption", options.corruption,
                   "corruptions of the dataset: \"hidden-high\"");
   app->add_option("--history", options.history_length, "observations that the policy sees [1]")
-      ->check(CLI::Range(1u, kMaxAgentHistory));
-  app->add_option("--seed", options.seed, "of everything random in the run [0]");
-  app->add_option("--updates", options.updates, "gradient steps [1000000]");
+      ->transform(Count(1, kMaxAgentHistory));
+  app->add_option("--seed", options.seed, "of everything random in the run [0]")->transform(Seed());
+  app->add_option("--updates", options.updates, "gradient steps [1000000]")
+      ->transform(Count(0, kMaxUpdates));
   app->add_option("--eval-every", options.eval_every, "updates between evaluations [10000]")
-      ->check(CLI::PositiveNumber);
+      ->transform(Count(1, kMaxUpdates));
   app->add_option("--eval-episodes", options.eval_episodes, "episodes of an evaluation [10]")
-      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
+      ->transform(Count(1, limits::kMaxLanesPerSession));
   app->add_flag("--eval-inline", options.eval_inline,
                 "evaluate in this process while training waits, not in one beside it");
   app->add_option("--log-every", options.log_every, "updates between log lines [1000]")
-      ->check(CLI::PositiveNumber);
+      ->transform(Count(1, kMaxUpdates));
   app->add_option("--checkpoint-every", options.checkpoint_every,
                   "updates between checkpoints [10000]")
-      ->check(CLI::PositiveNumber);
+      ->transform(Count(1, kMaxUpdates));
   app->add_option("--stop-at-score", stop_at_score,
                   "end at the first evaluation whose normalised score is at least this; "
                   "training then waits for each evaluation");
   app->add_option("--threads", options.threads,
                   "of the updates: twin critics and ensemble members side by side, with the same "
                   "numbers [1]")
-      ->check(CLI::Range(1u, kMaxTrainingThreads));
+      ->transform(Count(1, kMaxTrainingThreads));
   app->add_option("--out", options.folder,
                   "folder of the run [runs/NAME, with the name made of environment, algorithm, "
                   "simulator, dataset, corruption, history and seed]");

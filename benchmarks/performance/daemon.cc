@@ -2,7 +2,9 @@
 
 #include <utility>
 
+#include "client/interrupt.h"
 #include "proto/base/cores.h"
+#include "proto/base/limits.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {
@@ -21,7 +23,8 @@ Result<Daemon> Daemon::Open(const Options& options, const DaemonSetup& setup) {
   }
   std::optional<ScopedPin> pin;
   if (setup.pinned) pin.emplace(AvailableCores().front());
-  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
+  B4MRL_ASSIGN_OR_RETURN(Client client,
+                         Client::Connect(endpoint, limits::kDefaultDeadlineMs, &Interrupted()));
   daemon.client_ = std::make_unique<Client>(std::move(client));
   daemon.endpoint_ = endpoint;
   return daemon;

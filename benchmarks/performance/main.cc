@@ -4,7 +4,7 @@
 //              [--turns N]
 //
 // Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
-// be reached; 5: it refused.
+// be reached; 5: it refused; 130: interrupted.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -14,6 +14,9 @@
 
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/ping_pong.h"
+#include "client/interrupt.h"
+#include "proto/base/count.h"
+#include "proto/base/version.h"
 
 namespace b4mrl::perf {
 namespace {
@@ -52,6 +55,10 @@ int Measure(const std::string& what, const Options& options, bool json) {
     if (what != "all" && what != entry.name) continue;
     known = true;
     const Status status = entry.measure(options, reporter);
+    if (!status.ok() && Interrupted()) {
+      fmt::print(stderr, "b4mrl perf: interrupted\n");
+      return InterruptExitCode();
+    }
     if (!status.ok()) {
       fmt::print(stderr, "b4mrl perf {}: {}\n", entry.name, status.ToString());
       return ExitCode(status);
@@ -70,7 +77,10 @@ int Main(int argc, char** argv) {
     return RunPong(argv[2],
                    {std::strtoull(argv[3], nullptr, 10), std::strtoull(argv[4], nullptr, 10)});
   }
-  CLI::App app("Measures the daemon and the learners against the machine's own limits.");
+  CatchInterrupts();
+  CLI::App app("Measures the daemon and the learners against the machine's own limits.",
+               "b4mrl perf");
+  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
   std::string what = "all";
   Options options;
   bool json = false;
@@ -79,7 +89,7 @@ int Main(int argc, char** argv) {
   app.add_option("--endpoint", options.endpoint, "a running daemon (default: a private one)")
       ->envname("B4MRL_ENDPOINT");
   app.add_option("--turns", options.turns, "how often value and limit are measured in turns")
-      ->check(CLI::Range(1, 100))
+      ->transform(CLI::Validator(CountText(1, 100), "1..100"))
       ->capture_default_str();
   app.add_option("--seconds", options.seconds, "length of one turn of a rate")
       ->check(CLI::Range(0.05, 60.0))

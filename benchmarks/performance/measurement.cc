@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "client/interrupt.h"
 #include "proto/base/cores.h"
 
 namespace b4mrl::perf {
@@ -23,7 +24,9 @@ Result<Medians> MeasureInTurns(int turns, const Sampler& value, const Sampler& l
   std::vector<double> limits;
   for (int turn = -1; turn < turns; ++turn) {
     B4MRL_ASSIGN_OR_RETURN(const double one_value, value());
+    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
     B4MRL_ASSIGN_OR_RETURN(const double one_limit, limit());
+    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
     if (turn < 0) continue;
     values.push_back(one_value);
     limits.push_back(one_limit);

@@ -30,7 +30,7 @@ struct Measurement {
 double Median(std::vector<double> values);
 
 // The medians of `turns` results each of `value` and `limit`, called alternately after one call of
-// each that only warms up. The first error ends it.
+// each that only warms up. The first error ends it, and so does an interrupt (client/interrupt.h).
 struct Medians {
   double value = 0;
   double limit = 0;

@@ -90,7 +90,10 @@ TEST_CASE("Bad input ends with code 3, no daemon with 4, a refusal with 5") {
   WriteBytes(folder.File("agent.h5"), "no agent");
   CHECK(Run({"evaluate", "--agent", folder.File("agent.h5"), "--environment", "HalfCheetah"})
             .exit_code == 3);
-  CHECK(Run({"status", "--endpoint", "ipc://" + folder.File("nobody")}).exit_code == 4);
+  const Outcome nobody = Run({"status", "--endpoint", "ipc://" + folder.File("nobody")});
+  CHECK(nobody.exit_code == 4);
+  CHECK(nobody.err.find(folder.File("nobody")) != std::string::npos);
+  CHECK(nobody.err.find("b4mrl serve") != std::string::npos);
   const Outcome refused = Run(
       {"train", "--algorithm", "sac", "--environment", "HalfCheeta", "--out", folder.File("run")});
   CHECK(refused.exit_code == 5);

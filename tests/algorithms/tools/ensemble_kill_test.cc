@@ -1,42 +1,15 @@
 // kill -9 while an ensemble trains: the run goes on where it stopped, with the same bits.
-#include <poll.h>
-#include <sys/inotify.h>
-
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <string>
 
 #include "data/agent_file.h"
 #include "tests/algorithms/learners/test_daemon.h"
+#include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
 
 namespace b4mrl {
 namespace {
-
-// Returns once a file of this name has been renamed into place in `folder`; false after a minute.
-class FolderWatch {
- public:
-  explicit FolderWatch(const std::string& folder) : fd_(inotify_init1(IN_CLOEXEC)) {
-    REQUIRE(inotify_add_watch(fd_, folder.c_str(), IN_MOVED_TO) >= 0);
-  }
-  ~FolderWatch() { close(fd_); }
-
-  bool WaitFor(const std::string& name) {
-    alignas(inotify_event) std::array<char, 4096> events{};
-    for (pollfd wait = {fd_, POLLIN, 0}; poll(&wait, 1, 60'000) == 1;) {
-      const ssize_t got = read(fd_, events.data(), events.size());
-      for (ssize_t at = 0; at < got;) {
-        const auto* event = reinterpret_cast<const inotify_event*>(events.data() + at);
-        if (event->len > 0 && name == event->name) return true;
-        at += static_cast<ssize_t>(sizeof(inotify_event) + event->len);
-      }
-    }
-    return false;
-  }
-
- private:
-  int fd_;
-};
 
 Words TrainWords(const TestDaemon& daemon, const std::string& run) {
   return {"train",

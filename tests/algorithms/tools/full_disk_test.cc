@@ -90,6 +90,7 @@ TEST_CASE("A dataset that does not fit on the disk ends with code 3 and leaves n
   CHECK(made.exit_code == 3);
   CHECK(made.err.find("No space left on device") != std::string::npos);
   CHECK(FilesUnder(disk.path()).empty());
+  CHECK_FALSE(fs::exists(disk.path() + "/HalfCheetah"));
 }
 
 TEST_CASE("A dataset whose columns find no room is refused, and the daemon goes on serving") {

@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sched.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -11,10 +12,12 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -46,6 +49,8 @@ class Tool {
     REQUIRE(process_id_ >= 0);
     if (process_id_ == 0) {
       for (const char* name : {"B4MRL_ENDPOINT", "B4MRL_SERVER", "B4MRL_TOOLS"}) unsetenv(name);
+      // A test that runs in the background inherits an ignored one.
+      std::signal(SIGINT, SIG_DFL);
       setenv("B4MRL_DATA", data.c_str(), 1);
       setenv("XDG_CACHE_HOME", cache.c_str(), 1);
       dup2(out[1], STDOUT_FILENO);
@@ -85,6 +90,21 @@ class Tool {
     }
     return false;
   }
+  // Whether it catches SIGINT by now; false if it ends or a minute passes before.
+  bool WaitUntilItCatchesInterrupts() {
+    for (const Deadline deadline = Deadline::AfterMs(60'000); !deadline.expired(); sched_yield()) {
+      std::ifstream status("/proc/" + std::to_string(process_id_) + "/status");
+      bool is_started = false;  // before, it is a copy of this process with this one's handlers
+      for (std::string line; std::getline(status, line);) {
+        is_started = is_started || line == "Name:\tb4mrl-tools";
+        if (!is_started || !line.starts_with("SigCgt:")) continue;
+        const uint64_t caught = std::strtoull(line.c_str() + 7, nullptr, 16);
+        if ((caught >> (SIGINT - 1)) % 2 == 1) return true;
+      }
+    }
+    return false;
+  }
+  void Signal(int number) { kill(process_id_, number); }
   void Kill() {
     kill(process_id_, SIGKILL);
     waitpid(std::exchange(process_id_, -1), nullptr, 0);

@@ -1,0 +1,93 @@
+// Datasets go where the daemon looks for them, and what fails leaves nothing behind.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <string>
+
+#include "proto/base/folders.h"
+#include "tests/algorithms/tools/tool.h"
+#include "tests/client/fake_daemon.h"
+#include "tests/integration/daemon.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool Says(const std::string& text, std::string_view words) {
+  return text.find(words) != std::string::npos;
+}
+
+Words Make(const Words& more) {
+  Words words = {"dataset", "make", "HalfCheetah/medium", "--rows", "1000", "--quiet"};
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+TEST_CASE("With an endpoint a dataset is made and imported where that daemon looks") {
+  const TemporaryFolder folder;
+  const PrivateDaemon daemon = StartDaemon({.data_folder = folder.path()});
+  const Words environment = {"B4MRL_ENDPOINT=" + daemon.endpoint()};
+  const Outcome made = Run(Make({}), environment);
+  INFO(made.err);
+  REQUIRE(made.exit_code == 0);
+  CHECK(fs::exists(folder.File("HalfCheetah/medium.h5")));
+  CHECK_FALSE(fs::exists(UsersFolder() + "/data/HalfCheetah"));
+
+  const Outcome imported = Run({"dataset", "import", folder.File("HalfCheetah/medium.h5"), "--name",
+                                "HalfCheetah/copy", "--endpoint", daemon.endpoint()});
+  INFO(imported.err);
+  CHECK(imported.exit_code == 0);
+  const std::string list = Run({"list", "datasets"}, environment).out;
+  CHECK(Says(list, "HalfCheetah/medium"));
+  CHECK(Says(list, "HalfCheetah/copy"));
+}
+
+TEST_CASE("A data folder beside an endpoint is refused, for the daemon has its own") {
+  const TemporaryFolder folder;
+  const Outcome outcome =
+      Run(Make({"--endpoint", "ipc://" + folder.File("nobody"), "--data", folder.File("data")}));
+  CHECK(outcome.exit_code == 2);
+  CHECK(Says(outcome.err, "--data"));
+  CHECK(Says(outcome.err, "--endpoint"));
+  CHECK_FALSE(fs::exists(folder.File("data")));
+}
+
+TEST_CASE("No dataset is written for a daemon whose data folder is not the one of that path here") {
+  const TemporaryFolder folder;
+  const FakeDaemon elsewhere([&](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_server_status()) return false;
+    pb::Reply reply;
+    reply.mutable_server_status()->set_data_folder(folder.path());
+    reply.mutable_server_status()->set_data_folder_id(FolderIdentity(folder.path()) + 1);
+    server.Reply(call, std::move(reply));
+    return true;
+  });
+  const Outcome outcome = Run(Make({"--endpoint", elsewhere.address()}));
+  CHECK(outcome.exit_code == 5);
+  CHECK(Says(outcome.err, folder.path()));
+  CHECK(fs::is_empty(folder.path()));
+}
+
+TEST_CASE("What cannot be imported is told by its own name and reason, and leaves no folder") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("bad.h5"), "no HDF5");
+  fs::create_directory(folder.File("data"));
+  const auto import = [&](const std::string& file) {
+    return Run(
+        {"dataset", "import", folder.File(file), "--name", "zz/y", "--data", folder.File("data")});
+  };
+  const Outcome bad = import("bad.h5");
+  CHECK(bad.exit_code == 3);
+  CHECK(Says(bad.err, folder.File("bad.h5")));
+  CHECK(Says(bad.err, "not an HDF5 file"));
+  CHECK_FALSE(Says(bad.err, "zz"));
+  CHECK_FALSE(fs::exists(folder.File("data/zz")));
+
+  const Outcome missing = import("none.h5");
+  CHECK(missing.exit_code == 3);
+  CHECK(Says(missing.err, "No such file"));
+  CHECK_FALSE(fs::exists(folder.File("data/zz")));
+}
+
+}  // namespace
+}  // namespace b4mrl

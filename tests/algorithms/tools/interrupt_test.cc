@@ -1,0 +1,81 @@
+// Ctrl-C: every command ends with code 130 and a word, and leaves nothing half-made.
+#include <catch2/catch.hpp>
+#include <csignal>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "tests/algorithms/tools/folder_watch.h"
+#include "tests/algorithms/tools/tool.h"
+#include "tests/client/fake_server.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+void CheckInterrupted(Tool& tool) {
+  const Outcome outcome = tool.Wait();
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 130);
+  CHECK(outcome.err.find("interrupted") != std::string::npos);
+  CHECK(outcome.out.empty());
+}
+
+TEST_CASE("A command that waits for a daemon ends when it is interrupted") {
+  const SocketFolder folder;
+  const std::string address = folder.Address();
+  const Words agent = {"--agent", B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5"};
+  const std::vector<Words> commands = {
+      {"status"},
+      {"list", "environments"},
+      {"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--out", folder.File("run")},
+      {"evaluate", "--environment", "HalfCheetah", agent[0], agent[1]},
+      {"dataset", "make", "HalfCheetah/medium"},
+      {"dataset", "import", agent[1], "--name", "HalfCheetah/x"},
+      {"dataset", "export", "HalfCheetah/x", folder.File("x.h5")},
+      {"dataset", "info", "HalfCheetah/x"},
+      {"perf", "query"}};
+  for (Words words : commands) {
+    INFO(words[0]);
+    FakeServer silent(address);
+    words.insert(words.end(), {"--endpoint", address});
+    Tool tool(words);
+    REQUIRE(silent.Take(60'000).has_value());  // its Hello
+    tool.Signal(SIGINT);
+    CheckInterrupted(tool);
+  }
+}
+
+TEST_CASE("A dataset that is interrupted while it is made leaves nothing behind") {
+  const TemporaryFolder data;
+  fs::create_directory(data.File("HalfCheetah"));
+  FolderWatch watch(data.File("HalfCheetah"));
+  Tool tool({"dataset", "make", "HalfCheetah/medium", "--rows", "1e8", "--data", data.path()});
+  REQUIRE(watch.WaitFor("medium.h5.tmp"));
+  tool.Signal(SIGINT);
+  CheckInterrupted(tool);
+  CHECK(fs::is_empty(data.File("HalfCheetah")));
+}
+
+TEST_CASE("A computation ends when it is interrupted") {
+  Tool tool({"demo", "confounding", "--decisions", "1e9"});
+  REQUIRE(tool.WaitUntilItCatchesInterrupts());
+  tool.Signal(SIGINT);
+  CheckInterrupted(tool);
+}
+
+TEST_CASE("A command that is told to end by SIGTERM says so and exits as a shell expects") {
+  const SocketFolder folder;
+  FakeServer silent(folder.Address());
+  Tool tool({"status", "--endpoint", folder.Address()});
+  REQUIRE(silent.Take(60'000).has_value());
+  tool.Signal(SIGTERM);
+  const Outcome outcome = tool.Wait();
+  CHECK(outcome.exit_code == 143);
+  CHECK(outcome.err.find("interrupted") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace b4mrl

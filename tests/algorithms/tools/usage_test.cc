@@ -1,0 +1,157 @@
+// What the command line accepts, how it explains itself, and what it says when it does not.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "algorithms/list.h"
+#include "tests/algorithms/tools/tool.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+bool Says(const std::string& text, std::string_view words) {
+  return text.find(words) != std::string::npos;
+}
+
+// Every option that takes a count or a seed, behind what its command needs beside it.
+struct CountOption {
+  Words command;
+  const char* option;
+};
+std::vector<CountOption> CountOptions() {
+  const Words train = {"train", "--algorithm", "sac", "--environment", "HalfCheetah"};
+  const Words evaluate = {"evaluate", "--agent", "none.h5", "--environment", "HalfCheetah"};
+  const Words dataset = {"dataset", "info", "HalfCheetah/none"};
+  std::vector<CountOption> options;
+  for (const char* name : {"--seed", "--updates", "--history", "--eval-every", "--eval-episodes",
+                           "--log-every", "--checkpoint-every", "--threads"}) {
+    options.push_back({train, name});
+  }
+  for (const char* name : {"--episodes", "--seed"}) options.push_back({evaluate, name});
+  for (const char* name : {"--rows", "--seed"}) {
+    options.push_back({{"dataset", "make", "HalfCheetah/none"}, name});
+  }
+  options.push_back({{"dataset", "export", "HalfCheetah/none", "none.h5"}, "--seed"});
+  options.push_back({{"dataset", "info", "HalfCheetah/none"}, "--seed"});
+  for (const char* name : {"--decisions", "--seed"}) {
+    options.push_back({{"demo", "confounding"}, name});
+  }
+  for (const char* name : {"--workers", "--threads", "--lease"}) {
+    options.push_back({{"serve"}, name});
+  }
+  options.push_back({{"perf", "batch"}, "--turns"});
+  return options;
+}
+
+}  // namespace
+
+TEST_CASE("A count or seed below zero ends with code 2, its name, its value and a short range") {
+  for (const auto& [command, option] : CountOptions()) {
+    Words words = command;
+    words.insert(words.end(), {option, "-5"});
+    const Outcome outcome = Run(words);
+    INFO(command[0] << " " << option << ": " << outcome.err);
+    CHECK(outcome.exit_code == 2);
+    CHECK(Says(outcome.err, std::string(option) + ": -5 is not a whole number in "));
+    CHECK(outcome.err.size() < 200);
+  }
+}
+
+TEST_CASE("Counts and seeds may be written with an exponent") {
+  const Outcome plain = Run({"demo", "confounding", "--decisions", "2000", "--seed", "10"});
+  REQUIRE(plain.exit_code == 0);
+  CHECK(Run({"demo", "confounding", "--decisions", "2e3", "--seed=1e1"}).out == plain.out);
+  CHECK(Run({"demo", "confounding", "--decisions", "2e-1"}).exit_code == 2);
+}
+
+TEST_CASE("Every program of the command line tells its version and its help") {
+  const Outcome version = Run({"--version"});
+  REQUIRE(version.exit_code == 0);
+  for (const char* command : {"serve", "perf"}) {
+    const Outcome outcome = Run({command, "--version"});
+    CHECK(outcome.exit_code == 0);
+    CHECK(outcome.out == version.out);
+  }
+  const Outcome help = Run({"--help"});
+  const size_t subcommands = help.out.find("Subcommands:");
+  REQUIRE(subcommands != std::string::npos);
+  for (const char* name : {"\n  train ", "\n  serve ", "\n  perf ", "\n  help "}) {
+    CHECK(help.out.find(name) > subcommands);
+    CHECK(Says(help.out, name));
+  }
+  CHECK(Run({"help"}).out == help.out);
+  for (const Words& words :
+       std::vector<Words>{{"train"}, {"dataset", "make"}, {"serve"}, {"perf"}}) {
+    Words asked = {"help"}, flagged = words;
+    asked.insert(asked.end(), words.begin(), words.end());
+    flagged.emplace_back("--help");
+    INFO(words[0]);
+    CHECK(Run(asked).exit_code == 0);
+    CHECK(Run(asked).out == Run(flagged).out);
+  }
+}
+
+TEST_CASE("Training without an algorithm names those that there are") {
+  const Outcome outcome = Run({"train", "--environment", "HalfCheetah"});
+  CHECK(outcome.exit_code == 2);
+  CHECK(Says(outcome.err, "--algorithm"));
+  CHECK_FALSE(Says(outcome.err, "unknown"));
+  for (const Algorithm& algorithm : Algorithms()) {
+    CHECK(Says(outcome.err, std::string(algorithm.name)));
+  }
+}
+
+TEST_CASE("Corruptions are the perturbations that datasets take") {
+  const auto names = [](const char* kind) {
+    const Outcome outcome = Run({"list", kind, "--json"});
+    REQUIRE(outcome.exit_code == 0);
+    std::vector<std::string> found;
+    for (const auto& item : nlohmann::json::parse(outcome.out, nullptr, false)) {
+      if (item["corrupts_datasets"] == true) found.push_back(item["name"]);
+    }
+    return found;
+  };
+  CHECK(names("corruptions") == names("perturbations"));
+  CHECK_FALSE(names("corruptions").empty());
+  CHECK_FALSE(Says(Run({"list", "corruptions"}).out, "gravity"));
+}
+
+TEST_CASE("The list of perturbations tells how each is written and what it takes") {
+  const std::string text = Run({"list", "perturbations"}).out;
+  CHECK(Says(text, "gravity=<factor> in "));
+  CHECK(Says(text, "hidden=<dimensions>"));
+  CHECK(Says(text, "model=<file>: "));
+}
+
+TEST_CASE("Where there are no datasets yet, the list says how to make one") {
+  const TemporaryFolder folder;
+  const Words words = {"list", "datasets", "--data", folder.path()};
+  const Outcome empty = Run(words);
+  CHECK(empty.exit_code == 0);
+  CHECK(empty.out.empty());
+  CHECK(Says(empty.err, "b4mrl dataset make"));
+  REQUIRE(Run({"dataset", "make", "HalfCheetah/medium", "--rows", "1e3", "--data", folder.path()})
+              .exit_code == 0);
+  const Outcome made = Run(words);
+  CHECK(Says(made.out, "HalfCheetah/medium"));
+  CHECK_FALSE(Says(made.out, "not imported"));
+  CHECK(made.err.empty());
+}
+
+TEST_CASE("Dimensions that are joined by a comma are told to be joined by a plus") {
+  const auto evaluate = [](const std::string& simulator) {
+    return Run({"evaluate", "--agent", B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5",
+                "--environment", "HalfCheetah", "--episodes", "1", "--simulator", simulator});
+  };
+  for (const char* simulator : {"hidden=1,2", "hidden=1,v-root-z"}) {
+    const Outcome outcome = evaluate(simulator);
+    CHECK(outcome.exit_code == 5);
+    CHECK(Says(outcome.err, "joined by +"));
+  }
+  CHECK(evaluate("hidden = 1+2").exit_code == 0);
+}
+
+}  // namespace b4mrl
