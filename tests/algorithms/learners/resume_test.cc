@@ -6,6 +6,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <string_view>
+#include <utility>
 
 #include "algorithms/list.h"
 #include "algorithms/nn/checkpoint.h"
@@ -17,13 +19,37 @@
 namespace b4mrl {
 namespace {
 
-TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
+// Small enough for a test, and set so that a run has much to remember: half of it ends amid a
+// cycle, a schedule or a rollout. For every learner that has a hyperparameter of the name.
+constexpr std::pair<std::string_view, double> kSmall[] = {
+    {"hidden-width", 16},
+    {"batch-size", 32},
+    {"lanes", 2},
+    {"warm-up", 100},
+    {"actor", 1},  // Gaussian, which has more to remember
+    {"cosine-updates", 50},
+    {"steps-per-cycle", 40},
+    {"updates-per-cycle", 20},
+    {"discriminator-batch", 24},
+    {"gap-samples", 2},
+    {"ensemble-width", 16},
+    {"ensemble-max-updates", 20},
+    {"rollout-every", 20},
+    {"rollout-rows", 100},
+    {"chunk-rows", 30},
+    {"model-retain", 2},
+    {"real-ratio", 0.25},
+};
+
+// Of any learner of the list: what it needs decides what it trains on.
+TrainOptions SmallRun(std::string_view algorithm, const std::string& folder) {
   const Algorithm* entry = Take(FindAlgorithm(algorithm));
   TrainOptions options;
   options.algorithm = algorithm;
   options.environment = "HalfCheetah";
   options.simulator = entry->needs.simulator ? "gravity" : "";
   options.dataset = entry->needs.dataset ? "HalfCheetah/small" : "";
+  options.history_length = entry->needs.history ? 2 : 1;
   options.seed = 3;
   options.updates = 60;
   options.eval_every = 30;
@@ -32,34 +58,9 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
   options.checkpoint_every = 30;
   options.folder = folder;
   options.hyperparameters = Hyperparameters(entry->hyperparameters);
-  const auto set = [&](std::string_view name, double value) {
+  for (const auto& [name, value] : kSmall) {
+    if (options.hyperparameters.Find(name) == nullptr) continue;
     RequireOk(options.hyperparameters.Set(name, value));
-  };
-  set("hidden-width", 16);
-  set("batch-size", 32);
-  if (algorithm == "sac" || algorithm == "td3") {
-    options.history_length = 2;
-    set("lanes", 2);
-    set("warm-up", 100);
-  }
-  if (algorithm == "iql") {
-    set("actor", 1);  // Gaussian, which has more to remember
-    set("cosine-updates", 50);
-  }
-  if (algorithm == "h2o") {
-    set("steps-per-cycle", 40);
-    set("updates-per-cycle", 20);  // so that 30 updates end amid a cycle
-    set("discriminator-batch", 24);
-    set("gap-samples", 2);
-  }
-  if (algorithm == "mopo" || algorithm == "hymopo") {
-    set("ensemble-width", 16);
-    set("ensemble-max-updates", 20);
-    set("rollout-every", 20);
-    set("rollout-rows", 100);
-    if (algorithm == "hymopo") set("chunk-rows", 30);
-    set("model-retain", 2);
-    set("real-ratio", 0.25);
   }
   return options;
 }
@@ -126,11 +127,10 @@ std::vector<std::string> TimelessCells(const std::string& path) {
   return kept;
 }
 
-void CheckResume(const std::string& algorithm, bool lag = false, uint64_t first = 30) {
-  TestDaemon daemon;
-  TrainOptions straight = SmallRun(algorithm, daemon.folder("straight"));
+void CheckResume(TestDaemon& daemon, const TrainOptions& options, uint64_t first = 30) {
+  TrainOptions straight = options;
+  straight.folder = daemon.folder("straight");
   if (!straight.dataset.empty()) daemon.MakeDataset("small", 500);
-  if (lag) RequireOk(straight.hyperparameters.Set("rollout-lag", 1));
   const TrainSummary expected = RunTraining(straight, daemon.client());
 
   TrainOptions halves = straight;
@@ -159,25 +159,32 @@ void CheckResume(const std::string& algorithm, bool lag = false, uint64_t first 
 
 }  // namespace
 
-TEST_CASE("A resumed SAC run ends with the bits of an undisturbed one") { CheckResume("sac"); }
-TEST_CASE("A resumed TD3 run ends with the bits of an undisturbed one") { CheckResume("td3"); }
-TEST_CASE("A resumed TD3-BC run ends with the bits of an undisturbed one") {
-  CheckResume("td3-bc");
+TEST_CASE("A resumed run of every learner ends with the bits of an undisturbed one") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    DYNAMIC_SECTION(algorithm.name) {
+      TestDaemon daemon;
+      CheckResume(daemon, SmallRun(algorithm.name, ""));
+    }
+  }
 }
-TEST_CASE("A resumed IQL run ends with the bits of an undisturbed one") { CheckResume("iql"); }
-TEST_CASE("A resumed H2O run ends with the bits of an undisturbed one") { CheckResume("h2o"); }
-TEST_CASE("A resumed MOPO run ends with the bits of an undisturbed one") { CheckResume("mopo"); }
-TEST_CASE("A resumed HyMOPO run ends with the bits of an undisturbed one") {
-  CheckResume("hymopo");
-}
-TEST_CASE("A resumed HyMOPO run with a rollout lag ends with the bits of an undisturbed one") {
-  CheckResume("hymopo", /*lag=*/true);
+
+TEST_CASE("A resumed run whose rollouts lag behind ends with the bits of an undisturbed one") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    TrainOptions options = SmallRun(algorithm.name, "");
+    if (options.hyperparameters.Find("rollout-lag") == nullptr) continue;
+    DYNAMIC_SECTION(algorithm.name) {
+      RequireOk(options.hyperparameters.Set("rollout-lag", 1));
+      TestDaemon daemon;
+      CheckResume(daemon, options);
+    }
+  }
 }
 
 TEST_CASE(
     "A run that ended where a longer one evaluates or logs nothing is continued as that one") {
-  CheckResume("td3-bc", /*lag=*/false, /*first=*/45);  // no evaluation, no row
-  CheckResume("td3-bc", /*lag=*/false, /*first=*/40);  // a row, no evaluation
+  TestDaemon no_row, no_evaluation;
+  CheckResume(no_row, SmallRun("td3-bc", ""), /*first=*/45);         // nor an evaluation
+  CheckResume(no_evaluation, SmallRun("td3-bc", ""), /*first=*/40);  // but a row
 }
 
 TEST_CASE("The last update is evaluated and logged, however the run is cut up") {
@@ -341,16 +348,19 @@ TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
   CHECK(RunTraining(options, daemon.client()).updates == 60);
 }
 
-TEST_CASE("Threads change no bit of what a learner learns") {
-  const std::string algorithm = GENERATE("sac", "td3-bc", "iql", "mopo", "h2o");
-  TestDaemon daemon;
-  TrainOptions alone = SmallRun(algorithm, daemon.folder("alone"));
-  if (!alone.dataset.empty()) daemon.MakeDataset("small", 500);
-  TrainOptions team = alone;
-  team.folder = daemon.folder("team");
-  team.threads = 3;
-  RequireEqualAgents(RunTraining(alone, daemon.client()).agent_path,
-                     RunTraining(team, daemon.client()).agent_path);
+TEST_CASE("Threads change no bit of what any learner learns") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    DYNAMIC_SECTION(algorithm.name) {
+      TestDaemon daemon;
+      TrainOptions alone = SmallRun(algorithm.name, daemon.folder("alone"));
+      if (!alone.dataset.empty()) daemon.MakeDataset("small", 500);
+      TrainOptions team = alone;
+      team.folder = daemon.folder("team");
+      team.threads = 3;
+      RequireEqualAgents(RunTraining(alone, daemon.client()).agent_path,
+                         RunTraining(team, daemon.client()).agent_path);
+    }
+  }
 }
 
 TEST_CASE("A run ends at the first evaluation that reaches the score asked for") {
