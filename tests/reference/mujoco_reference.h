@@ -1,6 +1,8 @@
 // The recorded trajectories of the MuJoCo tasks; columns as in README.md.
 #pragma once
 
+#include <cstddef>
+#include <limits>
 #include <span>
 #include <string>
 
@@ -15,13 +17,31 @@ struct MujocoRow {
   bool terminated;
 };
 
+// Of a task: the columns of its recordings, and how its observation tells the state.
 struct MujocoShape {
   size_t motors, positions, velocities, observation;
+  size_t hidden_positions = 1;  // leading coordinates that are not observed
+  // Observed velocities are clipped to this; where one is, the observation does not tell the state.
+  double velocity_limit = std::numeric_limits<double>::infinity();
+  // A query starts from a warm start of 0, not from the recorded one. Newton converges: 1e-14 in
+  // position.
+  double query_tolerance = 1e-12;
+  double query_reward_tolerance = 1e-9;
 };
 inline constexpr MujocoShape kHalfCheetahShape = {6, 9, 9, 17};
-inline constexpr MujocoShape kHopperShape = {3, 6, 6, 11};
-inline constexpr MujocoShape kWalker2dShape = {6, 9, 9, 17};
-inline constexpr MujocoShape kHumanoidShape = {17, 24, 23, 376};
+inline constexpr MujocoShape kHopperShape = {3, 6, 6, 11, 1, 10};
+inline constexpr MujocoShape kWalker2dShape = {6, 9, 9, 17, 1, 10};
+inline constexpr MujocoShape kHumanoidShape = {
+    .motors = 17,
+    .positions = 24,
+    .velocities = 23,
+    .observation = 376,
+    .hidden_positions = 2,
+    .query_tolerance = 1e-5,  // PGS stops after 50 iterations: up to 9e-6
+    // The recorded reward starts from a centre of mass that lags behind by up to 5e-5 m; times
+    // 1.25 / 0.015 s.
+    .query_reward_tolerance = 5e-3,
+};
 
 // A recording and the simulator that it was made of.
 struct MujocoRecording {
