@@ -5,8 +5,6 @@
 #include "proto/base/limits.h"
 #include "proto/base/version.h"
 #include "server/environments/list.h"
-#include "server/model_compiler.h"
-#include "server/perturbations/list.h"
 
 namespace b4mrl {
 namespace {
@@ -20,27 +18,6 @@ void DescribeSpace(const SpaceSpec& space, pb::Space* out) {
     target->set_low(dimension.low);
     target->set_high(dimension.high);
     target->set_feature(dimension.feature);
-  }
-}
-
-void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* out) {
-  out->set_name(std::string(entry.name));
-  out->set_parameter(std::string(entry.parameter));
-  out->set_type(std::string(entry.type));
-  out->set_low(entry.low);
-  out->set_high(entry.high);
-  out->set_description(std::string(entry.description));
-  out->set_corrupts_datasets(entry.corrupts_datasets);
-  for (const EnvironmentEntry& environment : EnvironmentList()) {
-    const Result<EnvironmentSpec> spec = DescribeEnvironment(environment.name);
-    if (spec.ok() && Applies(entry, *spec)) out->add_environments(spec->name);
-  }
-  for (const PerturbationPreset& preset : PresetList()) {
-    if (preset.parametric != entry.name) continue;
-    pb::PresetInfo* target = out->add_presets();
-    target->set_name(std::string(preset.name));
-    target->set_environment(std::string(preset.environment));
-    target->set_argument(std::string(preset.argument));
   }
 }
 
@@ -79,19 +56,6 @@ void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out) 
   for (const std::string& name : spec.reset_info_names) out->add_reset_info_names(name);
   out->set_picture_width(spec.picture_width);
   out->set_picture_height(spec.picture_height);
-}
-
-void DescribeCatalogue(const std::string& models_folder, pb::CatalogueReply* out) {
-  for (const EnvironmentEntry& entry : EnvironmentList()) {
-    const Result<EnvironmentSpec> spec = DescribeEnvironment(entry.name);
-    if (spec.ok()) DescribeEnvironment(*spec, out->add_environments());
-  }
-  for (const PerturbationEntry& entry : PerturbationList()) {
-    pb::PerturbationInfo* info = out->add_perturbations();
-    DescribePerturbation(entry, info);
-    if (entry.type != "file") continue;
-    for (std::string& file : ListModelFiles(models_folder)) info->add_files(std::move(file));
-  }
 }
 
 void DescribeSession(const Session& session, pb::AttachReply* out) {

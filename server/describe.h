@@ -1,4 +1,4 @@
-// What the server is, the catalogue's entries and the sessions' descriptions as protocol messages.
+// What the server is, its environments and the sessions' descriptions as protocol messages.
 #pragma once
 
 #include "proto/b4mrl.pb.h"
@@ -11,8 +11,6 @@ namespace b4mrl {
 // Versions, capabilities and limits: a Hello but for the ports.
 void DescribeServer(int64_t lease_ms, pb::HelloReply* out);
 void DescribeEnvironment(const EnvironmentSpec& spec, pb::EnvironmentInfo* out);
-// All environments and perturbations; an environment that cannot be described is left out.
-void DescribeCatalogue(const std::string& models_folder, pb::CatalogueReply* out);
 // Everything in force.
 void DescribeSession(const Session& session, pb::AttachReply* out);
 // An OpenReply but for the port, from the completed request and what the worker said.

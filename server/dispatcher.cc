@@ -52,11 +52,9 @@ bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
 }  // namespace
 
-Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, std::string models_folder,
-                       Executor& executor, SendFunction send)
+Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send)
     : shared_(shared),
       worker_(worker),
-      models_folder_(std::move(models_folder)),
       executor_(executor),
       send_(std::move(send)),
       counters_(shared.child(kFirstWorkerChild + worker)) {}
@@ -75,10 +73,7 @@ void Dispatcher::AdoptSessions() {
       static_cast<void>(Attach(index, generation));
     }
     if (state != SessionState::kLive) continue;
-    const Status status =
-        record.build_deaths < kMaxBuildDeaths
-            ? Attach(index, generation).status()
-            : Status(StatusCode::kInternal, "rebuilding it ended the worker again and again");
+    const Status status = Attach(index, generation).status();
     if (status.ok() || status.code() == StatusCode::kBusy) continue;
     spdlog::error("session {} is lost: {}", index, status.ToString());
     record.Close(generation);
@@ -169,10 +164,13 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
       return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
     }
   }
+  if (record.build_deaths >= kMaxBuildDeaths) {
+    return Status(StatusCode::kInternal, "building this session ended its worker again and again");
+  }
   const ScopedMark mark = ScopedMark::OfSession(&own_mark(), index, generation);
   ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
-                         Session::Build(shared_, index, generation, models_folder_));
+                         Session::Build(shared_, index, generation));
   record.build_deaths.store(0);
   return (sessions_[token] = std::move(session)).get();
 }

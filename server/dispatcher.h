@@ -23,8 +23,7 @@ class Dispatcher {
   using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
 
   // `worker` is this worker's index. Everything passed in outlives the dispatcher.
-  Dispatcher(SharedState& shared, uint32_t worker, std::string models_folder, Executor& executor,
-             SendFunction send);
+  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send);
   ~Dispatcher();
 
   // Takes over this worker's sessions that it does not hold, which an earlier process of it has
@@ -75,7 +74,6 @@ class Dispatcher {
 
   SharedState& shared_;
   uint32_t worker_;
-  std::string models_folder_;
   Executor& executor_;
   SendFunction send_;
   ChildRecord& counters_;

@@ -44,7 +44,6 @@ Status TryOut(const ModelCompilerOptions& options, const CompiledModel& compiled
   SimulatorRequest request;
   request.environment = options.environment;
   request.perturbations = {{"model", options.file_name}};
-  request.models_folder = options.models_folder;
   request.compiled_model = compiled;
   B4MRL_ASSIGN_OR_RETURN(const std::shared_ptr<const Simulator> simulator,
                          Simulator::Open(request));
@@ -126,13 +125,14 @@ int RunModelCompiler(const ModelCompilerOptions& options) {
 
 Result<std::string> CompileModelInChild(const std::string& program,
                                         const ModelCompilerOptions& options,
-                                        const Deadline& deadline) {
+                                        const Deadline& deadline,
+                                        const std::atomic<bool>* cancelled) {
   const SandboxedChild child = {
       program,
       {"--role", "model-compiler", "--models", options.models_folder, "--file", options.file_name,
        "--environment", options.environment, "--cache", options.cache_folder},
       "the model compiler"};
-  const ChildAnswer answer = RunSandboxedChild(child, deadline);
+  const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
   if (!answer.ended_well) unlink(TrialPath(options.cache_folder, answer.process_id).c_str());
   const std::string context = "model=" + options.file_name;
   if (!answer.json.ok()) return answer.json.status().WithContext(context);

@@ -10,6 +10,7 @@
 // any one thread.
 #pragma once
 
+#include <atomic>
 #include <string>
 #include <vector>
 
@@ -31,10 +32,12 @@ int RunModelCompiler(const ModelCompilerOptions& options);
 
 // Starts `program --role model-compiler ...` and waits. Returns the hash, which names the file in
 // the cache. kUnknownName when there is no such file; kInvalidArgument with the file, its line
-// where there is one, and the reason; kDataLoss when the file ended the process, kDeadlineExceeded.
+// where there is one, and the reason; kDataLoss when the file ended the process, kDeadlineExceeded;
+// kUnavailable when `cancelled` (may be null) turned true.
 Result<std::string> CompileModelInChild(const std::string& program,
                                         const ModelCompilerOptions& options,
-                                        const Deadline& deadline);
+                                        const Deadline& deadline,
+                                        const std::atomic<bool>* cancelled = nullptr);
 
 // The MJCF files of a folder that can be named in model=FILE.xml: sorted, at most
 // limits::kMaxModelFiles.

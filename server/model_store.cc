@@ -3,20 +3,17 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include <algorithm>
 #include <filesystem>
-#include <optional>
 #include <vector>
 
-#include "data/cache_root.h"
+#include "data/atomic_file.h"
 #include "proto/base/limits.h"
-#include "server/environments/list.h"
+#include "proto/base/unique_fd.h"
 #include "server/environments/model_file.h"
 #include "server/model_compiler.h"
-#include "server/perturbations/list.h"
 
 namespace b4mrl {
 namespace {
@@ -25,7 +22,7 @@ namespace fs = std::filesystem;
 
 // What a folder's files are without reading them: names, sizes, times. Nothing when there are too
 // many to look at.
-std::optional<uint64_t> StateOfFolder(const std::string& folder) {
+std::optional<std::string> StateOfFolder(const std::string& folder) {
   constexpr size_t kMostEntries = 4096;
   std::vector<std::string> entries;
   std::error_code error;
@@ -40,8 +37,47 @@ std::optional<uint64_t> StateOfFolder(const std::string& folder) {
   }
   if (error) return std::nullopt;
   std::ranges::sort(entries);
-  const std::string all = fmt::format("{}", fmt::join(entries, "\n"));
+  return fmt::format("{}", fmt::join(entries, "\n"));
+}
+
+// What the compilation of a file depends on: its bytes and, where they can name other files, the
+// state of the folder. Nothing when that cannot be told.
+std::optional<uint64_t> ContentOf(const std::string& folder, const std::string& file) {
+  // Opened without waiting, in case it is a pipe, and read as what it turned out to be.
+  const UniqueFd fd(open((folder + "/" + file).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  struct stat info {};
+  if (!fd.valid() || fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
+  const Result<std::string> text =
+      ReadSmallFile(fmt::format("/proc/self/fd/{}", fd.get()), limits::kMaxModelFileBytes);
+  if (!text.ok()) return std::nullopt;
+  std::string all = *text;
+  // Includes, meshes, textures and the like are named by attributes called "file...".
+  if (text->find("file") != std::string::npos) {
+    const std::optional<std::string> others = StateOfFolder(folder);
+    if (!others) return std::nullopt;
+    all += *others;
+  }
   return XXH3_64bits(all.data(), all.size());
+}
+
+// Whether another try with the same content would end the same way: what the file has earned is
+// kept, since clients ask again and again; what the machine was short of is not.
+bool IsLasting(const Result<std::string>& hash) {
+  switch (hash.status().code()) {
+    case StatusCode::kOk:
+    case StatusCode::kInvalidArgument:
+    case StatusCode::kUnsupported:
+    case StatusCode::kLimitExceeded:
+    case StatusCode::kDataLoss:  // it ended the compiler, or its processor time
+      return true;
+    default:
+      return false;
+  }
+}
+
+// Also tells the file system that the model is in use.
+bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
+  return utimensat(AT_FDCWD, CompiledModelPath(cache_folder, hash).c_str(), nullptr, 0) == 0;
 }
 
 // Removes the compiled models that were used longest ago.
@@ -61,76 +97,53 @@ void MakeRoom(const std::string& cache_folder) {
 
 }  // namespace
 
-struct ModelStore::Cache {
-  struct Entry {
-    uint64_t folder_state;
-    Result<std::string> hash;  // or why the file is refused
-  };
-
-  // Also tells the file system that the model is in use.
-  bool InCache(const std::string& hash) const {
-    return utimensat(AT_FDCWD, CompiledModelPath(folder, hash).c_str(), nullptr, 0) == 0;
-  }
-
-  Result<std::string> Compile(const std::string& environment, const std::string& file,
-                              const Deadline& deadline) {
-    const std::optional<uint64_t> state = StateOfFolder(options.models_folder);
-    const auto known = hashes.find({environment, file});
-    if (state && known != hashes.end() && known->second.folder_state == *state) {
-      const Result<std::string>& hash = known->second.hash;
-      if (!hash.ok() || InCache(*hash)) return hash;
-    }
-    std::error_code error;
-    fs::create_directories(options.data_folder, error);
-    if (error) return IoError("create", options.data_folder, error.value());
-    B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options.data_folder));
-    B4MRL_RETURN_IF_ERROR(MakeFolderInside(folder));
-    const Result<std::string> hash = CompileModelInChild(
-        options.program, {options.models_folder, file, environment, folder},
-        Deadline::AfterMs(std::min(deadline.remaining_ms(), limits::kModelCompilerMs)));
-    if (hash.ok()) {
-      InCache(*hash);
-      MakeRoom(folder);
-    }
-    if (hashes.size() >= limits::kMaxCompiledModels) hashes.clear();
-    // A refusal that the file has earned is kept, too: clients ask again and again. Changed while
-    // it was compiled: the next request compiles again.
-    const bool is_lasting = hash.ok() || hash.status().code() == StatusCode::kInvalidArgument ||
-                            hash.status().code() == StatusCode::kUnsupported;
-    if (is_lasting && state && StateOfFolder(options.models_folder) == state) {
-      hashes.insert_or_assign({environment, file}, Entry{*state, hash});
-    }
-    return hash;
-  }
-
-  Options options;
-  std::string folder;
-  std::map<std::pair<std::string, std::string>, Entry> hashes;  // by environment and file
-};
-
 std::string ModelCacheFolder(const std::string& data_folder) {
-  return CacheRoot(data_folder) + "/models";
+  return data_folder + "/.cache/models";
 }
 
 ModelStore::ModelStore(Options options)
-    : cache_(std::make_shared<Cache>(Cache{options, ModelCacheFolder(options.data_folder), {}})) {}
+    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
 
-Status ModelStore::Compile(const std::string& environment, const std::string& file,
-                           const Deadline& deadline, Completion done) {
-  B4MRL_RETURN_IF_ERROR(FindEnvironment(environment).status());
-  if (!IsModelFileName(file)) {
-    return InvalidArgument("model", file, "the name of a file in the models folder");
+Result<std::string> ModelStore::Compile(const std::string& environment, const std::string& file,
+                                        const std::atomic<bool>& cancelled) {
+  const auto path_of = [this](const Result<std::string>& hash) {
+    return hash.ok() ? CompiledModelPath(cache_folder_, *hash) : hash;
+  };
+  const std::optional<uint64_t> content = ContentOf(options_.models_folder, file);
+  if (content) {
+    if (const auto known = Recall(environment, file, *content)) return path_of(*known);
   }
-  if (thread_.backlog() >= limits::kMaxPendingModels) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("{} models wait to be compiled", thread_.backlog()));
+  std::error_code error;
+  fs::create_directories(cache_folder_, error);
+  if (error) return IoError("create cache folder", cache_folder_, error.value());
+  const Result<std::string> hash = CompileModelInChild(
+      options_.program, {options_.models_folder, file, environment, cache_folder_},
+      Deadline::AfterMs(limits::kModelCompilerMs), &cancelled);
+  if (hash.ok()) {
+    IsInFolder(cache_folder_, *hash);
+    MakeRoom(cache_folder_);
   }
-  thread_.Submit([cache = cache_, environment, file, deadline, done = std::move(done)] {
-    Result<std::string> path = cache->Compile(environment, file, deadline);
-    if (path.ok()) path = CompiledModelPath(cache->folder, *path);
-    return [path = std::move(path), done] { done(path); };
-  });
-  return Status();
+  // Changed while it was compiled: the next request compiles again.
+  if (content && IsLasting(hash) && ContentOf(options_.models_folder, file) == content) {
+    Remember(environment, file, {*content, hash});
+  }
+  return path_of(hash);
+}
+
+std::optional<Result<std::string>> ModelStore::Recall(const std::string& environment,
+                                                      const std::string& file, uint64_t content) {
+  const std::lock_guard lock(mutex_);
+  const auto known = known_.find({environment, file});
+  if (known == known_.end() || known->second.content != content) return std::nullopt;
+  const Result<std::string>& hash = known->second.hash;
+  if (hash.ok() && !IsInFolder(cache_folder_, *hash)) return std::nullopt;
+  return hash;
+}
+
+void ModelStore::Remember(const std::string& environment, const std::string& file, Known known) {
+  const std::lock_guard lock(mutex_);
+  if (known_.size() >= limits::kMaxCompiledModels) known_.clear();
+  known_.insert_or_assign({environment, file}, std::move(known));
 }
 
 }  // namespace b4mrl

@@ -1,22 +1,22 @@
-// The gateway's side of model=FILE.xml: has files compiled by sandboxed processes without waiting
-// for them, and remembers the results while the models folder stays as it is.
+// The compiled models of users (model=FILE.xml): has files compiled by sandboxed processes, and
+// remembers what came of it while a file's content stays as it is, whether it was taken or refused.
 //
 //   DATA/.cache/models/<hash>.mjb   compiled models, named by content, at most kMaxCompiledModels;
 //                                   a session remembers its hash, so a later change of FILE.xml
 //                                   changes no running session
 //
-// Thread rule: the gateway's main thread, which calls RunCompletions when fd() is readable.
+// Any thread. Which file is compiled when is decided by server/model_queue.h.
 #pragma once
 
-#include <functional>
+#include <atomic>
+#include <cstdint>
 #include <map>
-#include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 
-#include "proto/base/clock.h"
 #include "proto/base/status.h"
-#include "server/background_thread.h"
 
 namespace b4mrl {
 
@@ -32,21 +32,26 @@ class ModelStore {
   };
   explicit ModelStore(Options options);
 
-  // Runs on the calling thread of RunCompletions; the path of the compiled model.
-  using Completion = std::function<void(const Result<std::string>&)>;
-  // Compiles FILE for an environment, one file after another. An error is told at once: unknown
-  // environments, names that no file can have, kLimitExceeded when limits::kMaxPendingModels wait.
-  Status Compile(const std::string& environment, const std::string& file, const Deadline& deadline,
-                 Completion done);
-
-  bool idle() const { return thread_.backlog() == 0; }
-  int fd() const { return thread_.fd(); }
-  void RunCompletions() { thread_.RunCompletions(); }
+  // The path of FILE's compiled model for an environment. Waits for a process of at most
+  // limits::kModelCompilerMs, unless the answer is known. `cancelled` turning true ends it within
+  // 100 ms with kUnavailable. Errors as in CompileModelInChild.
+  Result<std::string> Compile(const std::string& environment, const std::string& file,
+                              const std::atomic<bool>& cancelled);
 
  private:
-  struct Cache;
-  std::shared_ptr<Cache> cache_;  // the background thread's alone
-  BackgroundThread thread_;
+  struct Known {
+    uint64_t content;
+    Result<std::string> hash;  // or why the file is refused
+  };
+  std::optional<Result<std::string>> Recall(const std::string& environment, const std::string& file,
+                                            uint64_t content);
+  void Remember(const std::string& environment, const std::string& file, Known known);
+
+  const Options options_;
+  const std::string cache_folder_;
+  std::mutex mutex_;
+  // By environment and file; at most limits::kMaxCompiledModels.
+  std::map<std::pair<std::string, std::string>, Known> known_;
 };
 
 }  // namespace b4mrl

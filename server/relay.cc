@@ -36,12 +36,14 @@ Message Copy(Message& message) { return {message.envelope.Share(), message.paylo
 
 }  // namespace
 
-Relay::Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send)
+Relay::Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
+             size_t max_routes)
     : sockets_(sockets),
       shared_(shared),
       table_(shared),
       addresses_(std::move(addresses.workers)),
-      send_(std::move(send)) {
+      send_(std::move(send)),
+      max_routes_(max_routes) {
   addresses_.push_back(std::move(addresses.dataset_worker));
 }
 
@@ -106,7 +108,7 @@ Result<Relay::Route*> Relay::MakeRoute(const std::string& key, const RoutingId& 
 }
 
 Status Relay::EvictIdleRoute() {
-  if (routes_.size() < limits::kMaxRelayRoutes) return Status();
+  if (routes_.size() < max_routes_) return Status();
   auto oldest = routes_.end();
   for (auto it = routes_.begin(); it != routes_.end(); ++it) {
     const bool idle = it->second.carried.empty();
@@ -117,7 +119,7 @@ Status Relay::EvictIdleRoute() {
   if (oldest == routes_.end()) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("the gateway relays for {} connections, at most {}", routes_.size(),
-                              limits::kMaxRelayRoutes));
+                              max_routes_));
   }
   Drop(oldest);
   return Status();

@@ -23,6 +23,7 @@
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
+#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
 #include "server/session_table.h"
@@ -40,7 +41,8 @@ class Relay {
   };
 
   // Replies leave through `send`. Everything passed by reference outlives the relay.
-  Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send);
+  Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
+        size_t max_routes = limits::kMaxRelayRoutes);
 
   // Sends `message`, whose envelope says `request`, on its way. An error says why it was not sent:
   // kSessionLost when the token names no session, kLimitExceeded, kIoError.
@@ -91,6 +93,7 @@ class Relay {
   SessionTable table_;
   std::vector<std::string> addresses_;
   SendFunction send_;
+  size_t max_routes_;
   Routes routes_;  // by client and token
   size_t in_flight_ = 0;
   size_t bytes_ = 0;

@@ -9,14 +9,13 @@
 namespace b4mrl {
 namespace {
 
-SimulatorRequest SimulatorOf(const pb::OpenRequest& request, const std::string& models_folder) {
+SimulatorRequest SimulatorOf(const pb::OpenRequest& request) {
   SimulatorRequest simulator;
   simulator.environment = request.environment();
   for (const pb::NamedArgument& item : request.perturbations()) {
     simulator.perturbations.push_back({item.name(), item.argument()});
   }
   simulator.config = request.config();
-  simulator.models_folder = models_folder;
   if (!request.compiled_model().empty()) {
     simulator.compiled_model = CompiledModelAt(request.compiled_model());
   }
@@ -56,15 +55,14 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 }
 
 Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,
-                                                uint64_t generation,
-                                                const std::string& models_folder) {
+                                                uint64_t generation) {
   const SessionRecord& record = shared.session(index);
   B4MRL_RETURN_IF_ERROR(CheckSessionRecord(record));
   pb::OpenRequest request;
   if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
     return Status(StatusCode::kDataLoss, "the session's request is damaged");
   }
-  SimulatorRequest simulator = SimulatorOf(request, models_folder);
+  SimulatorRequest simulator = SimulatorOf(request);
   B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));
   std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
   session->simulator_request_ = std::move(simulator);

@@ -44,8 +44,7 @@ class Session {
   // lanes verified and taken over as they are. kSessionLost if the record is not of `generation`
   // all the while; other errors name what is wrong with the request or the record.
   static Result<std::unique_ptr<Session>> Build(SharedState& shared, uint32_t index,
-                                                uint64_t generation,
-                                                const std::string& models_folder);
+                                                uint64_t generation);
 
   uint32_t index() const { return index_; }
   const std::string& token() const { return token_; }

@@ -29,8 +29,8 @@ class Worker {
         socket_(std::move(socket)),
         executor_(context.options().threads, context.shared().marks(context.options().index),
                   std::move(cores)),
-        dispatcher_(context.shared(), context.options().index, context.options().models_folder,
-                    executor_, [this](const RoutingId& receiver, Message reply) {
+        dispatcher_(context.shared(), context.options().index, executor_,
+                    [this](const RoutingId& receiver, Message reply) {
                       Send(receiver, std::move(reply));
                     }) {}
 

@@ -44,9 +44,9 @@ inline constexpr int64_t kHandshakeMs = 3'000;
 inline constexpr int64_t kHeartbeatIntervalMs = 2'000;
 inline constexpr int64_t kHeartbeatTimeoutMs = 6'000;
 inline constexpr int64_t kHeartbeatTtlMs = 10'000;
-inline constexpr int64_t kFrozenChildMs = 2'000;  // supervisor replaces a silent child after this
+inline constexpr int64_t kFrozenChildMs = 2'000;    // supervisor replaces a silent child after this
 inline constexpr int64_t kStarvedChildMs = 30'000;  // one that gets no processor, after this
-inline constexpr int64_t kDrainMs = 5'000;        // SIGTERM: time for requests under way
+inline constexpr int64_t kDrainMs = 5'000;          // SIGTERM: time for requests under way
 
 // Sockets: messages queued towards one peer before it counts as too slow, and the bytes of those
 // payloads among a server's that are long enough to be counted, of one peer and of all.
@@ -54,6 +54,10 @@ inline constexpr int kHighWaterMark = 1'000;
 inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
 inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;
 inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;
+
+// Opens that wait in the gateway for a worker or a model: of one connection, and of all.
+inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;
+inline constexpr uint32_t kMaxPendingOpens = 16'384;
 
 // The gateway's relay; the connection of a client that reaches no other port has one route a
 // session. Bytes are those of requests that are not answered yet.
@@ -83,9 +87,12 @@ inline constexpr size_t kMaxModelBytes = 16 << 20;       // compiled
 inline constexpr size_t kMaxSimulationBytes = 64 << 20;  // of one mjData
 inline constexpr uint64_t kMaxModelCompilerBytes = 512ull << 20;
 inline constexpr uint64_t kMaxModelCompilerSeconds = 5;  // of processor time
-inline constexpr int64_t kModelCompilerMs = 15'000;
-inline constexpr uint32_t kMaxPendingModels = 64;     // waiting to be compiled
-inline constexpr uint32_t kMaxCompiledModels = 1024;  // kept on disk
+inline constexpr int64_t kModelCompilerMs = 60'000;
+inline constexpr uint32_t kModelCompilers = 4;          // at once
+inline constexpr int64_t kQuickModelMs = 500;           // what takes longer makes room for the next
+inline constexpr uint32_t kMaxPendingModels = 64;       // compiled or waiting to be
+inline constexpr uint32_t kMaxPendingModelsOfPeer = 8;  // of one connection
+inline constexpr uint32_t kMaxCompiledModels = 1024;    // kept on disk
 
 // Datasets.
 inline constexpr uint64_t kMaxDatasetRows = 100'000'000;

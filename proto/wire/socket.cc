@@ -238,9 +238,10 @@ bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
   return items[0].revents != 0;
 }
 
-void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms) {
+void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms, std::span<const int> fds) {
   std::vector<zmq_pollitem_t> items;
   for (void* socket : sockets) items.push_back({socket, 0, ZMQ_POLLIN, 0});
+  for (const int fd : fds) items.push_back({nullptr, fd, ZMQ_POLLIN, 0});
   zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms));
 }
 

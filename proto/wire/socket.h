@@ -92,6 +92,8 @@ class DealerSocket {
   // Completed handshakes so far: more than before means that whatever an earlier peer held is lost.
   uint32_t connections();
   void* handle() const { return socket_; }
+  // Readable when connections() may have grown: to be waited on, nothing else.
+  void* monitor_handle() const { return monitor_; }
 
  private:
   DealerSocket(void* socket, void* monitor) : socket_(socket), monitor_(monitor) {}
@@ -106,8 +108,9 @@ class DealerSocket {
 bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
                   std::vector<bool>* fd_ready = nullptr);
 
-// Waits until one of the sockets is readable or the time is over.
-void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms);
+// Waits until one of the sockets or descriptors is readable or the time is over.
+void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms,
+                     std::span<const int> fds = {});
 
 // "tcp://host:port" into its parts; anything else is refused with what is allowed.
 struct TcpAddress {

@@ -1,6 +1,10 @@
 // What the gateway promises about opening: once per token, typed refusals, a status that counts.
+#include <signal.h>
+
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <future>
+#include <map>
 #include <string>
 
 #include "client/connection.h"
@@ -127,6 +131,85 @@ TEST_CASE("A Close at another worker than the session's is refused, and ends not
   REQUIRE(close_at(other.port()).code() == StatusCode::kSessionLost);
   REQUIRE(close_at(own.port()).ok());
   REQUIRE(close_at(other.port()).ok());  // it is not there any more
+}
+
+// The processes of the daemon whose roles begin so.
+std::vector<pid_t> ProcessesOf(Client& client, const std::string& role) {
+  std::vector<pid_t> processes;
+  const pb::ServerStatusReply status = Take(client.ServerStatus());
+  for (const pb::WorkerStatus& worker : status.workers()) {
+    if (worker.role().starts_with(role))
+      processes.push_back(static_cast<pid_t>(worker.process_id()));
+  }
+  return processes;
+}
+
+// Sends `count` Opens of one token over one connection while the workers stand still. Every one is
+// answered once: with the session, or because too many wait.
+void OpenAtStoppedWorkers(uint64_t count) {
+  PrivateDaemon daemon = Start();
+  Client client = Connect(daemon.endpoint());
+  for (const pid_t worker : ProcessesOf(client, "worker-")) kill(worker, SIGSTOP);
+  Context context;
+  DealerSocket socket = Take(DealerSocket::Connect(context, daemon.endpoint()));
+  pb::Request request = OpenRequest("HalfCheetah", 1);
+  request.set_protocol_version(limits::kProtocolVersion);
+  request.set_session_token(std::string(limits::kTokenBytes, 't'));
+  request.set_deadline_ms(60'000);
+  std::map<uint64_t, int> answers;
+  uint64_t sent = 0;
+  uint64_t opened = 0;
+  const Deadline patience = Deadline::AfterMs(60'000);
+  while (answers.size() < count && !patience.expired()) {
+    // No more at once than queues on the way hold, so that none is dropped as unread.
+    while (sent < count && sent - answers.size() < 512) {
+      request.set_request_id(++sent);
+      RequireOk(socket.Send({Take(SerializeEnvelope(request)), Frame()}));
+    }
+    const std::optional<Message> message = socket.Receive(patience);
+    if (!message) continue;
+    pb::Reply reply;
+    RequireOk(ParseEnvelope(message->envelope, &reply));
+    ++answers[reply.request_id()];
+    const StatusCode code = GetStatus(reply.status()).code();
+    CHECK((code == StatusCode::kOk || code == StatusCode::kLimitExceeded));
+    opened += code == StatusCode::kOk;
+  }
+  REQUIRE(answers.size() == count);
+  for (const auto& [id, times] : answers) REQUIRE(times == 1);
+  CHECK(opened >= limits::kMaxPendingOpensOfPeer);
+}
+
+TEST_CASE("Opens for workers that stand still are all answered") { OpenAtStoppedWorkers(3'000); }
+
+TEST_CASE("A hundred thousand Opens for workers that stand still are all answered", "[.][long]") {
+  OpenAtStoppedWorkers(100'000);
+}
+
+TEST_CASE("An Open that waits while its worker dies of others' doing is answered") {
+  PrivateDaemon daemon = StartDaemon({.arguments = {"--workers", "1", "--threads", "1"}});
+  Client client = Connect(daemon.endpoint());
+  const auto worker = [&] { return ProcessesOf(client, "worker-").at(0); };
+  pid_t process = worker();
+  kill(process, SIGSTOP);  // so that the Open waits
+  Gateway gateway(daemon.endpoint());
+  std::future<Status> opened = std::async(std::launch::async, [&] {
+    return gateway.Open(OpenRequest("HalfCheetah", 1), std::string(limits::kTokenBytes, 't'))
+        .status();
+  });
+  // Each replacement is stopped before or after it has answered; all but the last are killed.
+  const Deadline patience = Deadline::AfterMs(60'000);
+  for (int kills = 0; kills < 4 && !patience.expired();) {
+    kill(process, SIGKILL);
+    ++kills;
+    pid_t next = process;
+    while ((next == process || next == 0) && !patience.expired()) next = worker();
+    process = next;
+    if (kills < 4) kill(process, SIGSTOP);
+  }
+  const Status status = opened.get();
+  INFO(status.ToString());
+  CHECK(status.ok());
 }
 
 }  // namespace

@@ -1,9 +1,8 @@
 // The relay between sockets that the test holds: it plays the processes and the gateway's clients.
 #include "server/relay.h"
 
-#include <sys/resource.h>
-
 #include <catch2/catch.hpp>
+#include <map>
 
 #include "proto/base/limits.h"
 #include "tests/client/fake_server.h"
@@ -44,7 +43,8 @@ class Fixture {
   SessionTable table_;
 
  public:
-  Fixture() : state_(std::move(*SharedState::Create(kWorkers, 1'000))), table_(state_) {
+  explicit Fixture(size_t max_routes = limits::kMaxRelayRoutes)
+      : state_(std::move(*SharedState::Create(kWorkers, 1'000))), table_(state_) {
     Relay::Addresses addresses;
     for (uint32_t i = 0; i < kWorkers; ++i) addresses.workers.push_back(WorkerAddress(i));
     addresses.dataset_worker = folder_.Address("dataset");
@@ -52,7 +52,8 @@ class Fixture {
     dataset_worker = std::make_unique<FakeServer>(addresses.dataset_worker);
     relay = std::make_unique<Relay>(
         sockets_, state_, addresses,
-        [this](const RoutingId& client, Message reply) { return HandBack(client, reply); });
+        [this](const RoutingId& client, Message reply) { return HandBack(client, reply); },
+        max_routes);
   }
 
   std::unique_ptr<FakeServer> workers[kWorkers];
@@ -256,26 +257,56 @@ TEST_CASE("A client that has gone takes its requests with it") {
   REQUIRE(fixture.relay->in_flight() == 0);
 }
 
-TEST_CASE("Routes are bounded: idle ones make room, busy ones do not") {
-  rlimit descriptors{};
-  REQUIRE(getrlimit(RLIMIT_NOFILE, &descriptors) == 0);
-  descriptors.rlim_cur = descriptors.rlim_max;
-  REQUIRE(setrlimit(RLIMIT_NOFILE, &descriptors) == 0);
-  if (descriptors.rlim_cur < 10 * limits::kMaxRelayRoutes) {
-    WARN("skipped: at most " << descriptors.rlim_cur << " descriptors are allowed");
-    return;
-  }
+TEST_CASE("The bytes of copies are given back with those of the request") {
   Fixture fixture;
   fixture.Open(Token('a'));
-  for (uint32_t i = 0; i < limits::kMaxRelayRoutes; ++i) {
-    REQUIRE(fixture.Forward("client" + std::to_string(i), Query(1, Token('a'))).ok());
-  }
-  REQUIRE(fixture.Forward("late", Query(1, Token('a'))).code() == StatusCode::kLimitExceeded);
-  REQUIRE(fixture.relay->in_flight() == limits::kMaxRelayRoutes);
+  constexpr size_t kLarge = limits::kMaxPayloadBytes - 4'096;  // two of them fit into the bound
+  for (int i = 0; i < 2; ++i) REQUIRE(fixture.Forward("client", Query(1, Token('a')), kLarge).ok());
+  REQUIRE(fixture.Forward("client", Query(2, Token('a')), kLarge).code() ==
+          StatusCode::kLimitExceeded);
   fixture.workers[0]->Reply(fixture.Take(*fixture.workers[0]));
   fixture.AwaitReplies(1);
-  REQUIRE(fixture.Forward("late", Query(1, Token('a'))).ok());
-  REQUIRE(fixture.Forward("later", Query(1, Token('a'))).code() == StatusCode::kLimitExceeded);
+  REQUIRE(fixture.Forward("client", Query(2, Token('a')), kLarge).ok());
+  REQUIRE(fixture.Forward("client", Query(3, Token('a')), kLarge).ok());
+}
+
+TEST_CASE(
+    "Routes are bounded: the idle one that was used longest ago makes room, busy ones do not") {
+  constexpr size_t kRoutes = 8;
+  Fixture fixture(kRoutes);
+  fixture.Open(Token('a'));
+  const auto forward = [&](const RoutingId& client, uint64_t id) {
+    return fixture.Forward(client, Query(id, Token('a'))).code();
+  };
+  std::map<uint64_t, FakeCall> calls;
+  const auto take = [&](uint64_t id) -> const FakeCall& {
+    while (!calls.contains(id)) {
+      FakeCall call = fixture.Take(*fixture.workers[0]);
+      const uint64_t taken = call.request.request_id();
+      calls[taken] = std::move(call);
+    }
+    return calls[id];
+  };
+  for (uint64_t i = 0; i < kRoutes; ++i) {
+    REQUIRE(forward("client" + std::to_string(i), i) == StatusCode::kOk);
+  }
+  REQUIRE(forward("late", 10) == StatusCode::kLimitExceeded);
+  REQUIRE(fixture.relay->in_flight() == kRoutes);
+  for (const uint64_t id : {0, 1}) fixture.workers[0]->Reply(take(id));
+  fixture.AwaitReplies(2);
+  uint64_t younger = 1;
+  SECTION("in the order of their making") {}
+  SECTION("in the other order") {
+    younger = 0;
+    REQUIRE(forward("client0", 20) == StatusCode::kOk);
+    fixture.workers[0]->Reply(take(20));
+    fixture.AwaitReplies(3);
+  }
+  REQUIRE(forward("late", 10) == StatusCode::kOk);
+  // The younger one still has its connection.
+  REQUIRE(forward("client" + std::to_string(younger), 30) == StatusCode::kOk);
+  CHECK(take(30).sender == take(younger).sender);
+  REQUIRE(forward("later", 40) == StatusCode::kLimitExceeded);
 }
 
 }  // namespace

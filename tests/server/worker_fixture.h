@@ -63,7 +63,7 @@ class WorkerFixture {
     executor_.reset();
     executor_ = std::make_unique<Executor>(threads_, state_->marks(0));
     dispatcher_ = std::make_unique<Dispatcher>(
-        *state_, 0, "", *executor_, [this](const RoutingId& receiver, Message reply) {
+        *state_, 0, *executor_, [this](const RoutingId& receiver, Message reply) {
           Answer answer;
           answer.receiver = receiver;
           REQUIRE(ParseEnvelope(reply.envelope, &answer.envelope).ok());
