@@ -28,8 +28,7 @@ struct CompiledModel {
 struct EnvironmentSetup {
   const Config& config;                            // as completed by EnvironmentEntry::complete
   std::vector<const Perturbation*> perturbations;  // in their order
-  std::string models_folder;
-  CompiledModel compiled_model = {};  // in place of the task's own
+  CompiledModel compiled_model = {};               // in place of the task's own
 };
 
 struct EnvironmentEntry {
@@ -49,8 +48,8 @@ Result<const EnvironmentEntry*> FindEnvironment(std::string_view name);
 // The specification under the default configuration.
 Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
 
-// The folder with the MJCF files when none is given: the installation's, else the checkout's
-// data/models.
+// The folder with the tasks' own MJCF files, and the users' when none is given: the installation's,
+// else the checkout's data/models.
 std::string DefaultModelsFolder();
 // The engine whose version decides the numbers: "MuJoCo 2.2.2".
 std::string EngineVersion();

@@ -119,17 +119,19 @@ double Locomotion::Value(Info info, const Terms& terms) const {
   return 0;
 }
 
-Status CheckModelShape(const mjModel& model, const char* file, const ModelShape& needed) {
+Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed) {
+  const mjModel& model = *loaded.model;
   if (model.nq == needed.positions && model.nv == needed.velocities && model.nu == needed.motors &&
       (needed.bodies == 0 || model.nbody == needed.bodies)) {
     return Status();
   }
+  const bool is_own = loaded.users_file.empty();
   return Status(
-      StatusCode::kDataLoss,
+      is_own ? StatusCode::kDataLoss : StatusCode::kInvalidArgument,
       fmt::format("{} has {} coordinates, {} velocities, {} motors and {} bodies, needed: "
                   "{}, {}, {} and {}",
-                  file, model.nq, model.nv, model.nu, model.nbody, needed.positions,
-                  needed.velocities, needed.motors,
+                  is_own ? own_file : loaded.users_file, model.nq, model.nv, model.nu, model.nbody,
+                  needed.positions, needed.velocities, needed.motors,
                   needed.bodies == 0 ? "any" : std::to_string(needed.bodies)));
 }
 

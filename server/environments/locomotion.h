@@ -169,7 +169,7 @@ class LocomotionModel final : public EnvironmentModel {
 };
 
 // kDataLoss if a model file is not that of the task.
-Status CheckModelShape(const mjModel& model, const char* file, const ModelShape& needed);
+Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed);
 void DescribeInfos(std::span<const InfoColumn> columns, EnvironmentSpec* spec);
 
 template <typename Task>
@@ -203,7 +203,7 @@ Result<std::shared_ptr<const EnvironmentModel>> LocomotionModel<Task>::Open(
                          LoadMujocoModel(setup, Task::kModelFile, [&settings](mjModel* model) {
                            Task::AdaptModel(settings, model);
                          }));
-  B4MRL_RETURN_IF_ERROR(CheckModelShape(*loaded.model, Task::kModelFile, Task::kShape));
+  B4MRL_RETURN_IF_ERROR(CheckModelShape(loaded, Task::kModelFile, Task::kShape));
   loaded.pairs = ListCollisionPairs(loaded.model.get());
   return std::shared_ptr<const EnvironmentModel>(
       std::make_shared<LocomotionModel<Task>>(settings, std::move(loaded)));

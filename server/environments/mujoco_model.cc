@@ -1,7 +1,6 @@
 #include "server/environments/mujoco_model.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include <cerrno>
@@ -35,22 +34,22 @@ Result<LoadedModel> Compile(const std::string& path, const std::string& file_nam
     return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", path, error));
   }
   const uint64_t hash = XXH3_64bits(bytes->data(), bytes->size());
-  return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash)};
+  return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash), "", {}};
 }
 
-// A copy of the task's own model.
-Result<LoadedModel> LoadOwnModel(const std::string& models_folder, const std::string& file_name) {
+// A copy of the task's own model, which no folder of users has a say in.
+Result<LoadedModel> LoadOwnModel(const std::string& file_name) {
   static std::mutex mutex;
   static std::map<std::string, LoadedModel>* compiled = new std::map<std::string, LoadedModel>;
-  std::string path = models_folder + "/" + file_name;
-  if (access(path.c_str(), F_OK) != 0) path = DefaultModelsFolder() + "/" + file_name;
   const std::lock_guard lock(mutex);
-  auto it = compiled->find(path);
+  auto it = compiled->find(file_name);
   if (it == compiled->end()) {
-    B4MRL_ASSIGN_OR_RETURN(LoadedModel fresh, Compile(path, file_name));
-    it = compiled->emplace(path, std::move(fresh)).first;
+    B4MRL_ASSIGN_OR_RETURN(LoadedModel fresh,
+                           Compile(DefaultModelsFolder() + "/" + file_name, file_name));
+    it = compiled->emplace(file_name, std::move(fresh)).first;
   }
-  LoadedModel copy{MjModelPtr(mj_copyModel(nullptr, it->second.model.get())), it->second.identity};
+  LoadedModel copy{
+      MjModelPtr(mj_copyModel(nullptr, it->second.model.get())), it->second.identity, "", {}};
   if (copy.model != nullptr) return copy;
   return Status(StatusCode::kUnavailable, "no memory for a model's copy");
 }
@@ -82,7 +81,8 @@ Result<LoadedModel> LoadCompiledModel(const CompiledModel& compiled, const std::
         StatusCode::kDataLoss,
         fmt::format("the compiled copy of {} cannot be loaded ({})", file_name, EngineVersion()));
   }
-  return LoadedModel{MjModelPtr(call.model), fmt::format("{}:{}", file_name, compiled.hash)};
+  return LoadedModel{
+      MjModelPtr(call.model), fmt::format("{}:{}", file_name, compiled.hash), file_name, {}};
 }
 
 const char* JointTypeName(int type) {
@@ -128,7 +128,7 @@ Status CheckFits(const mjModel& own, const mjModel& model, const std::string& fi
 
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt) {
-  B4MRL_ASSIGN_OR_RETURN(LoadedModel loaded, LoadOwnModel(setup.models_folder, file_name));
+  B4MRL_ASSIGN_OR_RETURN(LoadedModel loaded, LoadOwnModel(file_name));
   std::string users_file;
   for (const Perturbation* perturbation : setup.perturbations) {
     if (!perturbation->model_file().empty()) users_file = perturbation->model_file();

@@ -29,16 +29,16 @@ using MjDataPtr = std::unique_ptr<mjData, MjDataDeleter>;
 // A compiled model with all perturbations applied, and the hash of its content.
 struct LoadedModel {
   MjModelPtr model;
-  std::string identity;  // "half_cheetah.xml:<64-bit hash of the file, hexadecimal>"
-  CollisionPairs pairs;  // once listed: memory of the model's
+  std::string identity;    // "half_cheetah.xml:<64-bit hash of the file, hexadecimal>"
+  std::string users_file;  // in place of the task's own; "" for that
+  CollisionPairs pairs;    // once listed: memory of the model's
 };
 
-// The task's own model is models_folder/file_name, or that file of DefaultModelsFolder() where the
-// folder has none; it is compiled on first use and kept until the process ends, so that a later
-// change of the file has no effect. The task may `adapt` it. A model=FILE.xml among the
-// perturbations replaces it (setup.compiled_model), and must have the same joints, motors and
-// timestep. Then the perturbations apply. kIoError or kDataLoss when a file cannot be read or
-// compiled, kInvalidArgument when the user's model does not fit the task.
+// The task's own model is that file of DefaultModelsFolder(), compiled on first use and kept until
+// the process ends, so that a later change of the file has no effect. The task may `adapt` it. A
+// model=FILE.xml among the perturbations replaces it (setup.compiled_model), and must have the same
+// joints, motors and timestep. Then the perturbations apply. kIoError or kDataLoss when a file
+// cannot be read or compiled, kInvalidArgument when the user's model does not fit the task.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});
 

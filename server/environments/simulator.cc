@@ -44,11 +44,9 @@ Result<std::shared_ptr<const Simulator>> Simulator::Open(const SimulatorRequest&
   B4MRL_ASSIGN_OR_RETURN(PerturbationSet perturbations,
                          MakePerturbations(request.perturbations, entry->describe(config),
                                            PerturbationUse::kSimulator));
-  const std::string folder =
-      request.models_folder.empty() ? DefaultModelsFolder() : request.models_folder;
   const std::string key =
-      fmt::format("{}\n{}\n{}\n{}\n{}", entry->name, config.dump(),
-                  FormatNamedArguments(perturbations.items()), folder, request.compiled_model.path);
+      fmt::format("{}\n{}\n{}\n{}", entry->name, config.dump(),
+                  FormatNamedArguments(perturbations.items()), request.compiled_model.path);
   Registry& registry = OpenSimulators();
   // Held while building, so that two sessions that open at once compile once.
   const std::lock_guard lock(registry.mutex);
@@ -56,7 +54,7 @@ Result<std::shared_ptr<const Simulator>> Simulator::Open(const SimulatorRequest&
   if (const auto it = registry.open.find(key); it != registry.open.end()) {
     if (auto existing = it->second.lock()) return existing;
   }
-  auto built = Build(entry->name, config, std::move(perturbations), folder, request.compiled_model);
+  auto built = Build(entry->name, config, std::move(perturbations), request.compiled_model);
   if (built.ok()) registry.open[key] = *built;
   return built;
 }
@@ -64,7 +62,6 @@ Result<std::shared_ptr<const Simulator>> Simulator::Open(const SimulatorRequest&
 Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view environment,
                                                           const Config& config,
                                                           PerturbationSet perturbations,
-                                                          const std::string& models_folder,
                                                           const CompiledModel& compiled_model) {
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentEntry* entry, FindEnvironment(environment));
   Config changed = config;
@@ -72,8 +69,8 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   B4MRL_ASSIGN_OR_RETURN(const Config completed, entry->complete(changed));
 
   std::shared_ptr<Simulator> simulator(new Simulator);
-  B4MRL_ASSIGN_OR_RETURN(simulator->model_, entry->open({completed, perturbations.members(),
-                                                         models_folder, compiled_model}));
+  B4MRL_ASSIGN_OR_RETURN(simulator->model_,
+                         entry->open({completed, perturbations.members(), compiled_model}));
   simulator->perturbations_ = std::move(perturbations);
   simulator->config_json_ = completed.dump();
   simulator->identity_ =

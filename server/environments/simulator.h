@@ -25,7 +25,6 @@ struct SimulatorRequest {
   std::string environment;
   std::vector<NamedArgument> perturbations;  // presets or parametric forms, applied in this order
   std::string config;                        // JSON object of settings; "" for none
-  std::string models_folder;                 // "" for DefaultModelsFolder()
   CompiledModel compiled_model = {};         // of model=FILE.xml, if that is among them
 };
 
@@ -45,7 +44,6 @@ class Simulator {
   static Result<std::shared_ptr<const Simulator>> Build(std::string_view environment,
                                                         const Config& config,
                                                         PerturbationSet perturbations,
-                                                        const std::string& models_folder,
                                                         const CompiledModel& compiled_model = {});
 
   const EnvironmentSpec& spec() const { return model_->spec(); }

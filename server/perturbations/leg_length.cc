@@ -17,6 +17,7 @@
 #include <string>
 
 #include "server/environments/mujoco_guard.h"
+#include "server/environments/mujoco_model.h"
 #include "server/perturbations/list.h"
 
 namespace b4mrl {
@@ -126,15 +127,17 @@ class LegLength final : public Perturbation {
   }
 
   static Status Derive(mjModel* model) {
+    B4MRL_ASSIGN_OR_RETURN(const MjDataPtr data, MakeMujocoData(*model));
+    struct Call {
+      mjModel* model;
+      mjData* data;
+    } call{model, data.get()};
     const bool derived = RunGuarded(
         [](void* argument) {
-          auto* m = static_cast<mjModel*>(argument);
-          mjData* data = mj_makeData(m);
-          if (data == nullptr) return;
-          mj_setConst(m, data);
-          mj_deleteData(data);
+          auto* c = static_cast<Call*>(argument);
+          mj_setConst(c->model, c->data);
         },
-        model);
+        &call);
     if (derived) return Status();
     return Status(StatusCode::kUnsupported,
                   fmt::format("leg does not fit this model: {}", LastMujocoError()));

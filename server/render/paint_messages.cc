@@ -20,7 +20,7 @@ namespace {
 constexpr uint32_t kRequestMagic = 0xb4301dea;
 constexpr uint32_t kAnswerMagic = 0xb4301deb;
 constexpr uint32_t kMaxTextBytes = 64 * 1024;
-constexpr size_t kTexts = 6;
+constexpr size_t kTexts = 5;
 
 struct RequestHeader {
   uint32_t magic;
@@ -28,7 +28,7 @@ struct RequestHeader {
   uint32_t height;
   uint32_t state_doubles;
   uint64_t identity;
-  std::array<uint32_t, kTexts> text_bytes;  // of SimulatorTexts, which follow one after another
+  std::array<uint64_t, kTexts> text_bytes;  // of SimulatorTexts, which follow one after another
 };
 
 struct AnswerHeader {
@@ -69,12 +69,8 @@ bool SideFits(uint32_t side) {
 using SimulatorTexts = std::array<std::string, kTexts>;
 
 SimulatorTexts ToTexts(const SimulatorRequest& request) {
-  return {request.environment,
-          FormatNamedArguments(request.perturbations),
-          request.config,
-          request.models_folder,
-          request.compiled_model.path,
-          request.compiled_model.hash};
+  return {request.environment, FormatNamedArguments(request.perturbations), request.config,
+          request.compiled_model.path, request.compiled_model.hash};
 }
 
 Result<SimulatorRequest> FromTexts(SimulatorTexts texts) {
@@ -82,14 +78,13 @@ Result<SimulatorRequest> FromTexts(SimulatorTexts texts) {
   B4MRL_ASSIGN_OR_RETURN(request.perturbations, ParseNamedArguments(texts[1]));
   request.environment = std::move(texts[0]);
   request.config = std::move(texts[2]);
-  request.models_folder = std::move(texts[3]);
-  request.compiled_model = {std::move(texts[4]), std::move(texts[5])};
+  request.compiled_model = {std::move(texts[3]), std::move(texts[4])};
   return request;
 }
 
 Status CheckHeader(const RequestHeader& header) {
   const bool texts_fit =
-      std::ranges::all_of(header.text_bytes, [](uint32_t bytes) { return bytes <= kMaxTextBytes; });
+      std::ranges::all_of(header.text_bytes, [](uint64_t bytes) { return bytes <= kMaxTextBytes; });
   if (header.magic == kRequestMagic && texts_fit && SideFits(header.width) &&
       SideFits(header.height) &&
       header.state_doubles <= limits::kLaneBufferBytes / sizeof(double)) {
@@ -107,7 +102,7 @@ Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& dea
                           request.identity, {}};
   static_assert(std::has_unique_object_representations_v<RequestHeader>);
   for (size_t i = 0; i < kTexts; ++i) {
-    header.text_bytes[i] = static_cast<uint32_t>(texts[i].size());
+    header.text_bytes[i] = texts[i].size();
   }
   B4MRL_RETURN_IF_ERROR(SendAll(fd, std::as_bytes(std::span(&header, 1)), deadline));
   for (const std::string& text : texts) {

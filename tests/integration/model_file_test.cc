@@ -87,6 +87,21 @@ TEST_CASE("A file dropped into the models folder is listed and can be opened") {
   CHECK(model.in_force().perturbations(0).argument() == "moon.xml");
 }
 
+TEST_CASE("A file named like a task's own replaces nothing, and no worker reads it") {
+  Daemon daemon;
+  const std::string own = ReadBytes(B4MRL_SOURCE_DIR "/data/models/half_cheetah.xml");
+  daemon.Drop("copy.xml", own);
+  SECTION("another gravity") { daemon.Drop("half_cheetah.xml", ModelWithGravity("-1")); }
+  SECTION("no model at all") {
+    daemon.Drop("half_cheetah.xml", "<mujoco><size nstack='2000000000'/></mujoco>");
+  }
+  RemoteEnvironment plain = daemon.Open("");
+  RemoteEnvironment copy = daemon.Open("model=copy.xml");
+  CHECK((Walk(plain, 0, 20) == Walk(copy, 0, 20)));
+  const pb::ServerStatusReply status = Take(daemon.client->ServerStatus());
+  for (const pb::WorkerStatus& worker : status.workers()) CHECK(worker.restarts() == 0);
+}
+
 TEST_CASE("A session keeps its model when the file changes and its worker dies") {
   Daemon daemon;
   daemon.Drop("mine.xml", ModelWithGravity("-5"));

@@ -220,7 +220,7 @@ std::shared_ptr<const Simulator> WithSpoiledStarts(uint64_t last) {
   std::vector<std::unique_ptr<Perturbation>> members;
   members.push_back(std::make_unique<SpoiledStarts>(last));
   return Take(Simulator::Build("HalfCheetah", Take(ParseConfig(kThreeSteps)),
-                               PerturbationSet(spec, std::move(members)), ""));
+                               PerturbationSet(spec, std::move(members))));
 }
 
 TEST_CASE("An episode whose start is not finite is skipped, and after several the lane gives up") {

@@ -289,17 +289,5 @@ TEST_CASE("A perturbed model leaves the shared one as it was") {
   REQUIRE(plain->geom_friction[0] == 0.4);
 }
 
-TEST_CASE("Malformed models are typed errors") {
-  const auto open = [](const std::string& folder) {
-    return Simulator::Open({"HalfCheetah", {}, "", folder}).status().code();
-  };
-  CHECK(open("/nonexistent") == StatusCode::kOk);  // has none, so the task's own is taken
-  const TemporaryFolder broken, empty;
-  WriteBytes(broken.File("half_cheetah.xml"), "<mujoco><worldbody></mujoco>");
-  CHECK(open(broken.path()) == StatusCode::kDataLoss);
-  WriteBytes(empty.File("half_cheetah.xml"), "<mujoco/>");
-  CHECK(open(empty.path()) == StatusCode::kDataLoss);
-}
-
 }  // namespace
 }  // namespace b4mrl

@@ -39,7 +39,6 @@ struct Folders {
     SimulatorRequest request;
     request.environment = environment;
     request.perturbations = {{"model", file}};
-    request.models_folder = models;
     request.compiled_model = {CompiledModelPath(cache, hash), hash};
     return Take(Simulator::Open(request));
   }
@@ -99,7 +98,6 @@ TEST_CASE("Other perturbations change the user's model, wherever it stands among
   const std::string hash = Take(folders.CompileText(EditedHopper("0 0 -9.81", "0 0 -19.62")));
   SimulatorRequest request;
   request.environment = "Hopper";
-  request.models_folder = folders.models;
   request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
   request.perturbations = {{"friction", "0.5"}, {"model", "model.xml"}, {"leg", "0.8"}};
   CHECK(Walk(Take(Simulator::Open(request))) ==
@@ -112,7 +110,6 @@ TEST_CASE("A perturbation that the user's model has no parts for is refused with
       Take(folders.CompileText(EditedHopper("geom name=\"leg_geom\"", "geom name=\"shank\"")));
   SimulatorRequest request;
   request.environment = "Hopper";
-  request.models_folder = folders.models;
   request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
   request.perturbations = {{"model", "model.xml"}, {"leg", "0.8"}};
   const auto opened = Simulator::Open(request);
@@ -127,8 +124,7 @@ TEST_CASE("A compiled copy that has changed on disk is refused") {
   std::string bytes = ReadBytes(path);
   bytes[bytes.size() / 2] ^= 1;
   WriteBytes(path, bytes);
-  const auto opened =
-      Simulator::Open({"Hopper", {{"model", "model.xml"}}, "", folders.models, {path, hash}});
+  const auto opened = Simulator::Open({"Hopper", {{"model", "model.xml"}}, "", {path, hash}});
   CHECK(opened.status().code() == StatusCode::kDataLoss);
 }
 
@@ -234,6 +230,19 @@ TEST_CASE("A model for another task is refused in this one and taken in that one
   CHECK(folders.CompileText(walker, "Walker2d").ok());
   // As many joints and motors, but of other kinds or steps.
   CHECK_FALSE(folders.CompileText(walker, "HalfCheetah").ok());
+}
+
+TEST_CASE("A user's model with too many bodies is named, not the task's own") {
+  const Folders folders;
+  const Status status = folders
+                            .CompileText(Edited(OwnModel("humanoid.xml"), "<worldbody>",
+                                                "<worldbody><body name=\"box\" pos=\"9 9 1\">"
+                                                "<geom type=\"sphere\" size=\"0.1\"/></body>"),
+                                         "Humanoid")
+                            .status();
+  INFO(status.ToString());
+  CHECK(status.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(status.message(), Catch::Contains("model.xml has") && Catch::Contains("bodies"));
 }
 
 TEST_CASE("A file that is not there, or no file, is refused") {

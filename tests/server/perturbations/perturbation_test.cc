@@ -198,8 +198,7 @@ TEST_CASE("A perturbation keeps its state in the lane's record and may change se
     std::vector<std::unique_ptr<Perturbation>> members;
     for (int i = 0; i < delays; ++i) members.push_back(std::make_unique<Delay>());
     return Take(Simulator::Build("HalfCheetah", Config::object(),
-                                 PerturbationSet(Spec(), std::move(members)),
-                                 DefaultModelsFolder()));
+                                 PerturbationSet(Spec(), std::move(members))));
   };
   REQUIRE(build(1)->CheckQueryable().code() == StatusCode::kUnsupported);
   REQUIRE(build(0)->CheckQueryable().ok());
