@@ -74,9 +74,9 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   simulator->perturbations_ = std::move(perturbations);
   simulator->config_json_ = completed.dump();
   simulator->identity_ =
-      fmt::format("{}; config {}; perturbations {}; model {}; {}", entry->name,
+      fmt::format("{}; config {}; perturbations {}; model {}; {}; dynamics {}", entry->name,
                   simulator->config_json_, FormatNamedArguments(simulator->perturbations_.items()),
-                  simulator->model_->Identity(), EngineVersion());
+                  simulator->model_->Identity(), EngineVersion(), kDynamicsVersion);
   simulator->identity_hash_ = XXH3_64bits(simulator->identity_.data(), simulator->identity_.size());
   B4MRL_ASSIGN_OR_RETURN(const Lease first, simulator->Borrow());
   simulator->state_size_ = first->state_size();

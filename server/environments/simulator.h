@@ -35,6 +35,11 @@ struct QueryRow {
   uint64_t row = 0;
 };
 
+// Of what our own code computes in a start, step or query. Raise it with every change of these
+// numbers: what was made by another version then has another experiment_id, and its snapshots are
+// refused.
+inline constexpr int kDynamicsVersion = 1;
+
 class Simulator {
  public:
   // Unknown names, settings and values are typed errors. Any thread; compiling a model takes about
@@ -51,8 +56,8 @@ class Simulator {
   // Everything in force: presets resolved, defaults filled in.
   std::vector<NamedArgument> resolved_perturbations() const { return perturbations_.items(); }
   const std::string& config_json() const { return config_json_; }
-  // Text that names the dynamics: environment, settings, perturbations, model content, engine
-  // version.
+  // Text that names the dynamics: environment, settings, perturbations, model content, the versions
+  // of the engine and of our own code.
   const std::string& identity() const { return identity_; }
   uint64_t identity_hash() const { return identity_hash_; }
   // Doubles of the environment's own state and of all perturbations' states.

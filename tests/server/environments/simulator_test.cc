@@ -142,6 +142,7 @@ TEST_CASE("A simulator says everything that is in force") {
   CHECK(identity.find("gravity=2,hidden=9+16,obs-noise=0.05") != std::string::npos);
   CHECK(identity.find("half_cheetah.xml:") != std::string::npos);
   CHECK(identity.find("MuJoCo 2.2.2") != std::string::npos);
+  CHECK(identity.find("dynamics 1") != std::string::npos);
   REQUIRE(identity != OpenHalfCheetah("gravity")->identity());
 }
 
