@@ -4,6 +4,7 @@
 #include <spdlog/cfg/env.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
+#include <sys/stat.h>
 
 #include <cstdio>
 #include <cstdlib>
@@ -61,6 +62,8 @@ int RunChild(CommandLine line) {
 }  // namespace
 
 int ServeMain(int argc, char** argv) {
+  // Sockets, caches and folders are this user's alone; children inherit it.
+  umask(S_IRWXG | S_IRWXO);
   spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
   spdlog::default_logger()->set_pattern("b4mrl serve: %v");
   spdlog::cfg::load_env_levels();  // SPDLOG_LEVEL

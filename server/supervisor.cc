@@ -23,6 +23,8 @@ constexpr int64_t kTickMs = 50;
 constexpr int64_t kPausedMs = 500;
 constexpr int64_t kStartMs = 60'000;
 constexpr uint32_t kMaxDeathsAtStart = 5;
+// Every connection takes a descriptor, and a relayed session several.
+constexpr rlim_t kAmpleDescriptors = 4096;
 
 class Supervisor {
  public:
@@ -198,6 +200,10 @@ void RaiseDescriptorLimit() {
   if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
   limit.rlim_cur = limit.rlim_max;
   setrlimit(RLIMIT_NOFILE, &limit);
+  if (limit.rlim_cur >= kAmpleDescriptors) return;
+  spdlog::warn(
+      "at most {} files may be open at once (ulimit -Hn): as many connections keep others waiting",
+      limit.rlim_cur);
 }
 
 }  // namespace

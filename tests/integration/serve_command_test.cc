@@ -1,6 +1,7 @@
 // `b4mrl serve` as a command: what its flags and signals do. bad_input_test has what it refuses.
 #include <poll.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 
 #include <catch2/catch.hpp>
@@ -66,6 +67,30 @@ TEST_CASE("Clients in any folder are told where a relative ipc path leads") {
   const fs::path told = client.hello().dataset_port().ipc();
   REQUIRE(told.is_absolute());
   REQUIRE(fs::exists(told));
+}
+
+TEST_CASE("What the daemon makes is its user's alone, whatever the umask says") {
+  const TemporaryFolder folder;
+  const std::string data = folder.File("data");
+  fs::create_directory(data);
+  WriteBytes(folder.File("mine.xml"), ReadBytes(B4MRL_SOURCE_DIR "/data/models/hopper.xml"));
+  const mode_t before = umask(0);
+  std::optional<PrivateDaemon> daemon(
+      StartDaemon({.data_folder = data,
+                   .arguments = {"--workers", "1", "--models", folder.path(), "--bind",
+                                 "ipc://" + folder.File("socket")}}));
+  umask(before);
+  Client client = Connect("ipc://" + folder.File("socket"));
+  EnvironmentOptions options;
+  options.simulator = Take(ParseNamedArguments("model=mine.xml"));  // leaves a compiled copy
+  REQUIRE(client.Make("Hopper", options).ok());
+  std::vector<fs::path> made = {folder.File("socket"), client.hello().dataset_port().ipc()};
+  for (const auto& entry : fs::recursive_directory_iterator(data)) made.push_back(entry.path());
+  REQUIRE(made.size() >= 5);  // with .cache, its models, one of them
+  for (const fs::path& path : made) {
+    INFO(path);
+    CHECK((fs::status(path).permissions() & ~fs::perms::owner_all) == fs::perms::none);
+  }
 }
 
 TEST_CASE("An ipc socket left by a killed daemon is taken over") {
