@@ -8,9 +8,28 @@
 #include <cstring>
 
 #include "proto/base/limits.h"
+#include "proto/base/spec.h"
 
 namespace b4mrl {
 namespace {
+
+// Our enumerations travel as the numbers of b4mrl.proto.
+template <typename Ours, typename Wire>
+constexpr bool AreEqual(Ours ours, Wire wire) {
+  return static_cast<int>(ours) == static_cast<int>(wire);
+}
+static_assert(AreEqual(DType::kUnspecified, pb::DTYPE_UNSPECIFIED) &&
+              AreEqual(DType::kFloat32, pb::FLOAT32) && AreEqual(DType::kFloat64, pb::FLOAT64) &&
+              AreEqual(DType::kInt32, pb::INT32) && AreEqual(DType::kInt64, pb::INT64) &&
+              AreEqual(DType::kUint8, pb::UINT8) && AreEqual(DType::kUint32, pb::UINT32) &&
+              AreEqual(DType::kUint64, pb::UINT64));
+static_assert(AreEqual(Cause::kNone, pb::CAUSE_NONE) &&
+              AreEqual(Cause::kUnhealthy, pb::UNHEALTHY) && AreEqual(Cause::kLimit, pb::LIMIT) &&
+              AreEqual(Cause::kCrash, pb::CRASH) &&
+              AreEqual(Cause::kNumericalError, pb::NUMERICAL_ERROR));
+static_assert(AreEqual(AutoresetMode::kNextStep, pb::NEXT_STEP) &&
+              AreEqual(AutoresetMode::kSameStep, pb::SAME_STEP) &&
+              AreEqual(AutoresetMode::kDisabled, pb::DISABLED));
 
 static_assert(sizeof(zmq_msg_t) == 64, "Frame::storage_ holds a zmq_msg_t");
 
