@@ -66,6 +66,14 @@ TEST_CASE("Rows are the ego and the nearest cars ahead or just behind, nearest f
   CHECK(Observe(absolute, traffic)[6] == 95);
 }
 
+TEST_CASE("Cars at equal distances keep the order of their numbers") {
+  const Traffic traffic = MakeTraffic({{100, 4, 25}, {150, 8, 20}, {150, 0, 21}, {150, 4, 22}});
+  const std::vector<double> seen = Observe(Plain(4), traffic);
+  CHECK(seen[5 + 2] == 4);  // the other lanes, relative to the ego's
+  CHECK(seen[10 + 2] == -4);
+  CHECK(seen[15 + 2] == 0);
+}
+
 TEST_CASE("Ranges are mapped to [-1, 1], clipped unless told otherwise") {
   const Traffic traffic = MakeTraffic({{500, 4, 20}, {540, 8, 20}});
   HighwayObservationSettings settings;
