@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "data/column_cache.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/environments/model_file.h"
@@ -102,7 +103,10 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
   if (hash.ok()) {
     Status status = TryOut(options, {trial, *hash});
     const std::string path = CompiledModelPath(options.cache_folder, *hash);
-    if (status.ok() && rename(trial.c_str(), path.c_str()) != 0) {
+    const mode_t mode =
+        ModeInside(options.cache_folder) & 0666;  // whoever shares the cache reads it
+    if (status.ok() &&
+        (chmod(trial.c_str(), mode) != 0 || rename(trial.c_str(), path.c_str()) != 0)) {
       status = IoError("create", path, errno);
     }
     if (!status.ok()) hash = status;

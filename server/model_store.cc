@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "data/atomic_file.h"
+#include "data/cache_root.h"
 #include "proto/base/limits.h"
 #include "proto/base/unique_fd.h"
 #include "server/environments/model_file.h"
@@ -98,7 +99,7 @@ void MakeRoom(const std::string& cache_folder) {
 }  // namespace
 
 std::string ModelCacheFolder(const std::string& data_folder) {
-  return data_folder + "/.cache/models";
+  return CacheRoot(data_folder) + "/models";
 }
 
 ModelStore::ModelStore(Options options)
@@ -113,9 +114,8 @@ Result<std::string> ModelStore::Compile(const std::string& environment, const st
   if (content) {
     if (const auto known = Recall(environment, file, *content)) return path_of(*known);
   }
-  std::error_code error;
-  fs::create_directories(cache_folder_, error);
-  if (error) return IoError("create cache folder", cache_folder_, error.value());
+  B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
+  B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder_));
   const Result<std::string> hash = CompileModelInChild(
       options_.program, {options_.models_folder, file, environment, cache_folder_},
       Deadline::AfterMs(limits::kModelCompilerMs), &cancelled);

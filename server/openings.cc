@@ -140,6 +140,7 @@ bool Openings::Send(uint64_t generation) {
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_request_id(generation);
+  *request.mutable_session_token() = SessionToken(shared_.session(attach->second.session_index));
   request.mutable_attach()->set_session_index(attach->second.session_index);
   request.mutable_attach()->set_generation(generation);
   Result<Frame> envelope = SerializeEnvelope(request);
