@@ -95,6 +95,7 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
   B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
   B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
+  B4MRL_RETURN_IF_ERROR(Take(json, "command", options.command));
   B4MRL_RETURN_IF_ERROR(TakeNumbers(json, options));
   return TakeHyperparameters(json, record);
 }

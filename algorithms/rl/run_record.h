@@ -41,7 +41,7 @@ struct TrainOptions {
   std::string folder;
   bool resume = false;
   std::string evaluator;  // the program b4mrl-tools; "": beside the running one
-  std::string command;    // as typed, for provenance
+  std::string command;    // that began the run, as typed
 };
 
 // What tells a run apart from others, as a folder's name: "HalfCheetah-hymopo-gravity-medium-s0",

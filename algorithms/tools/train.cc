@@ -191,6 +191,8 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   if (!Given("log-every")) options.log_every = old.log_every;
   if (!Given("checkpoint-every")) options.checkpoint_every = old.checkpoint_every;
   if (!Given("stop-at-score")) options.stop_at_score = old.stop_at_score;
+  // Record and agents name the command that began the run, for it says what the run is.
+  options.command = old.command;
   hyperparameters = std::move(record.hyperparameters);
   return Status();
 }

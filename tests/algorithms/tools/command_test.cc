@@ -220,6 +220,8 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
   REQUIRE(b.ok());
   CHECK(a->hidden[0].weight == b->hidden[0].weight);
   CHECK(a->last_fc.weight == b->last_fc.weight);
+  // "... train --algorithm sac ...", not "... train --resume ...".
+  CHECK(b->provenance.command.find("--algorithm sac") != std::string::npos);
   CHECK(resumed.err.find("so far: killed") != std::string::npos);
   CHECK(state() == RunState::kFinished);
   const auto json = nlohmann::json::parse(resumed.out, nullptr, false);
