@@ -114,6 +114,9 @@ Result<std::string> ModelStore::Compile(const std::string& environment, const st
   if (content) {
     if (const auto known = Recall(environment, file, *content)) return path_of(*known);
   }
+  std::error_code error;
+  fs::create_directories(options_.data_folder, error);
+  if (error) return IoError("create", options_.data_folder, error.value());
   B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
   B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder_));
   const Result<std::string> hash = CompileModelInChild(
