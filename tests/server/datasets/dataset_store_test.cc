@@ -176,11 +176,15 @@ TEST_CASE("caches that were opened longest ago make room, and come back when ask
     const auto opened = fixture.OpenMade(store, fixture.Request("obs-noise=1", seed));
     REQUIRE(opened.ok());
     made.push_back(opened->fingerprint);
-    // Opened again and again, the first one is never the one that was opened longest ago.
-    CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=1", 0))->fingerprint == made[0]);
     CHECK(fixture.CacheCount() <= 3);
     CHECK(fixture.HasCache(made.back()));
     CHECK(fixture.HasCache(made.front()));
+    // Opened again and again, the first one is never the one that was opened longest ago.
+    CHECK(fixture.OpenMade(store, fixture.Request("obs-noise=1", 0))->fingerprint == made[0]);
+    // A file system's clock ticks every few milliseconds, and this takes less.
+    if (seed == 0) continue;
+    const std::string newest = fixture.folder.File(".cache/" + made.back());
+    fs::last_write_time(newest, fs::last_write_time(newest) - std::chrono::hours(1));
   }
   CHECK(store.Load(made[1]).status().code() == StatusCode::kUnknownName);
   CHECK(store.Load(made[4]).ok());
