@@ -122,13 +122,12 @@ void DatasetWorker::Run() {
     store_.TidyUp();
     return [] {};
   });
-  std::vector<int> wakes = {mapping_.fd()};
-  for (const PreparationQueue* queue : {&imports_, &derivations_}) {
-    const std::vector<int> fds = queue->fds();
-    wakes.insert(wakes.end(), fds.begin(), fds.end());
-  }
+  std::vector<int> wakes;
   while (!draining()) {
     Beat();
+    wakes = {mapping_.fd()};
+    imports_.AddDescriptors(&wakes);
+    derivations_.AddDescriptors(&wakes);
     WaitReadable(socket_->handle(), wakes, ready_.empty() ? kBeatMs : 0);
     TakeTurn();
     mapping_.RunCompletions();

@@ -44,13 +44,14 @@ void PreparationQueue::Submit(const std::string& key, const RoutingId& client, u
   job->done.push_back(std::move(done));
 }
 
-std::vector<int> PreparationQueue::fds() const {
-  std::vector<int> fds;
-  for (const auto& place : places_) fds.push_back(place->fd());
-  return fds;
+void PreparationQueue::AddDescriptors(std::vector<int>* fds) const {
+  for (const Job& job : jobs_) {
+    if (job.place != nullptr) fds->push_back(job.place->fd());
+  }
 }
 
 void PreparationQueue::Run() {
+  if (jobs_.empty()) return;
   for (const auto& place : places_) place->RunCompletions();
   MakeWay();
   for (const bool is_long : {false, true}) {

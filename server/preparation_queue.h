@@ -45,8 +45,9 @@ class PreparationQueue {
               Done done);
   // Requests whose `done` was not called.
   size_t backlog() const { return backlog_; }
-  // Each is readable while finished work waits for Run.
-  std::vector<int> fds() const;
+  // Adds descriptors of which one is readable while finished work waits for Run; none while nothing
+  // runs, for they are looked at before every message.
+  void AddDescriptors(std::vector<int>* fds) const;
   // Calls what is done, starts what may start. At least every 100 ms.
   void Run();
 
