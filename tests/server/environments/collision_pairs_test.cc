@@ -70,8 +70,7 @@ TEST_CASE("Every task's model touches the same with its pairs listed") {
       {"half_cheetah.xml", 8}, {"hopper.xml", 7}, {"walker2d.xml", 7}, {"humanoid.xml", 126}};
   for (const auto& [file, pairs] : tasks) {
     INFO(file);
-    const LoadedModel loaded =
-        Take(LoadMujocoModel({Config::object(), {}, DefaultModelsFolder()}, file));
+    const LoadedModel loaded = Take(LoadMujocoModel({Config::object(), {}}, file));
     const LoadedModel listed = WithPairs(*loaded.model);
     REQUIRE(listed.model->npair == pairs);
     REQUIRE(RequireEqualSteps(*loaded.model, *listed.model, 2000, 30) > 1000);

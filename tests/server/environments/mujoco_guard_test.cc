@@ -13,7 +13,7 @@ namespace b4mrl {
 namespace {
 
 LoadedModel LoadHalfCheetah() {
-  return Take(LoadMujocoModel({Config::object(), {}, DefaultModelsFolder()}, "half_cheetah.xml"));
+  return Take(LoadMujocoModel({Config::object(), {}}, "half_cheetah.xml"));
 }
 
 TEST_CASE("A guarded engine error comes back as false with its message") {

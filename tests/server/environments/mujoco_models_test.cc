@@ -35,8 +35,7 @@ MjModelPtr Load(const Task& task, const std::string& perturbations) {
   const EnvironmentSpec spec = Take(DescribeEnvironment(task.environment));
   const PerturbationSet set = Take(MakePerturbations(Take(ParseNamedArguments(perturbations)), spec,
                                                      PerturbationUse::kSimulator));
-  return Take(LoadMujocoModel({Config::object(), set.members(), DefaultModelsFolder()},
-                              std::string(task.name) + ".xml"))
+  return Take(LoadMujocoModel({Config::object(), set.members()}, std::string(task.name) + ".xml"))
       .model;
 }
 
