@@ -110,7 +110,7 @@ TEST_CASE("Folders that are not there are named") {
 }
 
 TEST_CASE("Flags outside their range and unknown ones are bad usage") {
-  RequireEnd({"--workers", "0"}, kBadUsage, {"--workers", "1 to 64"});
+  RequireEnd({"--workers", "0"}, kBadUsage, {"--workers", "1..64"});
   RequireEnd({"--threads", "many"}, kBadUsage, {"--threads"});
   RequireEnd({"--wrokers", "2"}, kBadUsage, {"--wrokers"});
   const Ended help = RunServe({"--help"});

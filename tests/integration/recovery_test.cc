@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "server/blame.h"
 #include "tests/integration/daemon.h"
 #include "tests/integration/lane_walk.h"
 #include "tests/integration/under_fire.h"
@@ -164,7 +165,7 @@ TEST_CASE("A session whose opening always ends its worker is refused, and others
   const Status status = client->Make("HalfCheetah", {.num_envs = 7}).status();
   INFO(status.ToString());
   REQUIRE(status.code() == StatusCode::kInternal);
-  REQUIRE(LookAt(*client, "worker-0").restarts == 2);
+  REQUIRE(LookAt(*client, "worker-0").restarts == kMaxBuildDeaths);
   LaneWalk walk = OpenWalk(*client);
   RequireOk(walk.RunTo(10));
   RequireSameBytes(walk, ReferenceWalk(10), 10);
