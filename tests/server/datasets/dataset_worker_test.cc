@@ -115,9 +115,12 @@ TEST_CASE("deadlines hold behind other derivations") {
   for (uint64_t seed = 1; seed <= kDerivations; ++seed) ask(seed, kPatienceMs);
   const Clock::time_point asked = Clock::now();
   ask(kDerivations + 1, 50);
-  const auto late = daemon.Receive(client);
-  CHECK(late.reply.request_id() == kDerivations + 1);
+  // The first of the others may be done before, never all of them.
+  uint64_t done = 0;
+  auto late = daemon.Receive(client);
+  for (; late.reply.request_id() != kDerivations + 1; late = daemon.Receive(client)) ++done;
   CHECK(late.code() == StatusCode::kDeadlineExceeded);
+  CHECK(done < kDerivations);
   CHECK(SecondsSince(asked) < 20);  // 0.15 on an idle machine
 }
 
