@@ -9,6 +9,7 @@
 
 #include "data/file_hash.h"
 #include "tests/data/file_size_limit.h"
+#include "tests/data/manifest_schema.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -104,14 +105,7 @@ TEST_CASE("a cache of another schema is told from a damaged one") {
   const TemporaryFolder folder;
   REQUIRE(MakeCache(folder.File("c")).ok());
   const std::string path = folder.File("c/manifest.json");
-  nlohmann::json manifest = nlohmann::json::parse(ReadBytes(path));
-  manifest["schema"] = 2;
-  manifest.erase("hash");
-  const std::string text = manifest.dump();
-  StreamHash hash;
-  hash.Update(std::as_bytes(std::span(text)));
-  manifest["hash"] = hash.Hex();
-  WriteBytes(path, manifest.dump());
+  ChangeManifestSchema(path, 2);
   CHECK(ColumnCache::Map(folder.File("c")).status().code() == StatusCode::kVersionMismatch);
 }
 

@@ -11,6 +11,7 @@
 #include "data/file_hash.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/file_size_limit.h"
+#include "tests/data/manifest_schema.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -284,14 +285,7 @@ TEST_CASE("a cache of another schema is made anew") {
   const StoreFixture fixture;
   const std::string fingerprint = fixture.OpenMade("")->fingerprint;
   const std::string path = fixture.folder.File(".cache/" + fingerprint + "/manifest.json");
-  nlohmann::json manifest = nlohmann::json::parse(ReadBytes(path));
-  manifest["schema"] = 2;
-  manifest.erase("hash");
-  const std::string text = manifest.dump();
-  StreamHash hash;
-  hash.Update(std::as_bytes(std::span(text)));
-  manifest["hash"] = hash.Hex();
-  WriteBytes(path, manifest.dump());
+  ChangeManifestSchema(path, 2);
   const auto again = fixture.OpenMade("");
   REQUIRE(again.ok());
   CHECK(again->fingerprint == fingerprint);
