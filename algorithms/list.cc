@@ -2,9 +2,9 @@
 
 #include <vector>
 
+#include "algorithms/experience/offline_batches.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/model_based_options.h"
-#include "algorithms/rl/offline_batches.h"
+#include "algorithms/learners/model_based_options.h"
 
 namespace b4mrl {
 

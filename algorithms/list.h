@@ -5,7 +5,7 @@
 #include <span>
 #include <string_view>
 
-#include "algorithms/learner.h"
+#include "algorithms/base/learner.h"
 
 namespace b4mrl {
 

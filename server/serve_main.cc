@@ -9,12 +9,12 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include "server/child.h"
-#include "server/dataset_worker.h"
-#include "server/importer.h"
-#include "server/model_compiler.h"
-#include "server/options.h"
-#include "server/supervisor.h"
+#include "server/datasets/dataset_worker.h"
+#include "server/datasets/importer.h"
+#include "server/models/model_compiler.h"
+#include "server/process/child.h"
+#include "server/process/options.h"
+#include "server/supervisor/supervisor.h"
 
 namespace b4mrl {
 namespace {

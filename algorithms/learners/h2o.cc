@@ -26,14 +26,14 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/cores/h2o_core.h"
+#include "algorithms/experience/batch_buffer.h"
+#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/training_dataset.h"
+#include "algorithms/learners/core_metrics.h"
+#include "algorithms/learners/core_options.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/batch_buffer.h"
-#include "algorithms/rl/core_metrics.h"
-#include "algorithms/rl/core_options.h"
-#include "algorithms/rl/h2o_core.h"
-#include "algorithms/rl/hidden_dimensions.h"
-#include "algorithms/rl/online_lanes.h"
-#include "algorithms/rl/training_dataset.h"
+#include "algorithms/policy/observation_mask.h"
 
 namespace b4mrl {
 namespace {

@@ -19,8 +19,8 @@
 #include <vector>
 
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/model_based.h"
-#include "algorithms/rl/model_based_options.h"
+#include "algorithms/learners/model_based.h"
+#include "algorithms/learners/model_based_options.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {

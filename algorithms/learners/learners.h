@@ -4,7 +4,7 @@
 #include <memory>
 #include <span>
 
-#include "algorithms/learner.h"
+#include "algorithms/base/learner.h"
 
 namespace b4mrl {
 

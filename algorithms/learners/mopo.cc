@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/model_based.h"
-#include "algorithms/rl/model_based_options.h"
+#include "algorithms/learners/model_based.h"
+#include "algorithms/learners/model_based_options.h"
 
 namespace b4mrl {
 namespace {

@@ -13,10 +13,10 @@
 #include <memory>
 #include <utility>
 
+#include "algorithms/cores/sac_core.h"
+#include "algorithms/learners/core_options.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/core_options.h"
-#include "algorithms/rl/online_learner.h"
-#include "algorithms/rl/sac_core.h"
+#include "algorithms/learners/online_learner.h"
 
 namespace b4mrl {
 namespace {

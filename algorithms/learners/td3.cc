@@ -16,10 +16,10 @@
 #include <memory>
 #include <utility>
 
+#include "algorithms/cores/td3_core.h"
+#include "algorithms/learners/core_options.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/core_options.h"
-#include "algorithms/rl/online_learner.h"
-#include "algorithms/rl/td3_core.h"
+#include "algorithms/learners/online_learner.h"
 
 namespace b4mrl {
 namespace {

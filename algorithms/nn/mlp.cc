@@ -4,8 +4,8 @@
 #include <cmath>
 #include <string>
 
-#include "algorithms/nn/blas.h"
 #include "algorithms/nn/elementwise.h"
+#include "algorithms/nn/products/blas.h"
 
 namespace b4mrl {
 namespace {

@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "algorithms/nn/eigen_map.h"
-#include "algorithms/nn/strip.h"
+#include "algorithms/nn/products/strip.h"
 
 namespace b4mrl {
 namespace {

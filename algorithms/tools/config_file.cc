@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "data/atomic_file.h"
+#include "data/files/atomic_file.h"
 
 namespace b4mrl {
 namespace {

@@ -12,15 +12,15 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
-#include "algorithms/rl/agent_policy.h"
-#include "algorithms/rl/collect.h"
+#include "algorithms/episodes/collect.h"
+#include "algorithms/policy/agent_policy.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
 #include "client/interrupt.h"
-#include "data/agent_file.h"
-#include "data/atomic_file.h"
-#include "data/file_hash.h"
-#include "data/writer.h"
+#include "data/d4rl/agent_file.h"
+#include "data/d4rl/dataset_file_writer.h"
+#include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
 #include "proto/base/folders.h"
 
 namespace b4mrl {

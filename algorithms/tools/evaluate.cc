@@ -5,11 +5,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "algorithms/rl/agent_policy.h"
-#include "algorithms/rl/evaluate.h"
+#include "algorithms/episodes/evaluate.h"
+#include "algorithms/policy/agent_policy.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/video_writer.h"
-#include "data/agent_file.h"
+#include "data/d4rl/agent_file.h"
 
 namespace b4mrl {
 namespace {

@@ -4,7 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "algorithms/rl/progress.h"
+#include "algorithms/base/progress.h"
 #include "algorithms/tools/command.h"
 
 namespace b4mrl {

@@ -10,10 +10,10 @@
 #include <type_traits>
 
 #include "algorithms/list.h"
-#include "algorithms/rl/train_loop.h"
+#include "algorithms/run/train_loop.h"
 #include "algorithms/tools/command.h"
-#include "data/agent_file.h"
-#include "data/atomic_file.h"
+#include "data/d4rl/agent_file.h"
+#include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {

@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/ping_pong.h"
-#include "data/gather.h"
-#include "data/sampler.h"
-#include "data/writer.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/ping_pong.h"
+#include "data/columns/gather.h"
+#include "data/columns/sampler.h"
+#include "data/d4rl/dataset_file_writer.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"

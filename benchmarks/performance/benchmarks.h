@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "benchmarks/performance/measurement.h"
+#include "benchmarks/performance/support/measurement.h"
 #include "proto/base/status.h"
 
 namespace b4mrl::perf {

@@ -6,11 +6,11 @@
 #include <memory>
 
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/highway_load.h"
-#include "benchmarks/performance/parallel_rate.h"
-#include "benchmarks/performance/processor_time.h"
-#include "benchmarks/performance/step_loop.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/highway_load.h"
+#include "benchmarks/performance/support/parallel_rate.h"
+#include "benchmarks/performance/support/processor_time.h"
+#include "benchmarks/performance/support/step_loop.h"
 #include "proto/base/clock.h"
 #include "proto/base/cores.h"
 

@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "benchmarks/performance/bare_physics.h"
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/ping_pong.h"
-#include "benchmarks/performance/single_lane.h"
+#include "benchmarks/performance/support/bare_physics.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/ping_pong.h"
+#include "benchmarks/performance/support/single_lane.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/single_lane.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/single_lane.h"
 
 namespace b4mrl::perf {
 namespace {

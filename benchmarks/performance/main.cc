@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/ping_pong.h"
+#include "benchmarks/performance/support/ping_pong.h"
 #include "client/interrupt.h"
 #include "proto/base/count.h"
 #include "proto/base/version.h"

@@ -3,10 +3,10 @@
 #include <deque>
 #include <vector>
 
-#include "benchmarks/performance/bare_physics.h"
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/recorded_rows.h"
+#include "benchmarks/performance/support/bare_physics.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/recorded_rows.h"
 #include "proto/base/clock.h"
 
 namespace b4mrl::perf {

@@ -2,10 +2,10 @@
 // requests in flight, against bare mj_step on all cores.
 #include <vector>
 
-#include "benchmarks/performance/bare_physics.h"
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/daemon.h"
-#include "benchmarks/performance/step_loop.h"
+#include "benchmarks/performance/support/bare_physics.h"
+#include "benchmarks/performance/support/daemon.h"
+#include "benchmarks/performance/support/step_loop.h"
 #include "proto/base/cores.h"
 
 namespace b4mrl::perf {

@@ -4,14 +4,14 @@
 #include <functional>
 #include <vector>
 
-#include "algorithms/nn/blas.h"
-#include "algorithms/rl/dynamics_ensemble.h"
-#include "algorithms/rl/h2o_core.h"
-#include "algorithms/rl/iql_core.h"
-#include "algorithms/rl/sac_core.h"
-#include "algorithms/rl/td3_core.h"
+#include "algorithms/cores/h2o_core.h"
+#include "algorithms/cores/iql_core.h"
+#include "algorithms/cores/sac_core.h"
+#include "algorithms/cores/td3_core.h"
+#include "algorithms/model/dynamics_ensemble.h"
+#include "algorithms/nn/products/blas.h"
 #include "benchmarks/performance/benchmarks.h"
-#include "benchmarks/performance/processor_time.h"
+#include "benchmarks/performance/support/processor_time.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl::perf {

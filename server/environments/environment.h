@@ -2,7 +2,7 @@
 // perturbations) and lane_stepper.h (episodes: limits, resets, truncation).
 //
 // An Environment is a scratch simulator, not a lane. A lane's state is a flat array of doubles that
-// its owner keeps (server/environments/lane_record.h); a step is LoadState, Step, SaveState,
+// its owner keeps (server/simulator/lane_record.h); a step is LoadState, Step, SaveState,
 // Observe, on whichever Environment is free. LoadState sets everything that Step, Observe and
 // SaveState read, so one object can serve lanes in any order and the numbers never depend on which
 // object or thread served.

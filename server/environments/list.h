@@ -18,7 +18,7 @@ namespace b4mrl {
 
 class Perturbation;
 
-// A user's model in compiled form, made by server/model_compiler.h. Empty: there is none.
+// A user's model in compiled form, made by server/models/model_compiler.h. Empty: there is none.
 struct CompiledModel {
   std::string path;
   std::string hash;  // of its content

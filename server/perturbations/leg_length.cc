@@ -16,8 +16,8 @@
 #include <cstdlib>
 #include <string>
 
-#include "server/environments/mujoco_guard.h"
-#include "server/environments/mujoco_model.h"
+#include "server/environments/mujoco/mujoco_guard.h"
+#include "server/environments/mujoco/mujoco_model.h"
 #include "server/perturbations/list.h"
 
 namespace b4mrl {

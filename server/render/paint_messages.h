@@ -14,7 +14,7 @@
 
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
-#include "server/environments/simulator.h"
+#include "server/simulator/simulator.h"
 
 namespace b4mrl {
 

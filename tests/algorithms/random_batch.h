@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "algorithms/rl/transition_batch.h"
+#include "algorithms/cores/transition_batch.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {

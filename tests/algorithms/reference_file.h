@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/cores/actor_critic.h"
+#include "algorithms/cores/transition_batch.h"
 #include "algorithms/nn/parameters.h"
 #include "algorithms/nn/view.h"
-#include "algorithms/rl/core_common.h"
-#include "algorithms/rl/transition_batch.h"
 
 namespace b4mrl {
 

@@ -35,7 +35,7 @@ const std::vector<Door> kDoors = {
     {"MuJoCo", {"mujoco/"}, {"server/environments/", "server/perturbations/", "server/render/"}},
     {"OSMesa", {"GL/"}, {"server/render/"}},
     {"Cairo", {"cairo"}, {"server/render/"}},
-    {"TinyXML", {"tinyxml2"}, {"server/model_scan"}},
+    {"TinyXML", {"tinyxml2"}, {"server/models/model_scan"}},
     {"Eigen", {"Eigen/"}, {"algorithms/"}},
     {"BLAS", {"cblas", "openblas", "lapacke"}, {"algorithms/"}},
     {"Catch2", {"catch2/"}, {"tests/"}},

@@ -10,9 +10,9 @@
 #include <sstream>
 #include <string>
 
-#include "data/writer.h"
+#include "data/d4rl/dataset_file_writer.h"
 #include "tests/client/fake_daemon.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "data/writer.h"
+#include "data/d4rl/dataset_file_writer.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {

@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "data/file_hash.h"
+#include "data/files/file_hash.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {

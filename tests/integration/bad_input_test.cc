@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 #include "tests/loopback.h"
 
 namespace b4mrl {

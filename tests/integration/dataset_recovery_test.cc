@@ -9,8 +9,8 @@
 
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/under_fire.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

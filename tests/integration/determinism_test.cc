@@ -7,7 +7,7 @@
 #include "proto/base/rng.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "proto/base/rng.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "client/connection.h"
 #include "proto/base/limits.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/worker_load.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/worker_load.h"
 
 namespace b4mrl {
 namespace {

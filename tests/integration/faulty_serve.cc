@@ -20,8 +20,8 @@
 #include <sstream>
 #include <string>
 
-#include "server/fault_point.h"
 #include "server/serve_main.h"
+#include "server/worker/fault_point.h"
 
 namespace b4mrl {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "client/connection.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

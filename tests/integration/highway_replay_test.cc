@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 #include "tests/server/highway/highway_reference.h"
 
 namespace b4mrl {

@@ -11,9 +11,9 @@
 #include "proto/base/limits.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/lane_walk.h"
-#include "tests/integration/message_mutator.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/lane_walk.h"
+#include "tests/integration/support/message_mutator.h"
 
 namespace b4mrl {
 namespace {

@@ -3,8 +3,8 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/raw_zmtp.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/raw_zmtp.h"
 
 namespace b4mrl {
 namespace {

@@ -12,7 +12,7 @@
 
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {
@@ -69,10 +69,9 @@ class Scene {
       slow_models_.push_back("slow-" + std::to_string(i) + ".xml");
       WriteModel(folder_.File("models/" + slow_models_.back()), slow_models_.back(), 100'000);
     }
-    daemon_ = std::make_unique<PrivateDaemon>(
-        StartDaemon({.data_folder = folder_.path(),
-                     .arguments = {"--workers", "1", "--threads", "1", "--models",
-                                   folder_.File("models")}}));
+    daemon_ = std::make_unique<PrivateDaemon>(StartDaemon(
+        {.data_folder = folder_.path(),
+         .arguments = {"--workers", "1", "--threads", "1", "--models", folder_.File("models")}}));
     Client client = Connect(daemon_->endpoint());
     for (int i = 0; i < 3; ++i) kept_.insert(Take(client.OpenDataset(Kept(i))).fingerprint());
   }
@@ -165,8 +164,8 @@ TEST_CASE("Small imports and good models take 3 s at most beside large ones and 
     worst_model = std::max(worst_model, scene.SecondsOfGoodModel("good-" + number + ".xml"));
     scene.RequireCaches();
   }
-  WARN("of ten, the slowest import took " << worst_import << " s, the slowest model "
-                                          << worst_model << " s");
+  WARN("of ten, the slowest import took " << worst_import << " s, the slowest model " << worst_model
+                                          << " s");
   CHECK(worst_import < 3);
   CHECK(worst_model < 3);
   scene.AwaitHostile();

@@ -5,8 +5,8 @@
 #include <thread>
 
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/cells.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/cells.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

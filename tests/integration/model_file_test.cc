@@ -6,8 +6,8 @@
 #include <filesystem>
 
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/cells.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/cells.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

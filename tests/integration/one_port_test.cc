@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/lane_walk.h"
-#include "tests/integration/network_namespace.h"
-#include "tests/integration/port_forwarder.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/lane_walk.h"
+#include "tests/integration/support/network_namespace.h"
+#include "tests/integration/support/port_forwarder.h"
 #include "tests/loopback.h"
 
 namespace b4mrl {

@@ -6,9 +6,9 @@
 #include <fstream>
 #include <set>
 
-#include "tests/integration/daemon.h"
-#include "tests/integration/raw_peer.h"
-#include "tests/integration/under_fire.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/raw_peer.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

@@ -6,10 +6,10 @@
 #include <filesystem>
 #include <thread>
 
-#include "server/blame.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/lane_walk.h"
-#include "tests/integration/under_fire.h"
+#include "server/shared_memory/blame.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/lane_walk.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

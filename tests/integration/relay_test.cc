@@ -6,10 +6,10 @@
 #include <filesystem>
 
 #include "tests/data/temporary_folder.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/lane_walk.h"
-#include "tests/integration/network_namespace.h"
-#include "tests/integration/under_fire.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/lane_walk.h"
+#include "tests/integration/support/network_namespace.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
-#include "tests/integration/daemon.h"
-#include "tests/integration/under_fire.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 #include "tests/reference/mujoco_reference.h"
 
 namespace b4mrl {

@@ -8,9 +8,9 @@
 
 #include "proto/base/rng.h"
 #include "server/environments/environment.h"
-#include "tests/integration/daemon.h"
-#include "tests/integration/lane_walk.h"
-#include "tests/integration/under_fire.h"
+#include "tests/integration/support/daemon.h"
+#include "tests/integration/support/lane_walk.h"
+#include "tests/integration/support/under_fire.h"
 
 namespace b4mrl {
 namespace {

@@ -8,15 +8,15 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/experience/offline_batches.h"
+#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/training_dataset.h"
+#include "algorithms/experience/training_simulator.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/agent_policy.h"
-#include "algorithms/rl/model_data.h"
-#include "algorithms/rl/model_rollout.h"
-#include "algorithms/rl/offline_batches.h"
-#include "algorithms/rl/online_lanes.h"
-#include "algorithms/rl/training_dataset.h"
-#include "algorithms/rl/training_simulator.h"
-#include "tests/algorithms/learners/fixtures.h"
+#include "algorithms/model/model_data.h"
+#include "algorithms/model/model_rollout.h"
+#include "algorithms/policy/agent_policy.h"
+#include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
 namespace {

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/experience/batch_buffer.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/rl/batch_buffer.h"
-#include "tests/algorithms/learners/fixtures.h"
+#include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
 namespace {

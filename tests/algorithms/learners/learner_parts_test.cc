@@ -3,11 +3,11 @@
 #include <cmath>
 #include <cstring>
 
-#include "algorithms/rl/evaluate.h"
-#include "algorithms/rl/model_data.h"
-#include "algorithms/rl/model_rollout.h"
-#include "algorithms/rl/training_dataset.h"
-#include "tests/algorithms/learners/fixtures.h"
+#include "algorithms/episodes/evaluate.h"
+#include "algorithms/experience/training_dataset.h"
+#include "algorithms/model/model_data.h"
+#include "algorithms/model/model_rollout.h"
+#include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
 namespace {

@@ -7,10 +7,10 @@
 #include <string_view>
 #include <vector>
 
+#include "algorithms/base/checkpoint.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/nn/checkpoint.h"
-#include "algorithms/rl/policy_numbers.h"
-#include "tests/algorithms/learners/fixtures.h"
+#include "algorithms/policy/policy_numbers.h"
+#include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
 namespace {

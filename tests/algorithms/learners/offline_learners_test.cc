@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "algorithms/list.h"
-#include "algorithms/rl/policy_numbers.h"
-#include "tests/algorithms/learners/fixtures.h"
+#include "algorithms/policy/policy_numbers.h"
+#include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
 namespace {

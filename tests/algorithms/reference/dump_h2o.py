@@ -4,7 +4,7 @@
     pip install torch==2.13.0 numpy && python dump_h2o.py
 
 Follows Niu et al. 2022 and the order of the authors' code with probabilities, weighted errors and
-torch.logsumexp, where algorithms/rl/h2o_core.h works with log-ratios. Format, conventions and
+torch.logsumexp, where algorithms/cores/h2o_core.h works with log-ratios. Format, conventions and
 helpers are those of dump_pytorch.py.
 """
 import copy

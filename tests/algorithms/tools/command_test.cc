@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/base/checkpoint.h"
 #include "algorithms/list.h"
-#include "algorithms/nn/checkpoint.h"
-#include "algorithms/rl/run_result.h"
-#include "data/agent_file.h"
+#include "algorithms/run/run_result.h"
+#include "data/d4rl/agent_file.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/data/temporary_folder.h"
 

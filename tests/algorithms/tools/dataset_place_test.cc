@@ -6,7 +6,7 @@
 #include "proto/base/folders.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/client/fake_daemon.h"
-#include "tests/integration/daemon.h"
+#include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
 namespace {

@@ -3,8 +3,8 @@
 #include <filesystem>
 #include <string>
 
-#include "data/agent_file.h"
-#include "tests/algorithms/learners/test_daemon.h"
+#include "data/d4rl/agent_file.h"
+#include "tests/algorithms/test_daemon.h"
 #include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
 

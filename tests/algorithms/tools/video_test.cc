@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "data/agent_file.h"
+#include "data/d4rl/agent_file.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/data/temporary_folder.h"
 

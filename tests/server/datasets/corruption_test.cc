@@ -1,4 +1,4 @@
-#include "server/corruption.h"
+#include "server/datasets/corruption.h"
 
 #include <catch2/catch.hpp>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "server/dataset_store.h"
+#include "server/datasets/dataset_store.h"
 
 #include <sys/stat.h>
 
@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "data/file_hash.h"
+#include "data/files/file_hash.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/file_size_limit.h"
 #include "tests/data/manifest_schema.h"

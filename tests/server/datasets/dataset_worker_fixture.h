@@ -12,7 +12,7 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
-#include "server/dataset_worker.h"
+#include "server/datasets/dataset_worker.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 

@@ -1,4 +1,4 @@
-#include "server/dataset_worker.h"
+#include "server/datasets/dataset_worker.h"
 
 #include <fmt/format.h>
 
@@ -7,8 +7,8 @@
 #include <cstring>
 #include <filesystem>
 
-#include "data/gather.h"
-#include "data/sampler.h"
+#include "data/columns/gather.h"
+#include "data/columns/sampler.h"
 #include "tests/server/datasets/dataset_worker_fixture.h"
 
 namespace b4mrl {

@@ -3,12 +3,12 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "data/column_cache.h"
-#include "data/dataset.h"
-#include "data/hdf5_file.h"
+#include "data/columns/column_cache.h"
+#include "data/columns/dataset.h"
+#include "data/d4rl/import_dataset.h"
+#include "data/hdf5/hdf5_file.h"
 #include "proto/base/rng.h"
-#include "server/import_dataset.h"
-#include "server/importer.h"
+#include "server/datasets/importer.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 

@@ -1,4 +1,4 @@
-#include "server/preparation_queue.h"
+#include "server/datasets/preparation_queue.h"
 
 #include <catch2/catch.hpp>
 #include <functional>

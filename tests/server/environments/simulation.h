@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "proto/base/rng.h"
-#include "server/environments/lane_stepper.h"
+#include "server/simulator/lane_stepper.h"
 #include "tests/results.h"
 
 namespace b4mrl {

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-#include "server/model_store.h"
+#include "server/gateway/model_store.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {

@@ -1,6 +1,6 @@
 // Models of users in their sandboxed process: what fits is compiled to the same bits, what does not
 // is refused with its reason, and nothing ends the parent or is left behind.
-#include "server/model_compiler.h"
+#include "server/models/model_compiler.h"
 
 #include <sys/stat.h>
 
@@ -9,7 +9,7 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
-#include "server/environments/model_file.h"
+#include "server/environments/mujoco/compiled_model.h"
 #include "server/perturbations/list.h"
 #include "tests/server/environments/simulation.h"
 #include "tests/server/models/model_fixture.h"

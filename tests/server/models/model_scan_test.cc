@@ -1,5 +1,5 @@
 // References of MJCF files: those that leave the folder are named with their line.
-#include "server/model_scan.h"
+#include "server/models/model_scan.h"
 
 #include <unistd.h>
 

@@ -6,7 +6,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
-#include "server/environments/mujoco_model.h"
+#include "server/environments/mujoco/mujoco_model.h"
 #include "server/perturbations/list.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/server/environments/simulation.h"

@@ -1,5 +1,5 @@
 // The program that draws, from the worker's side: what it draws, and what its misfortunes cost.
-#include "server/painter_process.h"
+#include "server/render/painter_process.h"
 
 #include <sys/wait.h>
 
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "proto/base/rng.h"
-#include "server/environments/simulator.h"
+#include "server/simulator/simulator.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {

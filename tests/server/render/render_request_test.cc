@@ -2,7 +2,7 @@
 #include <catch2/catch.hpp>
 #include <string>
 
-#include "tests/server/worker_fixture.h"
+#include "tests/server/worker/worker_fixture.h"
 
 namespace b4mrl {
 namespace {

@@ -1,0 +1,105 @@
+// A learner's whole state in one HDF5 file that appears complete or not at all.
+//
+// Names are "/"-separated paths. Both classes remember their first error and then do nothing more,
+// so that a learner lists its state in one run of lines and the status is asked for once at the
+// end. Big data does not belong here: a replay file is named by its length (rl/replay_buffer.h).
+// Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h; kDataLoss also when a stored array has
+// another size than the learner's.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/nn/parameters.h"
+#include "data/hdf5/hdf5_file.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class CheckpointWriter {
+ public:
+  static Result<CheckpointWriter> Create(const std::string& path);
+
+  void Integer(std::string_view name, int64_t value);
+  void Unsigned(std::string_view name, uint64_t value);  // all 64 bits
+  void Number(std::string_view name, double value);
+  void Text(std::string_view name, std::string_view text);
+  // Either may be empty.
+  void Floats(std::string_view name, std::span<const float> values);
+  void Bytes(std::string_view name, std::span<const uint8_t> values);
+  // Visitors that store what a core shows, under "<prefix>/".
+  ArrayVisitor<float> Arrays(std::string prefix);
+  CounterVisitor Counters(std::string prefix);
+  // All that a core shows.
+  template <typename Core>
+  void State(const std::string& prefix, Core& core) {
+    core.VisitArrays(Arrays(prefix));
+    core.VisitCounters(Counters(prefix));
+  }
+  // The first array of a core with a value that is not finite: a learner that diverged.
+  const std::optional<std::string>& first_nonfinite() const { return first_nonfinite_; }
+
+  // Flushes, fsyncs, renames into place; or the first error.
+  Status Commit();
+
+ private:
+  explicit CheckpointWriter(Hdf5Writer file) : file_(std::move(file)) {}
+  void Note(Status status) {
+    if (status_.ok()) status_ = std::move(status);
+  }
+
+  Hdf5Writer file_;
+  Status status_;
+  std::optional<std::string> first_nonfinite_;
+};
+
+class CheckpointReader {
+ public:
+  static Result<CheckpointReader> Open(const std::string& path);
+
+  // What versions added: checkpoints of older ones lack it.
+  bool Has(std::string_view name) const { return file_.Exists(name); }
+  int64_t Integer(std::string_view name);
+  uint64_t Unsigned(std::string_view name);
+  double Number(std::string_view name);
+  std::string Text(std::string_view name);
+  std::vector<float> Floats(std::string_view name);
+  // The same into place, which must have the stored length.
+  void FloatsInto(std::string_view name, std::span<float> out);
+  std::vector<uint8_t> Bytes(std::string_view name);
+  ArrayVisitor<float> Arrays(std::string prefix);
+  CounterVisitor Counters(std::string prefix);
+  // The same for all that a core shows.
+  template <typename Core>
+  void StateInto(const std::string& prefix, Core& core) {
+    core.VisitArrays(Arrays(prefix));
+    core.VisitCounters(Counters(prefix));
+  }
+
+  const Status& status() const { return status_; }
+
+ private:
+  explicit CheckpointReader(Hdf5Reader file) : file_(std::move(file)) {}
+  template <typename T>
+  T Take(Result<T> result) {
+    if (result.ok()) return std::move(result).value();
+    if (status_.ok()) status_ = result.status();
+    return T{};
+  }
+
+  Hdf5Reader file_;
+  Status status_;
+};
+
+// The files of one run: "checkpoint-<update>.h5" in its folder, of which the newest two are kept.
+std::string CheckpointPath(const std::string& folder, uint64_t update);
+// Updates of the checkpoints in `folder`, newest first.
+std::vector<uint64_t> ListCheckpoints(const std::string& folder);
+// Removes all but the newest `keep`.
+void RemoveOldCheckpoints(const std::string& folder, size_t keep = 2);
+
+}  // namespace b4mrl

@@ -1,0 +1,152 @@
+// A learner: what `b4mrl train` runs. Read this first; then learners/sac.cc, and list.cc to add
+// one.
+//
+// A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
+// hyperparameters as a table, its options, and three functions that matter:
+//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble;
+//             cut short where `LearnerContext::stop` is set, for a resumed run to do again
+//   Update    one gradient step, with the interaction that belongs to it
+//   Policy    what acts now: goes into evaluations and agent files
+// The train loop (rl/train_loop.h) counts updates, evaluates, logs, writes checkpoints and stops. A
+// learner asks the daemon for everything else: it opens the sessions and datasets that it needs
+// through `LearnerContext::client`, and never sees the simulator itself.
+//
+// Save and Load carry everything that decides the future, so that a run resumed from a checkpoint
+// continues bit for bit (on the same kind of processor). All random numbers come from
+// RoleSeed(run seed, role, index): what they are for, never from who drew before.
+// Thread rule: one thread. Ownership: the context outlives the learner.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/base/metrics.h"
+#include "algorithms/base/progress.h"
+#include "algorithms/policy/inference.h"
+#include "proto/base/rng.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class Client;
+
+struct EnvironmentDefault {
+  std::string_view environment;
+  double value;
+};
+
+// What a user may set: `--<name> value` or `<name> = value` in a TOML file. A number, or one of
+// several choices, which users give by name.
+struct Hyperparameter {
+  std::string_view name;
+  double value;  // the default
+  double low;    // allowed range
+  double high;
+  bool whole;  // takes whole numbers only
+  std::string_view meaning;
+  std::string_view unit = {};     // "updates", "rows", "steps"; none: a pure number
+  std::string_view source = {};   // who chose the default, and why where sources disagree
+  std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
+  std::span<const EnvironmentDefault> by_environment = {};  // where another default holds
+
+  // The names in `choices`; none for a number.
+  std::vector<std::string_view> ChoiceNames() const;
+  // Takes "true" and "false" too, as TOML has them.
+  bool IsSwitch() const { return whole && low == 0 && high == 1 && choices.empty(); }
+  // A value as users write it: "0.0003", "gaussian".
+  std::string TextOf(double any) const;
+  std::string Text() const { return TextOf(value); }
+};
+
+// The values in force: a learner's table with the user's changes.
+class Hyperparameters {
+ public:
+  Hyperparameters() = default;
+  // The defaults, those for `environment` where it has its own.
+  explicit Hyperparameters(std::span<const Hyperparameter> table,
+                           std::string_view environment = {});
+
+  // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
+  Status Set(std::string_view name, double value);
+  // The value as a user wrote it. A choice goes by its name only: its number is nobody's business.
+  Status SetText(std::string_view name, std::string_view text);
+  // nullptr when `name` does not stand in the table.
+  const Hyperparameter* Find(std::string_view name) const;
+  // Ends the program with the name when it does not stand in the table: a programmer's error.
+  double Number(std::string_view name) const;
+  int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
+  uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }
+  const std::vector<Hyperparameter>& entries() const { return entries_; }
+
+ private:
+  Result<Hyperparameter*> Need(std::string_view name);
+
+  std::vector<Hyperparameter> entries_;
+};
+
+inline constinit const std::atomic<bool> kNeverStops = false;
+
+struct LearnerContext {
+  Client* client = nullptr;
+  EnvironmentSpec environment;           // the true one's
+  std::vector<NamedArgument> simulator;  // perturbations of the simulator to learn in
+  std::string dataset;                   // "" for none
+  std::vector<NamedArgument> corruption;
+  uint32_t history_length = 1;
+  uint64_t seed = 0;
+  uint32_t threads = 1;  // of the updates; they change no bit
+  std::string folder;    // for files that are too big for a checkpoint
+  Hyperparameters hyperparameters;
+  const std::atomic<bool>* stop = &kNeverStops;  // set when the run is to end soon
+
+  int observation_size() const { return static_cast<int>(environment.observation.size()); }
+  int action_size() const { return static_cast<int>(environment.action.size()); }
+  // The environment's unit of each action dimension; learners work in [-1, 1].
+  std::vector<float> ActionScale() const;
+};
+
+class Learner {
+ public:
+  virtual ~Learner() = default;
+
+  virtual Status Prepare(Progress& progress) = 0;
+  virtual Status Update(MetricMeans& metrics) = 0;
+  // Its input is `history_length` observations, oldest first; mean, std and mask included.
+  virtual PolicyWeights Policy() const = 0;
+
+  // Load takes the place of Prepare when a run is resumed.
+  virtual Status Save(CheckpointWriter& writer) = 0;
+  virtual Status Load(CheckpointReader& reader) = 0;
+  // True of a learner whose Save asks the daemon for nothing, and whose Update, when it fails,
+  // leaves what Save stores (and the metrics) as they were: a run that loses its daemon then loses
+  // no update.
+  virtual bool outlives_daemon() const { return false; }
+
+  // Steps taken in the simulator so far, warm-up included and queries not.
+  virtual uint64_t environment_steps() const { return 0; }
+  // Of the dataset's file; "" without a dataset.
+  virtual std::string dataset_sha256() const { return ""; }
+};
+
+// Of each request of a training run: a machine that is busy with other things must not end it.
+inline constexpr int64_t kLearnerDeadlineMs = 120'000;
+
+struct LearnerNeeds {
+  bool simulator = false;  // otherwise --simulator is refused
+  bool dataset = false;    // then --dataset is required, otherwise refused
+  bool history = false;    // supports --history above 1
+};
+
+// The seed of use `index` of `role` ("train-lane", "explore", "rollout") within a run.
+inline uint64_t RoleSeed(uint64_t run_seed, std::string_view role, uint64_t index = 0) {
+  return MixSeeds(MixSeeds(run_seed, HashName(role)), index);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,100 @@
+#include "algorithms/base/progress.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+
+namespace b4mrl {
+namespace {
+
+constexpr double kTerminalSeconds = 0.1;
+constexpr double kPlainSeconds = 30;
+constexpr int kBarWidth = 24;
+
+void Print(const std::string& text) {
+  std::fwrite(text.data(), 1, text.size(), stderr);
+  std::fflush(stderr);
+}
+
+std::string FormatRate(double rate, std::string_view unit) {
+  return rate >= 10 ? fmt::format("{:.0f} {}/s", rate, unit)
+                    : fmt::format("{:.2f} {}/s", rate, unit);
+}
+
+}  // namespace
+
+std::string FormatDuration(double seconds) {
+  const auto whole = static_cast<int64_t>(std::max(seconds, 0.0) + 0.5);
+  if (whole >= 3600) {
+    return fmt::format("{}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60);
+  }
+  return fmt::format("{}:{:02}", whole / 60, whole % 60);
+}
+
+Progress::Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) == 1) {}
+
+void Progress::Start(std::string_view stage, std::string_view unit, uint64_t total,
+                     uint64_t first) {
+  Finish();
+  stage_ = stage;
+  unit_ = unit;
+  note_.clear();
+  total_ = total;
+  first_ = done_ = first;
+  start_ = last_drawn_ = Clock::now();
+  open_ = true;
+}
+
+void Progress::Update(uint64_t done, std::string_view note) {
+  done_ = done;
+  if (!note.empty()) note_ = note;
+  if (quiet_ || !open_) return;
+  if (SecondsSince(last_drawn_) < (terminal_ ? kTerminalSeconds : kPlainSeconds)) return;
+  last_drawn_ = Clock::now();
+  Print(terminal_ ? "\r" + Line(true) + "\x1b[K" : Line(false) + "\n");
+  drawn_ = terminal_;
+}
+
+void Progress::Message(std::string_view text) {
+  if (quiet_) return;
+  Erase();
+  Print(fmt::format("{}\n", text));
+}
+
+void Progress::Finish() {
+  if (!open_) return;
+  open_ = false;
+  if (quiet_) return;
+  Erase();
+  const double seconds = SecondsSince(start_);
+  const double rate = seconds > 0 ? static_cast<double>(done_ - first_) / seconds : 0;
+  Print(fmt::format("{}: {} {} in {} ({}){}{}\n", stage_, done_, unit_, FormatDuration(seconds),
+                    FormatRate(rate, unit_), note_.empty() ? "" : ", ", note_));
+}
+
+std::string Progress::Line(bool with_bar) const {
+  const double seconds = SecondsSince(start_);
+  const double rate = seconds > 0 ? static_cast<double>(done_ - first_) / seconds : 0;
+  const double fraction =
+      total_ > 0 ? std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_)) : 0;
+  const uint64_t rest = total_ > done_ ? total_ - done_ : 0;
+  const std::string left =
+      rate > 0 ? FormatDuration(static_cast<double>(rest) / rate) + " left" : "";
+  std::string bar;
+  if (with_bar) {
+    const int full = static_cast<int>(fraction * kBarWidth);
+    bar = fmt::format("[{}{}] ", std::string(full, '#'), std::string(kBarWidth - full, '.'));
+  }
+  return fmt::format("{} {}{}/{} {}, {}, {}{}{}", stage_, bar, done_, total_, unit_,
+                     FormatRate(rate, unit_), left, note_.empty() ? "" : ", ", note_);
+}
+
+void Progress::Erase() {
+  if (drawn_) Print("\r\x1b[K");
+  drawn_ = false;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,194 @@
+#include "algorithms/cores/h2o_core.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "algorithms/cores/h2o_losses.h"
+#include "algorithms/nn/eigen_map.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl {
+namespace {
+
+Status Validate(const H2oOptions& options) {
+  if (options.gap_samples < 1 || options.gap_samples > 1024) {
+    return InvalidArgument("gap_samples", std::to_string(options.gap_samples), "1..1024");
+  }
+  const int most = MostGapSamples(options.observation_size, options.batch_max);
+  if (options.gap_samples > most) {
+    return InvalidNumber("gap_samples", options.gap_samples,
+                         "at most " + std::to_string(most) + " for such a batch");
+  }
+  if (std::ssize(options.gap_noise) != options.observation_size) {
+    return InvalidArgument("gap_noise", std::to_string(options.gap_noise.size()) + " numbers",
+                           std::to_string(options.observation_size) + ", one a dimension");
+  }
+  for (const double deviation : options.gap_noise) {
+    B4MRL_RETURN_IF_ERROR(ValidateRate("gap_noise", deviation));
+  }
+  if (!(options.ratio_min > 0 && options.ratio_min <= 1)) {
+    return InvalidNumber("ratio_min", options.ratio_min, "above 0, at most 1");
+  }
+  if (!(options.gap_max > 1e-45)) return InvalidNumber("gap_max", options.gap_max, "above 1e-45");
+  B4MRL_RETURN_IF_ERROR(ValidateRate("gap_weight", options.gap_weight));
+  return ValidateRate("gap_limit", options.gap_limit);
+}
+
+DiscriminatorOptions DiscriminatorsOf(const H2oOptions& options) {
+  return {.observation_size = options.observation_size,
+          .action_size = options.action_size,
+          .hidden = options.hidden,
+          .batch_max = std::max(options.discriminator_batch_max, options.batch_max),
+          .learning_rate = options.discriminator_learning_rate,
+          .input_noise = options.discriminator_noise,
+          .seed = options.seed};
+}
+
+}  // namespace
+
+std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
+                             GapNoiseStd over, double scale) {
+  constexpr double kRowsPerData = 11;  // of the padded array
+  constexpr double kStdEpsilon = 1e-3;
+  std::vector<double> noise;
+  for (size_t i = 0; i < std.size(); ++i) {
+    double variance = std[i] * std[i];
+    if (over == GapNoiseStd::kPadded) {
+      const double padded_mean = mean[i] / kRowsPerData;
+      variance = (variance + mean[i] * mean[i]) / kRowsPerData - padded_mean * padded_mean;
+    }
+    noise.push_back(scale * (std::sqrt(variance) + kStdEpsilon));
+  }
+  return noise;
+}
+
+int MostGapSamples(int observation_size, int batch_max) {
+  constexpr int64_t kCopiedNumbersMax = 1 << 27;  // 512 MiB of floats
+  const int64_t batch_numbers = int64_t{observation_size} * batch_max;
+  return static_cast<int>(std::clamp<int64_t>(kCopiedNumbersMax / batch_numbers - 1, 0, 1024));
+}
+
+template <typename Scalar>
+Result<H2oCore<Scalar>> H2oCore<Scalar>::Create(const H2oOptions& options) {
+  // Checks the sizes.
+  B4MRL_ASSIGN_OR_RETURN(SacCore<Scalar> sac, SacCore<Scalar>::Create(options));
+  B4MRL_RETURN_IF_ERROR(Validate(options));
+  B4MRL_ASSIGN_OR_RETURN(Discriminators<Scalar> discriminators,
+                         Discriminators<Scalar>::Create(DiscriminatorsOf(options)));
+  return H2oCore(options, std::move(sac), std::move(discriminators));
+}
+
+template <typename Scalar>
+H2oCore<Scalar>::H2oCore(const H2oOptions& options, SacCore<Scalar> sac,
+                         Discriminators<Scalar> discriminators)
+    : options_(options),
+      sac_(std::move(sac)),
+      discriminators_(std::move(discriminators)),
+      next_copies_(options.observation_size, options.batch_max * (1 + options.gap_samples)),
+      log_ratios_(options.batch_max * (1 + options.gap_samples)),
+      weights_(options.batch_max),
+      gaps_(options.batch_max),
+      log_gap_weights_(options.batch_max) {}
+
+template <typename Scalar>
+H2oMetrics H2oCore<Scalar>::Update(const HybridBatch<Scalar>& batch,
+                                   const HybridBatch<Scalar>& discriminator_batch) {
+  simulated_rows_ = batch.simulated_rows();
+  Rng rng(options_.seed, "gap-noise", static_cast<uint64_t>(updates()));
+  rng.FillNormal(NoisyCopies().values());
+  H2oMetrics metrics;
+  metrics.discriminators = discriminators_.Update(discriminator_batch);
+  WeighSimulated(batch.simulated(), metrics);
+  metrics.sac = sac_.Update(batch.rows, Objective());
+  metrics.critic = critic_loss_;
+  metrics.gap_penalty = gap_penalty_;
+  return metrics;
+}
+
+template <typename Scalar>
+H2oMetrics H2oCore<Scalar>::UpdateWithNoise(const HybridBatch<Scalar>& batch,
+                                            const HybridBatch<Scalar>& discriminator_batch,
+                                            const H2oNoise<Scalar>& noise) {
+  simulated_rows_ = batch.simulated_rows();
+  CopyMatrix<Scalar>(noise.gap, NoisyCopies());
+  H2oMetrics metrics;
+  metrics.discriminators =
+      discriminators_.UpdateWithNoise(discriminator_batch, noise.discriminators);
+  WeighSimulated(batch.simulated(), metrics);
+  metrics.sac = sac_.UpdateWithNoise(batch.rows, noise.actions, noise.next_actions, Objective());
+  metrics.critic = critic_loss_;
+  metrics.gap_penalty = gap_penalty_;
+  return metrics;
+}
+
+template <typename Scalar>
+MatrixView<Scalar> H2oCore<Scalar>::NoisyCopies() {
+  const int copies = simulated_rows_ * options_.gap_samples;
+  return next_copies_.view(simulated_rows_ + copies).ColumnBlock(simulated_rows_, copies);
+}
+
+template <typename Scalar>
+void H2oCore<Scalar>::WeighSimulated(const TransitionBatch<Scalar>& simulated,
+                                     H2oMetrics& metrics) {
+  const int n = simulated_rows_;
+  const MatrixView<Scalar> next = next_copies_.view(n * (1 + options_.gap_samples));
+  CopyMatrix<Scalar>(simulated.next_observations, next.ColumnBlock(0, n));
+  for (int i = n; i < next.columns; ++i) {
+    for (int k = 0; k < next.rows; ++k) {
+      next(k, i) = next(k, i % n) + static_cast<Scalar>(options_.gap_noise[k]) * next(k, i);
+    }
+  }
+  const std::span<Scalar> log_ratios = std::span<Scalar>(log_ratios_).first(next.columns);
+  discriminators_.LogDynamicsRatios(simulated, next, log_ratios);
+  metrics.mean_weight = DynamicsWeights<Scalar>(log_ratios.first(n), options_.ratio_min,
+                                                std::span<Scalar>(weights_).first(n));
+
+  const std::span<Scalar> gaps = std::span<Scalar>(gaps_).first(n);
+  std::fill(gaps.begin(), gaps.end(), Scalar(0));
+  for (int i = n; i < next.columns; ++i) gaps[i % n] -= log_ratios[i];
+  for (Scalar& gap : gaps) gap /= static_cast<Scalar>(options_.gap_samples);
+  metrics.mean_gap =
+      LogGapWeights<Scalar>(gaps, options_.gap_max, std::span<double>(log_gap_weights_).first(n));
+}
+
+template <typename Scalar>
+CriticLoss H2oCore<Scalar>::Loss(MatrixView<const Scalar> q, std::span<const Scalar> targets,
+                                 MatrixView<Scalar> q_gradient) {
+  const auto weights = std::span<const Scalar>(weights_).first(simulated_rows_);
+  const auto log_gap_weights = std::span<const double>(log_gap_weights_).first(simulated_rows_);
+  const HybridCriticLoss loss = HybridSquaredError<Scalar>(q, targets, weights, q_gradient);
+  critic_loss_ = loss;
+  gap_penalty_ = AddGapPenalty<Scalar>(q, log_gap_weights, options_.gap_weight, options_.gap_limit,
+                                       q_gradient);
+  return loss;
+}
+
+template <typename Scalar>
+CriticObjective<Scalar> H2oCore<Scalar>::Objective() {
+  return [this](MatrixView<const Scalar> q, std::span<const Scalar> targets,
+                MatrixView<Scalar> q_gradient) { return Loss(q, targets, q_gradient); };
+}
+
+template <typename Scalar>
+void H2oCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
+  sac_.VisitArrays(visitor);
+  discriminators_.VisitArrays(visitor);
+}
+
+template <typename Scalar>
+void H2oCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
+  sac_.VisitCounters(visitor);
+  discriminators_.VisitCounters(visitor);
+}
+
+template <typename Scalar>
+void H2oCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
+  sac_.VisitGradients(visitor);
+  discriminators_.VisitGradients(visitor);
+}
+
+template class H2oCore<float>;
+template class H2oCore<double>;
+
+}  // namespace b4mrl

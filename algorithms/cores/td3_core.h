@@ -1,0 +1,100 @@
+// Twin delayed deep deterministic policy gradient: networks, optimisers and one gradient step, with
+// the behaviour-cloning term that makes it TD3-BC.
+//
+// Fujimoto et al. 2018 (TD3) and Fujimoto and Gu 2021 (TD3-BC), in the order of the authors' code:
+//   1. a' = clip(pi'(s') + clip(N(0, policy_noise), +-noise_clip), +-1)
+//      y  = r + not_terminated gamma min_k Q'_k(s', a')
+//   2. critics: L = sum_k mean (Q_k(s, a) - y)^2
+//   3. every `policy_frequency`-th update, counted from 1:
+//      TD3:    L = -mean Q_1(s, pi(s))
+//      TD3-BC: L = -lambda mean Q_1(s, pi(s)) + mean (pi(s) - a)^2, lambda = bc_alpha / mean|Q_1|
+//              as a constant, the second mean over batch and action dimensions
+//      then all targets <- tau online + (1 - tau) target
+// The update's random numbers are Rng(seed, "td3-noise", update number). Allocates nothing of its
+// own after construction. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "algorithms/cores/actor_critic.h"
+#include "algorithms/cores/transition_batch.h"
+#include "algorithms/nn/adam.h"
+#include "algorithms/nn/mlp.h"
+#include "algorithms/policy/inference.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct Td3Options : ActorCriticOptions {
+  double policy_noise = 0.2;
+  double noise_clip = 0.5;
+  int policy_frequency = 2;
+  std::optional<double> bc_alpha;  // 2.5 for TD3-BC; nothing: TD3
+};
+
+struct Td3Metrics {
+  double critic_loss = 0;
+  double mean_q = 0;       // of both critics on the batch
+  double mean_target = 0;  // y
+  // Of the last step of the actor, which is this update's if `actor_step`.
+  bool actor_step = false;
+  double actor_loss = 0;
+  // Of TD3-BC alone.
+  std::optional<double> bc_loss;  // mean (pi(s) - a)^2
+  std::optional<double> lambda;
+};
+
+template <typename Scalar>
+class Td3Core {
+ public:
+  static Result<Td3Core> Create(const Td3Options& options);
+
+  // One gradient step; 1 <= batch.size() <= batch_max.
+  Td3Metrics Update(const TransitionBatch<Scalar>& batch);
+  // The same with the standard normals of the target action given (action size x batch).
+  Td3Metrics UpdateWithNoise(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise);
+
+  const Td3Options& options() const { return options_; }
+  int64_t updates() const { return updates_; }
+
+  // The present actor for the fixed-order inference; observation mean and std are the learner's.
+  PolicyWeights Policy() const;
+
+  // All state, for checkpoints and tests: see nn/parameters.h.
+  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
+  void VisitCounters(const CounterVisitor& visitor);
+  // Gradients of the last update (the actor's: of the last delayed one); for tests.
+  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+
+ private:
+  explicit Td3Core(const Td3Options& options);
+
+  void ComputeTargets(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise);
+  void UpdateCritics(const TransitionBatch<Scalar>& batch, bool delayed_step);
+  void UpdateActor(const TransitionBatch<Scalar>& batch);
+
+  Td3Options options_;
+  int64_t updates_ = 0;
+  MlpLayout actor_layout_;
+  MlpLayout critic_layout_;  // two members
+  AlignedVector<Scalar> actor_, actor_gradient_, actor_target_;
+  AlignedVector<Scalar> critic_, critic_gradient_, critic_target_;
+  Adam<Scalar> actor_adam_, critic_adam_;
+  Td3Metrics metrics_;
+
+  MlpWorkspace<Scalar> actor_workspace_;
+  MlpWorkspace<Scalar> critic_workspace_;
+  MlpWorkspace<Scalar> first_critic_workspace_;  // of one member
+  MatrixBuffer<Scalar> critic_input_;            // observation + action x batch
+  MatrixBuffer<Scalar> noise_;                   // action x batch
+  MatrixBuffer<Scalar> action_gradient_;
+  AlignedVector<Scalar> targets_;  // batch
+};
+
+extern template class Td3Core<float>;
+extern template class Td3Core<double>;
+
+}  // namespace b4mrl

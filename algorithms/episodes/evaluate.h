@@ -1,0 +1,71 @@
+// Scores: deterministic episodes of a policy on one environment, all at once as lanes of one
+// session.
+//
+// Episode i of every evaluation starts from the seed RoleSeed(seed, "evaluation", i): the same for
+// all runs and agents, and apart from every training seed. Actions come from the fixed-order
+// inference, so returns have equal bits for any number of workers and threads and on any x86-64
+// processor with AVX2 and FMA. A policy that needs a history gets it stacked here. Thread rule: one
+// thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/policy/agent_policy.h"
+#include "client/client.h"
+#include "client/remote_environment.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct EvaluationResult {
+  std::vector<double> returns;  // undiscounted, one an episode
+  std::vector<uint32_t> lengths;
+  // Episodes that the daemon or the physics engine gave up: cut short through no rule of the task,
+  // they count in the mean with what they had until then.
+  uint32_t given_up = 0;
+  double mean_return = 0;
+  double std_return = 0;        // over episodes, population
+  std::optional<double> score;  // of the mean, normalised as D4RL; none without reference returns
+};
+
+class Evaluator {
+ public:
+  // Checks with the daemon that such a session can be opened. Errors: the daemon's, as
+  // client/client.h, which must outlive the evaluator.
+  static Result<Evaluator> Open(Client& client, const std::string& environment,
+                                const std::vector<NamedArgument>& perturbations, uint32_t episodes,
+                                uint64_t seed = 0);
+
+  // In a session of its own, since hours may pass between two evaluations and an idle session's
+  // lease ends. kInvalidArgument when the policy's sizes do not fit the environment.
+  // `watch`, if given, is called with the session after the reset and after each step of lane 0
+  // until its episode has ended; an error of its own ends the evaluation.
+  using Watcher = std::function<Status(RemoteEnvironment& session)>;
+  Result<EvaluationResult> Run(const AgentPolicy& policy, const Watcher& watch = nullptr);
+
+ private:
+  Evaluator(Client* client, std::string environment, EnvironmentOptions options, uint64_t seed)
+      : client_(client),
+        environment_(std::move(environment)),
+        options_(std::move(options)),
+        seed_(seed) {}
+
+  Client* client_;
+  std::string environment_;
+  EnvironmentOptions options_;
+  uint64_t seed_;
+};
+
+// One result in a checkpoint, under "<name>/".
+void SaveEvaluation(CheckpointWriter& writer, const std::string& name,
+                    const EvaluationResult& result);
+EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& name);
+
+}  // namespace b4mrl

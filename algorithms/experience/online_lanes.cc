@@ -1,0 +1,202 @@
+#include "algorithms/experience/online_lanes.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "algorithms/experience/training_simulator.h"
+#include "algorithms/learners/core_options.h"
+#include "algorithms/policy/observation_mask.h"
+#include "proto/wire/tensor_rows.h"
+
+namespace b4mrl {
+namespace {
+
+ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
+  ReplayBuffer::Options options;
+  options.observation_size = static_cast<int>(context.history_length) * context.observation_size();
+  options.action_size = context.action_size();
+  options.capacity = static_cast<uint64_t>(
+      NumberOr(context.hyperparameters, "replay-capacity", static_cast<double>(options.capacity)));
+  return options;
+}
+
+// A step fails now and then; so many after one another, and the simulator has nothing to give.
+constexpr uint64_t kBarrenVectorSteps = 1000;
+
+}  // namespace
+
+Result<OnlineLanes> OnlineLanes::Open(const LearnerContext& context,
+                                      std::optional<std::vector<float>> mask) {
+  const auto lanes = static_cast<uint32_t>(NumberOr(context.hyperparameters, "lanes", 1));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenTrainingSimulator(context, lanes));
+  if (!mask) {
+    B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
+                                                     simulator.in_force().perturbations()));
+  }
+  return OnlineLanes(context, std::move(simulator), *std::move(mask));
+}
+
+OnlineLanes::OnlineLanes(const LearnerContext& context, RemoteEnvironment simulator,
+                         std::vector<float> mask)
+    : context_(&context),
+      simulator_(std::move(simulator)),
+      mask_(std::move(mask)),
+      action_scale_(context.ActionScale()),
+      count_(simulator_.num_envs()),
+      exploration_noise_(
+          static_cast<float>(NumberOr(context.hyperparameters, "exploration-noise", 0))),
+      replay_options_(ReplayOptions(context)),
+      histories_(static_cast<int>(context.history_length), context.observation_size(),
+                 static_cast<int>(count_)),
+      previous_(replay_options_.observation_size),
+      visible_(context.observation_size()),
+      actions_(context.action_size(), static_cast<int>(count_)),
+      scaled_actions_(context.action_size(), static_cast<int>(count_)),
+      noise_(context.action_size(), static_cast<int>(count_)) {}
+
+Status OnlineLanes::Start() {
+  B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
+                         ReplayBuffer::CreateFile(ReplayPath(), replay_options_));
+  replay_.emplace(std::move(replay));
+  std::vector<uint64_t> seeds;
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    seeds.push_back(RoleSeed(context_->seed, "train-lane", lane));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, simulator_.Reset({}, seeds));
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    histories_.Reset(static_cast<int>(lane), Visible(RowOf(first.observations, lane)));
+  }
+  return Status();
+}
+
+Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
+  progress.Start("warm up", "transitions", transitions);
+  uint64_t last_stored = vector_steps_;
+  while (replay_->length() < transitions && !*context_->stop) {
+    const uint64_t length = replay_->length();
+    Rng rng(RoleSeed(context_->seed, "warm-up"), "actions", vector_steps_);
+    for (float& action : actions_.values()) action = static_cast<float>(rng.Uniform(-1, 1));
+    B4MRL_RETURN_IF_ERROR(StepAndStore().status());
+    progress.Update(replay_->length());
+    if (replay_->length() > length) last_stored = vector_steps_;
+    if (vector_steps_ - last_stored < kBarrenVectorSteps) continue;
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("none of {} vector steps after one another led to states that the "
+                              "simulator could give",
+                              kBarrenVectorSteps));
+  }
+  warm_up_steps_ = vector_steps_;
+  progress.Finish();
+  return Status();
+}
+
+Status OnlineLanes::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
+  Explore(policy);
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, StepAndStore());
+  std::vector<double> returns;
+  for (size_t i = 0; i < outcome.final_returns.size(); ++i) {
+    // A lane takes a step in every vector step, so an episode's length says when it began.
+    const bool in_warm_up = outcome.final_lengths[i] > vector_steps_ - warm_up_steps_;
+    if (!in_warm_up) returns.push_back(outcome.final_returns[i]);
+  }
+  metrics.AddAll("episodic_return", returns);
+  return Status();
+}
+
+void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
+  Rng rng(RoleSeed(context_->seed, "explore"), "actions", vector_steps_);
+  rng.FillNormal(noise_.values());
+  if (policy.stochastic()) return policy.Sample(histories_.view(), noise_.view(), actions_.view());
+  policy.Act(histories_.view(), actions_.view());
+  std::transform(actions_.values().begin(), actions_.values().end(), noise_.values().begin(),
+                 actions_.values().begin(), [&](float action, float noise) {
+                   return std::clamp(action + exploration_noise_ * noise, -1.0f, 1.0f);
+                 });
+}
+
+Result<StepOutcome> OnlineLanes::StepAndStore() {
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    for (int i = 0; i < context_->action_size(); ++i) {
+      scaled_actions_.view()(i, lane) = actions_.view()(i, lane) * action_scale_[i];
+    }
+  }
+  B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
+  ++vector_steps_;
+  size_t ended = 0;  // position in final_lanes, which are in order
+  for (uint32_t lane = 0; lane < count_; ++lane) {
+    std::span<const float> final_observation;
+    if (ended < outcome.final_lanes.size() && outcome.final_lanes[ended] == lane) {
+      final_observation = RowOf(outcome.final_observations, ended++);
+    }
+    B4MRL_RETURN_IF_ERROR(Store(static_cast<int>(lane), outcome, final_observation));
+  }
+  return outcome;
+}
+
+Status OnlineLanes::Store(int lane, const StepOutcome& outcome,
+                          std::span<const float> final_observation) {
+  const std::span<const float> observation = RowOf(outcome.observations, lane);
+  const bool ended = !final_observation.empty();
+  const std::span<const float> stacked = histories_.lane(lane);
+  std::copy(stacked.begin(), stacked.end(), previous_.begin());
+  histories_.Push(lane, Visible(ended ? final_observation : observation));
+
+  const auto cause = static_cast<Cause>(outcome.causes[lane]);
+  if (cause != Cause::kCrash && cause != Cause::kNumericalError) {
+    const float* action = actions_.view().column(lane);
+    B4MRL_RETURN_IF_ERROR(
+        replay_->Append({.observation = previous_,
+                         .action = {action, static_cast<size_t>(context_->action_size())},
+                         .next_observation = histories_.lane(lane),
+                         .reward = static_cast<float>(outcome.rewards[lane]),
+                         .terminated = outcome.terminated[lane] != 0}));
+  }
+  if (ended) histories_.Reset(lane, Visible(observation));
+  return Status();
+}
+
+std::span<const float> OnlineLanes::Visible(std::span<const float> observation) {
+  if (mask_.empty()) return observation;
+  std::transform(observation.begin(), observation.end(), mask_.begin(), visible_.begin(),
+                 [](float value, float seen) { return seen == 0 ? 0 : value; });
+  return visible_;
+}
+
+std::vector<float> OnlineLanes::policy_mask() const {
+  std::vector<float> stacked;
+  for (uint32_t i = 0; i < context_->history_length; ++i) {
+    stacked.insert(stacked.end(), mask_.begin(), mask_.end());
+  }
+  return stacked;
+}
+
+Status OnlineLanes::Save(CheckpointWriter& writer) {
+  B4MRL_RETURN_IF_ERROR(replay_->Sync());
+  B4MRL_ASSIGN_OR_RETURN(const LaneStates states, simulator_.Snapshot());
+  writer.Bytes("lanes/snapshot", states.snapshot);
+  writer.Floats("lanes/histories", histories_.values());
+  writer.Unsigned("lanes/vector_steps", vector_steps_);
+  writer.Unsigned("lanes/warm_up_steps", warm_up_steps_);
+  writer.Unsigned("lanes/replay_length", replay_->length());
+  return Status();
+}
+
+Status OnlineLanes::Load(CheckpointReader& reader) {
+  LaneStates states;
+  states.lanes = count_;
+  states.snapshot = reader.Bytes("lanes/snapshot");
+  reader.FloatsInto("lanes/histories", histories_.values());
+  vector_steps_ = reader.Unsigned("lanes/vector_steps");
+  // Older checkpoints do not say it: no episode is left out.
+  warm_up_steps_ = reader.Has("lanes/warm_up_steps") ? reader.Unsigned("lanes/warm_up_steps") : 0;
+  const uint64_t length = reader.Unsigned("lanes/replay_length");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
+                         ReplayBuffer::ResumeFile(ReplayPath(), replay_options_, length));
+  replay_.emplace(std::move(replay));
+  return simulator_.Restore(states).status();
+}
+
+}  // namespace b4mrl

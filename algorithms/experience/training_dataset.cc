@@ -1,0 +1,75 @@
+#include "algorithms/experience/training_dataset.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "client/client.h"
+
+namespace b4mrl {
+
+Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context) {
+  DatasetOptions options;
+  options.corruption = context.corruption;
+  options.deadline_ms = kLearnerDeadlineMs;
+  options.seed = RoleSeed(context.seed, "corruption");
+  B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened,
+                         context.client->OpenDataset(context.dataset, options));
+  auto dataset = std::make_unique<RemoteDataset>(std::move(opened));
+  // Sizes do not tell tasks apart: HalfCheetah and Walker2d have the same.
+  if (!dataset->environment().empty() && dataset->environment() != context.environment.name) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("dataset {} was recorded in {}, not in {}", context.dataset,
+                              dataset->environment(), context.environment.name));
+  }
+  if (dataset->observation_size() != context.environment.observation.size() ||
+      dataset->action_size() != context.environment.action.size()) {
+    return Status(
+        StatusCode::kInvalidArgument,
+        fmt::format("dataset {} has {} observation and {} action values, {} has {} and {}",
+                    context.dataset, dataset->observation_size(), dataset->action_size(),
+                    context.environment.name, context.environment.observation.size(),
+                    context.environment.action.size()));
+  }
+  return dataset;
+}
+
+int RealRows(const Hyperparameters& values) {
+  return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
+}
+
+Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, uint64_t rows) {
+  const uint32_t most = RemoteDataset::MaxRowsPerRequest(context.environment.observation.size(),
+                                                         context.environment.action.size());
+  if (rows <= most) return Status();
+  return InvalidNumber(name, static_cast<double>(rows),
+                       fmt::format("1..{}, the rows that one request for a dataset of {} holds",
+                                   most, context.environment.name));
+}
+
+Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
+                                      uint64_t cycle) {
+  const uint32_t most = dataset.max_rows_per_request();
+  const uint64_t requests = (uint64_t{rows} + most - 1) / most;
+  std::vector<float> starts;
+  starts.reserve(rows * dataset.observation_size());
+  for (uint64_t i = 0; i < requests; ++i) {
+    const auto left = static_cast<uint32_t>(rows - i * most);
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows batch,
+                           dataset.Sample(std::min(left, most), seed, cycle * requests + i));
+    starts.insert(starts.end(), batch.observations.begin(), batch.observations.end());
+  }
+  return starts;
+}
+
+Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset) {
+  const std::string saved = reader.Text("dataset");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (saved == dataset.fingerprint()) return Status();
+  return Status(StatusCode::kDataLoss,
+                fmt::format("the run's dataset has fingerprint {}, now it is {}: the file changed",
+                            saved, dataset.fingerprint()));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,32 @@
+#include "algorithms/experience/training_simulator.h"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "client/client.h"
+
+namespace b4mrl {
+
+Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, uint32_t lanes) {
+  EnvironmentOptions options;
+  options.simulator = context.simulator;
+  options.num_envs = lanes;
+  options.seed = context.seed;  // lanes get their own seeds at the first reset
+  options.autoreset_mode = AutoresetMode::kSameStep;
+  options.deadline_ms = kLearnerDeadlineMs;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session,
+                         context.client->Make(context.environment.name, options));
+  const EnvironmentSpec& spec = session.spec();
+  if (spec.observation.size() != context.environment.observation.size() ||
+      spec.action.size() != context.environment.action.size()) {
+    return Status(
+        StatusCode::kInvalidArgument,
+        fmt::format("the simulator has {} observation and {} action values, {} has {} and {}",
+                    spec.observation.size(), spec.action.size(), context.environment.name,
+                    context.environment.observation.size(), context.environment.action.size()));
+  }
+  return session;
+}
+
+}  // namespace b4mrl

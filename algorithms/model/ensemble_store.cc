@@ -1,0 +1,264 @@
+#include "algorithms/model/ensemble_store.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <span>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "algorithms/base/checkpoint.h"
+#include "data/files/file_hash.h"
+#include "proto/base/version.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int64_t kUpdatesPerCall = 100;   // between two looks at the progress bar
+constexpr int64_t kUpdatesPerSave = 1000;  // a quarter of a minute's
+
+// --- Keys ---
+
+template <typename T>
+void HashValues(StreamHash& hash, std::span<const T> values) {
+  const size_t count = values.size();
+  hash.Update(std::as_bytes(std::span(&count, 1)));
+  hash.Update(std::as_bytes(values));
+}
+
+void HashText(StreamHash& hash, const std::string& text) {
+  HashValues(hash, std::span<const char>(text));
+}
+
+void HashColumns(StreamHash& hash, MatrixView<const float> columns) {
+  for (int i = 0; i < columns.columns; ++i) {
+    HashValues(hash, std::span(columns.column(i), static_cast<size_t>(columns.rows)));
+  }
+}
+
+void HashState(StreamHash& hash, DynamicsEnsemble<float>& ensemble) {
+  ensemble.VisitArrays([&](const NamedArray<float>& array) {
+    HashText(hash, array.name);
+    HashValues(hash, std::span<const float>(array.values));
+  });
+  ensemble.VisitCounters([&](const NamedCounter& counter) {
+    HashText(hash, counter.name);
+    HashValues(hash, std::span<const int64_t>(counter.value, 1));
+  });
+}
+
+// Every option by name: one that is added and forgotten here does not compile.
+std::string Describe(const DynamicsEnsembleOptions& options) {
+  const auto& [observation_size, action_size, members, elites, hidden, initialization,
+               learning_rate, batch_size, decay, decay_scale, bound_weight, max_log_var,
+               min_log_var, bootstrap, scale_inputs, holdout_rule, holdout_fraction, holdout_max,
+               min_improvement, patience_epochs, max_updates, seed] = options;
+  return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+                     observation_size, action_size, members, elites, fmt::join(hidden, "+"),
+                     static_cast<int>(initialization), learning_rate, batch_size,
+                     fmt::join(decay, "+"), decay_scale, bound_weight, max_log_var, min_log_var,
+                     bootstrap, scale_inputs, static_cast<int>(holdout_rule), holdout_fraction,
+                     holdout_max, min_improvement, patience_epochs, max_updates, seed);
+}
+
+std::string KeyAfterFirstUpdate(const DynamicsData<float>& data,
+                                DynamicsEnsemble<float>& ensemble) {
+  StreamHash hash;
+  HashText(hash, std::string(ProjectVersion()));
+  HashText(hash, Describe(ensemble.options()));
+  HashColumns(hash, data.observations);
+  HashColumns(hash, data.actions);
+  HashColumns(hash, data.targets);
+  HashState(hash, ensemble);
+  return hash.Hex();
+}
+
+// --- Files ---
+
+std::string RunPath(const EnsembleFiles& files) { return files.run_folder + "/ensemble.h5"; }
+
+std::string CacheFolder(const EnsembleFiles& files) { return files.cache_folder + "/ensembles"; }
+
+std::string CachePath(const EnsembleFiles& files, const std::string& key) {
+  return fmt::format("{}/{}.h5", CacheFolder(files), key);
+}
+
+std::string StateHash(DynamicsEnsemble<float>& ensemble) {
+  StreamHash hash;
+  HashState(hash, ensemble);
+  return hash.Hex();
+}
+
+Status Save(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
+  B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer, CheckpointWriter::Create(path));
+  writer.Text("key", key);
+  writer.Text("state_hash", StateHash(ensemble));
+  writer.State("ensemble", ensemble);
+  return writer.Commit();
+}
+
+// Leaves `ensemble` as it was, and says why, when the file is absent (kFailedPrecondition), damaged
+// or of another key.
+Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
+  std::error_code error;
+  if (!fs::exists(path, error))
+    return Status(StatusCode::kFailedPrecondition, path + " does not exist");
+  B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader, CheckpointReader::Open(path));
+  const std::string found = reader.Text("key");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (found != key) {
+    return Status(StatusCode::kDataLoss, path + " is of other data, options or another version");
+  }
+  DynamicsEnsemble<float> loaded = ensemble;
+  reader.StateInto("ensemble", loaded);
+  const std::string state_hash = reader.Text("state_hash");
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  if (state_hash != StateHash(loaded)) {
+    return Status(StatusCode::kDataLoss, path + " is damaged: its hash is another one");
+  }
+  ensemble = std::move(loaded);
+  return Status();
+}
+
+bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
+
+// The longest unused files go until the rest fits.
+void BoundCache(const std::string& folder, uint64_t bytes_max) {
+  struct Kept {
+    fs::path path;
+    fs::file_time_type used;
+    uint64_t bytes;
+  };
+  std::vector<Kept> kept;
+  std::error_code error;
+  uint64_t total = 0;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    if (!entry.is_regular_file(error)) continue;
+    kept.push_back({entry.path(), entry.last_write_time(error), entry.file_size(error)});
+    total += kept.back().bytes;
+  }
+  std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) { return a.used < b.used; });
+  for (const Kept& file : kept) {
+    if (total <= bytes_max) return;
+    fs::remove(file.path, error);
+    total -= file.bytes;
+  }
+}
+
+Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
+                     DynamicsEnsemble<float>& ensemble) {
+  if (files.cache_folder.empty()) return Status(StatusCode::kFailedPrecondition, "nothing is kept");
+  B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), key, ensemble));
+  std::error_code ignored;  // used just now; if that cannot be noted, it may go earlier
+  fs::last_write_time(CachePath(files, key), fs::file_time_type::clock::now(), ignored);
+  return Status();
+}
+
+void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
+          Progress& progress) {
+  std::error_code error;
+  if (files.cache_folder.empty() || fs::exists(CachePath(files, key), error)) return;
+  fs::create_directories(CacheFolder(files), error);
+  const Status status = Save(CachePath(files, key), key, ensemble);
+  // Another run that keeps the same one at this moment is as good.
+  if (!status.ok() && status.code() != StatusCode::kBusy) {
+    progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
+  }
+  BoundCache(CacheFolder(files), files.cache_bytes_max);
+}
+
+// --- Training ---
+
+Status CheckFinite(const DynamicsProgress& state) {
+  if (std::isfinite(state.train_loss)) return Status();
+  return Status(
+      StatusCode::kFailedPrecondition,
+      fmt::format("the ensemble's loss became {} in epoch {}", state.train_loss, state.epoch));
+}
+
+// What was done before, by this run or another one.
+void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
+            Progress& progress) {
+  const Status own = Load(RunPath(files), key, ensemble);
+  if (own.ok()) {
+    if (!ensemble.trained()) progress.Message("training of the ensemble goes on where it stopped");
+    return;
+  }
+  const Status kept = LoadFromCache(key, files, ensemble);
+  if (kept.ok()) {
+    progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
+    return;
+  }
+  for (const Status& refused : {own, kept}) {
+    if (!IsThere(refused)) continue;
+    progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));
+  }
+}
+
+Status TrainOn(const std::string& key, const DynamicsData<float>& data, const EnsembleFiles& files,
+               DynamicsEnsemble<float>& ensemble, Progress& progress,
+               const std::atomic<bool>& stop) {
+  DynamicsProgress state = ensemble.Train(data, 0);
+  int64_t saved_updates = state.updates;
+  progress.Start("train ensemble", "updates", static_cast<uint64_t>(ensemble.options().max_updates),
+                 static_cast<uint64_t>(state.updates));
+  while (!state.finished && !stop) {
+    state = ensemble.Train(data, kUpdatesPerCall);
+    B4MRL_RETURN_IF_ERROR(CheckFinite(state));
+    std::string note;
+    if (state.epoch_ended) {
+      const double best = *std::min_element(state.holdout_mse.begin(), state.holdout_mse.end());
+      note = fmt::format("epoch {}, hold-out error {:.4f}", state.epoch, best);
+    }
+    progress.Update(static_cast<uint64_t>(state.updates), note);
+    if (state.updates - saved_updates < kUpdatesPerSave) continue;
+    B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));
+    saved_updates = state.updates;
+  }
+  progress.Finish();
+  return Status();
+}
+
+}  // namespace
+
+std::string DefaultCacheFolder() {
+  const char* cache = std::getenv("XDG_CACHE_HOME");
+  if (cache != nullptr && *cache == '/') return fmt::format("{}/b4mrl", cache);
+  const char* home = std::getenv("HOME");
+  if (home != nullptr && *home == '/') return fmt::format("{}/.cache/b4mrl", home);
+  return "";
+}
+
+Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
+                                  DynamicsEnsemble<float>& ensemble, Progress& progress,
+                                  const std::atomic<bool>& stop) {
+  B4MRL_RETURN_IF_ERROR(ensemble.StartTraining(data));
+  B4MRL_RETURN_IF_ERROR(CheckFinite(ensemble.Train(data, 1)));
+  const std::string key = KeyAfterFirstUpdate(data, ensemble);
+  TakeUp(key, files, ensemble, progress);
+  if (!ensemble.trained()) {
+    B4MRL_RETURN_IF_ERROR(TrainOn(key, data, files, ensemble, progress, stop));
+    if (ensemble.trained()) Keep(key, files, ensemble, progress);
+  }
+  // Also of one from the cache, which may be gone when this run is resumed.
+  B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));
+  return key;
+}
+
+Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,
+                           DynamicsEnsemble<float>& ensemble) {
+  const Status own = Load(RunPath(files), key, ensemble);
+  const bool loaded = own.ok() || LoadFromCache(key, files, ensemble).ok();
+  if (loaded && ensemble.trained()) return Status();
+  return Status(StatusCode::kDataLoss,
+                own.ok() ? RunPath(files) + " holds no trained ensemble" : own.message());
+}
+
+}  // namespace b4mrl

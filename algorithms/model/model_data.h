@@ -1,0 +1,42 @@
+// What an ensemble learns from: for every row of a dataset, in order, (o, a) and a target.
+//
+//   MOPO    [o' - o, r]       what the step changed
+//   HyMOPO  [o' - o'_sim, r]  how far the simulator was off: a pre-pass asks T_sim(o, a) for each
+//                             row, draw 0, the row's own number naming its noise: one frozen pass
+// Both o and o' are what the daemon serves, so nothing that a corruption hides can enter; o' is the
+// stored next observation, which at the end of an episode is not the next row. Rows whose target is
+// not finite, or that the simulator cannot answer, are dropped and counted; a dataset without any
+// other is kFailedPrecondition.
+#pragma once
+
+#include <cstdint>
+
+#include "algorithms/base/learner.h"
+#include "algorithms/model/dynamics_ensemble.h"
+#include "algorithms/nn/view.h"
+#include "client/remote_dataset.h"
+#include "client/remote_environment.h"
+
+namespace b4mrl {
+
+struct ModelData {
+  MatrixBuffer<float> observations;  // columns are rows of the dataset, in order
+  MatrixBuffer<float> actions;       // in [-1, 1]
+  MatrixBuffer<float> targets;
+  int rows = 0;  // valid ones: the leading columns
+  uint64_t invalid_rows = 0;
+
+  DynamicsData<float> view() const {
+    return {observations.view(rows), actions.view(rows), targets.view(rows)};
+  }
+};
+
+// MOPO's.
+Result<ModelData> ReadChanges(const LearnerContext& context, RemoteDataset& dataset,
+                              Progress& progress);
+// HyMOPO's. `simulator`: a session of the simulator for queries; `query_seed` names its noise.
+Result<ModelData> QueryCorrections(const LearnerContext& context, RemoteDataset& dataset,
+                                   RemoteEnvironment& simulator, uint64_t query_seed,
+                                   Progress& progress);
+
+}  // namespace b4mrl

@@ -1,0 +1,106 @@
+// Short rollouts in a learned model, in large batches: the hot path of MOPO and HyMOPO.
+//
+// From each start row, `horizon` steps:   a ~ pi(o);   one elite f_i at random;
+//   (delta, r) ~ f_i(o, a);   r~ = r - penalty * max_i |std_i(o, a)|
+//   MOPO:    o' = o + delta
+//   HyMOPO:  o' = o'_sim + delta,  o'_sim = T_sim(o, a), asked of the daemon
+// A row ends, too, where the termination function says so of o' (without one: the simulator of
+// o'_sim). A row whose query or prediction is not finite is dropped and counted. Rows that have
+// ended take no part in later steps.
+//
+// Rows go in chunks. Several chunks are at the daemon at any time, and while it simulates, this
+// thread infers the policy and the ensemble for others: the correction needs o and a only, not
+// o'_sim.
+//
+// Our noise is addressed by (cycle, step, start row), the simulator's by (cycle, step, chunk, place
+// among its rows under way), and transitions come in the order of chunks, so results depend neither
+// on when answers come nor on the daemon's threads. Dimensions that the
+// dataset hides stay zero in o', as the policy will meet them. Thread rule: one thread; from
+// Begin to Finish one of its own does the work, so that the caller's updates overlap with inference
+// and not only with the simulator. Meanwhile it has the simulator session (num_envs 0) and the
+// ensemble to itself, but for readers of the ensemble's arrays. Both outlive the object.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include "algorithms/experience/replay_buffer.h"
+#include "algorithms/model/dynamics_ensemble.h"
+#include "algorithms/model/termination.h"
+#include "algorithms/policy/inference.h"
+#include "client/remote_environment.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct ModelRolloutOptions {
+  int observation_size = 0;
+  int action_size = 0;
+  int horizon = 5;
+  double penalty = 0;
+  int chunk_rows = 2'000;  // at most limits::kMaxQueryRows
+  int chunks_in_flight = 6;
+  uint64_t seed = 0;
+  std::vector<float> action_scale;
+  std::vector<float> mask;                 // of an observation: 1 seen, 0 hidden; empty: all seen
+  std::optional<Termination> termination;  // none: the simulator's
+};
+
+struct RolloutCounts {
+  uint64_t rows = 0;             // transitions made
+  uint64_t invalid_rows = 0;     // dropped
+  uint64_t terminated_rows = 0;  // of `rows`
+  double reward_sum = 0;         // after the penalty, over `rows`
+};
+
+class ModelRollout {
+ public:
+  // `simulator`: nullptr for MOPO's, which then needs a termination function.
+  ModelRollout(ModelRolloutOptions options, RemoteEnvironment* simulator,
+               DynamicsEnsemble<float>* ensemble);
+  ~ModelRollout();
+
+  // Starts rollout number `cycle` from `starts` (row-major observations) under `policy`. Needs
+  // done().
+  Status Begin(uint64_t cycle, std::vector<float> starts, const PolicyWeights& policy);
+  bool done() const { return !worker_.joinable(); }
+  // Waits for the end, then appends all transitions to `pool`: chunk by chunk, in each step by
+  // step, in the order of start rows.
+  Result<RolloutCounts> Finish(ReplayBuffer& pool);
+
+ private:
+  struct Chunk;
+  Status RollOut(const std::stop_token& stop);
+  Status Advance();
+  Status Fill();
+  Status BeginStep(Chunk& chunk);
+  void DrawNoise(const char* purpose, const Chunk& chunk, MatrixView<float> noise) const;
+  void SampleActions(Chunk& chunk);
+  Status SendQuery(Chunk& chunk);
+  void SampleModel(Chunk& chunk);
+  Status ReceiveNext(Chunk& chunk);
+  void CompleteStep(Chunk& chunk);
+  bool CompleteRow(Chunk& chunk, int row);
+
+  ModelRolloutOptions options_;
+  RemoteEnvironment* simulator_;
+  DynamicsEnsemble<float>* ensemble_;
+  std::optional<FixedOrderPolicy> policy_;
+  std::vector<float> starts_;
+  uint64_t cycle_ = 0;
+  int next_start_ = 0;                         // first start row that no chunk has taken
+  std::deque<std::unique_ptr<Chunk>> active_;  // in the order in which their requests were sent
+  std::vector<std::unique_ptr<Chunk>> finished_;
+  // Of one step of one chunk.
+  MatrixBuffer<float> observations_, actions_, action_noise_, model_noise_;
+  std::vector<int> members_;
+  Status worker_status_;
+  std::jthread worker_;  // last, so that it ends before what it uses
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,278 @@
+#include "algorithms/run/run_record.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/nn/products/blas.h"
+#include "data/d4rl/agent_file.h"
+#include "data/files/atomic_file.h"
+#include "proto/base/limits.h"
+#include "proto/base/rng.h"
+#include "proto/base/version.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMaxRecordBytes = 1 << 20;
+constexpr std::ptrdiff_t kSessionsKept = 100;
+
+std::string RecordPath(const std::string& folder) { return folder + "/run.json"; }
+
+Status NotUnderstood(std::string_view name, const Json& value, const std::string& allowed) {
+  // Nested values are not written out: a file may nest them deeper than a stack is.
+  const std::string text = value.is_structured()
+                               ? std::string(value.type_name())
+                               : value.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return Status(StatusCode::kDataLoss, InvalidArgument(name, text, allowed).message());
+}
+
+// Each leaves `value` alone when the record lacks the name; kDataLoss with the name, what is there
+// and what is allowed.
+Status Take(const Json& json, const char* name, std::string& value) {
+  const auto found = json.find(name);
+  if (found == json.end() || found->is_null()) return Status();
+  if (!found->is_string()) return NotUnderstood(name, *found, "a text");
+  value = found->get_ref<const std::string&>();
+  return Status();
+}
+
+// The training loop divides by some of these, and a wider number would be cut short.
+template <typename T>
+Status Take(const Json& json, const char* name, T& value, uint64_t low, uint64_t high) {
+  const auto found = json.find(name);
+  if (found == json.end() || found->is_null()) return Status();
+  if (!found->is_number_unsigned() || found->get<uint64_t>() < low ||
+      found->get<uint64_t>() > high) {
+    return NotUnderstood(name, *found, fmt::format("a whole number in {}..{}", low, high));
+  }
+  value = static_cast<T>(found->get<uint64_t>());
+  return Status();
+}
+
+Status TakeNumbers(const Json& json, TrainOptions& options) {
+  constexpr uint64_t kAny = std::numeric_limits<uint64_t>::max();
+  B4MRL_RETURN_IF_ERROR(Take(json, "history", options.history_length, 1, kMaxAgentHistory));
+  B4MRL_RETURN_IF_ERROR(Take(json, "seed", options.seed, 0, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "updates", options.updates, 0, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "eval_every", options.eval_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(
+      Take(json, "eval_episodes", options.eval_episodes, 1, limits::kMaxLanesPerSession));
+  B4MRL_RETURN_IF_ERROR(Take(json, "log_every", options.log_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "checkpoint_every", options.checkpoint_every, 1, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "threads", options.threads, 1, kMaxTrainingThreads));
+  const auto score = json.find("stop_at_score");
+  if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
+  options.eval_inline = json.value("eval_inline", Json()) == true;
+  return Status();
+}
+
+Status TakeHyperparameters(const Json& json, RunRecord& record) {
+  const auto table = json.find("hyperparameters");
+  if (table == json.end() || !table->is_object()) {
+    return Status(StatusCode::kDataLoss, "it has no table of hyperparameters");
+  }
+  for (const auto& [name, value] : table->items()) {
+    if (!value.is_number() && !value.is_string()) {
+      return NotUnderstood(name, value, "a number or a text");
+    }
+    record.hyperparameters.emplace_back(
+        name, value.is_number() ? value.dump() : value.get<std::string>());
+  }
+  return Status();
+}
+
+Status TakeOptions(const Json& json, RunRecord& record) {
+  TrainOptions& options = record.options;
+  B4MRL_RETURN_IF_ERROR(Take(json, "algorithm", options.algorithm));
+  B4MRL_RETURN_IF_ERROR(Take(json, "environment", options.environment));
+  B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
+  B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
+  B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
+  B4MRL_RETURN_IF_ERROR(Take(json, "command", options.command));
+  B4MRL_RETURN_IF_ERROR(TakeNumbers(json, options));
+  return TakeHyperparameters(json, record);
+}
+
+RunSession SessionOf(const Json& json) {
+  const auto text = [&](const char* name) {
+    const auto found = json.find(name);
+    return found != json.end() && found->is_string() ? found->get<std::string>() : "";
+  };
+  return {text("version"), text("blas_kernel")};
+}
+
+// A record of an older version has the last session alone.
+std::vector<RunSession> TakeSessions(const Json& json) {
+  std::vector<RunSession> sessions;
+  const auto found = json.find("sessions");
+  if (found != json.end() && found->is_array()) {
+    for (const Json& item : *found) {
+      if (item.is_object()) sessions.push_back(SessionOf(item));
+    }
+  }
+  if (sessions.empty() && json.contains("version")) sessions.push_back(SessionOf(json));
+  return sessions;
+}
+
+// The newest ones, one for each change.
+std::vector<RunSession> WithPresent(std::span<const RunSession> before, const RunSession& present) {
+  std::vector<RunSession> all(before.begin(), before.end());
+  if (all.empty() || all.back() != present) all.push_back(present);
+  if (all.size() > kSessionsKept) all.erase(all.begin(), all.end() - kSessionsKept);
+  return all;
+}
+
+// A TOML string; JSON's escapes are among TOML's.
+std::string Quoted(const std::string& text) {
+  return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+// "batch-size = 256  # rows: of one update; from sfujim/TD3"
+std::string ConfigurationLine(const Hyperparameter& entry) {
+  const std::string text = entry.choices.empty() ? entry.Text() : Quoted(entry.Text());
+  std::string line = fmt::format("{} = {}  # ", entry.name, text);
+  if (!entry.unit.empty()) line += fmt::format("{}: ", entry.unit);
+  line += entry.meaning;
+  if (!entry.source.empty()) line += fmt::format("; from {}", entry.source);
+  return line + "\n";
+}
+
+// Of a folder's name that no shell or file system minds.
+bool IsPlain(char c) {
+  return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+         std::string_view(".,=+-").find(c) != std::string_view::npos;
+}
+
+}  // namespace
+
+std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
+  std::string name = fmt::format("{}-{}", options.environment, options.algorithm);
+  // A hybrid's dataset must not be taken for a simulator.
+  const bool hybrid = needs.simulator && needs.dataset;
+  if (!options.simulator.empty() || hybrid) {
+    name += "-" + (options.simulator.empty() ? "true" : options.simulator);
+  }
+  const bool own_dataset = options.dataset.starts_with(options.environment + "/");
+  if (!options.dataset.empty()) {
+    name += "-" + options.dataset.substr(own_dataset ? options.environment.size() + 1 : 0);
+  }
+  if (!options.corruption.empty()) name += "+" + options.corruption;
+  if (options.history_length > 1) name += fmt::format("-h{}", options.history_length);
+  name += fmt::format("-s{}", options.seed);
+
+  const std::string all = name;
+  std::ranges::replace_if(
+      name, [](char c) { return !IsPlain(c); }, '_');
+  constexpr size_t kHashBytes = 17;
+  const bool whole = name == all && name.size() <= kMaxRunNameBytes;
+  if (whole && (own_dataset || options.dataset.empty())) return name;
+  name.resize(std::min(name.size(), kMaxRunNameBytes - kHashBytes));
+  return fmt::format("{}-{:016x}", name, HashName(all));
+}
+
+Status WriteRunConfiguration(const TrainOptions& options) {
+  std::string text = "# b4mrl train --config THIS_FILE --out FOLDER repeats the run.\n";
+  const auto add = [&](std::string_view name, const auto& value) {
+    text += fmt::format("{} = {}\n", name, value);
+  };
+  add("algorithm", Quoted(options.algorithm));
+  add("environment", Quoted(options.environment));
+  if (!options.simulator.empty()) add("simulator", Quoted(options.simulator));
+  if (!options.dataset.empty()) add("dataset", Quoted(options.dataset));
+  if (!options.corruption.empty()) add("corruption", Quoted(options.corruption));
+  add("history", options.history_length);
+  add("seed", Quoted(fmt::format("{}", options.seed)));  // TOML's integers have a sign
+  add("updates", options.updates);
+  add("eval-every", options.eval_every);
+  add("eval-episodes", options.eval_episodes);
+  add("eval-inline", options.eval_inline);
+  add("log-every", options.log_every);
+  add("checkpoint-every", options.checkpoint_every);
+  add("threads", options.threads);
+  if (options.stop_at_score) add("stop-at-score", *options.stop_at_score);
+  text += fmt::format("\n# Hyperparameters of {}\n", options.algorithm);
+  for (const Hyperparameter& entry : options.hyperparameters.entries()) {
+    text += ConfigurationLine(entry);
+  }
+  return WriteSmallFile(options.folder + "/config.toml", text);
+}
+
+Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> before) {
+  Json json;
+  json["algorithm"] = options.algorithm;
+  json["environment"] = options.environment;
+  json["simulator"] = options.simulator;
+  json["dataset"] = options.dataset;
+  json["corruption"] = options.corruption;
+  json["history"] = options.history_length;
+  json["seed"] = options.seed;
+  json["updates"] = options.updates;
+  json["eval_every"] = options.eval_every;
+  json["eval_episodes"] = options.eval_episodes;
+  json["eval_inline"] = options.eval_inline;
+  json["log_every"] = options.log_every;
+  json["checkpoint_every"] = options.checkpoint_every;
+  json["threads"] = options.threads;
+  json["stop_at_score"] = options.stop_at_score ? Json(*options.stop_at_score) : Json(nullptr);
+  json["hyperparameters"] = Json::object();
+  for (const Hyperparameter& entry : options.hyperparameters.entries()) {
+    Json& value = json["hyperparameters"][std::string(entry.name)];
+    if (entry.choices.empty()) {
+      value = entry.value;
+    } else {
+      value = entry.Text();
+    }
+  }
+  json["command"] = options.command;
+  const RunSession present = PresentSession();
+  json["version"] = present.version;
+  json["blas_kernel"] = present.blas_kernel;
+  json["sessions"] = Json::array();
+  for (const RunSession& session : WithPresent(before, present)) {
+    json["sessions"].push_back(
+        {{"version", session.version}, {"blas_kernel", session.blas_kernel}});
+  }
+  // Bytes of the command line that are not UTF-8 must not throw.
+  return WriteSmallFile(RecordPath(options.folder),
+                        json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+RunSession PresentSession() { return {std::string(ProjectVersion()), BlasKernelName()}; }
+
+Status CheckNoEarlierRun(const TrainOptions& options) {
+  if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
+                            "--out",
+                            options.folder));
+}
+
+bool HasRunRecord(const std::string& folder) {
+  std::error_code error;
+  return std::filesystem::exists(RecordPath(folder), error);
+}
+
+Result<RunRecord> ReadRunRecord(const std::string& folder) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text,
+                         ReadSmallFile(RecordPath(folder), kMaxRecordBytes));
+  const Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  RunRecord record;
+  if (!json.is_object()) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("{} is not a run's record", RecordPath(folder)));
+  }
+  if (const Status status = TakeOptions(json, record); !status.ok()) {
+    return status.WithContext(RecordPath(folder));
+  }
+  record.sessions = TakeSessions(json);
+  return record;
+}
+
+}  // namespace b4mrl

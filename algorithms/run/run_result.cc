@@ -1,0 +1,151 @@
+#include "algorithms/run/run_result.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/file.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "data/files/atomic_file.h"
+#include "proto/base/clock.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMaxResultBytes = 1 << 20;
+// A reader holds the lock for microseconds (ReadRunStatus); whoever trains, for longer than this.
+constexpr int64_t kLockPatienceMs = 200;
+constexpr int kLockPauseMs = 10;
+
+constexpr std::array<std::pair<RunState, std::string_view>, 6> kStates = {{
+    {RunState::kRunning, "running"},
+    {RunState::kFinished, "finished"},
+    {RunState::kInterrupted, "interrupted"},
+    {RunState::kDiverged, "diverged"},
+    {RunState::kFailed, "failed"},
+    {RunState::kKilled, "killed"},
+}};
+
+std::string ResultPath(const std::string& folder) { return folder + "/result.json"; }
+std::string LockPath(const std::string& folder) { return folder + "/lock"; }
+
+// Bytes of the command line that are not UTF-8 must not throw.
+std::string Text(const Json& json) {
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+void SetState(Json& json, RunState state, const std::string& reason) {
+  json["state"] = RunStateName(state);
+  json["reason"] = reason;
+  json["interrupted"] = state == RunState::kInterrupted;
+}
+
+Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
+  Json json;
+  SetState(json, summary.state, summary.reason);
+  json["updates"] = summary.updates;
+  json["environment_steps"] = summary.environment_steps;
+  json["algorithm"] = options.algorithm;
+  json["environment"] = options.environment;
+  json["simulator"] = options.simulator;
+  json["dataset"] = options.dataset;
+  json["corruption"] = options.corruption;
+  json["seed"] = options.seed;
+  if (!summary.last) return json;
+  json["agent"] = summary.agent_path;
+  json["returns"] = summary.last->returns;
+  json["mean_return"] = summary.last->mean_return;
+  json["std_return"] = summary.last->std_return;
+  if (summary.last->given_up > 0) json["given_up_episodes"] = summary.last->given_up;
+  if (summary.last->score) json["score"] = *summary.last->score;
+  json["mean_return_of_last_ten"] = summary.mean_return_of_last_ten;
+  if (summary.mean_score_of_last_ten) {
+    json["mean_score_of_last_ten"] = *summary.mean_score_of_last_ten;
+  }
+  return json;
+}
+
+// Deeper values would be written again by recursion, and a file may nest them deeper than a stack.
+bool IsFlat(const Json& value) {
+  const auto primitive = [](const Json& item) { return item.is_primitive(); };
+  return value.is_primitive() || (value.is_array() && std::ranges::all_of(value, primitive));
+}
+
+Result<Json> ReadResult(const std::string& folder) {
+  const std::string path = ResultPath(folder);
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxResultBytes));
+  Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (json.is_object() && std::ranges::all_of(json, IsFlat)) return json;
+  return Status(StatusCode::kDataLoss, fmt::format("{} is not a run's result", path));
+}
+
+Result<RunStatus> StatusOf(const Json& json, const std::string& folder) {
+  const Json state = json.value("state", Json());
+  const Json reason = json.value("reason", Json());
+  const Json updates = json.value("updates", Json());
+  for (const auto& [value, name] : kStates) {
+    if (state != name || !reason.is_string() || !updates.is_number_unsigned()) continue;
+    return RunStatus{value, reason.get<std::string>(), updates.get<uint64_t>()};
+  }
+  return Status(StatusCode::kDataLoss,
+                fmt::format("{} names no state, reason and updates", ResultPath(folder)));
+}
+
+bool SomebodyTrainsIn(const std::string& folder) {
+  const UniqueFd fd(open(LockPath(folder).c_str(), O_RDONLY | O_CLOEXEC));
+  return fd.valid() && flock(fd.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
+}  // namespace
+
+std::string_view RunStateName(RunState state) { return kStates[static_cast<size_t>(state)].second; }
+
+std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary) {
+  return Text(SummaryObject(options, summary));
+}
+
+Status WriteResult(const TrainOptions& options, const TrainSummary& summary) {
+  return WriteSmallFile(ResultPath(options.folder), SummaryJson(options, summary) + "\n");
+}
+
+Status WriteResultState(const TrainOptions& options, RunState state, const std::string& reason) {
+  const Result<Json> present = ReadResult(options.folder);
+  Json json = present.ok() ? *present : SummaryObject(options, TrainSummary());
+  SetState(json, state, reason);
+  return WriteSmallFile(ResultPath(options.folder), Text(json) + "\n");
+}
+
+Result<UniqueFd> LockRunFolder(const std::string& folder) {
+  const std::string path = LockPath(folder);
+  UniqueFd fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+  if (!fd.valid()) return IoError("create", path, errno);
+  const Deadline deadline = Deadline::AfterMs(kLockPatienceMs);
+  while (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+    if (errno != EWOULDBLOCK) return IoError("lock", path, errno);
+    if (deadline.expired()) {
+      return Status(StatusCode::kBusy, fmt::format("another process trains in {}", folder));
+    }
+    poll(nullptr, 0, kLockPauseMs);
+  }
+  return fd;
+}
+
+Result<RunStatus> ReadRunStatus(const std::string& folder) {
+  B4MRL_ASSIGN_OR_RETURN(Json json, ReadResult(folder));
+  B4MRL_ASSIGN_OR_RETURN(RunStatus status, StatusOf(json, folder));
+  if (status.state != RunState::kRunning || SomebodyTrainsIn(folder)) return status;
+  // It may have ended between the two looks.
+  B4MRL_ASSIGN_OR_RETURN(json, ReadResult(folder));
+  B4MRL_ASSIGN_OR_RETURN(status, StatusOf(json, folder));
+  if (status.state == RunState::kRunning) status.state = RunState::kKilled;
+  return status;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,383 @@
+#include "algorithms/run/train_loop.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/base/metrics.h"
+#include "algorithms/list.h"
+#include "algorithms/nn/products/blas.h"
+#include "algorithms/policy/agent_policy.h"
+#include "algorithms/run/run_log.h"
+#include "client/client.h"
+#include "data/d4rl/agent_file.h"
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+class TrainRun {
+ public:
+  TrainRun(const TrainOptions& options, Client& client, Progress& progress,
+           const std::atomic<bool>& stop)
+      : options_(options), client_(client), progress_(progress), stop_(stop) {}
+
+  // In this order, each after the others' success. An error of the first is one of another run.
+  Status TakeFolder();
+  Status Open();
+  Status Run();
+  // Of a run that ended with `status`.
+  TrainSummary Summary(const Status& status) const;
+
+ private:
+  std::vector<RunSession> EarlierSessions() const;
+  Status CreateLearner();
+  Status RestoreNewest();
+  Status Restore(uint64_t update);
+  Status UpdateToTheEnd();
+  Status Update();
+  Status CheckFinite();
+  Status Diverged(uint64_t update, std::string_view what);
+  Status AfterUpdate();
+  Status Record();
+  Status Evaluate();
+  Status Conclude();
+  MetricRow TakeRow();
+  Status Checkpoint();
+  void KeepLastUpdate();
+  bool ReachedScore() const;
+  double Seconds() const { return seconds_before_ + SecondsSince(start_); }
+  Agent PresentAgent() const;
+
+  const TrainOptions& options_;
+  Client& client_;
+  Progress& progress_;
+  const std::atomic<bool>& stop_;
+  UniqueFd lock_;
+  bool resumes_ = false;
+  LearnerContext context_;
+  std::unique_ptr<Learner> learner_;
+  std::optional<RunLog> log_;
+  MetricMeans means_;
+  uint64_t update_ = 0;
+  uint64_t checkpoint_update_ = UINT64_MAX;  // of the newest checkpoint
+  bool diverged_ = false;
+  double seconds_before_ = 0;               // spent before the last resume
+  Clock::time_point start_ = Clock::now();  // of this process's Run, preparation included
+  // Of the last row, or where the updates began.
+  uint64_t row_update_ = 0;
+  double row_seconds_ = 0;  // on the clock of Seconds
+};
+
+Status TrainRun::TakeFolder() {
+  std::error_code error;
+  std::filesystem::create_directories(options_.folder, error);
+  if (error) return IoError("create", options_.folder, error.value());
+  B4MRL_ASSIGN_OR_RETURN(lock_, LockRunFolder(options_.folder));
+  B4MRL_RETURN_IF_ERROR(CheckNoEarlierRun(options_));
+  resumes_ = options_.resume && !ListCheckpoints(options_.folder).empty();
+  return resumes_ ? WriteResultState(options_, RunState::kRunning, "")
+                  : WriteResult(options_, TrainSummary());
+}
+
+Status TrainRun::Open() {
+  UseOneBlasThread();
+  B4MRL_RETURN_IF_ERROR(CreateLearner());
+  B4MRL_ASSIGN_OR_RETURN(RunLog log, RunLog::Open(options_, client_, progress_));
+  log_.emplace(std::move(log));
+
+  std::vector<RunSession> earlier;
+  if (resumes_) earlier = EarlierSessions();
+  B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
+  B4MRL_RETURN_IF_ERROR(WriteRunConfiguration(options_));
+  return resumes_ ? RestoreNewest() : log_->Begin();
+}
+
+// Those of a resumed run. A record that cannot be read has been reported by whoever needs it.
+std::vector<RunSession> TrainRun::EarlierSessions() const {
+  const Result<RunRecord> record = ReadRunRecord(options_.folder);
+  if (!record.ok() || record->sessions.empty()) return {};
+  const RunSession &last = record->sessions.back(), present = PresentSession();
+  if (last != present) {
+    progress_.Message(
+        fmt::format("the run was last computed by version {} on BLAS kernel {}, now by {} on {}: "
+                    "from here on its numbers may differ from an uninterrupted run's",
+                    last.version, last.blas_kernel, present.version, present.blas_kernel));
+  }
+  return record->sessions;
+}
+
+Status TrainRun::CreateLearner() {
+  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options_.algorithm));
+  B4MRL_ASSIGN_OR_RETURN(context_.environment, client_.FindEnvironment(options_.environment));
+  B4MRL_ASSIGN_OR_RETURN(context_.simulator, ParseNamedArguments(options_.simulator));
+  B4MRL_ASSIGN_OR_RETURN(context_.corruption, ParseNamedArguments(options_.corruption));
+  context_.client = &client_;
+  context_.dataset = options_.dataset;
+  context_.history_length = options_.history_length;
+  context_.seed = options_.seed;
+  context_.folder = options_.folder;
+  context_.threads = options_.threads;
+  context_.stop = &stop_;
+  context_.hyperparameters = options_.hyperparameters;
+  B4MRL_RETURN_IF_ERROR(CheckTraining(options_, context_.environment));
+  B4MRL_ASSIGN_OR_RETURN(learner_, algorithm->create(context_));
+  return Status();
+}
+
+// The newest checkpoint, or the one before it when that cannot be read.
+Status TrainRun::RestoreNewest() {
+  Status status;
+  for (const uint64_t update : ListCheckpoints(options_.folder)) {
+    status = Restore(update);
+    if (status.ok()) {
+      progress_.Message(fmt::format("resumed at update {}", update));
+      return status;
+    }
+    progress_.Message(fmt::format("cannot resume at update {}: {}", update, status.ToString()));
+    B4MRL_RETURN_IF_ERROR(CreateLearner());  // half a state is none
+  }
+  return status;
+}
+
+Status TrainRun::Restore(uint64_t update) {
+  B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader,
+                         CheckpointReader::Open(CheckpointPath(options_.folder, update)));
+  update_ = reader.Unsigned("run/update");
+  seconds_before_ = reader.Number("run/seconds");
+  // Checkpoints without these came after their row.
+  const bool has_row = reader.Has("run/row_update");
+  row_update_ = has_row ? reader.Unsigned("run/row_update") : update_;
+  row_seconds_ = has_row ? reader.Number("run/row_seconds") : seconds_before_;
+  means_.Load(reader);
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
+  B4MRL_RETURN_IF_ERROR(reader.status());
+  B4MRL_RETURN_IF_ERROR(log_->Load(reader));
+  checkpoint_update_ = update_;
+  return Status();
+}
+
+Status TrainRun::Run() {
+  start_ = Clock::now();
+  if (!resumes_) {
+    B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
+    if (stop_) return Status();  // perhaps half prepared
+    row_seconds_ = Seconds();
+    B4MRL_RETURN_IF_ERROR(Checkpoint());
+  }
+  const Status status = UpdateToTheEnd();
+  if (!status.ok()) KeepLastUpdate();
+  progress_.Finish();
+  return status;
+}
+
+Status TrainRun::UpdateToTheEnd() {
+  if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
+  if (update_ < options_.updates) B4MRL_RETURN_IF_ERROR(Record());  // a run ended here before
+  progress_.Start("train", "updates", options_.updates, update_);
+  while (update_ < options_.updates && !ReachedScore() && !stop_) {
+    B4MRL_RETURN_IF_ERROR(Update());
+    progress_.Update(update_);
+    B4MRL_RETURN_IF_ERROR(AfterUpdate());
+    B4MRL_RETURN_IF_ERROR(log_->Poll());
+  }
+  if (checkpoint_update_ != update_) B4MRL_RETURN_IF_ERROR(Checkpoint());
+  return update_ < options_.updates ? Status() : Conclude();
+}
+
+// An error may come from a policy whose actions are no numbers any more: then that is the reason.
+Status TrainRun::Update() {
+  const Status status = learner_->Update(means_);
+  B4MRL_RETURN_IF_ERROR(CheckFinite());
+  if (status.ok()) {
+    ++update_;
+    return status;
+  }
+  const Status policy = PresentAgent().Validate();
+  return policy.ok() ? status : Diverged(update_, policy.message());
+}
+
+Status TrainRun::CheckFinite() {
+  const auto& metric = means_.first_nonfinite();
+  if (!metric) return Status();
+  return Diverged(update_ + 1, fmt::format("{} became {}", metric->name, metric->value));
+}
+
+// A learner that diverged never recovers; its last good checkpoint may still be of use.
+Status TrainRun::Diverged(uint64_t update, std::string_view what) {
+  diverged_ = true;
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("the run diverged: {} at update {}; the last good state is {}", what,
+                            update, CheckpointPath(options_.folder, checkpoint_update_)));
+}
+
+Status TrainRun::AfterUpdate() {
+  const bool last = update_ == options_.updates;
+  // Else Conclude evaluates, which a longer run would not.
+  if (!last || update_ % options_.eval_every == 0) B4MRL_RETURN_IF_ERROR(Record());
+  if (last) B4MRL_RETURN_IF_ERROR(log_->Wait());
+  if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
+  return Status();
+}
+
+// What belongs to the present update however long the run is, unless it has been done.
+Status TrainRun::Record() {
+  if (row_update_ == update_) return Status();
+  if (update_ % options_.eval_every == 0) return Evaluate();
+  if (update_ % options_.log_every == 0) return log_->Write(TakeRow());
+  return Status();
+}
+
+Status TrainRun::Evaluate() {
+  const Agent agent = PresentAgent();
+  if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
+  B4MRL_RETURN_IF_ERROR(log_->Wait());  // before the row is taken: this may fail
+  B4MRL_RETURN_IF_ERROR(log_->Evaluate(agent, TakeRow()));
+  return options_.stop_at_score ? log_->Wait() : Status();
+}
+
+// The last update's evaluation, if it has none. Nothing of it goes into a checkpoint.
+Status TrainRun::Conclude() {
+  if (row_update_ != update_) B4MRL_RETURN_IF_ERROR(Evaluate());
+  return log_->Wait();
+}
+
+MetricRow TrainRun::TakeRow() {
+  const double seconds = Seconds();
+  MetricRow row = {
+      {"update", static_cast<double>(update_)},
+      {"environment_steps", static_cast<double>(learner_->environment_steps())},
+      {"seconds", seconds},
+      {"updates_per_second", static_cast<double>(update_ - row_update_) / (seconds - row_seconds_)},
+  };
+  const MetricRow means = means_.Take();
+  row.insert(row.end(), means.begin(), means.end());
+  row_update_ = update_;
+  row_seconds_ = seconds;
+  return row;
+}
+
+Status TrainRun::Checkpoint() {
+  B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer,
+                         CheckpointWriter::Create(CheckpointPath(options_.folder, update_)));
+  writer.Unsigned("run/update", update_);
+  writer.Number("run/seconds", Seconds());
+  writer.Unsigned("run/row_update", row_update_);
+  writer.Number("run/row_seconds", row_seconds_);
+  B4MRL_RETURN_IF_ERROR(log_->Save(writer));
+  means_.Save(writer);
+  B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
+  if (writer.first_nonfinite()) {
+    return Diverged(update_, fmt::format("{} was not finite", *writer.first_nonfinite()));
+  }
+  B4MRL_RETURN_IF_ERROR(writer.Commit());
+  checkpoint_update_ = update_;
+  RemoveOldCheckpoints(options_.folder);
+  return Status();
+}
+
+// After an error. A checkpoint that fails too leaves the one before it.
+void TrainRun::KeepLastUpdate() {
+  if (diverged_ || checkpoint_update_ == update_ || !learner_->outlives_daemon()) return;
+  if (Checkpoint().ok()) progress_.Message(fmt::format("kept what there is at update {}", update_));
+}
+
+bool TrainRun::ReachedScore() const {
+  if (!options_.stop_at_score || log_->evaluations().empty()) return false;
+  const std::optional<double>& score = log_->evaluations().back().score;
+  return score && *score >= *options_.stop_at_score;
+}
+
+Agent TrainRun::PresentAgent() const {
+  Agent agent = MakeAgent(learner_->Policy(), options_.history_length, context_.ActionScale());
+  agent.provenance.environment = context_.environment.name;
+  agent.provenance.algorithm = options_.algorithm;
+  agent.provenance.seed = options_.seed;
+  agent.provenance.updates = update_;
+  agent.provenance.command = options_.command;
+  agent.provenance.simulator = options_.simulator;
+  agent.provenance.dataset = options_.dataset;
+  agent.provenance.dataset_sha256 = learner_->dataset_sha256();
+  agent.provenance.corruption = options_.corruption;
+  return agent;
+}
+
+TrainSummary TrainRun::Summary(const Status& status) const {
+  TrainSummary summary;
+  summary.updates = update_;
+  summary.environment_steps = learner_->environment_steps();
+  if (!status.ok()) {
+    summary.state = diverged_ ? RunState::kDiverged : RunState::kFailed;
+    summary.reason = status.ToString();
+  } else if (update_ >= options_.updates) {
+    summary.state = RunState::kFinished;
+  } else if (ReachedScore()) {
+    summary.state = RunState::kFinished;
+    summary.reason = fmt::format("the score asked for, {}, was reached", *options_.stop_at_score);
+  } else {
+    summary.state = RunState::kInterrupted;
+    summary.reason = "told to stop";
+  }
+  summary.agent_path = log_->AgentPath();
+  const std::vector<EvaluationResult>& evaluations = log_->evaluations();
+  if (evaluations.empty()) return summary;
+  summary.last = evaluations.back();
+  double sum = 0;
+  for (const EvaluationResult& result : evaluations) sum += result.mean_return;
+  summary.mean_return_of_last_ten = sum / static_cast<double>(evaluations.size());
+  summary.mean_score_of_last_ten =
+      context_.environment.NormalisedScore(summary.mean_return_of_last_ten);
+  return summary;
+}
+
+}  // namespace
+
+Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment) {
+  LearnerContext context;
+  context.environment = environment;
+  context.history_length = options.history_length;
+  context.seed = options.seed;
+  context.hyperparameters = options.hyperparameters;
+  const uint64_t values = environment.observation.size();
+  const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
+  if (options.history_length < 1 || options.history_length > most) {
+    return InvalidNumber("--history", options.history_length,
+                         fmt::format("1..{} with the {} values of an observation of {}", most,
+                                     values, environment.name));
+  }
+  if (options.stop_at_score && !environment.NormalisedScore(0)) {
+    return InvalidNumber(
+        "--stop-at-score", *options.stop_at_score,
+        fmt::format("nothing in {}, which has no scores but returns alone", environment.name));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
+  return algorithm->check == nullptr ? Status() : algorithm->check(context);
+}
+
+Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
+                           const std::atomic<bool>& stop) {
+  TrainRun run(options, client, progress, stop);
+  B4MRL_RETURN_IF_ERROR(run.TakeFolder());
+  if (const Status status = run.Open(); !status.ok()) {
+    // This error is the one to tell; where the file cannot be written either, it says "running".
+    static_cast<void>(WriteResultState(options, RunState::kFailed, status.ToString()));
+    return status;
+  }
+  const Status status = run.Run();
+  const TrainSummary summary = run.Summary(status);
+  const Status written = WriteResult(options, summary);
+  B4MRL_RETURN_IF_ERROR(status);
+  B4MRL_RETURN_IF_ERROR(written);
+  return summary;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,134 @@
+// A folder with one raw file per column and a manifest: the form in which datasets are served.
+//
+//   <folder>/manifest.json   schema, properties, and name, dtype, rows, width and hash of each
+//   column <folder>/<column>.raw    rows x width elements, row-major, little-endian, nothing else
+//
+// The folder appears complete or not at all: it is made under a temporary name and renamed. It and
+// its files are as open to others as the folder that it lies in, whatever the umask. Mapping checks
+// the manifest's own hash and every file's size; verification reads every column against its XXH3
+// hash. What is mapped is locked against RemoveUnusedCache of any process. Thread rule: a
+// ColumnCache is immutable and may be read by any thread; a writer belongs to one. Errors:
+// kUnknownName (no such cache), kIoError, kDataLoss (damaged), kVersionMismatch (another schema).
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
+#include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
+#include "proto/wire/tensor.h"
+
+namespace b4mrl {
+
+struct CachedColumn {
+  std::string name;
+  DType dtype = DType::kUnspecified;
+  uint64_t rows = 0;
+  uint64_t width = 0;  // elements of a row
+  std::string hash;    // XXH3-128 of the file
+};
+
+// Short strings that travel with the columns: source hash, rule, corruptions, statistics.
+using CacheProperties = std::map<std::string, std::string, std::less<>>;
+
+class ColumnCache {
+ public:
+  // Maps every column. The bytes stay valid while this object lives, even when the folder is
+  // removed.
+  static Result<std::shared_ptr<const ColumnCache>> Map(const std::string& folder);
+  ~ColumnCache();
+  ColumnCache(const ColumnCache&) = delete;
+  ColumnCache& operator=(const ColumnCache&) = delete;
+
+  // Reads everything once: kDataLoss when a column's bytes are not those that were written.
+  Status Verify() const;
+
+  const std::string& folder() const { return folder_; }
+  const CacheProperties& properties() const { return properties_; }
+  const std::vector<CachedColumn>& columns() const { return columns_; }
+  uint64_t bytes() const;  // of all columns
+  // kDataLoss when there is no such column or its type, rows or width differ.
+  template <typename T>
+  Result<std::span<const T>> Find(std::string_view name, uint64_t rows, uint64_t width) const {
+    B4MRL_ASSIGN_OR_RETURN(const std::byte* data, FindBytes(name, DTypeOf<T>(), rows, width));
+    return std::span<const T>(reinterpret_cast<const T*>(data), rows * width);
+  }
+  const CachedColumn* Describe(std::string_view name) const;
+
+ private:
+  struct Mapping {
+    void* data = nullptr;  // null for an empty column
+    size_t bytes = 0;
+  };
+  ColumnCache() = default;
+  Status Lock();
+  Status ReadManifest();
+  Status MapColumn(const CachedColumn& column);
+  Result<const std::byte*> FindBytes(std::string_view name, DType dtype, uint64_t rows,
+                                     uint64_t width) const;
+
+  std::string folder_;
+  CacheProperties properties_;
+  std::vector<CachedColumn> columns_;
+  std::vector<Mapping> mappings_;  // one per column
+  UniqueFd lock_;                  // of the manifest, shared
+};
+
+class ColumnCacheWriter {
+ public:
+  // Works in a fresh folder beside `folder`, which must have an existing parent.
+  static Result<ColumnCacheWriter> Create(const std::string& folder);
+  ColumnCacheWriter(ColumnCacheWriter&&) noexcept;
+  ColumnCacheWriter& operator=(ColumnCacheWriter&&) = delete;
+  ~ColumnCacheWriter();  // removes what was not committed
+
+  // Names are [a-z_]+. A column is written from its start to its end; several may be open.
+  Result<size_t> AddColumn(std::string_view name, DType dtype, uint64_t width);
+  Status Append(size_t column, std::span<const std::byte> whole_rows);
+  template <typename T>
+  Status Append(size_t column, std::span<const T> values) {
+    return Append(column, std::as_bytes(values));
+  }
+  void SetProperty(std::string_view name, std::string_view value);
+  // Makes the folder appear. When another process made the same folder meanwhile, that one stays.
+  Status Commit();
+
+ private:
+  struct Column {
+    CachedColumn description;
+    UniqueFd fd;
+    StreamHash hash;
+  };
+  ColumnCacheWriter(std::string folder, std::string temporary, mode_t file_mode);
+  Status WriteManifest();
+
+  std::string folder_;
+  std::string temporary_;
+  mode_t file_mode_;
+  std::vector<Column> columns_;
+  CacheProperties properties_;
+};
+
+// Gives a finished cache folder its place; where that is taken by a cache of that name, both stay.
+Status PlaceCache(const std::string& made, const std::string& folder);
+// Removes a cache folder, at once for everybody else; what is mapped stays readable. Nothing
+// happens if there is none.
+void RemoveCache(const std::string& folder);
+// The same unless a process has it mapped; then false.
+bool RemoveUnusedCache(const std::string& folder);
+// The mode of what is made in `folder`: its own without the umask's say, set-group-ID included.
+mode_t ModeInside(const std::string& folder);
+// The prefix of the names of folders that are being written.
+inline constexpr std::string_view kUnfinishedCachePrefix = "unfinished-";
+
+}  // namespace b4mrl

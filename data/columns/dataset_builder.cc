@@ -1,0 +1,103 @@
+#include "data/columns/dataset_builder.h"
+
+#include <utility>
+
+#include "data/columns/episodes.h"
+
+namespace b4mrl {
+
+DatasetBuilder::DatasetBuilder(ColumnCacheWriter cache, uint32_t observation_size,
+                               uint32_t action_size)
+    : cache_(std::move(cache)),
+      observation_size_(observation_size),
+      action_size_(action_size),
+      statistics_(observation_size) {}
+
+Result<DatasetBuilder> DatasetBuilder::Create(const std::string& folder, uint32_t observation_size,
+                                              uint32_t action_size) {
+  B4MRL_ASSIGN_OR_RETURN(ColumnCacheWriter cache, ColumnCacheWriter::Create(folder));
+  DatasetBuilder builder(std::move(cache), observation_size, action_size);
+  B4MRL_RETURN_IF_ERROR(builder.AddColumns());
+  return builder;
+}
+
+Status DatasetBuilder::AddColumns() {
+  const auto add = [this](std::string_view name, DType dtype, uint64_t width,
+                          size_t* id) -> Status {
+    B4MRL_ASSIGN_OR_RETURN(*id, cache_.AddColumn(name, dtype, width));
+    return Status();
+  };
+  constexpr DType kFloat = DType::kFloat32;
+  B4MRL_RETURN_IF_ERROR(add("observations", kFloat, observation_size_, &observations_));
+  B4MRL_RETURN_IF_ERROR(add("actions", kFloat, action_size_, &actions_));
+  B4MRL_RETURN_IF_ERROR(add("rewards", kFloat, 1, &rewards_));
+  B4MRL_RETURN_IF_ERROR(add("next_observations", kFloat, observation_size_, &next_observations_));
+  B4MRL_RETURN_IF_ERROR(add("terminals", DType::kUint8, 1, &terminals_));
+  return add("timeouts", DType::kUint8, 1, &timeouts_);
+}
+
+Status DatasetBuilder::Append(const TransitionColumns& block) {
+  B4MRL_RETURN_IF_ERROR(cache_.Append(observations_, block.observations));
+  B4MRL_RETURN_IF_ERROR(cache_.Append(actions_, block.actions));
+  B4MRL_RETURN_IF_ERROR(cache_.Append(rewards_, block.rewards));
+  B4MRL_RETURN_IF_ERROR(cache_.Append(next_observations_, block.next_observations));
+  B4MRL_RETURN_IF_ERROR(cache_.Append(terminals_, block.terminals));
+  B4MRL_RETURN_IF_ERROR(cache_.Append(timeouts_, block.timeouts));
+  statistics_.AddObservations(block.observations);
+  statistics_.AddRewards(block.rewards, block.terminals, block.timeouts);
+  rows_ += block.rows;
+  return Status();
+}
+
+Status DatasetBuilder::AppendD4rl(const TransitionColumns& block, uint64_t first_row,
+                                  std::span<const uint8_t> all_terminals,
+                                  std::span<const uint8_t> all_timeouts,
+                                  std::span<const float> following_observation) {
+  std::vector<float> observations, actions, rewards, next_observations;
+  std::vector<uint8_t> terminals, timeouts;
+  const auto row_of = [](std::span<const float> all, uint64_t row, uint32_t width) {
+    return all.subspan(row * width, width);
+  };
+  const auto append = [](std::vector<float>* to, std::span<const float> values) {
+    to->insert(to->end(), values.begin(), values.end());
+  };
+  for (uint64_t i = 0; i < block.rows; ++i) {
+    const uint64_t row = first_row + i;
+    if (!D4rlKeeps(all_timeouts, row)) continue;
+    append(&observations, row_of(block.observations, i, observation_size_));
+    append(&actions, row_of(block.actions, i, action_size_));
+    append(&rewards, row_of(block.rewards, i, 1));
+    append(&next_observations, i + 1 < block.rows
+                                   ? row_of(block.observations, i + 1, observation_size_)
+                                   : following_observation);
+    terminals.push_back(all_terminals[row]);
+    timeouts.push_back(D4rlTimeout(all_terminals, all_timeouts, row) ? 1 : 0);
+  }
+  return Append({rewards.size(), observation_size_, action_size_, observations, actions, rewards,
+                 next_observations, terminals, timeouts});
+}
+
+void DatasetBuilder::AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
+                                std::span<const uint8_t> timeouts) {
+  if (!reward_statistics_) reward_statistics_.emplace(0);
+  reward_statistics_->AddRewards(rewards, terminals, timeouts);
+}
+
+void DatasetBuilder::SetProperty(std::string_view name, std::string_view value) {
+  cache_.SetProperty(name, value);
+}
+
+Status DatasetBuilder::Commit() {
+  if (rows_ == 0) return Status(StatusCode::kInvalidArgument, "the dataset has no transitions");
+  DatasetStatistics statistics = statistics_.Finish();
+  if (reward_statistics_) {
+    DatasetStatistics of_rewards = reward_statistics_->Finish();
+    of_rewards.observation_mean = std::move(statistics.observation_mean);
+    of_rewards.observation_std = std::move(statistics.observation_std);
+    statistics = std::move(of_rewards);
+  }
+  StoreStatistics(statistics, &cache_);
+  return cache_.Commit();
+}
+
+}  // namespace b4mrl

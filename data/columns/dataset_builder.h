@@ -1,0 +1,54 @@
+// Streams transitions into a column cache that Dataset::Open reads, and computes the statistics on
+// the way. Used by the importer and by whatever derives one dataset from another. One thread.
+// Errors: as column_cache.h.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "data/columns/column_cache.h"
+#include "data/columns/dataset.h"
+#include "data/columns/statistics.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+class DatasetBuilder {
+ public:
+  static Result<DatasetBuilder> Create(const std::string& folder, uint32_t observation_size,
+                                       uint32_t action_size);
+
+  // Rows in order, in blocks of any size.
+  Status Append(const TransitionColumns& block);
+  // Appends those rows of the block that TransitionRule::kD4rl keeps. The flags are those of the
+  // whole data, of which the block starts at `first_row`; its own next_observations are not read.
+  // `following_observation` is that of the row after the block, or empty at the end of the data.
+  Status AppendD4rl(const TransitionColumns& block, uint64_t first_row,
+                    std::span<const uint8_t> all_terminals, std::span<const uint8_t> all_timeouts,
+                    std::span<const float> following_observation);
+
+  // Returns and rewards of other rows than those appended: the file's, when a rule drops some.
+  void AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
+                  std::span<const uint8_t> timeouts);
+  void SetProperty(std::string_view name, std::string_view value);
+  uint64_t rows() const { return rows_; }
+  // Makes the folder appear; refuses an empty dataset.
+  Status Commit();
+
+ private:
+  DatasetBuilder(ColumnCacheWriter cache, uint32_t observation_size, uint32_t action_size);
+  Status AddColumns();
+
+  ColumnCacheWriter cache_;
+  uint32_t observation_size_;
+  uint32_t action_size_;
+  uint64_t rows_ = 0;
+  size_t observations_ = 0, actions_ = 0, rewards_ = 0, next_observations_ = 0;
+  size_t terminals_ = 0, timeouts_ = 0;
+  StatisticsAccumulator statistics_;
+  std::optional<StatisticsAccumulator> reward_statistics_;  // set by AddRewards
+};
+
+}  // namespace b4mrl

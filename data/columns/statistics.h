@@ -1,0 +1,62 @@
+// What a dataset's rows amount to: moments of observations, returns of episodes. Computed once,
+// while the rows stream into a cache, and stored with it. One thread at a time; results are values.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "data/columns/column_cache.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct DatasetStatistics {
+  // Per observation dimension, over `observations`; population standard deviation. NaN wherever the
+  // data has one.
+  std::vector<double> observation_mean, observation_std;
+  uint64_t episodes = 0;  // the last one counts even when the data ends before it does
+  // Undiscounted returns of complete episodes, population standard deviation; NaN if there are
+  // none.
+  double mean_return = 0, std_return = 0, min_return = 0, max_return = 0;
+  double min_reward = 0, max_reward = 0;  // NaN without rows
+};
+
+// Mean, deviation and range of a stream of numbers, by Welford's method: one pass, in order, so
+// equal streams give equal bits; NaN in, NaN out.
+class Moments {
+ public:
+  void Add(double value);
+  uint64_t count() const { return count_; }
+  double mean() const;
+  double std() const;  // population
+  double min() const;
+  double max() const;
+
+ private:
+  uint64_t count_ = 0;
+  double mean_ = 0, squares_ = 0, min_ = 0, max_ = 0;
+};
+
+// Feed rows in order, in blocks of any size.
+class StatisticsAccumulator {
+ public:
+  explicit StatisticsAccumulator(uint32_t observation_size) : observations_(observation_size) {}
+  void AddObservations(std::span<const float> observations);
+  void AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
+                  std::span<const uint8_t> timeouts);
+  DatasetStatistics Finish() const;
+
+ private:
+  std::vector<Moments> observations_;
+  Moments rewards_, returns_;
+  double open_return_ = 0;
+  bool episode_open_ = false;
+  uint64_t episodes_ = 0;
+};
+
+// Statistics as properties of a cache, without loss.
+void StoreStatistics(const DatasetStatistics& statistics, ColumnCacheWriter* cache);
+Result<DatasetStatistics> LoadStatistics(const CacheProperties& properties);
+
+}  // namespace b4mrl

@@ -1,0 +1,89 @@
+// An agent: a policy network with all that is needed to act with it, and where it came from.
+//
+// File layout, D4RL's for a behaviour policy, extended:
+//   metadata/algorithm, metadata/environment, ...        provenance strings and numbers
+//   metadata/policy/nonlinearity                         "relu" or "tanh"
+//   metadata/policy/output_distribution                  "tanh_gaussian" or "tanh"
+//   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/{weight (outputs, inputs),bias
+//   (outputs)}
+//   metadata/policy/{history_length,observation_mask,observation_mean,observation_std,action_scale}
+// A D4RL file lacks the last line's entries; then they take the defaults below. Strings may have
+// fixed or variable length.
+//
+// How an agent acts: each of the last `history_length` observations (oldest first, an episode's
+// first one repeated after a reset) is masked (masked dimensions become 0), then normalised (o -
+// observation_mean) / observation_std, then zeroed again where masked; they are concatenated and
+// passed through the hidden layers. "tanh": action = action_scale * tanh(last_fc). "tanh_gaussian":
+// action = action_scale * tanh(mean + exp(log_std) * normal), the mean alone when deterministic;
+// log_std is clamped to [-20, 2] as in rlkit.
+// Value types; no thread rule. Errors of reading: as hdf5_file.h, and kInvalidArgument when layer
+// sizes do not fit each other or a weight is not finite.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "data/hdf5/hdf5_file.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+inline constexpr uint32_t kMaxAgentLayerWidth = 4096;  // inputs and outputs of a layer
+inline constexpr uint32_t kMaxAgentHistory = 64;       // observations that a policy sees
+
+struct AgentLayer {
+  uint32_t inputs = 0;
+  uint32_t outputs = 0;
+  std::vector<float> weight;  // (outputs, inputs) row-major, as PyTorch stores it
+  std::vector<float> bias;    // (outputs)
+};
+
+enum class OutputDistribution { kTanhGaussian, kTanh };
+enum class Nonlinearity { kRelu, kTanh };
+
+struct AgentProvenance {
+  std::string environment;  // "HalfCheetah": where it is meant to act
+  std::string algorithm;    // "SAC" in D4RL's files
+  uint64_t seed = 0;
+  uint64_t updates = 0;        // D4RL's metadata/iteration when absent
+  std::string command;         // the command line that made it
+  std::string simulator;       // perturbations of the simulator it trained in; "" for none
+  std::string dataset;         // the dataset it trained on; "" for none
+  std::string dataset_sha256;  // of that dataset's file
+  std::string corruption;      // corruptions of that dataset; "" for none
+};
+
+struct Agent {
+  uint32_t observation_dimensions = 0;  // of one observation
+  uint32_t action_dimensions = 0;
+  uint32_t history_length = 1;
+  std::vector<AgentLayer> hidden;  // fc0, fc1, ...
+  AgentLayer last_fc;
+  std::optional<AgentLayer> last_fc_log_std;  // exactly with kTanhGaussian
+  Nonlinearity nonlinearity = Nonlinearity::kRelu;
+  OutputDistribution output_distribution = OutputDistribution::kTanhGaussian;
+  // One entry per dimension of one observation. Empty means: all 1, all 0, all 1.
+  std::vector<uint8_t> observation_mask;  // 0: hidden from the policy
+  std::vector<float> observation_mean;
+  std::vector<float> observation_std;
+  std::vector<float> action_scale;  // one per action dimension; empty means all 1
+  AgentProvenance provenance;
+
+  // Sizes consistent, weights finite, within proto/base/limits.h.
+  Status Validate() const;
+  // Replaces empty mask, mean, std and scale by their defaults.
+  void FillDefaults();
+};
+
+// Atomic (atomic_file.h), and equal agents give equal bytes.
+Status WriteAgent(const std::string& path, const Agent& agent);
+// A D4RL dataset file with a metadata/policy group is also accepted.
+Result<Agent> ReadAgent(const std::string& path);
+// The same entries inside a file that holds other things too.
+Result<Agent> ReadAgentFrom(const Hdf5Reader& file);
+Status WriteAgentInto(Hdf5Writer& file, const Agent& agent);
+
+}  // namespace b4mrl

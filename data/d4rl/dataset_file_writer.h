@@ -1,0 +1,80 @@
+// Writes a dataset file in D4RL's HDF5 layout, in a stream, so that a million rows need little
+// memory.
+//
+//   observations (N, obs) f32    actions (N, act) f32       next_observations (N, obs) f32
+//   rewards (N) f32              terminals (N) bool         timeouts (N) bool
+//   infos/action_log_probs (N) f32, infos/qpos (N, nq) f64, infos/qvel (N, nv) f64   (optional)
+//   metadata/<name>              provenance, as strings and numbers
+//   metadata/policy/...          the behaviour policy (agent_file.h; optional)
+//
+// infos/qpos and infos/qvel are the state before the step, float64 so that it can be set exactly.
+// The file appears complete or not at all (atomic_file.h). Equal rows and metadata give equal
+// bytes, however the rows are split over Append calls. Thread rule: one thread. Errors:
+// kInvalidArgument (array sizes), kIoError (full disk, no folder).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "data/d4rl/agent_file.h"
+#include "data/hdf5/hdf5_file.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct DatasetWriterOptions {
+  uint32_t observation_dimensions = 0;
+  uint32_t action_dimensions = 0;
+  uint32_t qpos_dimensions = 0;   // 0: no infos/qpos
+  uint32_t qvel_dimensions = 0;   // 0: no infos/qvel
+  bool action_log_probs = false;  // true: infos/action_log_probs
+  int compression_level = 1;      // deflate 0..9; D4RL's own files use 4
+};
+
+// Consecutive rows. Every array is row-major and must have `rows` rows; optional ones that the
+// options leave out must be empty.
+struct DatasetRows {
+  size_t rows = 0;
+  std::span<const float> observations;
+  std::span<const float> actions;
+  std::span<const float> next_observations;
+  std::span<const float> rewards;
+  std::span<const uint8_t> terminals;
+  std::span<const uint8_t> timeouts;
+  std::span<const float> action_log_probs;
+  std::span<const double> qpos;
+  std::span<const double> qvel;
+};
+
+class DatasetWriter {
+ public:
+  static Result<DatasetWriter> Create(const std::string& path, const DatasetWriterOptions& options);
+
+  Status Append(const DatasetRows& rows);
+  // Written as metadata/<name>; a name once only.
+  Status SetMetadata(std::string_view name, std::string_view text);
+  Status SetMetadata(std::string_view name, int64_t value);
+  // D4RL's metadata of a single behaviour policy: its provenance and weights.
+  Status SetPolicy(const Agent& agent);
+  // Makes the file appear. Nothing may be called afterwards.
+  Status Commit();
+
+  uint64_t rows() const { return rows_; }
+
+ private:
+  DatasetWriter(Hdf5Writer file, const DatasetWriterOptions& options);
+  Status CreateColumns();
+  Status CheckSizes(const DatasetRows& rows) const;
+  Status AppendPiece(const DatasetRows& rows);
+
+  Hdf5Writer file_;
+  DatasetWriterOptions options_;
+  uint64_t rows_ = 0;
+  Hdf5Writer::ColumnId observations_ = 0, actions_ = 0, next_observations_ = 0, rewards_ = 0;
+  Hdf5Writer::ColumnId terminals_ = 0, timeouts_ = 0, log_probs_ = 0, qpos_ = 0, qvel_ = 0;
+};
+
+}  // namespace b4mrl

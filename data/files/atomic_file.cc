@@ -1,0 +1,128 @@
+#include "data/files/atomic_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <utility>
+
+namespace b4mrl {
+namespace {
+
+// A writer that commits between our open and our lock leaves us holding its finished file.
+bool StillNamed(int fd, const std::string& path) {
+  struct stat held {};
+  struct stat named {};
+  return fstat(fd, &held) == 0 && stat(path.c_str(), &named) == 0 && held.st_dev == named.st_dev &&
+         held.st_ino == named.st_ino;
+}
+
+}  // namespace
+
+AtomicFile::AtomicFile(std::string path, UniqueFd fd)
+    : path_(std::move(path)), temporary_path_(path_ + ".tmp"), fd_(std::move(fd)) {}
+
+AtomicFile::AtomicFile(AtomicFile&& other) noexcept
+    : path_(std::move(other.path_)),
+      temporary_path_(std::move(other.temporary_path_)),
+      fd_(std::move(other.fd_)),
+      owns_temporary_(std::exchange(other.owns_temporary_, false)) {}
+
+AtomicFile::~AtomicFile() {
+  if (owns_temporary_) unlink(temporary_path_.c_str());
+}
+
+Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mode_t> mode) {
+  const std::string temporary = path + ".tmp";
+  constexpr int kAttempts = 10;
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    UniqueFd fd(open(temporary.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644));
+    if (!fd.valid()) return IoError("create", temporary, errno);
+    if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+      return Status(StatusCode::kBusy, fmt::format("another process is writing {}", path));
+    }
+    if (!StillNamed(fd.get(), temporary)) continue;
+    if (ftruncate(fd.get(), 0) != 0) return IoError("truncate", temporary, errno);
+    if (mode && fchmod(fd.get(), *mode) != 0) return IoError("set the mode of", temporary, errno);
+    return AtomicFile(path, std::move(fd));
+  }
+  return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
+}
+
+Status AtomicFile::Write(std::span<const std::byte> bytes) {
+  return WriteFully(fd_.get(), bytes, path_);
+}
+
+Status AtomicFile::Write(std::string_view text) {
+  return Write(std::as_bytes(std::span(text.data(), text.size())));
+}
+
+Status AtomicFile::Commit() {
+  if (!owns_temporary_) {
+    return Status(StatusCode::kFailedPrecondition, fmt::format("{} is already committed", path_));
+  }
+  if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
+  if (rename(temporary_path_.c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
+  owns_temporary_ = false;
+  fd_.Reset();
+  return SyncFolder(FolderOf(path_));
+}
+
+Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path) {
+  while (!bytes.empty()) {
+    const ssize_t written = write(fd, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) return IoError("write", path, errno);
+    bytes = bytes.subspan(static_cast<size_t>(written));
+  }
+  return Status();
+}
+
+Status SyncFolder(const std::string& folder) {
+  const UniqueFd fd(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!fd.valid()) return IoError("open folder", folder, errno);
+  if (fsync(fd.get()) != 0) return IoError("flush folder", folder, errno);
+  return Status();
+}
+
+std::string FolderOf(const std::string& path) {
+  const size_t slash = path.rfind('/');
+  if (slash == std::string::npos) return ".";
+  return slash == 0 ? "/" : path.substr(0, slash);
+}
+
+Status WriteSmallFile(const std::string& path, std::string_view text, std::optional<mode_t> mode) {
+  return WriteSmallFile(path, std::as_bytes(std::span(text)), mode);
+}
+
+Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
+                      std::optional<mode_t> mode) {
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path, mode));
+  B4MRL_RETURN_IF_ERROR(file.Write(bytes));
+  return file.Commit();
+}
+
+Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes) {
+  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!fd.valid()) return IoError("open", path, errno);
+  std::string text(max_bytes + 1, '\0');
+  size_t length = 0;
+  while (length < text.size()) {
+    const ssize_t got = read(fd.get(), text.data() + length, text.size() - length);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return IoError("read", path, errno);
+    if (got == 0) break;
+    length += static_cast<size_t>(got);
+  }
+  if (length > max_bytes) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} is longer than {} bytes", path, max_bytes));
+  }
+  text.resize(length);
+  return text;
+}
+
+}  // namespace b4mrl

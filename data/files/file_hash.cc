@@ -1,0 +1,91 @@
+#include "data/files/file_hash.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <openssl/evp.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <cerrno>
+#include <vector>
+
+#include "proto/base/unique_fd.h"
+
+namespace b4mrl {
+namespace {
+
+std::string Hexadecimal(std::span<const unsigned char> bytes) {
+  std::string text;
+  for (const unsigned char byte : bytes) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
+class Sha256 {
+ public:
+  Sha256() : context_(EVP_MD_CTX_new(), EVP_MD_CTX_free) {
+    EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr);
+  }
+  void Update(const void* data, size_t size) { EVP_DigestUpdate(context_.get(), data, size); }
+  std::string Finish() {
+    unsigned char digest[EVP_MAX_MD_SIZE];
+    unsigned int size = 0;
+    EVP_DigestFinal_ex(context_.get(), digest, &size);
+    return Hexadecimal(std::span(digest, size));
+  }
+
+ private:
+  std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> context_;
+};
+
+}  // namespace
+
+Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
+                                       const std::function<Status()>& go_on) {
+  constexpr size_t kBlockBytes = 1 << 20;
+  std::vector<char> block(kBlockBytes);
+  Sha256 hash;
+  off_t offset = 0;
+  while (true) {
+    B4MRL_RETURN_IF_ERROR(go_on());
+    const ssize_t got = pread(fd, block.data(), block.size(), offset);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return IoError("read", path, errno);
+    if (got == 0) return hash.Finish();
+    hash.Update(block.data(), static_cast<size_t>(got));
+    offset += got;
+  }
+}
+
+Result<std::string> Sha256OfFile(const std::string& path) {
+  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!fd.valid()) return IoError("open", path, errno);
+  return Sha256OfDescriptor(fd.get(), path);
+}
+
+std::string Sha256OfText(std::string_view text) {
+  Sha256 hash;
+  hash.Update(text.data(), text.size());
+  return hash.Finish();
+}
+
+struct StreamHash::State {
+  XXH3_state_t* xxh3 = XXH3_createState();
+  ~State() { XXH3_freeState(xxh3); }
+};
+
+StreamHash::StreamHash() : state_(std::make_unique<State>()) { XXH3_128bits_reset(state_->xxh3); }
+StreamHash::StreamHash(StreamHash&&) noexcept = default;
+StreamHash& StreamHash::operator=(StreamHash&&) noexcept = default;
+StreamHash::~StreamHash() = default;
+
+void StreamHash::Update(std::span<const std::byte> bytes) {
+  XXH3_128bits_update(state_->xxh3, bytes.data(), bytes.size());
+}
+
+std::string StreamHash::Hex() const {
+  XXH128_canonical_t canonical;
+  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state_->xxh3));
+  return Hexadecimal(canonical.digest);
+}
+
+}  // namespace b4mrl

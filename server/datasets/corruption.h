@@ -1,0 +1,54 @@
+// Corrupted datasets: the perturbations of observations, applied to recorded data.
+//
+// Row i of the result is a pure function of (file hash, corruptions, seed): observation i is
+// perturbed as row i of the dataset's one noise matrix, and so is the next observation of row i - 1
+// where both belong to one episode, so that a state looks the same from both sides. The next
+// observation of an episode's last row has no such partner and is perturbed as row i of a second
+// matrix. Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns. The
+// matrix is the file's own: its hash names the stream. Rewards, actions and flags stay; infos are
+// never served with a corruption. Numbers that are not finite pass. Any thread.
+#pragma once
+
+#include <atomic>
+#include <string>
+#include <vector>
+
+#include "data/columns/dataset.h"
+#include "data/columns/dataset_builder.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/perturbations/list.h"
+
+namespace b4mrl {
+
+// The environment that a dataset's name belongs to, "HalfCheetah" for "HalfCheetah/medium" and
+// "d4rl/halfcheetah-medium-v2"; "" if it is none that is known.
+std::string EnvironmentOfName(const std::string& name);
+
+// The specification of that environment; for any other name, one with unnamed dimensions.
+// kFailedPrecondition when the sizes differ.
+Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
+                                      uint32_t action_size);
+
+struct Corruption {
+  std::vector<NamedArgument> items;         // parametric forms, in order
+  std::vector<uint32_t> hidden_dimensions;  // sorted
+  PerturbationSet set;
+
+  bool empty() const { return items.empty(); }
+};
+// Resolves presets and builds the set; refuses what is unknown or cannot corrupt data.
+Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
+                                  const EnvironmentSpec& spec);
+
+// Appends every row of `source`, corrupted. `matrix` names the noise matrix (MatrixOfFile). Ends
+// with Cancelled() within milliseconds after `cancelled` turned true.
+Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
+                       uint64_t matrix, const std::atomic<bool>& cancelled,
+                       DatasetBuilder* builder);
+// kUnavailable.
+Status Cancelled();
+// The first 64 bits of a SHA-256 in hexadecimal; 0 for anything else.
+uint64_t MatrixOfFile(const std::string& sha256);
+
+}  // namespace b4mrl

@@ -1,0 +1,92 @@
+#include "server/datasets/dataset_index.h"
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <nlohmann/json.hpp>
+
+#include "data/columns/column_cache.h"
+#include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
+#include "server/datasets/cache_folder.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr size_t kMaxEntryBytes = 64 * 1024;
+constexpr size_t kMaxFailures = 256;
+constexpr int64_t kFailureMs = 600'000;
+
+std::string StringOf(const Json& object, const char* name) {
+  const auto found = object.find(name);
+  return found != object.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+uint64_t NumberOf(const Json& object, const char* name) {
+  const auto found = object.find(name);
+  return found != object.end() && found->is_number_unsigned() ? found->get<uint64_t>() : 0;
+}
+
+}  // namespace
+
+Result<FileIdentity> FileIdentity::Of(const std::string& path) {
+  struct stat info {};
+  if (stat(path.c_str(), &info) != 0) return IoError("inspect", path, errno);
+  const int64_t modified_ns = info.st_mtim.tv_sec * 1'000'000'000 + info.st_mtim.tv_nsec;
+  return FileIdentity{static_cast<uint64_t>(info.st_size), static_cast<uint64_t>(modified_ns),
+                      info.st_ino};
+}
+
+std::string DatasetIndex::PathOf(const std::string& name) const {
+  return fmt::format("{}/{}.json", folder_, Sha256OfText(name).substr(0, 32));
+}
+
+std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
+                                               const FileIdentity& file) const {
+  const Result<std::string> text = ReadSmallFile(PathOf(name), kMaxEntryBytes);
+  if (!text.ok()) return std::nullopt;
+  const Json json = Json::parse(*text, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object()) return std::nullopt;
+  const FileIdentity known{NumberOf(json, "file_bytes"), NumberOf(json, "modified_ns"),
+                           NumberOf(json, "inode")};
+  ImportedFile imported{file, StringOf(json, "sha256"), StringOf(json, "fingerprint"),
+                        StringOf(json, "behaviour_policy"), NumberOf(json, "rows")};
+  if (known != file || !IsFingerprint(imported.fingerprint)) return std::nullopt;
+  return imported;
+}
+
+Status DatasetIndex::Add(const std::string& name, const ImportedFile& imported) const {
+  const Json json = {{"name", name},
+                     {"file_bytes", imported.file.bytes},
+                     {"modified_ns", imported.file.modified_ns},
+                     {"inode", imported.file.inode},
+                     {"sha256", imported.sha256},
+                     {"fingerprint", imported.fingerprint},
+                     {"behaviour_policy", imported.behaviour_policy},
+                     {"rows", imported.rows}};
+  return WriteSmallFile(PathOf(name), json.dump(1, ' ', false, Json::error_handler_t::replace),
+                        ModeInside(folder_) & 0666);
+}
+
+void DatasetIndex::AddFailure(const std::string& name, const FileIdentity& file, Status failure) {
+  const std::lock_guard lock(mutex_);
+  failures_.insert_or_assign(name,
+                             Failure{file, std::move(failure), Deadline::AfterMs(kFailureMs)});
+  if (failures_.size() <= kMaxFailures) return;
+  failures_.erase(std::ranges::min_element(
+      failures_, {}, [](const auto& entry) { return entry.second.forgotten.remaining_ms(); }));
+}
+
+Status DatasetIndex::FindFailure(const std::string& name, const FileIdentity& file) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = failures_.find(name);
+  const bool holds =
+      found != failures_.end() && found->second.file == file && !found->second.forgotten.expired();
+  return holds ? found->second.status : Status();
+}
+
+}  // namespace b4mrl

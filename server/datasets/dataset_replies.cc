@@ -1,0 +1,63 @@
+#include "server/datasets/dataset_replies.h"
+
+#include <algorithm>
+#include <string>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+// Of the entries of a listing, and of each one's tag and length.
+constexpr size_t kMaxListBytes = limits::kMaxEnvelopeBytes - 1024, kFieldBytes = 4;
+// Of what a file says about its origin: it goes into replies and every listing.
+constexpr size_t kMaxPolicyBytes = 200, kMaxEnvironmentBytes = 64;
+
+// A file may hold any bytes, and a protobuf string only UTF-8.
+std::string PlainText(const std::string& text, size_t max_bytes) {
+  std::string plain = text.substr(0, max_bytes);
+  std::ranges::replace_if(
+      plain, [](char c) { return c < ' ' || c > '~'; }, '?');
+  return plain;
+}
+
+void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
+  out->set_name(info.name);
+  out->set_rows(info.rows);
+  out->set_file_bytes(info.file_bytes);
+  out->set_sha256(info.sha256);
+  out->set_behaviour_policy(PlainText(info.behaviour_policy, kMaxPolicyBytes));
+}
+
+}  // namespace
+
+void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first,
+              pb::ListDatasetsReply* out) {
+  out->set_total(static_cast<uint32_t>(list.size()));
+  size_t bytes = 0;
+  for (size_t i = first; i < list.size(); ++i) {
+    pb::DatasetInfo* info = out->add_datasets();
+    FillInfo(list[i], info);
+    bytes += info->ByteSizeLong() + kFieldBytes;
+    if (bytes <= kMaxListBytes) continue;
+    out->mutable_datasets()->RemoveLast();
+    return;
+  }
+}
+
+void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out) {
+  out->set_fingerprint(opened.fingerprint);
+  FillInfo(opened.info, out->mutable_info());
+  out->set_rows(opened.dataset->rows());
+  out->set_observation_size(opened.dataset->columns().observation_size);
+  out->set_action_size(opened.dataset->columns().action_size);
+  for (const NamedArgument& item : opened.corruptions) {
+    pb::NamedArgument* named = out->add_corruptions();
+    named->set_name(item.name);
+    named->set_argument(item.argument);
+  }
+  for (const uint32_t dimension : opened.hidden_dimensions) out->add_hidden_dimensions(dimension);
+  out->set_environment(PlainText(opened.environment, kMaxEnvironmentBytes));
+}
+
+}  // namespace b4mrl

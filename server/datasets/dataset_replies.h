@@ -1,0 +1,18 @@
+// The replies that describe datasets: a page of their list, and one that was opened. What a file
+// says about itself is cut and made printable here. Pure functions; any thread.
+#pragma once
+
+#include <vector>
+
+#include "proto/b4mrl.pb.h"
+#include "server/datasets/dataset_store.h"
+
+namespace b4mrl {
+
+// The datasets from number `first` on, as many as fit an envelope.
+void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first, pb::ListDatasetsReply* out);
+
+// `opened.dataset` is not null.
+void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out);
+
+}  // namespace b4mrl

@@ -1,0 +1,114 @@
+// The datasets of a data folder and their caches: finds files, has them imported, derives what
+// corruptions and transition rules ask for, and maps the results.
+//
+// Thread rule: any threads; two imports of one file at once do the work twice. The Datasets that
+// are returned are immutable and may be read by any. Errors: kUnknownName, those of the importer,
+// kIoError, kLimitExceeded (more than the caches may take), kUnavailable (cancelled).
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "data/columns/dataset.h"
+#include "data/columns/dataset_builder.h"
+#include "data/columns/episodes.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+#include "server/datasets/cache_folder.h"
+#include "server/datasets/dataset_index.h"
+
+namespace b4mrl {
+
+struct DatasetFileInfo {
+  std::string name;
+  uint64_t file_bytes = 0;
+  // Known once the file has been imported.
+  uint64_t rows = 0;
+  std::string sha256;
+  std::string behaviour_policy;
+};
+
+struct DatasetRequest {
+  std::string name;
+  std::vector<NamedArgument> corruptions;
+  uint64_t seed = 0;
+  TransitionRule rule = TransitionRule::kStored;
+};
+
+struct OpenedDataset {
+  std::string fingerprint;
+  DatasetFileInfo info;
+  std::string environment;                  // as the file says, else as its name; "" if neither
+  std::vector<NamedArgument> corruptions;   // parametric forms
+  std::vector<uint32_t> hidden_dimensions;  // sorted
+  std::shared_ptr<const Dataset> dataset;   // null when something is missing
+
+  // What has to be made first, and how much data it is made from.
+  enum class Missing { kNothing, kImport, kDerivation } missing = Missing::kNothing;
+  uint64_t source_bytes = 0;
+};
+
+class DatasetStore {
+ public:
+  struct Options {
+    std::string data_folder;
+    std::string importer_program;
+    uint64_t max_cache_bytes = 0;
+  };
+  explicit DatasetStore(const Options& options);
+
+  // Sorted by name. kIoError when the data folder cannot be read.
+  Result<std::vector<DatasetFileInfo>> List() const;
+
+  // What the caches hold; where it is not enough, `missing` says what to call first. Milliseconds,
+  // but for a cache that nobody has mapped: it is read once.
+  Result<OpenedDataset> Open(const DatasetRequest& request);
+  // Imports the file of that name; takes as long as that does. Of the result, only `fingerprint`
+  // and `dataset` are set. A failure that lies in the file is remembered, and then Open's answer.
+  // Ends soon after `cancelled` turned true.
+  Result<OpenedDataset> Import(const std::string& name, const std::atomic<bool>& cancelled);
+  // Open, and derives what an imported file lacks.
+  Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
+
+  // A dataset that was made earlier, perhaps by another process. kUnknownName if it is no more.
+  Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
+  // At the start: gives the caches their mode, removes what killed processes left half-made.
+  void TidyUp();
+
+ private:
+  using DatasetPointer = std::shared_ptr<const Dataset>;
+  struct File {
+    std::string name;
+    std::string path;
+  };
+
+  Result<std::vector<File>> FindFiles() const;
+  Result<File> FindFile(const std::string& name) const;
+  // `cancelled` is null where nothing may be derived.
+  Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
+                                     DatasetPointer dataset, const std::atomic<bool>* cancelled);
+  Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,
+                                    const std::atomic<bool>* cancelled);
+  Result<ImportedFile> ImportFile(const File& file, const std::atomic<bool>& cancelled);
+  // Replaces `*dataset` by the one of `fingerprint`: from the cache, or made by `derive`. Null if
+  // it is not there and must not be made.
+  Status Replace(DatasetPointer* dataset, const std::string& fingerprint, bool make,
+                 const std::function<Status(DatasetBuilder*)>& derive);
+  // Maps what was just made and makes room for it, or else removes it again.
+  Result<DatasetPointer> Admit(const std::string& fingerprint);
+
+  Options options_;
+  CacheFolder cache_;
+  DatasetIndex index_;
+  std::mutex mutex_;
+  // What somebody still holds need not be mapped and verified again. Under mutex_.
+  std::map<std::string, std::weak_ptr<const Dataset>> mapped_;
+};
+
+}  // namespace b4mrl

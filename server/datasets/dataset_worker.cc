@@ -1,0 +1,375 @@
+#include "server/datasets/dataset_worker.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <deque>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
+#include "server/datasets/dataset_batches.h"
+#include "server/datasets/dataset_replies.h"
+#include "server/datasets/dataset_store.h"
+#include "server/datasets/preparation_queue.h"
+#include "server/datasets/served_datasets.h"
+#include "server/gateway/describe.h"
+#include "server/gateway/open_request.h"
+#include "server/process/background_thread.h"
+#include "server/worker/request_job.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kBeatMs = 100;
+// Replies that were sent before a drain may take so long to leave.
+constexpr int64_t kLingerMs = 1000;
+// Messages are handled for so long before background work and deadlines get their turn.
+constexpr int64_t kTurnMs = 50;
+// At a time, by processes and by threads of this one.
+constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;
+using DatasetPointer = std::shared_ptr<const Dataset>;
+
+// A request, from its arrival to its reply.
+struct PendingRequest {
+  RoutingId sender;
+  pb::Request request;
+  Clock::time_point received;
+  Deadline deadline = Deadline::AfterMs(0);
+};
+
+// The fingerprint that a request for rows or statistics names; null for other requests.
+const std::string* FingerprintOf(const pb::Request& request) {
+  switch (request.payload_case()) {
+    case pb::Request::kSample:
+      return &request.sample().fingerprint();
+    case pb::Request::kRead:
+      return &request.read().fingerprint();
+    case pb::Request::kDatasetStats:
+      return &request.dataset_stats().fingerprint();
+    default:
+      return nullptr;
+  }
+}
+
+class DatasetWorker {
+ public:
+  DatasetWorker(const DatasetWorkerOptions& options, RouterSocket* socket)
+      : options_(options),
+        socket_(socket),
+        store_({options.data_folder, options.importer_program, options.max_cache_bytes}) {}
+
+  void Run();
+
+ private:
+  using Waiting = std::list<PendingRequest>;
+
+  bool draining() const {
+    return options_.drain != nullptr && options_.drain->load(std::memory_order_relaxed);
+  }
+  void Beat() {
+    if (options_.heartbeat != nullptr) options_.heartbeat->fetch_add(1);
+  }
+  void Handle(IncomingMessage incoming);
+  void Dispatch(PendingRequest pending);
+  void HandleOpen(PendingRequest pending);
+  // Opens the dataset of the parked request `id` from the caches, and has made what they lack.
+  void SubmitOpen(uint64_t id, DatasetRequest wanted);
+  void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
+  void SubmitList(PendingRequest pending);
+  void SubmitLoad(PendingRequest pending);
+  // Keeps a request until its completion or its deadline; null when too many wait already.
+  uint64_t Park(PendingRequest pending);
+  // The parked request `id`, unless its deadline has answered it.
+  std::optional<PendingRequest> Unpark(uint64_t id);
+  void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
+  void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
+  void FinishLoad(const std::string& fingerprint, const Result<DatasetPointer>& dataset);
+  void ServeRows(const PendingRequest& pending, const Dataset& dataset);
+  // Handles messages, and requests whose dataset has come, for at most kTurnMs.
+  void TakeTurn();
+  void ExpireParked();
+  void AnswerAllParked(const Status& status);
+
+  void Reply(const PendingRequest& to, pb::Reply* reply, Frame payload);
+  void ReplyError(const PendingRequest& to, const Status& status);
+
+  const DatasetWorkerOptions& options_;
+  RouterSocket* socket_;
+  DatasetStore store_;  // background threads only
+  const std::function<void()> beat_ = [this] { Beat(); };
+  ServedDatasets served_;
+  std::map<uint64_t, PendingRequest> parked_;
+  uint64_t next_id_ = 1;
+  // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
+  std::map<std::string, std::vector<uint64_t>> loading_;
+  std::deque<PendingRequest> ready_;  // whose dataset has been mapped meanwhile
+  // Last: their tasks use the members above.
+  BackgroundThread mapping_;  // lists, opens and maps what is prepared: milliseconds
+  PreparationQueue imports_{kShortImports, kLongImports};
+  PreparationQueue derivations_{kShortDerivations, kLongDerivations};
+};
+
+void DatasetWorker::Run() {
+  mapping_.Submit([this] {
+    store_.TidyUp();
+    return [] {};
+  });
+  std::vector<int> wakes;
+  while (!draining()) {
+    Beat();
+    wakes = {mapping_.fd()};
+    imports_.AddDescriptors(&wakes);
+    derivations_.AddDescriptors(&wakes);
+    WaitReadable(socket_->handle(), wakes, ready_.empty() ? kBeatMs : 0);
+    TakeTurn();
+    mapping_.RunCompletions();
+    imports_.Run();
+    derivations_.Run();
+    ExpireParked();
+    served_.ReleaseIdle();
+  }
+  AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  socket_->LingerOnClose(kLingerMs);
+}
+
+void DatasetWorker::TakeTurn() {
+  for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
+    std::optional<IncomingMessage> incoming = socket_->TryReceive();
+    if (!incoming && ready_.empty()) return;
+    if (incoming) Handle(std::move(*incoming));
+    if (ready_.empty()) continue;
+    PendingRequest pending = std::move(ready_.front());
+    ready_.pop_front();
+    Dispatch(std::move(pending));
+  }
+}
+
+void DatasetWorker::Handle(IncomingMessage incoming) {
+  if (options_.requests != nullptr) options_.requests->fetch_add(1, std::memory_order_relaxed);
+  PendingRequest pending;
+  pending.sender = std::move(incoming.sender);
+  pending.received = Clock::now();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &pending.request);
+      !status.ok()) {
+    pending.request.Clear();
+    return ReplyError(pending, status);
+  }
+  pending.deadline = DeadlineOf(pending.request);
+  if (pending.request.protocol_version() != limits::kProtocolVersion) {
+    return ReplyError(pending, VersionMismatch(pending.request.protocol_version()));
+  }
+  Dispatch(std::move(pending));
+}
+
+void DatasetWorker::Dispatch(PendingRequest pending) {
+  if (const std::string* fingerprint = FingerprintOf(pending.request)) {
+    const DatasetPointer dataset = served_.Find(*fingerprint);
+    return dataset != nullptr ? ServeRows(pending, *dataset) : SubmitLoad(std::move(pending));
+  }
+  switch (pending.request.payload_case()) {
+    case pb::Request::kListDatasets:
+      return SubmitList(std::move(pending));
+    case pb::Request::kOpenDataset:
+      return HandleOpen(std::move(pending));
+    default:
+      return ReplyError(pending, Status(StatusCode::kUnsupported,
+                                        "the dataset worker answers ListDatasets, OpenDataset, "
+                                        "DatasetStats, Sample and Read"));
+  }
+}
+
+uint64_t DatasetWorker::Park(PendingRequest pending) {
+  // A parked request that expires frees its place, but its task stays in the backlog.
+  const size_t backlog =
+      mapping_.backlog() + imports_.backlog() + derivations_.backlog() + ready_.size();
+  if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests) {
+    ReplyError(pending, Status(StatusCode::kLimitExceeded,
+                               fmt::format("{} requests already wait for datasets",
+                                           limits::kMaxPendingDatasetRequests)));
+    return 0;
+  }
+  parked_.emplace(next_id_, std::move(pending));
+  return next_id_++;
+}
+
+std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
+  auto node = parked_.extract(id);
+  if (node.empty()) return std::nullopt;
+  return std::move(node.mapped());
+}
+
+void DatasetWorker::HandleOpen(PendingRequest pending) {
+  const pb::OpenDatasetRequest& request = pending.request.open_dataset();
+  const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
+  if (!rule.ok()) return ReplyError(pending, rule.status());
+  DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule};
+  if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
+    return ReplyError(pending, InvalidNumber("number of corruptions", request.corruptions_size(),
+                                             fmt::format("0..{}", limits::kMaxPerturbations)));
+  }
+  for (const pb::NamedArgument& item : request.corruptions()) {
+    wanted.corruptions.push_back({item.name(), item.argument()});
+  }
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  SubmitOpen(id, std::move(wanted));
+}
+
+void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted) {
+  mapping_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
+    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
+    return [this, id, wanted, opened] {
+      const bool missing = opened->ok() && (*opened)->dataset == nullptr;
+      return missing ? Prepare(id, wanted, **opened) : FinishOpen(id, *opened);
+    };
+  });
+}
+
+void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
+  const auto parked = parked_.find(id);
+  if (parked == parked_.end()) return;  // its deadline has answered it
+  const auto done = [this, id, wanted](const Result<OpenedDataset>& made) {
+    if (!made.ok()) return FinishOpen(id, made);
+    if (made->dataset != nullptr) served_.Add(made->fingerprint, made->dataset);
+    SubmitOpen(id, wanted);
+  };
+  const bool is_import = found.missing == OpenedDataset::Missing::kImport;
+  PreparationQueue& queue = is_import ? imports_ : derivations_;
+  queue.Submit(
+      is_import ? wanted.name : found.fingerprint, parked->second.sender, found.source_bytes,
+      [this, wanted, is_import](const std::atomic<bool>& cancelled) {
+        return is_import ? store_.Import(wanted.name, cancelled) : store_.Derive(wanted, cancelled);
+      },
+      done);
+}
+
+void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
+  if (opened.ok()) served_.Add(opened->fingerprint, opened->dataset);
+  const std::optional<PendingRequest> pending = Unpark(id);
+  if (!pending) return;
+  if (!opened.ok()) return ReplyError(*pending, opened.status());
+  pb::Reply reply;
+  FillOpened(*opened, reply.mutable_open_dataset());
+  Reply(*pending, &reply, Frame());
+}
+
+void DatasetWorker::SubmitList(PendingRequest pending) {
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  mapping_.Submit([this, id]() -> BackgroundThread::Completion {
+    auto list = std::make_shared<Result<std::vector<DatasetFileInfo>>>(store_.List());
+    return [this, id, list] { FinishList(id, *list); };
+  });
+}
+
+void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
+  const std::optional<PendingRequest> pending = Unpark(id);
+  if (!pending) return;
+  if (!list.ok()) return ReplyError(*pending, list.status());
+  pb::Reply reply;
+  FillList(*list, pending->request.list_datasets().first(), reply.mutable_list_datasets());
+  Reply(*pending, &reply, Frame());
+}
+
+void DatasetWorker::SubmitLoad(PendingRequest pending) {
+  const std::string fingerprint = *FingerprintOf(pending.request);
+  const uint64_t id = Park(std::move(pending));
+  if (id == 0) return;
+  std::vector<uint64_t>& waiting = loading_[fingerprint];
+  waiting.push_back(id);
+  if (waiting.size() > 1) return;  // on its way already
+  mapping_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
+    auto dataset = std::make_shared<Result<DatasetPointer>>(store_.Load(fingerprint));
+    return [this, fingerprint, dataset] { FinishLoad(fingerprint, *dataset); };
+  });
+}
+
+void DatasetWorker::FinishLoad(const std::string& fingerprint,
+                               const Result<DatasetPointer>& dataset) {
+  if (dataset.ok()) served_.Add(fingerprint, *dataset);
+  const auto waiting = loading_.extract(fingerprint);
+  if (waiting.empty()) return;
+  for (const uint64_t id : waiting.mapped()) {
+    std::optional<PendingRequest> pending = Unpark(id);
+    if (!pending) continue;
+    if (!dataset.ok()) {
+      ReplyError(*pending, dataset.status());
+    } else {
+      ready_.push_back(std::move(*pending));
+    }
+  }
+}
+
+void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& dataset) {
+  Beat();  // gathering one reply may take tens of milliseconds, and many may be due at once
+  const Clock::time_point start = Clock::now();
+  pb::Reply reply;
+  const pb::Request& request = pending.request;
+  Result<Frame> payload = request.has_sample()
+                              ? SampleBatches(dataset, request.sample(), beat_, &reply)
+                          : request.has_read() ? ReadRows(dataset, request.read(), beat_, &reply)
+                                               : DescribeStatistics(dataset, &reply);
+  if (!payload.ok()) return ReplyError(pending, payload.status());
+  pb::Timing* timing = reply.mutable_timing();
+  timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));
+  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(start, Clock::now())));
+  Reply(pending, &reply, std::move(*payload));
+}
+
+void DatasetWorker::ExpireParked() {
+  for (auto it = parked_.begin(); it != parked_.end();) {
+    if (!it->second.deadline.expired()) {
+      ++it;
+      continue;
+    }
+    ReplyError(it->second, Status(StatusCode::kDeadlineExceeded,
+                                  "the dataset is still being prepared; ask again"));
+    it = parked_.erase(it);
+  }
+}
+
+void DatasetWorker::AnswerAllParked(const Status& status) {
+  for (const auto& [id, pending] : parked_) ReplyError(pending, status);
+  for (const PendingRequest& pending : ready_) ReplyError(pending, status);
+  parked_.clear();
+  ready_.clear();
+}
+
+void DatasetWorker::Reply(const PendingRequest& to, pb::Reply* reply, Frame payload) {
+  reply->set_protocol_version(limits::kProtocolVersion);
+  reply->set_request_id(to.request.request_id());
+  reply->mutable_status();
+  Result<Frame> envelope = SerializeEnvelope(*reply);
+  if (!envelope.ok()) return ReplyError(to, envelope.status());
+  const Status sent = socket_->Send(to.sender, {std::move(*envelope), std::move(payload)});
+  if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
+}
+
+void DatasetWorker::ReplyError(const PendingRequest& to, const Status& status) {
+  if (options_.errors != nullptr) options_.errors->fetch_add(1, std::memory_order_relaxed);
+  const Status sent = socket_->Send(to.sender, ErrorReply(to.request.request_id(), status));
+  if (!sent.ok()) spdlog::debug("an error reply was dropped: {}", sent.ToString());
+}
+
+}  // namespace
+
+int RunDatasetWorker(const DatasetWorkerOptions& options) {
+  Context context;
+  Result<RouterSocket> socket = RouterSocket::Bind(context, options.endpoints);
+  if (!socket.ok()) {
+    spdlog::error("the dataset worker cannot listen: {}", socket.status().ToString());
+    return 1;
+  }
+  DatasetWorker(options, &*socket).Run();
+  return 0;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,140 @@
+#include "server/datasets/preparation_queue.h"
+
+#include <algorithm>
+#include <array>
+#include <tuple>
+#include <utility>
+
+namespace b4mrl {
+namespace {
+
+// Of a job's turn from one start to the next. What is thrown away adds up to a third of the rest.
+constexpr int64_t kTurnGrowth = 4;
+
+}  // namespace
+
+PreparationQueue::PreparationQueue(size_t short_places, size_t long_places, int64_t short_ms)
+    : short_places_(short_places), long_places_(long_places), short_ms_(short_ms) {
+  for (size_t i = 0; i < short_places + long_places; ++i) {
+    places_.push_back(std::make_unique<BackgroundThread>());
+    free_.push_back(places_.back().get());
+  }
+}
+
+PreparationQueue::~PreparationQueue() {
+  for (const Job& job : jobs_) {
+    if (job.place != nullptr) *job.cancelled = true;
+  }
+  places_.clear();
+}
+
+void PreparationQueue::Submit(const std::string& key, const RoutingId& client, uint64_t bytes,
+                              Work work, Done done) {
+  ++backlog_;
+  auto job = std::ranges::find(jobs_, key, &Job::key);
+  if (job == jobs_.end()) {
+    jobs_.push_back({.number = next_number_++,
+                     .key = key,
+                     .bytes = bytes,
+                     .work = std::move(work),
+                     .turn_ms = short_ms_});
+    job = std::prev(jobs_.end());
+  }
+  job->clients.push_back(client);
+  job->done.push_back(std::move(done));
+}
+
+void PreparationQueue::AddDescriptors(std::vector<int>* fds) const {
+  for (const Job& job : jobs_) {
+    if (job.place != nullptr) fds->push_back(job.place->fd());
+  }
+}
+
+void PreparationQueue::Run() {
+  if (jobs_.empty()) return;
+  for (const auto& place : places_) place->RunCompletions();
+  MakeWay();
+  for (const bool is_long : {false, true}) {
+    const size_t places = is_long ? long_places_ : short_places_;
+    while (!free_.empty() && CountRunning(is_long) < places) {
+      Job* job = NextWaiting(is_long);
+      if (job == nullptr) break;
+      Start(job);
+    }
+  }
+}
+
+size_t PreparationQueue::CountRunning(bool is_long) const {
+  return std::ranges::count_if(
+      jobs_, [&](const Job& job) { return job.place != nullptr && job.is_long == is_long; });
+}
+
+size_t PreparationQueue::CountRunningOf(const Job& job) const {
+  return std::ranges::count_if(jobs_, [&](const Job& other) {
+    return other.place != nullptr &&
+           std::ranges::find_first_of(other.clients, job.clients) != other.clients.end();
+  });
+}
+
+PreparationQueue::Job* PreparationQueue::NextWaiting(bool is_long) {
+  const auto rank = [&](const Job& job) {
+    return std::tuple(CountRunningOf(job), job.bytes, job.number);
+  };
+  Job* next = nullptr;
+  for (Job& job : jobs_) {
+    if (job.place != nullptr || job.is_long != is_long) continue;
+    if (next == nullptr || rank(job) < rank(*next)) next = &job;
+  }
+  return next;
+}
+
+void PreparationQueue::Start(Job* job) {
+  job->place = free_.back();
+  free_.pop_back();
+  job->cancelled = std::make_shared<std::atomic<bool>>(false);
+  job->turn = Deadline::AfterMs(job->turn_ms);
+  job->place->Submit([this, number = job->number, work = job->work,
+                      cancelled = job->cancelled]() -> BackgroundThread::Completion {
+    auto result = std::make_shared<Result<OpenedDataset>>(work(*cancelled));
+    return [this, number, result] { Finish(number, *result); };
+  });
+}
+
+void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& result) {
+  const auto found = std::ranges::find(jobs_, number, &Job::number);
+  free_.push_back(std::exchange(found->place, nullptr));
+  if (*found->cancelled && result.status().code() == StatusCode::kUnavailable) {
+    found->is_long = true;  // waits for its next start
+    found->turn_ms *= kTurnGrowth;
+    return;
+  }
+  const std::vector<Done> done = std::move(found->done);
+  jobs_.erase(found);
+  backlog_ -= done.size();
+  for (const Done& call : done) call(result);
+}
+
+void PreparationQueue::MakeWay() {
+  // Jobs of a kind that wait beyond its free places; negative while places are left.
+  const auto count_waiting = [&](bool is_long) {
+    return std::ranges::count_if(
+               jobs_,
+               [&](const Job& job) { return job.place == nullptr && job.is_long == is_long; }) +
+           static_cast<int64_t>(CountRunning(is_long)) -
+           static_cast<int64_t>(is_long ? long_places_ : short_places_);
+  };
+  std::array<int64_t, 2> waiting = {count_waiting(false), count_waiting(true)};
+  for (Job& job : jobs_) {
+    if (job.place == nullptr || !job.turn.expired() || waiting[job.is_long] <= 0) continue;
+    --waiting[job.is_long];
+    if (!job.is_long && waiting[true] < 0) {
+      ++waiting[true];
+      job.is_long = true;
+      job.turn = Deadline::AfterMs(job.turn_ms * kTurnGrowth);
+    } else {
+      *job.cancelled = true;
+    }
+  }
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,118 @@
+#include "server/environments/mujoco/compiled_model.h"
+
+#include <fmt/format.h>
+#include <mujoco/mujoco.h>
+#include <xxhash.h>
+
+#include <cerrno>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <new>
+#include <string_view>
+#include <utility>
+
+#include "proto/base/limits.h"
+#include "server/environments/mujoco/mujoco_guard.h"
+#include "server/environments/mujoco/mujoco_model.h"
+
+namespace b4mrl {
+namespace {
+
+// A lane keeps positions, velocities and the warm start, so a model must have no other state.
+Status CheckState(const mjModel& model) {
+  const auto refuse = [](const char* what, int count) {
+    return InvalidArgument(what, std::to_string(count), "0: lanes do not keep them");
+  };
+  if (model.na != 0) return refuse("number of actuators' own states", model.na);
+  if (model.nmocap != 0) return refuse("number of mocap bodies", model.nmocap);
+  if (model.nuserdata != 0) return refuse("nuserdata", model.nuserdata);
+  return Status();
+}
+
+Status CheckSizes(const mjModel& model) {
+  B4MRL_ASSIGN_OR_RETURN(const MjDataPtr data, MakeMujocoData(model));
+  const size_t bytes =
+      static_cast<size_t>(data->nbuffer) + static_cast<size_t>(data->nstack) * sizeof(mjtNum);
+  if (bytes <= limits::kMaxSimulationBytes) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("a simulation of the model takes {} bytes, allowed: {}; lower njmax, "
+                            "nconmax and nstack of <size>",
+                            bytes, limits::kMaxSimulationBytes));
+}
+
+// MuJoCo's message on one line: "Schema violation: unrecognized attribute: 'sise', Element 'geom',
+// line 31". That memory was refused says more with the limit.
+Status Refusal(std::string_view message) {
+  std::string line;
+  for (const char c : message) {
+    if (c != '\n') {
+      line += c;
+    } else if (!line.empty() && !line.ends_with(", ")) {
+      line += ", ";
+    }
+  }
+  if (line.ends_with(", ")) line.resize(line.size() - 2);
+  if (line.find("allocate memory") == std::string::npos) {
+    return Status(StatusCode::kInvalidArgument, std::move(line));
+  }
+  return Status(StatusCode::kLimitExceeded, fmt::format("{}; a model is compiled within {} bytes",
+                                                        line, limits::kMaxModelCompilerBytes));
+}
+
+struct CompileCall {
+  const char* path;
+  mjModel* model;
+  char error[1000];
+};
+
+}  // namespace
+
+Result<std::string> CompileModelFile(const std::string& path, const std::string& output) {
+  InstallMujocoHandlers();
+  CompileCall call{path.c_str(), nullptr, ""};
+  try {
+    const bool finished = RunGuarded(
+        [](void* argument) {
+          auto* c = static_cast<CompileCall*>(argument);
+          c->model = mj_loadXML(c->path, nullptr, c->error, sizeof(c->error));
+        },
+        &call);
+    if (!finished) return Refusal(LastMujocoError());
+  } catch (const std::bad_alloc&) {  // the compiler is C++ behind a C interface
+    return Refusal("cannot allocate memory");
+  } catch (const std::exception& error) {
+    return Refusal(error.what());
+  }
+  if (call.model == nullptr) return Refusal(call.error);
+  const MjModelPtr model(call.model);
+  B4MRL_RETURN_IF_ERROR(CheckState(*model));
+  B4MRL_RETURN_IF_ERROR(CheckSizes(*model));
+  const auto size = static_cast<size_t>(mj_sizeModel(model.get()));
+  if (size > limits::kMaxModelBytes) {
+    return Status(
+        StatusCode::kLimitExceeded,
+        fmt::format("the compiled model has {} bytes, allowed: {}", size, limits::kMaxModelBytes));
+  }
+  mj_saveModel(model.get(), output.c_str(), nullptr, 0);
+  return HashOfModelFile(output);
+}
+
+Result<std::string> HashOfModelFile(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return IoError("open", path, errno);
+  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
+  return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
+
+std::string CompiledModelPath(const std::string& folder, const std::string& hash) {
+  return fmt::format("{}/{}.mjb", folder, hash);
+}
+
+CompiledModel CompiledModelAt(const std::string& path) {
+  return {path, std::filesystem::path(path).stem()};
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,26 @@
+// From a user's MJCF file to the compiled model that simulators load; without the engine's types,
+// for the process that does it (server/models/model_compiler.h).
+#pragma once
+
+#include <string>
+
+#include "proto/base/status.h"
+#include "server/environments/list.h"
+
+namespace b4mrl {
+
+// Compiles the MJCF file at `path` and writes it to `output` in MuJoCo's binary format; returns its
+// hash. Only for a sandboxed process that may be killed: the compiler has no bounds of its own, and
+// an error leaves memory and perhaps a part of `output` behind. kInvalidArgument with the
+// compiler's reason and line, kLimitExceeded when the model, or the memory of one simulation, is
+// beyond limits::kMaxModelBytes or kMaxSimulationBytes, or its state beyond what lanes keep.
+Result<std::string> CompileModelFile(const std::string& path, const std::string& output);
+
+// The hash of a compiled model: 128 bits in hexadecimal.
+Result<std::string> HashOfModelFile(const std::string& path);
+
+// Where a folder of compiled models has those of this hash, and the inverse.
+std::string CompiledModelPath(const std::string& folder, const std::string& hash);
+CompiledModel CompiledModelAt(const std::string& path);
+
+}  // namespace b4mrl

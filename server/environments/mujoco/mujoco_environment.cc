@@ -1,0 +1,194 @@
+#include "server/environments/mujoco/mujoco_environment.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "proto/base/finite.h"
+#include "server/environments/canvas.h"
+#include "server/environments/mujoco/mujoco_guard.h"
+
+namespace b4mrl {
+namespace {
+
+// Beyond this MuJoCo calls a number bad and resets its data (mjMAXVAL).
+constexpr double kLargestValue = 1e10;
+
+void CopyInto(std::span<const double> from, double* to) { std::copy(from.begin(), from.end(), to); }
+
+Status CheckPart(const std::string& name, std::span<const double> values, size_t size) {
+  if (values.size() != size) {
+    return InvalidArgument(fmt::format("length of state part '{}'", name),
+                           std::to_string(values.size()), std::to_string(size));
+  }
+  for (size_t i = 0; i < size; ++i) {
+    if (!(std::abs(values[i]) <= kLargestValue)) {
+      return InvalidNumber(fmt::format("state {}[{}]", name, i), values[i], "-1e10..1e10");
+    }
+  }
+  return Status();
+}
+
+// mj_forward normalises the quaternions of `positions`, once more than mj_step had when the state
+// was read. What it changed by rounding alone gets its `given` bits back: the next step is then the
+// same.
+void KeepUnitQuaternions(std::span<const double> given, std::span<double> positions) {
+  for (size_t i = 0; i < positions.size(); ++i) {
+    if (std::abs(given[i] - positions[i]) < 1e-12) positions[i] = given[i];
+  }
+}
+
+}  // namespace
+
+MujocoEnvironment::MujocoEnvironment(const mjModel& model, MjDataPtr data, int frame_skip)
+    : model_(model), data_(std::move(data)), frame_skip_(frame_skip) {
+  parts_ = {{"time", {&data_->time, 1}, false},
+            {"qpos", qpos(), true},
+            {"qvel", qvel(), true},
+            {"qacc_warmstart", {data_->qacc_warmstart, qvel().size()}, false}};
+}
+
+void MujocoEnvironment::AddStatePart(const char* name, std::span<double> values) {
+  parts_.push_back({name, values, false});
+}
+
+bool MujocoEnvironment::Guarded(void (*function)(void*)) {
+  if (RunGuarded(function, this) && TakeWarnings(data_.get()) == 0) return true;
+  mj_resetData(&model_, data_.get());  // also frees the engine's stack after an error
+  return false;
+}
+
+bool MujocoEnvironment::Simulate(std::span<const double> action) {
+  CopyInto(action, data_->ctrl);
+  return Guarded([](void* argument) {
+    auto* self = static_cast<MujocoEnvironment*>(argument);
+    self->BeforeStep();
+    for (int i = 0; i < self->frame_skip_; ++i) mj_step(&self->model_, self->data_.get());
+    self->AfterStep();
+  });
+}
+
+bool MujocoEnvironment::Forward() {
+  return Guarded([](void* argument) {
+    auto* self = static_cast<MujocoEnvironment*>(argument);
+    mj_forward(&self->model_, self->data_.get());
+    self->AfterForward();
+  });
+}
+
+StepResult MujocoEnvironment::Step(std::span<const double> action) {
+  if (!Simulate(action)) return {.cause = Cause::kNumericalError};
+  const StepResult result = Judge(action);
+  if (!std::isfinite(result.reward)) return {.cause = Cause::kNumericalError};
+  return result;
+}
+
+Status MujocoEnvironment::Reset(Rng& rng) {
+  mj_resetData(&model_, data_.get());
+  DrawInitialState(rng, qpos(), qvel());
+  if (Forward()) return Status();
+  return Status(StatusCode::kInternal, "the physics engine cannot hold a start state");
+}
+
+size_t MujocoEnvironment::state_size() const {
+  size_t size = 0;
+  for (const StatePart& part : parts_) size += part.values.size();
+  return size;
+}
+
+void MujocoEnvironment::SaveState(std::span<double> state) const {
+  double* out = state.data();
+  for (const StatePart& part : parts_) out = std::ranges::copy(part.values, out).out;
+}
+
+void MujocoEnvironment::LoadState(std::span<const double> state) {
+  const double* in = state.data();
+  for (const StatePart& part : parts_) {
+    std::copy_n(in, part.values.size(), part.values.data());
+    in += part.values.size();
+  }
+}
+
+Status MujocoEnvironment::SetFromObservation(std::span<const double> observation) {
+  for (size_t i = 0; i < observation.size(); ++i) {
+    if (!(std::abs(observation[i]) <= kLargestValue)) {
+      return InvalidNumber(fmt::format("observation[{}]", i), observation[i], "-1e10..1e10");
+    }
+  }
+  mj_resetData(&model_, data_.get());
+  std::ranges::fill(qpos(), 0);
+  StateFromObservation(observation, qpos(), qvel());
+  if (Forward()) return Status();
+  return Status(StatusCode::kInvalidArgument, "the physics engine refuses the observation's state");
+}
+
+NamedState MujocoEnvironment::GetNamedState() const {
+  NamedState state;
+  for (const StatePart& part : parts_) {
+    state[part.name].assign(part.values.begin(), part.values.end());
+  }
+  return state;
+}
+
+Status MujocoEnvironment::SetNamedState(const NamedState& state) {
+  std::vector<std::string> names;
+  for (const StatePart& part : parts_) names.emplace_back(part.name);
+  for (const auto& [name, values] : state) {
+    const auto known = std::ranges::find(names, name);
+    if (known == names.end()) return UnknownName("state part", name, names);
+    const size_t size = parts_[known - names.begin()].values.size();
+    B4MRL_RETURN_IF_ERROR(CheckPart(name, values, size));
+  }
+  for (const StatePart& part : parts_) {
+    if (!part.required || state.contains(part.name)) continue;
+    return Status(StatusCode::kInvalidArgument, fmt::format("state has no part '{}'", part.name));
+  }
+  const auto copy_parts = [&](bool required) {
+    for (const StatePart& part : parts_) {
+      const auto given = state.find(part.name);
+      if (given == state.end() || part.required != required) continue;
+      CopyInto(given->second, part.values.data());
+    }
+  };
+  mj_resetData(&model_, data_.get());
+  copy_parts(true);
+  if (!Forward()) {
+    return Status(StatusCode::kInvalidArgument, "the physics engine refuses the state");
+  }
+  copy_parts(false);  // only now: mj_forward writes its own warm start and derived numbers
+  KeepUnitQuaternions(state.at("qpos"), qpos());
+  return Status();
+}
+
+QueryResult MujocoEnvironment::Query(std::span<const double> observation,
+                                     std::span<const double> action,
+                                     std::span<double> next_observation) {
+  std::ranges::fill(next_observation, 0);
+  if (!AllFinite(observation) || !AllFinite(action)) return {};
+  data_->time = 0;
+  std::ranges::fill(qpos(), 0);
+  StateFromObservation(observation, qpos(), qvel());
+  std::fill_n(data_->qacc_warmstart, model_.nv, 0);
+  const bool prepared =
+      Guarded([](void* argument) { static_cast<MujocoEnvironment*>(argument)->BeforeQuery(); });
+  if (!prepared) return {};
+  const StepResult step = Step(action);
+  if (step.cause == Cause::kNumericalError) return {};
+  Observe(next_observation);
+  return {.reward = step.reward, .terminated = step.terminated, .valid = true};
+}
+
+Status MujocoEnvironment::Draw(Canvas& canvas) {
+  const bool placed = Guarded([](void* argument) {
+    auto* self = static_cast<MujocoEnvironment*>(argument);
+    mj_kinematics(&self->model_, self->data_.get());
+    mj_comPos(&self->model_, self->data_.get());
+    mj_camlight(&self->model_, self->data_.get());
+    mj_tendon(&self->model_, self->data_.get());
+  });
+  if (!placed) return Status(StatusCode::kInternal, "the physics engine cannot place the bodies");
+  return canvas.DrawModel(model_, *data_);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,53 @@
+// Runners in the x-z plane: three root joints (x, z, pitch) and hinges, as many velocities as
+// coordinates.
+//   observation  qpos without x (with it, if positions are not excluded), then qvel clipped to
+//                +-velocity_limit. Where it was clipped, the observation's state has the limit.
+#pragma once
+
+#include <limits>
+#include <span>
+
+#include "server/environments/mujoco/locomotion.h"
+
+namespace b4mrl {
+
+class PlanarRunner : public Locomotion {
+ public:
+  void Observe(std::span<double> observation) const override;
+
+ protected:
+  PlanarRunner(const EnvironmentSpec& spec, const LocomotionSettings& settings,
+               std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data,
+               double velocity_limit)
+      : Locomotion(spec, settings, infos, model, std::move(data)),
+        velocity_limit_(velocity_limit) {}
+
+  void StateFromObservation(std::span<const double> observation, std::span<double> qpos,
+                            std::span<double> qvel) const override;
+
+  double height() const { return data().qpos[1]; }
+  double pitch() const { return data().qpos[2]; }
+
+ private:
+  double velocity_limit_;
+};
+
+// The parts of a spec that the joints decide: dimensions "rootz", "rooty", the joints, "v-root-x",
+// "v-root-z", "v-rooty", "v-<joint>" ("rootx" first if positions are not excluded), unbounded as in
+// Gymnasium; one action in -1..1 for each joint.
+EnvironmentSpec DescribePlanarRunner(const char* name, std::span<const char* const> joints,
+                                     const LocomotionSettings& settings);
+
+// The settings of the runners that can fall, Hopper and Walker2d; their healthy ranges differ.
+LocomotionSettings ReadPlanarWalkerSettings(ConfigReader& reader, Interval healthy_z,
+                                            Interval healthy_angle);
+
+// Infos of those runners.
+std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings);
+
+// Their reward in words, for the catalogue.
+inline constexpr const char* kPlanarWalkerReward =
+    "forward_reward_weight * (x_after - x_before) / dt + healthy_reward - "
+    "ctrl_cost_weight * sum(action^2)";
+
+}  // namespace b4mrl

@@ -1,0 +1,241 @@
+// The gateway: Hello, the catalogue, opening of sessions and the daemon's status. It keeps nothing
+// that it could not read from shared memory again, and no step passes through it but those of
+// clients that reach no other port (server/gateway/relay.h).
+#include <chrono>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "proto/base/limits.h"
+#include "server/environments/list.h"
+#include "server/gateway/catalogue.h"
+#include "server/gateway/describe.h"
+#include "server/gateway/openings.h"
+#include "server/gateway/relay.h"
+#include "server/gateway/status_report.h"
+#include "server/process/child.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kFlushMs = 1'000;
+constexpr int64_t kReapIntervalMs = 1'000;
+// What a child sent before it ended may take so long to arrive here.
+constexpr int64_t kLastWordsMs = 100;
+// The end of a process, for which the drain waits, and its replacement, to which the relay sends
+// again, show on no socket that is waited on.
+constexpr int64_t kWatchfulMs = 5;
+// Taken from clients before workers and relays have their turn. ZeroMQ hands out the messages of
+// all connections in turn, so that a flood costs the others one of its requests for each of theirs.
+constexpr int kReceiveBurst = 64;
+constexpr auto kReceiveBurstTime = std::chrono::milliseconds(1);
+
+std::string ModelsFolder(const ChildOptions& options) {
+  return options.models_folder.empty() ? DefaultModelsFolder() : options.models_folder;
+}
+
+class Gateway {
+ public:
+  Gateway(ChildContext& context, Context& sockets, RouterSocket socket,
+          std::vector<DealerSocket> workers)
+      : context_(context),
+        socket_(std::move(socket)),
+        status_(context.shared(), context.options().data_folder),
+        catalogue_(ModelsFolder(context.options())),
+        openings_(context.shared(), std::move(workers),
+                  {{ModelsFolder(context.options()), context.options().data_folder},
+                   context.options().worker_ports},
+                  [this](const Asker& to, const Result<pb::OpenReply>& opened) {
+                    ReplyToOpen(to, opened);
+                  }),
+        relay_(sockets, context.shared(),
+               {context.options().worker_addresses, context.options().dataset_address},
+               [this](const RoutingId& client, Message reply) {
+                 return socket_.Send(client, std::move(reply));
+               }) {}
+
+  void Run();
+
+ private:
+  void ReceiveBurst();
+  void Handle(IncomingMessage incoming);
+  void HandleHello(const Asker& from);
+  void HandleCatalogue(const Asker& from);
+  void HandleOpen(const Asker& from);
+  // Passes on what another process answers.
+  void HandleForeign(const Asker& from, Message message);
+  void Wait();
+  // While draining: all others have ended, whose clients are told so here.
+  bool MayLeave();
+
+  void ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened);
+  void Reply(const Asker& to, const Status& error);
+  void Reply(const Asker& to, pb::Reply reply);
+
+  ChildContext& context_;
+  RouterSocket socket_;
+  StatusReport status_;
+  Catalogue catalogue_;
+  Openings openings_;
+  Relay relay_;
+  std::optional<Deadline> last_words_;  // set once all other children have ended
+  pb::Request request_;                 // reused
+};
+
+void Gateway::ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened) {
+  if (!opened.ok()) return Reply(to, opened.status());
+  pb::Reply reply;
+  *reply.mutable_open() = *opened;
+  Reply(to, std::move(reply));
+}
+
+void Gateway::Reply(const Asker& to, const Status& error) {
+  context_.record().errors.fetch_add(1, std::memory_order_relaxed);
+  pb::Reply reply;
+  SetStatus(error, reply.mutable_status());
+  Reply(to, std::move(reply));
+}
+
+void Gateway::Reply(const Asker& to, pb::Reply reply) {
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(to.request_id);
+  reply.mutable_status();
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (!envelope.ok()) return Reply(to, envelope.status());
+  // A client that is gone asks again when it is back.
+  (void)socket_.Send(to.peer, Message{std::move(*envelope), Frame()});
+}
+
+void Gateway::Handle(IncomingMessage incoming) {
+  context_.record().requests.fetch_add(1, std::memory_order_relaxed);
+  Asker from{std::move(incoming.sender), 0};
+  request_.Clear();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
+    return Reply(from, status);
+  }
+  from.request_id = request_.request_id();
+  if (request_.protocol_version() != limits::kProtocolVersion) {
+    return Reply(from, VersionMismatch(request_.protocol_version()));
+  }
+  pb::Reply reply;
+  switch (request_.payload_case()) {
+    case pb::Request::kHello:
+      return HandleHello(from);
+    case pb::Request::kCatalogue:
+      return HandleCatalogue(from);
+    case pb::Request::kServerStatus:
+      status_.Fill(reply.mutable_server_status());
+      return Reply(from, std::move(reply));
+    case pb::Request::kOpen:
+      return HandleOpen(from);
+    case pb::Request::kAttach:
+    case pb::Request::PAYLOAD_NOT_SET:
+      return Reply(from, Status(StatusCode::kUnsupported,
+                                "the gateway answers Hello, Catalogue, ServerStatus and Open, and "
+                                "relays what sessions and datasets answer"));
+    default:
+      return HandleForeign(from, std::move(incoming.message));
+  }
+}
+
+void Gateway::HandleForeign(const Asker& from, Message message) {
+  if (context_.draining()) {
+    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  }
+  const Status status = relay_.Forward(from.peer, request_, std::move(message));
+  if (status.ok()) return;
+  if (!request_.has_close() || status.code() != StatusCode::kSessionLost) {
+    return Reply(from, status);
+  }
+  pb::Reply closed;  // a session that is not there counts as closed
+  closed.mutable_close();
+  Reply(from, std::move(closed));
+}
+
+void Gateway::HandleHello(const Asker& from) {
+  pb::Reply reply;
+  pb::HelloReply* hello = reply.mutable_hello();
+  DescribeServer(context_.shared().header().lease_ms, hello);
+  hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
+  hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
+  Reply(from, std::move(reply));
+}
+
+void Gateway::HandleCatalogue(const Asker& from) {
+  Result<Frame> envelope = catalogue_.Envelope(from.request_id);
+  if (!envelope.ok()) return Reply(from, envelope.status());
+  (void)socket_.Send(from.peer, Message{std::move(*envelope), Frame()});
+}
+
+void Gateway::HandleOpen(const Asker& from) {
+  if (context_.draining()) {
+    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  }
+  request_.mutable_open()->clear_compiled_model();  // the daemon's own to set
+  openings_.Open(from, request_);
+}
+
+void Gateway::Wait() {
+  std::vector<void*> sockets = {socket_.handle()};
+  openings_.AppendSockets(&sockets);
+  relay_.AppendSockets(&sockets);
+  std::vector<int> descriptors;
+  openings_.AppendDescriptors(&descriptors);
+  const bool is_watchful = context_.draining() || relay_.in_flight() > 0;
+  const int64_t longest_ms = is_watchful ? kWatchfulMs : kBeatIntervalMs;
+  WaitAnyReadable(sockets, openings_.wait_ms(longest_ms), descriptors);
+}
+
+bool Gateway::MayLeave() {
+  if (!openings_.empty()) return false;
+  for (uint32_t child = 0; child < kMaxChildren; ++child) {
+    if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
+  }
+  if (relay_.in_flight() == 0) return true;
+  if (!last_words_) last_words_ = Deadline::AfterMs(kLastWordsMs);
+  return last_words_->expired();
+}
+
+void Gateway::ReceiveBurst() {
+  const Clock::time_point end = Clock::now() + kReceiveBurstTime;
+  for (int i = 0; i < kReceiveBurst && Clock::now() < end; ++i) {
+    std::optional<IncomingMessage> incoming = socket_.TryReceive();
+    if (!incoming) break;
+    Handle(std::move(*incoming));
+  }
+}
+
+void Gateway::Run() {
+  int64_t next_reap_ms = 0;
+  while (!context_.draining() || !MayLeave()) {
+    ReceiveBurst();
+    openings_.Pump();
+    relay_.Pump();
+    if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
+      openings_.Reap();
+      status_.Sample();
+      next_reap_ms = now + kReapIntervalMs;
+    }
+    context_.Beat();
+    Wait();
+  }
+  socket_.LingerOnClose(kFlushMs);
+}
+
+}  // namespace
+
+Status RunGateway(ChildContext& context) {
+  Context sockets;
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints));
+  std::vector<DealerSocket> workers;
+  for (const std::string& address : context.options().worker_addresses) {
+    B4MRL_ASSIGN_OR_RETURN(DealerSocket worker, DealerSocket::Connect(sockets, address));
+    workers.push_back(std::move(worker));
+  }
+  Gateway gateway(context, sockets, std::move(socket), std::move(workers));
+  gateway.Run();
+  return Status();
+}
+
+}  // namespace b4mrl

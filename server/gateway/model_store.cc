@@ -1,0 +1,152 @@
+#include "server/gateway/model_store.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <vector>
+
+#include "data/files/atomic_file.h"
+#include "data/files/cache_root.h"
+#include "proto/base/limits.h"
+#include "proto/base/unique_fd.h"
+#include "server/environments/mujoco/compiled_model.h"
+#include "server/models/model_compiler.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What a folder's files are without reading them: names, sizes, times. Nothing when there are too
+// many to look at.
+std::optional<std::string> StateOfFolder(const std::string& folder) {
+  constexpr size_t kMostEntries = 4096;
+  std::vector<std::string> entries;
+  std::error_code error;
+  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entries.size() == kMostEntries) return std::nullopt;
+    struct stat info {};
+    if (stat(entry->path().c_str(), &info) != 0) continue;
+    entries.push_back(fmt::format("{}\n{} {} {} {}.{}", entry->path().string(), info.st_ino,
+                                  info.st_mode, info.st_size, info.st_mtim.tv_sec,
+                                  info.st_mtim.tv_nsec));
+  }
+  if (error) return std::nullopt;
+  std::ranges::sort(entries);
+  return fmt::format("{}", fmt::join(entries, "\n"));
+}
+
+// What the compilation of a file depends on: its bytes and, where they can name other files, the
+// state of the folder. Nothing when that cannot be told.
+std::optional<uint64_t> ContentOf(const std::string& folder, const std::string& file) {
+  // Opened without waiting, in case it is a pipe, and read as what it turned out to be.
+  const UniqueFd fd(open((folder + "/" + file).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  struct stat info {};
+  if (!fd.valid() || fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
+  const Result<std::string> text =
+      ReadSmallFile(fmt::format("/proc/self/fd/{}", fd.get()), limits::kMaxModelFileBytes);
+  if (!text.ok()) return std::nullopt;
+  std::string all = *text;
+  // Includes, meshes, textures and the like are named by attributes called "file...".
+  if (text->find("file") != std::string::npos) {
+    const std::optional<std::string> others = StateOfFolder(folder);
+    if (!others) return std::nullopt;
+    all += *others;
+  }
+  return XXH3_64bits(all.data(), all.size());
+}
+
+// Whether another try with the same content would end the same way: what the file has earned is
+// kept, since clients ask again and again; what the machine was short of is not.
+bool IsLasting(const Result<std::string>& hash) {
+  switch (hash.status().code()) {
+    case StatusCode::kOk:
+    case StatusCode::kInvalidArgument:
+    case StatusCode::kUnsupported:
+    case StatusCode::kLimitExceeded:
+    case StatusCode::kDataLoss:  // it ended the compiler, or its processor time
+      return true;
+    default:
+      return false;
+  }
+}
+
+// Also tells the file system that the model is in use.
+bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
+  return utimensat(AT_FDCWD, CompiledModelPath(cache_folder, hash).c_str(), nullptr, 0) == 0;
+}
+
+// Removes the compiled models that were used longest ago.
+void MakeRoom(const std::string& cache_folder) {
+  std::vector<std::pair<fs::file_time_type, fs::path>> models;
+  std::error_code error;
+  for (fs::directory_iterator entry(cache_folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    std::error_code ignored;
+    models.emplace_back(entry->last_write_time(ignored), entry->path());
+  }
+  if (models.size() <= limits::kMaxCompiledModels) return;
+  std::ranges::sort(models);
+  models.resize(models.size() - limits::kMaxCompiledModels);
+  for (const auto& [used, path] : models) fs::remove(path, error);
+}
+
+}  // namespace
+
+std::string ModelCacheFolder(const std::string& data_folder) {
+  return CacheRoot(data_folder) + "/models";
+}
+
+ModelStore::ModelStore(Options options)
+    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
+
+Result<std::string> ModelStore::Compile(const std::string& environment, const std::string& file,
+                                        const std::atomic<bool>& cancelled) {
+  const auto path_of = [this](const Result<std::string>& hash) {
+    return hash.ok() ? CompiledModelPath(cache_folder_, *hash) : hash;
+  };
+  const std::optional<uint64_t> content = ContentOf(options_.models_folder, file);
+  if (content) {
+    if (const auto known = Recall(environment, file, *content)) return path_of(*known);
+  }
+  std::error_code error;
+  fs::create_directories(options_.data_folder, error);
+  if (error) return IoError("create", options_.data_folder, error.value());
+  B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
+  B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder_));
+  const Result<std::string> hash = CompileModelInChild(
+      options_.program, {options_.models_folder, file, environment, cache_folder_},
+      Deadline::AfterMs(limits::kModelCompilerMs), &cancelled);
+  if (hash.ok()) {
+    IsInFolder(cache_folder_, *hash);
+    MakeRoom(cache_folder_);
+  }
+  // Changed while it was compiled: the next request compiles again.
+  if (content && IsLasting(hash) && ContentOf(options_.models_folder, file) == content) {
+    Remember(environment, file, {*content, hash});
+  }
+  return path_of(hash);
+}
+
+std::optional<Result<std::string>> ModelStore::Recall(const std::string& environment,
+                                                      const std::string& file, uint64_t content) {
+  const std::lock_guard lock(mutex_);
+  const auto known = known_.find({environment, file});
+  if (known == known_.end() || known->second.content != content) return std::nullopt;
+  const Result<std::string>& hash = known->second.hash;
+  if (hash.ok() && !IsInFolder(cache_folder_, *hash)) return std::nullopt;
+  return hash;
+}
+
+void ModelStore::Remember(const std::string& environment, const std::string& file, Known known) {
+  const std::lock_guard lock(mutex_);
+  if (known_.size() >= limits::kMaxCompiledModels) known_.clear();
+  known_.insert_or_assign({environment, file}, std::move(known));
+}
+
+}  // namespace b4mrl

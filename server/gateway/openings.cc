@@ -1,0 +1,243 @@
+#include "server/gateway/openings.h"
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include <algorithm>
+
+#include "proto/base/limits.h"
+#include "server/gateway/describe.h"
+#include "server/gateway/open_request.h"
+
+namespace b4mrl {
+namespace {
+
+// A record whose opening no client repeats for this long is taken back.
+constexpr int64_t kAbandonedMs = 60'000;
+
+Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record is damaged"); }
+
+}  // namespace
+
+Openings::Openings(SharedState& shared, std::vector<DealerSocket> workers, Options options,
+                   ReplyFunction reply)
+    : shared_(shared),
+      table_(shared),
+      worker_ports_(std::move(options.worker_ports)),
+      reply_(std::move(reply)),
+      models_(std::move(options.models)) {
+  for (DealerSocket& socket : workers) workers_.push_back({std::move(socket)});
+  worker_ports_.resize(workers_.size());
+}
+
+void Openings::Open(const Asker& from, const pb::Request& request) {
+  const std::string& token = request.session_token();
+  const Result<bool> is_copy = IsCopy(from, token);
+  if (is_copy.ok() && *is_copy) return;
+  Status status = is_copy.ok() ? Admit(from) : is_copy.status();
+  if (!status.ok()) return reply_(from, status);
+  const uint64_t number = Enter(from, request);
+  const std::string file = ModelFileOf(request.open());
+  if (file.empty() || table_.Find(token)) {
+    status = AskWorker(number, request.open(), "");
+  } else {
+    status = CompileModel(number, request, file);
+  }
+  if (!status.ok()) Leave(number, status);
+}
+
+Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const {
+  const auto peer = peers_.find(from.peer);
+  if (peer == peers_.end()) return false;
+  const auto number = peer->second.find(from.request_id);
+  if (number == peer->second.end()) return false;
+  if (waiting_.at(number->second).token == token) return true;
+  return InvalidArgument("request_id", std::to_string(from.request_id),
+                         "an id that is not under way with other contents");
+}
+
+Status Openings::Admit(const Asker& from) const {
+  const auto peer = peers_.find(from.peer);
+  if (peer != peers_.end() && peer->second.size() >= limits::kMaxPendingOpensOfPeer) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} Opens of this connection wait, at most {}", peer->second.size(),
+                              limits::kMaxPendingOpensOfPeer));
+  }
+  if (waiting_.size() < limits::kMaxPendingOpens) return Status();
+  return Status(StatusCode::kLimitExceeded, fmt::format("{} Opens wait, at most {}",
+                                                        waiting_.size(), limits::kMaxPendingOpens));
+}
+
+uint64_t Openings::Enter(const Asker& from, const pb::Request& request) {
+  const uint64_t number = next_number_++;
+  const Clock::time_point end = DeadlineOf(request).at();
+  waiting_[number] = {from, request.session_token(), end};
+  peers_[from.peer][from.request_id] = number;
+  deadlines_.emplace(end, number);
+  return number;
+}
+
+void Openings::Leave(uint64_t number, const Result<pb::OpenReply>& reply) {
+  const auto found = waiting_.find(number);
+  const Waiting waiting = std::move(found->second);
+  waiting_.erase(found);
+  if (waiting.generation == 0) models_.Forget(number);
+  if (const auto attach = attaches_.find(waiting.generation); attach != attaches_.end()) {
+    attach->second.waiting.erase(number);
+  }
+  deadlines_.erase({waiting.end, number});
+  const auto peer = peers_.find(waiting.from.peer);
+  peer->second.erase(waiting.from.request_id);
+  if (peer->second.empty()) peers_.erase(peer);
+  reply_(waiting.from, reply);
+}
+
+Status Openings::CompileModel(uint64_t number, const pb::Request& request,
+                              const std::string& file) {
+  pb::OpenRequest open = request.open();
+  B4MRL_RETURN_IF_ERROR(CompleteOpen(request.session_token(), &open));  // before it costs anything
+  const auto done = [this, number, open = request.open()](const Result<std::string>& compiled) {
+    const Status status = compiled.ok() ? AskWorker(number, open, *compiled) : compiled.status();
+    if (!status.ok()) Leave(number, status);
+  };
+  return models_.Add({number, waiting_.at(number).from.peer, open.environment(), file, done});
+}
+
+Result<uint32_t> Openings::FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+                                          const std::string& compiled_model) {
+  const std::string as_sent = open.SerializeAsString();
+  const uint64_t hash = XXH3_64bits(as_sent.data(), as_sent.size());
+  if (const std::optional<uint32_t> index = table_.Find(token)) {
+    if (shared_.session(*index).request_hash == hash) return *index;
+    return Status(StatusCode::kInvalidArgument,
+                  "session_token belongs to a session with other contents, allowed: a new token");
+  }
+  pb::OpenRequest complete = open;
+  complete.set_compiled_model(compiled_model);
+  B4MRL_RETURN_IF_ERROR(CompleteOpen(token, &complete));
+  const std::string bytes = complete.SerializeAsString();
+  return table_.Allocate({token, bytes, hash, complete.num_envs()});
+}
+
+Status Openings::AskWorker(uint64_t number, const pb::OpenRequest& open,
+                           const std::string& compiled_model) {
+  Waiting& waiting = waiting_.at(number);
+  B4MRL_ASSIGN_OR_RETURN(const uint32_t index, FindOrAllocate(waiting.token, open, compiled_model));
+  SessionRecord& record = shared_.session(index);
+  record.last_activity_ms.store(MonotonicMs());
+  const uint32_t worker = record.worker;
+  if (worker >= workers_.size()) return Damaged();
+  waiting.generation = record.generation;
+  const auto [attach, is_new] = attaches_.try_emplace(waiting.generation, Attach{index, worker});
+  attach->second.waiting.insert(number);
+  if (is_new) unsent_.insert(waiting.generation);
+  return Status();
+}
+
+bool Openings::Send(uint64_t generation) {
+  const auto attach = attaches_.find(generation);
+  if (attach == attaches_.end()) return true;  // nobody wants it any more
+  pb::Request request;
+  request.set_protocol_version(limits::kProtocolVersion);
+  request.set_request_id(generation);
+  *request.mutable_session_token() = SessionToken(shared_.session(attach->second.session_index));
+  request.mutable_attach()->set_session_index(attach->second.session_index);
+  request.mutable_attach()->set_generation(generation);
+  Result<Frame> envelope = SerializeEnvelope(request);
+  return envelope.ok() &&
+         workers_[attach->second.worker].socket.Send({std::move(*envelope), Frame()}).ok();
+}
+
+void Openings::Pump() {
+  models_.Pump();
+  for (uint32_t worker = 0; worker < workers_.size(); ++worker) ReadWorker(worker);
+  // What finds its worker's queue full is tried again in the next turn.
+  std::erase_if(unsent_, [this](uint64_t generation) { return Send(generation); });
+  while (!deadlines_.empty() && deadlines_.begin()->first <= Clock::now()) {
+    const uint64_t number = deadlines_.begin()->second;
+    // A record stays: the worker may still acknowledge, and the client may ask again.
+    const bool has_record = waiting_.at(number).generation != 0;
+    Leave(number, Status(StatusCode::kDeadlineExceeded,
+                         has_record ? "the worker did not acknowledge in time"
+                                    : "the model was not compiled in time"));
+  }
+}
+
+void Openings::ReadWorker(uint32_t index) {
+  Worker& worker = workers_[index];
+  while (const std::optional<Message> message = worker.socket.TryReceive()) {
+    pb::Reply answer;
+    if (!ParseEnvelope(message->envelope, &answer).ok()) continue;
+    const auto attach = attaches_.find(answer.request_id());
+    if (attach != attaches_.end()) Finish(attach, answer);
+  }
+  const uint32_t connections = worker.socket.connections();
+  if (connections == worker.connections) return;
+  const bool is_first = std::exchange(worker.connections, connections) == 0;
+  if (is_first) return;  // what had to wait for it is still queued
+  for (const auto& [generation, attach] : attaches_) {
+    if (attach.worker == index) unsent_.insert(generation);
+  }
+}
+
+void Openings::Finish(Attaches::iterator found, const pb::Reply& answer) {
+  const uint64_t generation = found->first;
+  const Attach attach = std::move(found->second);
+  attaches_.erase(found);
+  const Result<pb::OpenReply> reply = Conclude(generation, attach, answer);
+  for (const uint64_t number : attach.waiting) Leave(number, reply);
+}
+
+Result<pb::OpenReply> Openings::Conclude(uint64_t generation, const Attach& attach,
+                                         const pb::Reply& answer) {
+  const SessionRecord& record = shared_.session(attach.session_index);
+  const bool is_its_own = record.generation == generation;
+  if (const Status status = GetStatus(answer.status()); !status.ok()) {
+    // No worker holds it. A live one (asked for again) keeps its record.
+    if (is_its_own && record.state() == SessionState::kOpening) table_.Free(attach.session_index);
+    return status;
+  }
+  // Without anybody who waits it is not live: the client asks again, or the record is taken back.
+  if (attach.waiting.empty()) return Status(StatusCode::kDeadlineExceeded, "nobody waits");
+  if (!is_its_own || !table_.MakeLive(attach.session_index)) {
+    return Status(StatusCode::kSessionLost, "the session was closed or given up meanwhile");
+  }
+  pb::OpenRequest request;
+  if (!CheckSessionRecord(record).ok() ||
+      !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
+    return Damaged();
+  }
+  pb::OpenReply reply;
+  DescribeOpen(request, answer.attach(), &reply);
+  reply.mutable_port()->set_tcp(worker_ports_[attach.worker].tcp);
+  reply.mutable_port()->set_ipc(worker_ports_[attach.worker].ipc);
+  return reply;
+}
+
+void Openings::Reap() {
+  std::erase_if(attaches_, [this](const auto& item) {
+    const auto& [generation, attach] = item;
+    SessionRecord& record = shared_.session(attach.session_index);
+    const bool is_its_own =
+        record.generation == generation && record.state() != SessionState::kFree;
+    if (is_its_own && !attach.waiting.empty()) record.last_activity_ms.store(MonotonicMs());
+    return !is_its_own && attach.waiting.empty();
+  });
+  table_.Reap(kAbandonedMs);
+}
+
+int64_t Openings::wait_ms(int64_t longest_ms) const {
+  if (deadlines_.empty()) return longest_ms;
+  const auto left =
+      std::chrono::ceil<std::chrono::milliseconds>(deadlines_.begin()->first - Clock::now());
+  return std::clamp<int64_t>(left.count(), 0, longest_ms);
+}
+
+void Openings::AppendSockets(std::vector<void*>* sockets) const {
+  for (const Worker& worker : workers_) {
+    sockets->push_back(worker.socket.handle());
+    sockets->push_back(worker.socket.monitor_handle());
+  }
+}
+
+}  // namespace b4mrl

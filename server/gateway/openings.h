@@ -1,0 +1,121 @@
+// How a session comes to be: an Open is checked, its model compiled where a user wrote one
+// (server/gateway/model_queue.h), a record allocated, and the record's worker asked to attach
+// itself to it.
+//
+// Every Open is answered exactly once: with its session, with what was wrong, or at its deadline. A
+// copy of one that is under way joins it. However many Opens of one token wait, the worker is asked
+// once, and asked again when it was replaced, so that what is under way towards workers is bounded
+// by limits::kMaxSessions; Opens by limits::kMaxPendingOpens and kMaxPendingOpensOfPeer. Whoever
+// replaces a dead gateway reads the records from shared memory; clients send their Opens again.
+//
+// Thread rule: the gateway's main thread, which calls Pump in every turn of its loop and at once
+// when one of the sockets or descriptors is readable, and waits no longer than wait_ms().
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
+#include "proto/base/status.h"
+#include "proto/wire/socket.h"
+#include "server/gateway/model_queue.h"
+#include "server/process/child.h"
+#include "server/shared_memory/session_table.h"
+
+namespace b4mrl {
+
+// Whom a reply goes to.
+struct Asker {
+  RoutingId peer;
+  uint64_t request_id = 0;
+};
+
+class Openings {
+ public:
+  struct Options {
+    ModelStore::Options models;
+    std::vector<ChildOptions::Port> worker_ports;  // that clients are told
+  };
+  using ReplyFunction = std::function<void(const Asker& to, const Result<pb::OpenReply>&)>;
+
+  // `workers` are connections to the environment workers. Replies leave through `reply`. Everything
+  // passed by reference outlives the openings.
+  Openings(SharedState& shared, std::vector<DealerSocket> workers, Options options,
+           ReplyFunction reply);
+
+  // `request` is an Open.
+  void Open(const Asker& from, const pb::Request& request);
+  // Goes on with all that workers and compilers have done, and with what is past its deadline.
+  void Pump();
+  // About once a second: gives back the records of closed sessions, and of openings that nobody
+  // asks about any more.
+  void Reap();
+
+  // Nobody waits.
+  bool empty() const { return waiting_.empty(); }
+  // Until the next deadline, at most `longest_ms`.
+  int64_t wait_ms(int64_t longest_ms) const;
+  void AppendSockets(std::vector<void*>* sockets) const;
+  void AppendDescriptors(std::vector<int>* fds) const { models_.AppendDescriptors(fds); }
+
+ private:
+  // An Open that waits for its model or, once there is a record, for its worker.
+  struct Waiting {
+    Asker from;
+    std::string token;
+    Clock::time_point end;    // of its deadline
+    uint64_t generation = 0;  // of the record; 0 while there is none
+  };
+  // A worker that is asked to attach itself to a record. It lasts until the worker answers, even if
+  // nobody waits any more: another Open of that token must not ask a second time.
+  struct Attach {
+    uint32_t session_index = 0;
+    uint32_t worker = 0;
+    std::set<uint64_t> waiting{};  // numbers of Opens
+  };
+  using Attaches = std::unordered_map<uint64_t, Attach>;
+  struct Worker {
+    DealerSocket socket;
+    uint32_t connections = 0;
+  };
+
+  Status Admit(const Asker& from) const;
+  // Whether `from` has asked that already and is still waiting.
+  Result<bool> IsCopy(const Asker& from, const std::string& token) const;
+  uint64_t Enter(const Asker& from, const pb::Request& request);
+  // The next step of Open `number`; an error ends it.
+  Status CompileModel(uint64_t number, const pb::Request& request, const std::string& file);
+  Status AskWorker(uint64_t number, const pb::OpenRequest& open, const std::string& compiled_model);
+  Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
+                                  const std::string& compiled_model);
+  // False when the worker's queue is full.
+  bool Send(uint64_t generation);
+  void ReadWorker(uint32_t index);
+  void Finish(Attaches::iterator attach, const pb::Reply& answer);
+  Result<pb::OpenReply> Conclude(uint64_t generation, const Attach& attach,
+                                 const pb::Reply& answer);
+  // The end of Open `number`.
+  void Leave(uint64_t number, const Result<pb::OpenReply>& reply);
+
+  SharedState& shared_;
+  SessionTable table_;
+  std::vector<Worker> workers_;
+  std::vector<ChildOptions::Port> worker_ports_;
+  ReplyFunction reply_;
+  std::unordered_map<uint64_t, Waiting> waiting_;  // by number
+  uint64_t next_number_ = 1;
+  std::unordered_map<RoutingId, std::map<uint64_t, uint64_t>> peers_;  // request id to number
+  std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // and the numbers
+  Attaches attaches_;                                                  // by the record's generation
+  std::set<uint64_t> unsent_;                                          // of them, generations
+  ModelQueue models_;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,226 @@
+#include "server/gateway/relay.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "proto/base/limits.h"
+#include "server/gateway/open_request.h"
+
+namespace b4mrl {
+namespace {
+
+// Replies taken from one route before the next one has its turn.
+constexpr int kReplyBurst = 64;
+constexpr auto kSweepInterval = std::chrono::milliseconds(100);
+// A reply may come so long after the deadline: its process may have been frozen and replaced.
+constexpr int64_t kGraceMs = 5'000;
+
+bool IsForDatasets(pb::Request::PayloadCase kind) {
+  switch (kind) {
+    case pb::Request::kListDatasets:
+    case pb::Request::kOpenDataset:
+    case pb::Request::kDatasetStats:
+    case pb::Request::kSample:
+    case pb::Request::kRead:
+      return true;
+    default:
+      return false;
+  }
+}
+
+size_t BytesOf(const Message& message) { return message.envelope.size() + message.payload.size(); }
+
+Message Copy(Message& message) { return {message.envelope.Share(), message.payload.Share()}; }
+
+}  // namespace
+
+Relay::Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
+             size_t max_routes)
+    : sockets_(sockets),
+      shared_(shared),
+      table_(shared),
+      addresses_(std::move(addresses.workers)),
+      send_(std::move(send)),
+      max_routes_(max_routes) {
+  addresses_.push_back(std::move(addresses.dataset_worker));
+}
+
+Status Relay::Forward(const RoutingId& client, const pb::Request& request, Message message) {
+  B4MRL_ASSIGN_OR_RETURN(Route * route, FindOrMakeRoute(client, request));
+  const auto found = route->carried.find(request.request_id());
+  const bool is_copy = found != route->carried.end();
+  B4MRL_RETURN_IF_ERROR(Admit(*route, message, is_copy));
+  const size_t bytes = BytesOf(message);
+  if (!route->socket.Send(Copy(message)).ok()) {
+    return Status(StatusCode::kLimitExceeded, "the relay's queue towards this process is full");
+  }
+  const Deadline deadline = DeadlineOf(request, kGraceMs);
+  route->last_use = Clock::now();
+  route->bytes += bytes;
+  bytes_ += bytes;
+  if (is_copy) {
+    Carried& carried = found->second;
+    carried.message = std::move(message);
+    carried.deadline = deadline;
+    carried.bytes += bytes;
+  } else {
+    route->carried.emplace(request.request_id(), Carried{std::move(message), deadline, bytes});
+    ++in_flight_;
+  }
+  return Status();
+}
+
+bool Relay::HoldsSession(const Route& route, std::string_view token) const {
+  return table_.Holds(route.session, token) &&
+         shared_.session(route.session).worker == route.process;
+}
+
+Result<Relay::Route*> Relay::FindOrMakeRoute(const RoutingId& client, const pb::Request& request) {
+  const bool for_datasets = IsForDatasets(request.payload_case());
+  const std::string token = for_datasets ? "" : request.session_token();
+  const std::string key = client + token;
+  const auto found = routes_.find(key);
+  if (found != routes_.end()) {
+    if (for_datasets || HoldsSession(found->second, token)) return &found->second;
+  }
+  const uint32_t dataset_worker = static_cast<uint32_t>(addresses_.size()) - 1;
+  if (for_datasets) return MakeRoute(key, client, dataset_worker, limits::kMaxSessions);
+  const std::optional<uint32_t> session = table_.Find(token);
+  if (!session) {
+    return Status(StatusCode::kSessionLost, "no such session: it was closed or its lease ran out");
+  }
+  const uint32_t worker = shared_.session(*session).worker;
+  if (worker >= dataset_worker) {
+    return Status(StatusCode::kSessionLost, "the session's record is damaged");
+  }
+  if (found != routes_.end()) Drop(found);  // to an earlier session of the same token
+  return MakeRoute(key, client, worker, *session);
+}
+
+Result<Relay::Route*> Relay::MakeRoute(const std::string& key, const RoutingId& client,
+                                       uint32_t process, uint32_t session) {
+  B4MRL_RETURN_IF_ERROR(EvictIdleRoute());
+  B4MRL_ASSIGN_OR_RETURN(DealerSocket socket, DealerSocket::Connect(sockets_, addresses_[process]));
+  Route route{client, process, session, std::move(socket), 0, 0, Clock::now(), {}};
+  return &routes_.emplace(key, std::move(route)).first->second;
+}
+
+Status Relay::EvictIdleRoute() {
+  if (routes_.size() < max_routes_) return Status();
+  auto oldest = routes_.end();
+  for (auto it = routes_.begin(); it != routes_.end(); ++it) {
+    const bool idle = it->second.carried.empty();
+    if (idle && (oldest == routes_.end() || it->second.last_use < oldest->second.last_use)) {
+      oldest = it;
+    }
+  }
+  if (oldest == routes_.end()) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the gateway relays for {} connections, at most {}", routes_.size(),
+                              max_routes_));
+  }
+  Drop(oldest);
+  return Status();
+}
+
+Status Relay::Admit(const Route& route, const Message& message, bool is_copy) const {
+  const size_t count = route.carried.size();
+  if (!is_copy && count >= limits::kMaxRequestsInFlight) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("{} requests of this connection are being relayed, at most {}", count,
+                              limits::kMaxRequestsInFlight));
+  }
+  const size_t bytes = BytesOf(message);
+  if (route.bytes + bytes > limits::kMaxRelayRouteBytes ||
+      bytes_ + bytes > limits::kMaxRelayBytes) {
+    return Status(
+        StatusCode::kLimitExceeded,
+        fmt::format("{} bytes of this connection and {} of all are being relayed, at "
+                    "most {} and {}",
+                    route.bytes, bytes_, limits::kMaxRelayRouteBytes, limits::kMaxRelayBytes));
+  }
+  return Status();
+}
+
+void Relay::Pump() {
+  if (in_flight_ > 0) {
+    for (auto it = routes_.begin(); it != routes_.end();) {
+      const bool gone = !it->second.carried.empty() && !HandBackReplies(it->second);
+      it = gone ? Drop(it) : std::next(it);
+    }
+  }
+  if (const Clock::time_point now = Clock::now(); !routes_.empty() && now >= next_sweep_) {
+    Sweep();
+    next_sweep_ = now + kSweepInterval;
+  }
+}
+
+bool Relay::HandBackReplies(Route& route) {
+  for (int i = 0; i < kReplyBurst; ++i) {
+    std::optional<Message> message = route.socket.TryReceive();
+    if (!message) break;
+    if (ParseEnvelope(message->envelope, &reply_).ok()) {
+      const auto carried = route.carried.find(reply_.request_id());
+      if (carried != route.carried.end()) Settle(route, carried);
+    }
+    const Status status = send_(route.client, std::move(*message));
+    if (status.code() == StatusCode::kUnavailable) return false;
+  }
+  const uint32_t connections = route.socket.connections();
+  if (connections == route.connections) return true;
+  route.connections = connections;
+  // What the first connection had to wait for was still queued.
+  if (connections > 1) SendAgain(route);
+  return true;
+}
+
+void Relay::SendAgain(Route& route) {
+  for (auto& [id, carried] : route.carried) {
+    const int64_t remaining_ms = carried.deadline.remaining_ms() - kGraceMs;
+    request_.Clear();
+    if (remaining_ms <= 0 || !ParseEnvelope(carried.message.envelope, &request_).ok()) continue;
+    request_.set_deadline_ms(static_cast<uint32_t>(remaining_ms));
+    Result<Frame> envelope = SerializeEnvelope(request_);
+    // What finds the queue full is sent again by the client.
+    if (!envelope.ok()) continue;
+    (void)route.socket.Send({std::move(*envelope), carried.message.payload.Share()});
+  }
+}
+
+void Relay::Settle(Route& route, std::map<uint64_t, Carried>::iterator carried) {
+  route.bytes -= carried->second.bytes;
+  bytes_ -= carried->second.bytes;
+  --in_flight_;
+  route.carried.erase(carried);
+}
+
+Relay::Routes::iterator Relay::Drop(Routes::iterator route) {
+  bytes_ -= route->second.bytes;
+  in_flight_ -= route->second.carried.size();
+  return routes_.erase(route);
+}
+
+void Relay::Sweep() {
+  const Clock::time_point oldest = Clock::now() - std::chrono::milliseconds(limits::kRelayIdleMs);
+  for (auto it = routes_.begin(); it != routes_.end();) {
+    Route& route = it->second;
+    for (auto carried = route.carried.begin(); carried != route.carried.end();) {
+      const auto current = carried++;
+      if (current->second.deadline.expired()) Settle(route, current);
+    }
+    // A reply that comes after its request was forgotten still reaches its client.
+    const bool gone = route.carried.empty() && (route.last_use < oldest || !HandBackReplies(route));
+    it = gone ? Drop(it) : std::next(it);
+  }
+}
+
+void Relay::AppendSockets(std::vector<void*>* sockets) const {
+  if (in_flight_ == 0) return;
+  for (const auto& [key, route] : routes_) {
+    if (!route.carried.empty()) sockets->push_back(route.socket.handle());
+  }
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,105 @@
+// The gateway's second task: carrying the requests of clients that reach only its port to the
+// process that answers them, and the replies back.
+//
+// A client that sends a Step, Sample or the like to the gateway gets a route: a connection of its
+// own to its session's worker, which is found by the token, or to the dataset worker. There it is a
+// client like any other, so that request ids, lane numbers, deadlines and limits mean what they
+// mean on the direct way, and no reply can reach anybody else. The relay keeps each request until
+// it is answered or its deadline has passed, and sends it again when the process at the other end
+// was replaced, which the client cannot see. It holds nothing that a dead gateway would be missed
+// for: clients see their connection to it break and send again.
+//
+// Nothing here waits, so that no client can hold up the gateway; every queue is bounded by
+// limits::kMaxRequestsInFlight and limits::kMaxRelay*. Thread rule: the gateway's main thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
+#include "proto/base/status.h"
+#include "proto/wire/socket.h"
+#include "server/shared_memory/session_table.h"
+#include "server/shared_memory/shared_state.h"
+
+namespace b4mrl {
+
+class Relay {
+ public:
+  using SendFunction = std::function<Status(const RoutingId& client, Message reply)>;
+  // Where the processes listen; the dataset worker is the last one of the list that routes index.
+  struct Addresses {
+    std::vector<std::string> workers;
+    std::string dataset_worker;
+  };
+
+  // Replies leave through `send`. Everything passed by reference outlives the relay.
+  Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
+        size_t max_routes = limits::kMaxRelayRoutes);
+
+  // Sends `message`, whose envelope says `request`, on its way. An error says why it was not sent:
+  // kSessionLost when the token names no session, kLimitExceeded, kIoError.
+  Status Forward(const RoutingId& client, const pb::Request& request, Message message);
+  // Hands back the replies that have come, sends again what a dead process held, and forgets what
+  // nobody waits for any more.
+  void Pump();
+
+  // Requests that are neither answered nor past their deadline.
+  size_t in_flight() const { return in_flight_; }
+  // Adds the sockets on which replies may come.
+  void AppendSockets(std::vector<void*>* sockets) const;
+
+ private:
+  struct Carried {
+    Message message;  // shares its bytes with what was sent
+    Deadline deadline;
+    size_t bytes;  // of all copies that were sent
+  };
+  struct Route {
+    RoutingId client;
+    uint32_t process;  // index into addresses_
+    uint32_t session;  // index of its record; none for the dataset worker
+    DealerSocket socket;
+    uint32_t connections = 0;
+    size_t bytes = 0;  // carried
+    Clock::time_point last_use;
+    std::map<uint64_t, Carried> carried;  // by request id
+  };
+  using Routes = std::unordered_map<std::string, Route>;
+
+  bool HoldsSession(const Route& route, std::string_view token) const;
+  Result<Route*> FindOrMakeRoute(const RoutingId& client, const pb::Request& request);
+  Result<Route*> MakeRoute(const std::string& key, const RoutingId& client, uint32_t process,
+                           uint32_t session);
+  // Makes room for one more route: kLimitExceeded when all of them carry something.
+  Status EvictIdleRoute();
+  Status Admit(const Route& route, const Message& message, bool is_copy) const;
+  // False when the client has gone.
+  bool HandBackReplies(Route& route);
+  void SendAgain(Route& route);
+  void Settle(Route& route, std::map<uint64_t, Carried>::iterator carried);
+  Routes::iterator Drop(Routes::iterator route);
+  void Sweep();
+
+  Context& sockets_;
+  SharedState& shared_;
+  SessionTable table_;
+  std::vector<std::string> addresses_;
+  SendFunction send_;
+  size_t max_routes_;
+  Routes routes_;  // by client and token
+  size_t in_flight_ = 0;
+  size_t bytes_ = 0;
+  Clock::time_point next_sweep_{};
+  pb::Request request_;  // reused
+  pb::Reply reply_;      // reused
+};
+
+}  // namespace b4mrl

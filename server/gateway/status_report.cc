@@ -1,0 +1,104 @@
+#include "server/gateway/status_report.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <string>
+#include <system_error>
+
+#include "proto/base/folders.h"
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+
+namespace b4mrl {
+namespace {
+
+// A status must fit an envelope with room to spare.
+constexpr uint32_t kMaxListedSessions = 256;
+constexpr size_t kMaxFolderBytes = 4096;
+
+std::string Absolute(const std::string& folder) {
+  std::error_code error;
+  const std::string absolute = std::filesystem::absolute(folder, error).lexically_normal().string();
+  return error ? folder : absolute;
+}
+
+}  // namespace
+
+StatusReport::StatusReport(SharedState& shared, const std::string& data_folder)
+    : shared_(shared),
+      data_folder_(Absolute(data_folder)),
+      rates_(kFirstWorkerChild + shared.worker_count()),
+      sampled_ms_(MonotonicMs()) {
+  for (uint32_t child = 0; child < rates_.size(); ++child) {
+    rates_[child].steps = shared_.child(child).steps;
+  }
+}
+
+void StatusReport::Sample() {
+  const int64_t now = MonotonicMs();
+  if (now <= sampled_ms_) return;
+  const double seconds = 1e-3 * static_cast<double>(now - sampled_ms_);
+  sampled_ms_ = now;
+  for (uint32_t child = 0; child < rates_.size(); ++child) {
+    const uint64_t steps = shared_.child(child).steps;
+    rates_[child].per_second = static_cast<double>(steps - rates_[child].steps) / seconds;
+    rates_[child].steps = steps;
+  }
+}
+
+void StatusReport::Fill(pb::ServerStatusReply* out) const {
+  out->set_uptime_ms(static_cast<uint64_t>(MonotonicMs() - shared_.header().start_ms));
+  for (uint32_t child = 0; child < rates_.size(); ++child) FillChild(child, out->add_workers());
+  FillSessions(out);
+  if (data_folder_.size() > kMaxFolderBytes) return;
+  out->set_data_folder(data_folder_);
+  out->set_data_folder_id(FolderIdentity(data_folder_));
+}
+
+void StatusReport::FillChild(uint32_t child, pb::WorkerStatus* out) const {
+  const ChildRecord& record = shared_.child(child);
+  out->set_role(ChildName(child));
+  out->set_process_id(record.process_id);
+  out->set_restarts(record.restarts);
+  out->set_steps(record.steps);
+  out->set_query_rows(record.query_rows);
+  out->set_requests(record.requests);
+  out->set_errors(record.errors);
+  out->set_steps_per_second(rates_[child].per_second);
+}
+
+void StatusReport::FillSessions(pb::ServerStatusReply* out) const {
+  const int64_t now = MonotonicMs();
+  uint32_t count = 0;
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    const SessionRecord& record = shared_.session(index);
+    pb::OpenRequest request;
+    if (record.state() != SessionState::kLive || !CheckSessionRecord(record).ok() ||
+        !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
+      continue;
+    }
+    const uint32_t child = kFirstWorkerChild + record.worker;
+    if (child < rates_.size()) {
+      pb::WorkerStatus* worker = out->mutable_workers(static_cast<int>(child));
+      worker->set_sessions(worker->sessions() + 1);
+    }
+    if (++count > kMaxListedSessions) continue;
+    pb::SessionStatus* session = out->add_sessions();
+    session->set_environment(request.environment());
+    std::string perturbations;
+    for (const pb::NamedArgument& item : request.perturbations()) {
+      perturbations += perturbations.empty() ? "" : ",";
+      perturbations += NamedArgument{item.name(), item.argument()}.ToString();
+    }
+    // A long list is cut, so that 256 sessions fit the envelope.
+    session->set_perturbations(perturbations.substr(0, 96));
+    session->set_num_envs(record.lane_count);
+    session->set_worker(record.worker);
+    session->set_steps(record.steps);
+    session->set_idle_ms(
+        static_cast<uint64_t>(std::max<int64_t>(0, now - record.last_activity_ms)));
+  }
+  out->set_session_count(count);
+}
+
+}  // namespace b4mrl

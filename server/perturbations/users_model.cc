@@ -1,0 +1,59 @@
+// model=FILE.xml: a model of the user's in place of the task's own. FILE.xml lies in the models
+// folder and has the task's joints and motors; everything else may differ. Wherever it stands in
+// the list, it comes first: what the other perturbations change is this model.
+//
+// The file itself is never read here. A sandboxed process compiles it and tries it out
+// (server/models/model_compiler.h), and simulators load the compiled copy.
+#include <algorithm>
+
+#include "server/perturbations/list.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr const char* kName = "model";
+
+class ModelFile final : public Perturbation {
+ public:
+  explicit ModelFile(std::string file) : file_(std::move(file)) {}
+  NamedArgument ToNamedArgument() const override { return {kName, file_}; }
+  std::string_view model_file() const override { return file_; }
+
+ private:
+  std::string file_;
+};
+
+Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
+  if (!IsModelFileName(input.argument)) {
+    return InvalidArgument(kName, input.argument,
+                           "NAME.xml, a file in the models folder; letters, digits, '-', '_', '.'");
+  }
+  if (input.occurrence > 0) {
+    return InvalidArgument("number of models", "more", "one: model=FILE.xml may be given once");
+  }
+  return std::unique_ptr<Perturbation>(std::make_unique<ModelFile>(std::string(input.argument)));
+}
+
+}  // namespace
+
+bool IsModelFileName(std::string_view name) {
+  constexpr size_t kMaxLength = 100;
+  const auto plain = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' ||
+           c == '_' || c == '.';
+  };
+  return name.size() <= kMaxLength && name.size() > 4 && name.ends_with(".xml") && name[0] != '.' &&
+         std::ranges::all_of(name, plain);
+}
+
+extern const PerturbationEntry kModelFile;  // its line in list.cc
+constinit const PerturbationEntry kModelFile = {
+    .name = kName,
+    .parameter = "file",
+    .type = "file",
+    .description = "takes a MuJoCo model of the user's from the models folder",
+    .corrupts_datasets = false,
+    .applies = HasModel,
+    .make = Make};
+
+}  // namespace b4mrl

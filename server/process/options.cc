@@ -1,0 +1,272 @@
+#include "server/process/options.h"
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <toml++/toml.h>
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <thread>
+
+#include "proto/base/count.h"
+#include "proto/base/folders.h"
+#include "proto/base/limits.h"
+#include "proto/base/spec.h"
+#include "proto/base/version.h"
+
+namespace b4mrl {
+namespace {
+
+// A whole number of 1..most, as proto/base/count.h has it.
+CLI::Validator Count(uint64_t most) {
+  return CLI::Validator(CountText(1, most), fmt::format("1..{}", most));
+}
+
+// As the command line has them, before completion; 0 and "" stand for "not given".
+struct Flags {
+  ServeOptions serve;
+  std::string config_file;
+};
+
+uint32_t CoreCount() { return std::max(1u, std::thread::hardware_concurrency()); }
+
+Status Complain(std::string message) {
+  return Status(StatusCode::kInvalidArgument, std::move(message));
+}
+
+// Takes what the flags left open from the file. Every key is checked, so that a misspelt one is
+// told.
+Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOptions* options) {
+  const auto count = [&](uint32_t* target, uint32_t most) -> Status {
+    const std::optional<int64_t> value = node.value<int64_t>();
+    if (!value || *value < 1 || *value > most) {
+      return Complain(fmt::format("{} must be a number in 1..{}", key, most));
+    }
+    if (*target == 0) *target = static_cast<uint32_t>(*value);
+    return Status();
+  };
+  const auto text = [&](std::string* target) -> Status {
+    const std::optional<std::string> value = node.value<std::string>();
+    if (!value) return Complain(fmt::format("{} must be a string", key));
+    if (target->empty()) *target = *value;
+    return Status();
+  };
+  const auto flag = [&](bool* target) -> Status {
+    const std::optional<bool> value = node.value<bool>();
+    if (!value) return Complain(fmt::format("{} must be true or false", key));
+    *target |= *value;
+    return Status();
+  };
+  if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
+  if (key == "threads") return count(&options->threads, limits::kMaxThreads);
+  if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
+  if (key == "data") return text(&options->data_folder);
+  if (key == "models") return text(&options->models_folder);
+  if (key == "insecure") return flag(&options->insecure);
+  if (key == "pin") return flag(&options->pin);
+  if (key == "single-port") return flag(&options->single_port);
+  if (key == "bind") {
+    const toml::array* list = node.as_array();
+    std::vector<std::string> binds;
+    for (size_t i = 0; list != nullptr && i < list->size(); ++i) {
+      binds.push_back((*list)[i].value_or(std::string()));
+    }
+    if (node.is_string()) binds.push_back(node.value_or(std::string()));
+    if (binds.empty()) return Complain("bind must be an address or a list of addresses");
+    if (options->binds.empty()) options->binds = std::move(binds);
+    return Status();
+  }
+  return UnknownName("key", key,
+                     std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data",
+                                              "models", "insecure", "single-port"});
+}
+
+Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
+  try {
+    const toml::table table = toml::parse_file(path);
+    for (const auto& [key, node] : table) {
+      const Status status = ApplyConfigValue(std::string(key.str()), node, options);
+      if (!status.ok()) return status.WithContext(path);
+    }
+  } catch (const toml::parse_error& error) {
+    return Complain(fmt::format("cannot read {}: {} (line {})", path, error.description(),
+                                error.source().begin.line));
+  }
+  return Status();
+}
+
+Status CheckFolder(const char* flag, const std::string& path) {
+  struct stat info {};
+  if (stat(path.c_str(), &info) != 0) return IoError(fmt::format("use {}", flag), path, errno);
+  if (!S_ISDIR(info.st_mode)) return IoError(fmt::format("use {}", flag), path, ENOTDIR);
+  return Status();
+}
+
+// The default data folder, made on first use.
+Result<std::string> MakeDefaultDataFolder() {
+  const std::string folder = DefaultDataFolder();
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return IoError("make the data folder", folder, error.value());
+  return folder;
+}
+
+Status Complete(Flags* flags) {
+  ServeOptions& serve = flags->serve;
+  if (!flags->config_file.empty()) {
+    B4MRL_RETURN_IF_ERROR(ApplyConfigFile(flags->config_file, &serve));
+  }
+  if (serve.binds.empty()) serve.binds = {"tcp://127.0.0.1:7700"};
+  if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
+  if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
+  if (serve.data_folder.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(serve.data_folder, MakeDefaultDataFolder());
+  }
+  B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
+  if (!serve.models_folder.empty()) {
+    B4MRL_RETURN_IF_ERROR(CheckFolder("--models", serve.models_folder));
+  }
+  return Status();
+}
+
+// "7701,/run/b4mrl.sock.worker-0"
+std::string FormatPort(const ChildOptions::Port& port) {
+  return fmt::format("{},{}", port.tcp, port.ipc);
+}
+ChildOptions::Port ParsePort(const std::string& text) {
+  const size_t comma = std::min(text.find(','), text.size());
+  const Result<uint64_t> tcp = ParseUnsigned("port", text.substr(0, comma), 0, 65535);
+  return {tcp.ok() ? static_cast<uint32_t>(*tcp) : 0,
+          comma < text.size() ? text.substr(comma + 1) : ""};
+}
+
+// "5=tcp://127.0.0.1:7701"
+ListeningEndpoint ParseListener(const std::string& text) {
+  const size_t equals = std::min(text.find('='), text.size());
+  const Result<uint64_t> fd = ParseUnsigned("descriptor", text.substr(0, equals), 0, INT32_MAX);
+  return {equals < text.size() ? text.substr(equals + 1) : "",
+          fd.ok() ? static_cast<int>(*fd) : -1};
+}
+
+// The arguments between supervisor and child, as text.
+struct ChildFlags {
+  std::vector<std::string> listeners;
+  std::vector<std::string> worker_ports;
+  std::string dataset_port;
+};
+
+void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
+  const auto hidden = [](CLI::Option* option) { option->group(""); };
+  hidden(app.add_option("--role", line->child.role));
+  hidden(app.add_option("--index", line->child.index));
+  hidden(app.add_option("--shared-memory", line->shared_memory_fd));
+  hidden(app.add_option("--listen", flags->listeners));
+  hidden(app.add_option("--worker-port", flags->worker_ports));
+  hidden(app.add_option("--worker-address", line->child.worker_addresses));
+  hidden(app.add_option("--dataset-port", flags->dataset_port));
+  hidden(app.add_option("--dataset-address", line->child.dataset_address));
+  hidden(app.add_option("--file", line->untrusted_file));
+  hidden(app.add_option("--cache", line->cache_folder));
+  hidden(app.add_option("--cache-bytes", line->cache_bytes));
+  hidden(app.add_option("--environment", line->environment));
+}
+
+void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLine* line) {
+  ChildOptions& child = line->child;
+  line->is_child = true;
+  child.threads = std::clamp(serve.threads, 1u, limits::kMaxThreads);
+  child.pin = serve.pin;
+  child.data_folder = serve.data_folder;
+  child.models_folder = serve.models_folder;
+  for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
+  for (const std::string& text : flags.worker_ports) child.worker_ports.push_back(ParsePort(text));
+  child.dataset_port = ParsePort(flags.dataset_port);
+}
+
+}  // namespace
+
+std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_code) {
+  CLI::App app("Serves environments, imperfect simulators and corrupted datasets until SIGTERM.",
+               "b4mrl serve");
+  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
+  CommandLine line;
+  Flags flags;
+  ServeOptions& serve = flags.serve;
+  app.add_option("--bind", serve.binds,
+                 "tcp://HOST:PORT or ipc://PATH; may be repeated; port 0 picks a free one "
+                 "(default tcp://127.0.0.1:7700)");
+  app.add_option("--workers", serve.workers, "environment workers (default: cores, at most 4)")
+      ->transform(Count(limits::kMaxWorkers));
+  app.add_option("--threads", serve.threads, "threads of each worker (default: cores)")
+      ->transform(Count(limits::kMaxThreads));
+  app.add_option("--lease", serve.lease_seconds,
+                 "seconds after which a session without requests ends (default: 3600, or 300 where "
+                 "other machines can connect)")
+      ->transform(Count(limits::kMaxLeaseSeconds));
+  app.add_flag(
+      "--pin", serve.pin,
+      "keep each of these threads on one core: faster where the daemon has them to itself");
+  app.add_option("--data", serve.data_folder,
+                 "folder of the datasets (default $B4MRL_DATA or ~/.local/share/b4mrl)");
+  app.add_option("--models", serve.models_folder,
+                 "folder of MJCF models for model=FILE.xml (default: data/models)");
+  app.add_option("--config", flags.config_file, "TOML file with the same keys; flags win");
+  app.add_flag("--insecure", serve.insecure,
+               "allow addresses that other machines can reach (nothing authenticates them yet)");
+  app.add_flag("--single-port", serve.single_port,
+               "listen on the addresses of --bind alone and relay to the workers: slower, for "
+               "clients behind a tunnel, a firewall or a container's one port");
+  ChildFlags child_flags;
+  AddChildFlags(app, &line, &child_flags);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    *exit_code = app.exit(error) == 0 ? kExitDone : kExitBadUsage;
+    return std::nullopt;
+  }
+  if (!line.child.role.empty()) {
+    CompleteChild(serve, child_flags, &line);
+    return line;
+  }
+  if (const Status status = Complete(&flags); !status.ok()) {
+    fmt::print(stderr, "b4mrl serve: {}\n", status.message());
+    *exit_code = kExitBadInput;
+    return std::nullopt;
+  }
+  line.serve = serve;
+  return line;
+}
+
+std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_memory_fd) {
+  std::vector<std::string> arguments = {"b4mrl-serve",
+                                        "--role",
+                                        child.role,
+                                        "--index",
+                                        std::to_string(child.index),
+                                        "--shared-memory",
+                                        std::to_string(shared_memory_fd),
+                                        "--threads",
+                                        std::to_string(child.threads),
+                                        "--data",
+                                        child.data_folder};
+  const auto add = [&](const char* flag, std::string value) {
+    arguments.push_back(flag);
+    arguments.push_back(std::move(value));
+  };
+  if (child.pin) arguments.push_back("--pin");
+  if (!child.models_folder.empty()) add("--models", child.models_folder);
+  for (const ListeningEndpoint& endpoint : child.endpoints) {
+    add("--listen", fmt::format("{}={}", endpoint.fd, endpoint.address));
+  }
+  for (const ChildOptions::Port& port : child.worker_ports) add("--worker-port", FormatPort(port));
+  for (const std::string& address : child.worker_addresses) add("--worker-address", address);
+  add("--dataset-port", FormatPort(child.dataset_port));
+  add("--dataset-address", child.dataset_address);
+  return arguments;
+}
+
+}  // namespace b4mrl

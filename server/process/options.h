@@ -1,0 +1,51 @@
+// The command line of `b4mrl-serve`: flags over the configuration file over defaults. Value types.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "proto/base/status.h"
+#include "server/process/child.h"
+
+namespace b4mrl {
+
+// What the commands of the project exit with.
+inline constexpr int kExitDone = 0;
+inline constexpr int kExitBadUsage = 2;
+inline constexpr int kExitBadInput = 3;
+
+struct ServeOptions {
+  std::vector<std::string> binds;  // "tcp://HOST:PORT" or "ipc://PATH"; port 0 picks a free one
+  uint32_t workers = 0;
+  uint32_t threads = 0;        // of each worker
+  bool pin = false;            // those threads to cores
+  uint32_t lease_seconds = 0;  // of a session without requests; 0: by who can connect
+  std::string data_folder;     // exists
+  std::string models_folder;   // exists, or "" for the default
+  bool insecure = false;       // allow addresses that other machines can reach
+  bool single_port = false;    // clients reach the gateway alone, which relays
+};
+
+struct CommandLine {
+  ServeOptions serve;
+  // Set in a process that the supervisor started; `shared_memory_fd` and `child` hold then.
+  bool is_child = false;
+  int shared_memory_fd = -1;
+  ChildOptions child;
+  // Of the roles that read untrusted files: `importer`, which the dataset worker starts, and
+  // `model-compiler`, which the gateway starts.
+  std::string untrusted_file;
+  std::string cache_folder;
+  uint64_t cache_bytes = 0;
+  std::string environment;
+};
+
+// Parses and completes. Errors, help and version are printed here; then the exit code is in
+// `exit_code` and nothing is returned.
+std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_code);
+
+// The arguments with which the supervisor starts a child; ParseCommandLine is their inverse.
+std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_memory_fd);
+
+}  // namespace b4mrl

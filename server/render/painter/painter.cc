@@ -1,0 +1,159 @@
+#include "server/render/painter/painter.h"
+
+#include <fmt/format.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <cstdlib>
+#include <list>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "proto/base/limits.h"
+#include "server/environments/canvas.h"
+#include "server/render/paint_messages.h"
+#include "server/render/painter/plan_renderer.h"
+#include "server/render/painter/scene_renderer.h"
+#include "server/simulator/simulator.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kNiceness = 5;                   // a third of the share of somebody who steps
+constexpr uint64_t kMemoryBytes = 4ull << 30;  // of addresses; LLVM takes 0.4 GiB of them
+constexpr size_t kMaxKinds = 4;
+
+// Pictures of one simulator in one size.
+class PictureKind : public Canvas {
+ public:
+  // kFailedPrecondition if the model is not the one that the session was opened with.
+  static Result<std::unique_ptr<PictureKind>> Open(const PaintRequest& request);
+
+  bool Fits(const PaintRequest& request) const {
+    return request.identity == identity_ && request.width == width_ && request.height == height_;
+  }
+  Result<std::span<const std::byte>> Paint(std::span<const double> state);
+
+  Status DrawModel(const mjModel_& model, mjData_& data) override;
+  Status DrawPlan(const PlanView& plan) override {
+    return DrawPlanWithCairo(plan, width_, height_, picture_);
+  }
+
+ private:
+  explicit PictureKind(const PaintRequest& request)
+      : identity_(request.identity),
+        width_(request.width),
+        height_(request.height),
+        picture_(PictureBytes(request.width, request.height)) {}
+
+  uint64_t identity_;
+  uint32_t width_, height_;
+  std::shared_ptr<const Simulator> simulator_;
+  std::optional<Simulator::Lease> environment_;
+  std::unique_ptr<SceneRenderer> scene_;  // made for the first picture of a model
+  std::vector<std::byte> picture_;
+};
+
+Result<std::unique_ptr<PictureKind>> PictureKind::Open(const PaintRequest& request) {
+  std::unique_ptr<PictureKind> kind(new PictureKind(request));
+  B4MRL_ASSIGN_OR_RETURN(kind->simulator_, Simulator::Open(request.simulator));
+  if (kind->simulator_->identity_hash() != request.identity) {
+    return Status(StatusCode::kFailedPrecondition,
+                  "the model's file has changed since the session was opened; open it anew");
+  }
+  B4MRL_ASSIGN_OR_RETURN(Simulator::Lease environment, kind->simulator_->Borrow());
+  kind->environment_.emplace(std::move(environment));
+  return kind;
+}
+
+Result<std::span<const std::byte>> PictureKind::Paint(std::span<const double> state) {
+  Environment& environment = **environment_;
+  if (state.size() != environment.state_size()) {
+    return InvalidNumber("size of a state", static_cast<double>(state.size()),
+                         std::to_string(environment.state_size()));
+  }
+  environment.LoadState(state);
+  B4MRL_RETURN_IF_ERROR(environment.Draw(*this));
+  return std::span<const std::byte>(picture_);
+}
+
+Status PictureKind::DrawModel(const mjModel_& model, mjData_& data) {
+  if (scene_ == nullptr) {
+    B4MRL_ASSIGN_OR_RETURN(scene_, SceneRenderer::Create(model, width_, height_));
+  }
+  scene_->Draw(model, data, picture_);
+  return Status();
+}
+
+// The kinds of picture drawn lately, the latest first.
+class Painter {
+ public:
+  Result<std::span<const std::byte>> Paint(const PaintRequest& request);
+
+ private:
+  std::list<std::unique_ptr<PictureKind>> kinds_;
+};
+
+Result<std::span<const std::byte>> Painter::Paint(const PaintRequest& request) {
+  const auto found = std::ranges::find_if(
+      kinds_, [&](const std::unique_ptr<PictureKind>& kind) { return kind->Fits(request); });
+  if (found != kinds_.end()) {
+    kinds_.splice(kinds_.begin(), kinds_, found);
+  } else {
+    if (kinds_.size() == kMaxKinds) kinds_.pop_back();
+    B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<PictureKind> kind, PictureKind::Open(request));
+    kinds_.push_front(std::move(kind));
+  }
+  return kinds_.front()->Paint(request.state);
+}
+
+// A variable that the user has set stays as it is.
+void SetDefault(const char* variable, const char* value) { setenv(variable, value, 0); }
+
+void Settle() {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  signal(SIGINT, SIG_IGN);
+  signal(SIGTERM, SIG_IGN);
+  // Whoever steps comes first. A picture then takes longer, but is drawn.
+  setpriority(PRIO_PROCESS, 0, kNiceness);
+  const rlimit no_core{0, 0};
+  setrlimit(RLIMIT_CORE, &no_core);
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  // Sanitizers reserve terabytes of addresses for their shadow memory.
+  const rlimit memory{kMemoryBytes, kMemoryBytes};
+  setrlimit(RLIMIT_AS, &memory);
+#endif
+  // Rasterise on this thread: one picture is to cost one core. And leave no files behind.
+  SetDefault("LP_NUM_THREADS", "0");
+  SetDefault("MESA_SHADER_CACHE_DISABLE", "true");
+}
+
+}  // namespace
+
+int RunPainter() {
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
+  spdlog::default_logger()->set_pattern("b4mrl render: %v");
+  Settle();
+  Painter painter;
+  while (true) {
+    const auto request =
+        ReceivePaintRequest(STDIN_FILENO, Deadline::AfterMs(limits::kPainterIdleMs));
+    if (!request.ok()) {
+      if (request.status().code() != StatusCode::kDataLoss) return 0;  // idle, or alone
+      spdlog::error(request.status().message());
+      return 1;
+    }
+    const auto picture = painter.Paint(*request);
+    const Status sent = SendPicture(STDIN_FILENO, picture.status(),
+                                    picture.ok() ? *picture : std::span<const std::byte>());
+    if (!sent.ok()) return 0;
+  }
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,105 @@
+#include "server/sandbox/sandboxed_child.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr size_t kMaxAnswerBytes = 64 * 1024;
+constexpr int64_t kPollMs = 100;
+// After this time the rest of the machine goes first.
+constexpr int64_t kEagerMs = 2000;
+constexpr int kPatientNice = 10;
+
+// Everything up to the end of output, or why the child is to be ended before it.
+Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& process,
+                    const Deadline& deadline, const std::atomic<bool>* cancelled,
+                    std::string* text) {
+  std::array<char, 4096> block;
+  const int fd = process.output.get();
+  const Deadline eager = Deadline::AfterMs(kEagerMs);
+  while (true) {
+    if (eager.expired()) setpriority(PRIO_PROCESS, process.process_id, kPatientNice);
+    if (text->size() > kMaxAnswerBytes) {
+      return Status(StatusCode::kDataLoss, child.name + " answered more than it may");
+    }
+    if (deadline.expired()) {
+      return Status(StatusCode::kDeadlineExceeded, child.name + " did not end in time");
+    }
+    if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) {
+      return Status(StatusCode::kUnavailable, "the daemon is stopping");
+    }
+    pollfd waiting{fd, POLLIN, 0};
+    const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));
+    if (poll(&waiting, 1, wait_ms) <= 0) continue;
+    const ssize_t got = read(fd, block.data(), block.size());
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return Status();
+    text->append(block.data(), static_cast<size_t>(got));
+  }
+}
+
+Result<std::string> ParseAnswer(const std::string& text, const std::string& name) {
+  const Status malformed(StatusCode::kDataLoss, name + " gave no usable answer");
+  const Json answer = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (!answer.is_object() || !answer.contains("ok") || !answer["ok"].is_boolean()) return malformed;
+  if (answer["ok"].get<bool>()) return text;
+  const Json code = answer.value("code", Json());
+  const Json message = answer.value("message", Json());
+  if (!code.is_number_integer() || !message.is_string()) return malformed;
+  const int number = code.get<int>();
+  const bool known = number > 0 && StatusCodeName(static_cast<StatusCode>(number)) != "UNKNOWN";
+  return Status(known ? static_cast<StatusCode>(number) : StatusCode::kInternal,
+                message.get<std::string>());
+}
+
+}  // namespace
+
+ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& deadline,
+                              const std::atomic<bool>* cancelled) {
+  std::vector<std::string> words = {"b4mrl-serve"};
+  words.insert(words.end(), wanted.arguments.begin(), wanted.arguments.end());
+  ProgramWithOutput child;
+  const int error = StartWithOutput(wanted.program, std::move(words), &child);
+  if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
+  std::string text;
+  const Status answered = ReadUntilEnd(wanted, child, deadline, cancelled, &text);
+  if (!answered.ok()) kill(child.process_id, SIGKILL);
+  const int exit_status = WaitForExit(child.process_id, deadline);
+  const auto result = [&](Result<std::string> json) {
+    return ChildAnswer{child.process_id, exit_status == 0, std::move(json)};
+  };
+  if (!answered.ok()) return result(answered);
+  if (WIFSIGNALED(exit_status)) {
+    const int signal = WTERMSIG(exit_status);
+    const char* reason = signal == SIGXCPU ? "out of processor time" : strsignal(signal);
+    return result(Status(StatusCode::kDataLoss, fmt::format("it ended {} by signal {} ({})",
+                                                            wanted.name, signal, reason)));
+  }
+  return result(ParseAnswer(text, wanted.name));
+}
+
+std::string ErrorAnswer(const Status& error) {
+  Json answer;
+  answer["ok"] = false;
+  answer["code"] = static_cast<int>(error.code());
+  answer["message"] = error.message();
+  return answer.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+}  // namespace b4mrl

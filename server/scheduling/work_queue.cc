@@ -1,0 +1,147 @@
+#include "server/scheduling/work_queue.h"
+
+#include <algorithm>
+
+namespace b4mrl {
+namespace {
+
+// By kind. Somebody who steps waits for every answer, and most of a worker's clients step.
+constexpr std::array<double, kWorkKinds> kWeights = {4, 1, 1};
+
+bool MayEnd(const QueuedWork& work, bool begun) {
+  return (!begun || work.ends_at_deadline) && work.deadline.expired();
+}
+
+}  // namespace
+
+void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
+  uint32_t wake = 0;
+  {
+    std::lock_guard lock(mutex_);
+    const uint32_t for_caller = caller_helps && kinds_.empty() ? 1 : 0;
+    Line& line = LineOf(*work);
+    if (line.sessions.empty()) kinds_.Enter(static_cast<uint32_t>(work->work_kind));
+    if (work->session >= line.work.size()) line.work.resize(work->session + 1);
+    std::vector<QueuedWork*>& own = line.work[work->session];
+    if (own.empty()) line.sessions.Enter(work->session);
+    own.push_back(work);
+    const uint32_t items_per_piece = work->cost->ItemsPerPiece(work->items, threads_);
+    const uint32_t pieces = (work->items + items_per_piece - 1) / items_per_piece;
+    wake = std::min(pieces - for_caller, sleeping_);
+  }
+  for (uint32_t i = 0; i < wake; ++i) available_.notify_one();
+}
+
+Piece WorkQueue::Cut(QueuedWork* work, bool bite) {
+  const uint32_t left = work->left();
+  if (MayEnd(*work, left < work->items)) {
+    work->front_ += left;
+    return {work, work->front_ - left, left, true, 0};
+  }
+  const ItemCost& cost = *work->cost;
+  const uint32_t count =
+      std::min(left, bite ? cost.ItemsPerBite() : cost.ItemsPerPiece(work->items, threads_));
+  const double us = cost.Expect(count);
+  Serve(*work, us);
+  if (bite) {
+    work->front_ += count;
+    return {work, work->front_ - count, count, false, us};
+  }
+  work->taken_from_end_ += count;
+  return {work, work->items - work->taken_from_end_, count, false, us};
+}
+
+void WorkQueue::Serve(const QueuedWork& work, double us) {
+  const auto kind = static_cast<uint32_t>(work.work_kind);
+  kinds_.Serve(kind, us / kWeights[kind]);
+  lines_[kind].sessions.Serve(work.session, us);
+}
+
+void WorkQueue::Settle(const Piece& piece, double us) {
+  std::lock_guard lock(mutex_);
+  const auto kind = static_cast<uint32_t>(piece.work->work_kind);
+  kinds_.Correct(kind, (us - piece.expected_us) / kWeights[kind]);
+  lines_[kind].sessions.Correct(piece.work->session, us - piece.expected_us);
+}
+
+void WorkQueue::RemoveIfTaken(QueuedWork* work) {
+  if (work->left() > 0) return;
+  Line& line = LineOf(*work);
+  std::vector<QueuedWork*>& own = line.work[work->session];
+  std::erase(own, work);
+  if (own.empty()) line.sessions.Leave(work->session);
+  if (line.sessions.empty()) kinds_.Leave(static_cast<uint32_t>(work->work_kind));
+}
+
+std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
+  const auto next_session = [&](uint32_t kind) {
+    const Line& line = lines_[kind];
+    return line.sessions.Next([&](uint32_t session) {
+      return !bite || !line.work[session].front()->cost->too_long_for_bites();
+    });
+  };
+  const std::optional<uint32_t> kind =
+      kinds_.Next([&](uint32_t candidate) { return next_session(candidate).has_value(); });
+  if (!kind) return std::nullopt;
+  QueuedWork* work = lines_[*kind].work[*next_session(*kind)].front();
+  const Piece piece = Cut(work, bite);
+  RemoveIfTaken(work);
+  return piece;
+}
+
+std::optional<Piece> WorkQueue::Take() {
+  std::unique_lock lock(mutex_);
+  while (!stopped_) {
+    if (std::optional<Piece> piece = TakeLocked(false)) return piece;
+    ++sleeping_;
+    available_.wait(lock);
+    --sleeping_;
+  }
+  return std::nullopt;
+}
+
+std::optional<Piece> WorkQueue::TryTakeBite() {
+  std::unique_lock lock(mutex_);
+  if (stopped_) return std::nullopt;
+  const std::optional<Piece> piece = TakeLocked(true);
+  bites_left_it_ = !piece && !kinds_.empty();
+  if (!bites_left_it_) return piece;
+  lock.unlock();
+  left_.notify_one();
+  return piece;
+}
+
+std::optional<Piece> WorkQueue::TakeInstead() {
+  std::unique_lock lock(mutex_);
+  while (!stopped_) {
+    std::optional<Piece> piece = bites_left_it_ ? TakeLocked(false) : std::nullopt;
+    if (piece) return piece;
+    left_.wait(lock);
+  }
+  return std::nullopt;
+}
+
+std::optional<Piece> WorkQueue::TakeExpired(QueuedWork* work) {
+  std::lock_guard lock(mutex_);
+  const uint32_t left = work->left();
+  if (left == 0 || !MayEnd(*work, left < work->items)) return std::nullopt;
+  const Piece piece = Cut(work, false);
+  RemoveIfTaken(work);
+  return piece;
+}
+
+void WorkQueue::Stop() {
+  {
+    std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  available_.notify_all();
+  left_.notify_all();
+}
+
+bool WorkQueue::empty() const {
+  std::lock_guard lock(mutex_);
+  return kinds_.empty();
+}
+
+}  // namespace b4mrl

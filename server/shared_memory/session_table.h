@@ -1,0 +1,50 @@
+// The session records as a table: which exist, which lanes are free, which worker has room.
+//
+// All of its state lies in shared memory, so a replaced gateway goes on where the dead one was.
+// Thread rule: the gateway's main thread; what is const, anywhere.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/status.h"
+#include "server/shared_memory/shared_state.h"
+
+namespace b4mrl {
+
+class SessionTable {
+ public:
+  explicit SessionTable(SharedState& shared) : shared_(shared) {}
+
+  // The record of a session that is opening or live.
+  std::optional<uint32_t> Find(std::string_view token) const;
+  // Whether record `index` is such a session's, which is quicker to answer. Any index.
+  bool Holds(uint32_t index, std::string_view token) const;
+
+  struct NewSession {
+    std::string_view token;       // limits::kTokenBytes long
+    std::string_view open_bytes;  // serialised, complete; at most limits::kMaxOpenRequestBytes
+    uint64_t request_hash = 0;
+    uint32_t lanes = 0;
+  };
+  // Writes a kOpening record for the worker with the fewest lanes (then sessions). kLimitExceeded
+  // when no record or no run of free lanes is left.
+  Result<uint32_t> Allocate(const NewSession& session);
+  // kOpening to kLive: the worker has acknowledged. False if it has closed the session meanwhile.
+  bool MakeLive(uint32_t index);
+  // A record that no worker holds.
+  void Free(uint32_t index);
+  // Frees what workers have closed, and openings that nobody has asked about for `abandoned_ms`.
+  void Reap(int64_t abandoned_ms);
+
+ private:
+  uint32_t LeastLoadedWorker() const;
+  // The first run of `count` lanes that no record uses.
+  std::optional<uint32_t> FindLanes(uint32_t count) const;
+
+  SharedState& shared_;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,90 @@
+// The rules of a lane: when an episode starts, ends and is truncated, what is reported, and which
+// random numbers are drawn. Pure functions from one lane record to the next.
+//
+// Every operation reads `before` and writes all of `after` (which must not overlap it); on an error
+// `after` is unspecified and the lane stays at `before`. Random numbers are functions of (lane
+// seed, episode, purpose, step), so equal records and actions give equal records on any thread or
+// process.
+//
+// Auto-reset modes are Gymnasium's. next_step: the step after an end ignores its action and reports
+// the new episode's first observation, reward 0, both flags false. same_step: the ending step
+// itself reports the new episode's observation; the old one is the final observation. disabled:
+// nothing resets by itself, and a lane may be stepped on past its end (limits and health are judged
+// again on every such step).
+//
+// Nothing that is not finite leaves: a step that makes the engine warn, or gives a number that is
+// not finite, repeats the last observation, has reward 0 and ends the episode as truncated with
+// cause kNumericalError; the state stays that before the step. Immutable; any thread, one
+// Environment each.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "proto/base/status.h"
+#include "server/simulator/lane_record.h"
+#include "server/simulator/simulator.h"
+
+namespace b4mrl {
+
+// The type in which an action came.
+enum class ActionPrecision { kFloat64, kFloat32 };
+
+class LaneStepper {
+ public:
+  // kInvalidArgument if a record would not fit limits::kLaneBufferBytes.
+  static Result<LaneStepper> Create(std::shared_ptr<const Simulator> simulator, AutoresetMode mode);
+
+  const Simulator& simulator() const { return *simulator_; }
+  const EnvironmentSpec& spec() const { return simulator_->spec(); }
+  const LaneLayout& layout() const { return layout_; }
+  AutoresetMode mode() const { return mode_; }
+
+  // A lane that has not been reset yet.
+  void Initialize(uint64_t lane_seed, LaneRecord record) const;
+
+  // Starts an episode: with a seed, episode 0 of that seed and a new digest; without, the next
+  // episode. An episode whose start the engine warns about is skipped; kInternal after several.
+  Status Reset(Environment& environment, ConstLaneRecord before, std::optional<uint64_t> seed,
+               LaneRecord after) const;
+
+  // One step. kInvalidArgument for an action of the wrong length or with a number that is not
+  // finite; kFailedPrecondition for a lane that was never reset.
+  Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
+              LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;
+
+  // What Step would have refused, without stepping.
+  Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
+
+  // Instead of a step that ended its process twice: the episode ends as truncated with cause
+  // kCrash, at the last observation. In mode same_step the next episode starts at once, else it is
+  // due.
+  Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
+                            LaneRecord after) const;
+
+  // The simulator's state under readable names.
+  NamedState GetNamedState(Environment& environment, ConstLaneRecord before) const;
+  // Puts the lane into that state and observes it. A running episode goes on (seed, steps and
+  // return and perturbations' state kept); a lane that was never reset runs from step 0 of its
+  // first episode, and one whose episode has ended from step 0 of the next.
+  Status SetNamedState(Environment& environment, ConstLaneRecord before, const NamedState& state,
+                       LaneRecord after) const;
+
+ private:
+  LaneStepper(std::shared_ptr<const Simulator> simulator, AutoresetMode mode, LaneLayout layout)
+      : simulator_(std::move(simulator)), mode_(mode), layout_(layout) {}
+
+  void Observe(const Environment& environment, LaneRecord record) const;
+  Status TryStart(Environment& environment, LaneRecord record) const;
+  // The record's episode, or the first after it whose start the engine accepts.
+  Status StartEpisode(Environment& environment, LaneRecord record) const;
+  Status Finish(Environment& environment, LaneRecord record) const;
+
+  std::shared_ptr<const Simulator> simulator_;
+  AutoresetMode mode_;
+  LaneLayout layout_;
+};
+
+}  // namespace b4mrl

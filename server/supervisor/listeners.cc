@@ -1,0 +1,236 @@
+#include "server/supervisor/listeners.h"
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+
+#include "proto/base/child_program.h"
+#include "proto/base/spec.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int kBacklog = 1024;
+constexpr int kSocketFlags = SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK;
+
+struct TcpSocket {
+  int fd = -1;
+  uint16_t port = 0;
+};
+
+Result<in_addr> ResolveHost(const std::string& host) {
+  in_addr address{};
+  if (host == "*") return in_addr{htonl(INADDR_ANY)};
+  if (inet_pton(AF_INET, host.c_str(), &address) == 1) return address;
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(host.c_str(), nullptr, &hints, &found) != 0 || found == nullptr) {
+    return InvalidArgument("host of --bind", host, "an IPv4 address or a name that has one");
+  }
+  address = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr;
+  freeaddrinfo(found);
+  return address;
+}
+
+bool IsLoopback(in_addr address) { return ntohl(address.s_addr) >> 24 == 127; }
+
+std::string FormatHost(in_addr address) {
+  char text[INET_ADDRSTRLEN] = "";
+  inet_ntop(AF_INET, &address, text, sizeof(text));
+  return text;
+}
+
+Result<TcpSocket> ListenTcp(in_addr host, uint16_t port) {
+  const std::string name = fmt::format("tcp://{}:{}", FormatHost(host), port);
+  const int fd = socket(AF_INET, kSocketFlags, 0);
+  if (fd < 0) return IoError("open a socket for", name, errno);
+  const int on = 1;
+  setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr = host;
+  address.sin_port = htons(port);
+  socklen_t size = sizeof(address);
+  auto* generic = reinterpret_cast<sockaddr*>(&address);
+  if (bind(fd, generic, size) != 0 || listen(fd, kBacklog) != 0 ||
+      getsockname(fd, generic, &size) != 0) {
+    const int error = errno;
+    close(fd);
+    return IoError("listen on", name, error);
+  }
+  return TcpSocket{fd, ntohs(address.sin_port)};
+}
+
+// A socket file that nobody listens on any more, left by a daemon that was killed.
+bool IsStaleSocketFile(const sockaddr_un& address) {
+  struct stat info {};
+  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return false;
+  const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const int result = connect(probe, reinterpret_cast<const sockaddr*>(&address), sizeof(address));
+  const bool refused = result != 0 && errno == ECONNREFUSED;
+  close(probe);
+  return refused;
+}
+
+Result<int> ListenIpc(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string checked, ParseIpcAddress("ipc://" + path));
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
+  if (IsStaleSocketFile(address)) unlink(address.sun_path);
+  const int fd = socket(AF_UNIX, kSocketFlags, 0);
+  if (fd < 0) return IoError("open a socket for", path, errno);
+  const auto* generic = reinterpret_cast<const sockaddr*>(&address);
+  if (bind(fd, generic, sizeof(address)) != 0 || listen(fd, kBacklog) != 0) {
+    const int error = errno;
+    close(fd);
+    return IoError("listen on", "ipc://" + path, error);
+  }
+  return fd;
+}
+
+// The parsed addresses of --bind.
+struct Plan {
+  struct Tcp {
+    in_addr host;
+    uint16_t port;
+  };
+  std::vector<Tcp> tcp;
+  std::vector<std::string> ipc;
+};
+
+Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
+  Plan plan;
+  for (const std::string& bind : binds) {
+    if (bind.starts_with("ipc://")) {
+      B4MRL_ASSIGN_OR_RETURN(std::string path, ParseIpcAddress(bind));
+      // Clients are told it, and may be in another folder.
+      plan.ipc.push_back(std::filesystem::absolute(path));
+      continue;
+    }
+    B4MRL_ASSIGN_OR_RETURN(const TcpAddress address, ParseTcpAddress(bind));
+    B4MRL_ASSIGN_OR_RETURN(const in_addr host, ResolveHost(address.host));
+    if (!IsLoopback(host) && !insecure) {
+      return Status(StatusCode::kFailedPrecondition,
+                    fmt::format("--bind {} can be reached from other machines, and nothing "
+                                "authenticates them yet; add --insecure to allow it",
+                                bind));
+    }
+    plan.tcp.push_back({host, address.port});
+  }
+  return plan;
+}
+
+Status AddTcp(in_addr host, uint16_t port, std::vector<ListeningEndpoint>* to, uint32_t* told) {
+  B4MRL_ASSIGN_OR_RETURN(const TcpSocket socket, ListenTcp(host, port));
+  to->push_back({fmt::format("tcp://{}:{}", FormatHost(host), socket.port), socket.fd});
+  if (told != nullptr && *told == 0) *told = socket.port;
+  return Status();
+}
+
+Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
+  B4MRL_ASSIGN_OR_RETURN(const int fd, ListenIpc(path));
+  to->push_back({"ipc://" + path, fd});
+  return Status();
+}
+
+// The listeners of one worker; `offset` from the gateway's port, `suffix` after its ipc path.
+Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
+                 std::vector<ListeningEndpoint>* to, ChildOptions::Port* told) {
+  if (!plan.tcp.empty()) {
+    const uint32_t base = plan.tcp.front().port;
+    if (base + offset > 65535) {
+      return InvalidNumber("port of --bind", base, "room for the workers' ports below 65536");
+    }
+    std::vector<uint32_t> hosts_done;
+    for (const Plan::Tcp& tcp : plan.tcp) {
+      if (std::count(hosts_done.begin(), hosts_done.end(), tcp.host.s_addr) > 0) continue;
+      hosts_done.push_back(tcp.host.s_addr);
+      // Every host gets the port that the first one got: clients are told one number.
+      const uint32_t port = base == 0 ? told->tcp : base + offset;
+      B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, static_cast<uint16_t>(port), to, &told->tcp));
+    }
+  }
+  if (!plan.ipc.empty()) {
+    told->ipc = plan.ipc.front() + suffix;
+    B4MRL_RETURN_IF_ERROR(AddIpc(told->ipc, to));
+  }
+  return Status();
+}
+
+// The listeners of all but the gateway.
+Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
+  listeners->workers.resize(workers);
+  listeners->worker_ports.resize(workers);
+  for (uint32_t i = 0; i < workers; ++i) {
+    B4MRL_RETURN_IF_ERROR(AddWorker(plan, i + 1, fmt::format(".worker-{}", i),
+                                    &listeners->workers[i], &listeners->worker_ports[i]));
+  }
+  return AddWorker(plan, workers + 1, ".dataset", &listeners->dataset, &listeners->dataset_port);
+}
+
+Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
+  for (const Plan::Tcp& tcp : plan.tcp) {
+    B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
+    listeners->loopback_only &= IsLoopback(tcp.host);
+  }
+  for (const std::string& path : plan.ipc) {
+    B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
+  }
+  if (!options.single_port) return FillWorkers(plan, options.workers, listeners);
+  plan.tcp.clear();
+  if (plan.ipc.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder("b4mrl-gateway"));
+    plan.ipc = {listeners->private_folder + "/relay"};
+  }
+  B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
+  for (ChildOptions::Port& port : listeners->worker_ports) port = {};
+  listeners->dataset_port = {};
+  return Status();
+}
+
+}  // namespace
+
+Result<Listeners> OpenListeners(const ServeOptions& options) {
+  B4MRL_ASSIGN_OR_RETURN(Plan plan, ParseBinds(options.binds, options.insecure));
+  Listeners listeners;
+  if (Status status = Fill(std::move(plan), options, &listeners); !status.ok()) {
+    RemoveSocketFiles(listeners);  // the process is about to end; descriptors go with it
+    return status;
+  }
+  return listeners;
+}
+
+std::string LocalAddress(const ListeningEndpoint& endpoint) {
+  constexpr std::string_view kAnyHost = "tcp://0.0.0.0:";
+  if (!endpoint.address.starts_with(kAnyHost)) return endpoint.address;
+  return "tcp://127.0.0.1:" + endpoint.address.substr(kAnyHost.size());
+}
+
+void RemoveSocketFiles(const Listeners& listeners) {
+  const auto remove = [](const std::vector<ListeningEndpoint>& endpoints) {
+    for (const ListeningEndpoint& endpoint : endpoints) {
+      const Result<std::string> path = ParseIpcAddress(endpoint.address);
+      if (path.ok()) unlink(path->c_str());
+    }
+  };
+  remove(listeners.gateway);
+  for (const auto& worker : listeners.workers) remove(worker);
+  remove(listeners.dataset);
+  if (!listeners.private_folder.empty()) rmdir(listeners.private_folder.c_str());
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,235 @@
+#include "server/supervisor/supervisor.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <vector>
+
+#include "server/supervisor/child_process.h"
+#include "server/supervisor/listeners.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kTickMs = 50;
+// A longer gap between two ticks means that the supervisor itself (or the machine) stood still.
+constexpr int64_t kPausedMs = 500;
+constexpr int64_t kStartMs = 60'000;
+constexpr uint32_t kMaxDeathsAtStart = 5;
+// Every connection takes a descriptor, and a relayed session several.
+constexpr rlim_t kAmpleDescriptors = 4096;
+
+class Supervisor {
+ public:
+  Supervisor(Listeners listeners, SharedState shared)
+      : listeners_(std::move(listeners)), shared_(std::move(shared)) {}
+
+  void AddChildren(const ServeOptions& options);
+  int Run(int signal_fd);
+
+ private:
+  void StartDueChildren(int64_t now_ms);
+  void ReapChildren();
+  // False when the daemon cannot start: a child refused its task.
+  bool AnnounceWhenReady(int64_t now_ms);
+  void BeginDrain(int64_t now_ms);
+  void KillAll();
+  bool any_running() const;
+  // The number of termination signals read.
+  int ReadSignals(int signal_fd);
+
+  Listeners listeners_;
+  SharedState shared_;
+  std::vector<ChildProcess> children_;
+  bool announced_ = false;
+  bool draining_ = false;
+  int64_t drain_end_ms_ = 0;
+};
+
+void Supervisor::AddChildren(const ServeOptions& options) {
+  ChildOptions common;
+  common.threads = options.threads;
+  common.pin = options.pin;
+  common.data_folder = options.data_folder;
+  common.models_folder = options.models_folder;
+  common.worker_ports = listeners_.worker_ports;
+  common.dataset_port = listeners_.dataset_port;
+  for (const auto& worker : listeners_.workers) {
+    // The gateway reaches the workers over whatever comes last: ipc where there is one.
+    common.worker_addresses.push_back(LocalAddress(worker.back()));
+  }
+  common.dataset_address = LocalAddress(listeners_.dataset.back());
+  const auto add = [&](uint32_t child, std::string role, uint32_t index,
+                       const std::vector<ListeningEndpoint>& endpoints) {
+    ChildOptions child_options = common;
+    child_options.role = std::move(role);
+    child_options.index = index;
+    child_options.endpoints = endpoints;
+    children_.emplace_back(child, std::move(child_options), &shared_);
+  };
+  for (uint32_t i = 0; i < listeners_.workers.size(); ++i) {
+    add(kFirstWorkerChild + i, "worker", i, listeners_.workers[i]);
+  }
+  add(kGatewayChild, "gateway", 0, listeners_.gateway);
+  add(kDatasetChild, "dataset-worker", 0, listeners_.dataset);
+}
+
+void Supervisor::StartDueChildren(int64_t now_ms) {
+  for (ChildProcess& child : children_) {
+    if (child.running() || now_ms < child.restart_at_ms()) continue;
+    if (const Status status = child.Start(); !status.ok()) spdlog::error(status.ToString());
+  }
+}
+
+void Supervisor::ReapChildren() {
+  for (ChildProcess& child : children_) {
+    const std::optional<Death> death = child.Reap();
+    if (death && child.child() >= kFirstWorkerChild) {
+      BlameDeath(shared_, child.child() - kFirstWorkerChild, *death);
+    }
+  }
+}
+
+bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
+  if (announced_) return true;
+  for (const ChildProcess& child : children_) {
+    // An exit before the first beat is a refusal that was explained on stderr; a second try would
+    // be refused too.
+    const bool refused = child.deaths_before_ready() > 0 && child.last_exit_code() >= 0;
+    if (refused || child.deaths_before_ready() >= kMaxDeathsAtStart ||
+        now_ms - shared_.header().start_ms > kStartMs) {
+      spdlog::error("{} does not start", ChildName(child.child()));
+      return false;
+    }
+  }
+  announced_ = std::all_of(children_.begin(), children_.end(),
+                           [](const ChildProcess& child) { return child.ready(); });
+  if (announced_) {
+    for (const ListeningEndpoint& endpoint : listeners_.gateway) {
+      fmt::print("ready {}\n", endpoint.address);
+    }
+    std::fflush(stdout);
+  }
+  return true;
+}
+
+void Supervisor::BeginDrain(int64_t now_ms) {
+  spdlog::info("draining");
+  draining_ = true;
+  drain_end_ms_ = now_ms + limits::kDrainMs;
+  shared_.header().draining.store(true);
+}
+
+void Supervisor::KillAll() {
+  for (ChildProcess& child : children_) child.Kill();
+  while (any_running()) {
+    for (ChildProcess& child : children_) child.Reap();
+    poll(nullptr, 0, 1);
+  }
+}
+
+bool Supervisor::any_running() const {
+  return std::any_of(children_.begin(), children_.end(),
+                     [](const ChildProcess& child) { return child.running(); });
+}
+
+int Supervisor::ReadSignals(int signal_fd) {
+  int terminations = 0;
+  signalfd_siginfo info{};
+  while (read(signal_fd, &info, sizeof(info)) == static_cast<ssize_t>(sizeof(info))) {
+    if (info.ssi_signo != SIGCHLD) ++terminations;
+  }
+  return terminations;
+}
+
+int Supervisor::Run(int signal_fd) {
+  int exit_code = kExitDone;
+  int64_t last_tick_ms = MonotonicMs();
+  while (!draining_ || any_running()) {
+    pollfd waited{signal_fd, POLLIN, 0};
+    const int64_t now_ms = MonotonicMs();
+    if (!draining_) StartDueChildren(now_ms);
+    poll(&waited, 1, kTickMs);
+    const int64_t tick_ms = MonotonicMs();
+    const bool paused = tick_ms - last_tick_ms > kPausedMs;
+    last_tick_ms = tick_ms;
+    ReapChildren();
+    int terminations = ReadSignals(signal_fd);
+    if (terminations > 0 && !draining_) {
+      BeginDrain(tick_ms);
+      --terminations;
+    }
+    if (draining_ && (terminations > 0 || tick_ms > drain_end_ms_)) {
+      spdlog::warn("ending without waiting for {}", terminations > 0 ? "the drain" : "stragglers");
+      break;
+    }
+    if (draining_) continue;
+    for (ChildProcess& child : children_) child.KillIfFrozen(tick_ms, paused);
+    if (!AnnounceWhenReady(tick_ms)) {
+      exit_code = kExitBadInput;
+      break;
+    }
+  }
+  KillAll();
+  RemoveSocketFiles(listeners_);
+  return exit_code;
+}
+
+// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal is closed) drain.
+int OpenSignals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGCHLD);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
+}
+
+// At the limit of descriptors ZeroMQ's thread spins, so take all that the system grants.
+void RaiseDescriptorLimit() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+  if (limit.rlim_cur >= kAmpleDescriptors) return;
+  spdlog::warn(
+      "at most {} files may be open at once (ulimit -Hn): as many connections keep others waiting",
+      limit.rlim_cur);
+}
+
+}  // namespace
+
+int RunSupervisor(const ServeOptions& options) {
+  RaiseDescriptorLimit();
+  signal(SIGPIPE, SIG_IGN);
+  const int signal_fd = OpenSignals();
+  Result<Listeners> listeners = OpenListeners(options);
+  if (!listeners.ok()) {
+    spdlog::error(listeners.status().message());
+    return listeners.status().code() == StatusCode::kIoError ? kExitBadInput : kExitBadUsage;
+  }
+  const int64_t lease_ms = options.lease_seconds > 0  ? int64_t{options.lease_seconds} * 1000
+                           : listeners->loopback_only ? limits::kLoopbackLeaseMs
+                                                      : limits::kRemoteLeaseMs;
+  Result<SharedState> shared = SharedState::Create(options.workers, lease_ms);
+  if (!shared.ok()) {
+    RemoveSocketFiles(*listeners);
+    spdlog::error(shared.status().message());
+    return kExitBadInput;
+  }
+  spdlog::default_logger()->set_pattern(std::string(kLogTime) + "b4mrl serve: %v");
+  Supervisor supervisor(std::move(*listeners), std::move(*shared));
+  supervisor.AddChildren(options);
+  return supervisor.Run(signal_fd);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,374 @@
+#include "server/worker/dispatcher.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <cstring>
+
+#include "proto/base/limits.h"
+#include "server/gateway/describe.h"
+#include "server/gateway/open_request.h"
+#include "server/shared_memory/blame.h"
+#include "server/shared_memory/session_table.h"
+#include "server/worker/fault_point.h"
+#include "server/worker/handlers.h"
+
+namespace b4mrl {
+namespace {
+
+// Deadlines are looked after at most this often, as each time all requests are looked at.
+constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
+// Of an OpenReply, beside what the worker says of the session.
+constexpr size_t kEnvelopeRest = 1024;
+
+using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
+
+pb::Reply Closed() {
+  pb::Reply reply;
+  reply.mutable_close();
+  return reply;
+}
+
+JobFactory FactoryFor(pb::Request::PayloadCase kind) {
+  switch (kind) {
+    case pb::Request::kStep:
+      return NewStepJob;
+    case pb::Request::kReset:
+      return NewResetJob;
+    case pb::Request::kQuery:
+      return NewQueryJob;
+    case pb::Request::kSnapshot:
+      return NewSnapshotJob;
+    case pb::Request::kRestore:
+      return NewRestoreJob;
+    case pb::Request::kRender:
+      return NewRenderJob;
+    default:
+      return nullptr;
+  }
+}
+
+bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
+
+}  // namespace
+
+Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send)
+    : shared_(shared),
+      worker_(worker),
+      executor_(executor),
+      send_(std::move(send)),
+      counters_(shared.child(kFirstWorkerChild + worker)) {}
+
+Dispatcher::~Dispatcher() = default;
+
+void Dispatcher::AdoptSessions() {
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    SessionRecord& record = shared_.session(index);
+    const uint64_t generation = record.generation;
+    const SessionState state = record.state();
+    if (record.worker != worker_) continue;
+    // An earlier process may have built it and said so, which the gateway has yet to read. What is
+    // wrong with it is said when its Attach comes again.
+    if (state == SessionState::kOpening && record.build_deaths == 0) {
+      static_cast<void>(Attach(index, generation));
+    }
+    if (state != SessionState::kLive) continue;
+    const Status status = Attach(index, generation).status();
+    if (status.ok() || status.code() == StatusCode::kBusy) continue;
+    spdlog::error("session {} is lost: {}", index, status.ToString());
+    record.Close(generation);
+  }
+}
+
+void Dispatcher::Reply(const Envelope& to, const Status& error) {
+  counters_.errors.fetch_add(1, std::memory_order_relaxed);
+  send_(to.sender, ErrorReply(to.request_id, error));
+}
+
+void Dispatcher::Reply(const Envelope& to, pb::Reply reply) {
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(to.request_id);
+  reply.mutable_status();
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (!envelope.ok()) return Reply(to, envelope.status());
+  send_(to.sender, Message{std::move(*envelope), Frame()});
+}
+
+void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
+  counters_.requests.fetch_add(1, std::memory_order_relaxed);
+  Envelope from{std::move(incoming.sender), 0};
+  request_.Clear();
+  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
+    return Reply(from, status);
+  }
+  from.request_id = request_.request_id();
+  if (request_.protocol_version() != limits::kProtocolVersion) {
+    return Reply(from, VersionMismatch(request_.protocol_version()));
+  }
+  if (request_.payload_case() == pb::Request::kAttach) {
+    return HandleAttach(from, request_);
+  }
+  if (request_.payload_case() == pb::Request::kClose) {
+    return HandleClose(from, request_.session_token());
+  }
+  HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
+}
+
+void Dispatcher::HandleAttach(const Envelope& from, const pb::Request& request) {
+  if (!accepting_) return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  const uint32_t index = request.attach().session_index();
+  if (index >= limits::kMaxSessions) {
+    return Reply(from, InvalidNumber("session_index", index, "a session"));
+  }
+  SessionRecord& record = shared_.session(index);
+  // A client can guess index and generation, but learns nothing of sessions that are not its own.
+  if (record.generation != request.attach().generation() ||
+      SessionToken(record) != request.session_token()) {
+    return Reply(from, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
+  }
+  record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
+  const Result<Session*> session = Attach(index, request.attach().generation());
+  if (!session.ok()) return Reply(from, session.status());
+  pb::Reply reply;
+  DescribeSession(**session, reply.mutable_attach());
+  if (reply.ByteSizeLong() + kEnvelopeRest > limits::kMaxEnvelopeBytes) {
+    // The client cannot be told what it would get.
+    record.Close((*session)->generation());
+    sessions_.erase(std::string((*session)->token()));
+    return Reply(
+        from, Status(StatusCode::kInvalidArgument,
+                     fmt::format("the session's description has {} bytes, allowed: {}",
+                                 reply.ByteSizeLong(), limits::kMaxEnvelopeBytes - kEnvelopeRest)));
+  }
+  Reply(from, std::move(reply));
+}
+
+bool Dispatcher::ForgetIfDisowned(Session* session) {
+  if (session->owns_record() || !session->in_flight().empty()) return false;
+  sessions_.erase(std::string(session->token()));
+  return true;
+}
+
+Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
+  SessionRecord& record = shared_.session(index);
+  const SessionState state = record.state();
+  if ((state != SessionState::kOpening && state != SessionState::kLive) ||
+      record.worker != worker_) {
+    return Status(StatusCode::kSessionLost, "the session was closed, or is not this worker's");
+  }
+  const std::string token(SessionToken(record));
+  const auto found = sessions_.find(token);
+  if (found != sessions_.end()) {
+    if (found->second->generation() == generation) return found->second.get();
+    if (!ForgetIfDisowned(found->second.get())) {
+      return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
+    }
+  }
+  if (record.build_deaths >= kMaxBuildDeaths) {
+    return Status(StatusCode::kInternal, "building this session ended its worker again and again");
+  }
+  const ScopedMark mark = ScopedMark::OfSession(&own_mark(), index, generation);
+  ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
+  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
+                         Session::Build(shared_, index, generation));
+  record.build_deaths.store(0);
+  return (sessions_[token] = std::move(session)).get();
+}
+
+void Dispatcher::CloseUnattached(const Envelope& from, const std::string& token) {
+  const SessionTable table(shared_);
+  const std::optional<uint32_t> index = table.Find(token);
+  if (!index) return Reply(from, Closed());  // closed already
+  SessionRecord& record = shared_.session(*index);
+  const uint64_t generation = record.generation;
+  if (table.Holds(*index, token)) {  // still, so the generation is its own
+    if (record.worker != worker_) {
+      return Reply(from, Status(StatusCode::kSessionLost, "the session lives on another worker"));
+    }
+    record.Close(generation);
+  }
+  Reply(from, Closed());
+}
+
+void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
+  const auto found = sessions_.find(token);
+  if (found == sessions_.end() || ForgetIfDisowned(found->second.get())) {
+    return CloseUnattached(from, token);
+  }
+  Session* session = found->second.get();
+  if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
+    return Reply(from, Status(StatusCode::kLimitExceeded, "the session is closing already"));
+  }
+  session->pending_closes.push_back({from.sender, from.request_id});
+  if (session->in_flight().empty()) EndSession(session);
+}
+
+void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& request,
+                                      Frame payload, bool more_waiting) {
+  const JobFactory factory = FactoryFor(request.payload_case());
+  if (factory == nullptr) {
+    return Reply(from,
+                 Status(StatusCode::kUnsupported,
+                        "an environment worker answers Step, Reset, Query, Snapshot, Restore, "
+                        "Render and Close"));
+  }
+  const auto found = sessions_.find(request.session_token());
+  if (found == sessions_.end() || !found->second->pending_closes.empty() ||
+      !found->second->live()) {
+    return Reply(from, Status(StatusCode::kSessionLost,
+                              "no such session: it was closed, its lease ran out, or it was opened "
+                              "on another worker"));
+  }
+  Session* session = found->second.get();
+  session->record().last_activity_ms.store(MonotonicMs(), std::memory_order_relaxed);
+
+  const auto running = session->in_flight().find(request.request_id());
+  if (running != session->in_flight().end()) {
+    RequestJob* job = running->second;
+    if (job->kind() == request.payload_case() && SameBytes(job->payload(), payload)) {
+      job->sender = from.sender;  // resent after a reconnection: one execution, one reply
+      return;
+    }
+    return Reply(from, InvalidArgument("request_id", std::to_string(request.request_id()),
+                                       "an id that is not under way with other contents"));
+  }
+  if (const Status status = Admit(*session, request, payload); !status.ok()) {
+    return Reply(from, status);
+  }
+  Result<std::unique_ptr<RequestJob>> job = [&] {
+    const ScopedMark mark =
+        ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
+    return factory({session, &request, std::move(payload)});
+  }();
+  if (!job.ok()) return Reply(from, job.status());
+  (*job)->sender = from.sender;
+  (*job)->received = Clock::now();
+  (*job)->deadline = DeadlineOf(request);
+  Start(std::move(*job), more_waiting);
+}
+
+Status Dispatcher::Admit(const Session& session, const pb::Request& request,
+                         const Frame& payload) const {
+  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
+  if (IsRequestCondemned(session.record(), request.request_id())) {
+    return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
+  }
+  const size_t in_flight = session.requests_in_flight();
+  if (in_flight >= limits::kMaxRequestsInFlight) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the session has {} requests in flight, at most {}", in_flight,
+                              limits::kMaxRequestsInFlight));
+  }
+  if (jobs_.size() >= limits::kMaxQueuedRequests ||
+      queued_bytes_ + payload.size() > limits::kMaxQueuedBytes) {
+    return Status(
+        StatusCode::kLimitExceeded,
+        fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
+  }
+  if (request.has_render() && patient_jobs_ >= limits::kMaxRenderRequests) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the worker has {} requests for pictures waiting, at most {}",
+                              patient_jobs_, limits::kMaxRenderRequests));
+  }
+  return Status();
+}
+
+void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
+  RequestJob* job = owned.get();
+  Session& session = job->owner();
+  jobs_[job] = std::move(owned);
+  queued_bytes_ += job->payload().size();
+  if (job->patient()) ++patient_jobs_;
+  session.in_flight()[job->request_id()] = job;
+  for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
+  const bool short_work =
+      job->items == 0 ||
+      (job->items == 1 && job->work_kind == WorkKind::kLanes && !job->cost->too_long_for_bites());
+  if (short_work && !more_waiting && executor_.idle()) {
+    executor_.RunHere(job);
+    Finish(job);
+  } else if (job->items == 0) {
+    job->Complete();
+    Finish(job);
+  } else {
+    next_deadline_sweep_ =
+        std::min(next_deadline_sweep_,
+                 std::max(job->deadline.at(), last_deadline_sweep_ + kDeadlineSweepInterval));
+    executor_.Submit(job);
+  }
+}
+
+void Dispatcher::EndExpired() {
+  const Clock::time_point now = Clock::now();
+  if (now < next_deadline_sweep_) return;
+  Clock::time_point next = Clock::time_point::max();
+  for (const auto& [job, owned] : jobs_) {
+    if (job->deadline.at() > now) {
+      next = std::min(next, job->deadline.at());
+    } else {
+      executor_.EndExpired(job);
+    }
+  }
+  last_deadline_sweep_ = now;
+  next_deadline_sweep_ = std::max(next, now + kDeadlineSweepInterval);
+}
+
+int64_t Dispatcher::MsToNextDeadline() const {
+  if (next_deadline_sweep_ == Clock::time_point::max()) return limits::kMaxDeadlineMs;
+  const auto left = next_deadline_sweep_ - Clock::now();
+  return std::max<int64_t>(0, std::chrono::ceil<std::chrono::milliseconds>(left).count());
+}
+
+void Dispatcher::FinishCompleted() {
+  for (RequestJob* job : executor_.TakeCompleted()) Finish(job);
+}
+
+void Dispatcher::Finish(RequestJob* job) {
+  Session& session = job->owner();
+  for (const uint32_t lane : job->busy_lanes()) {
+    session.RefreshLane(lane);
+    session.lane(lane).busy = nullptr;
+  }
+  session.in_flight().erase(job->request_id());
+  session.record().steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
+  counters_.steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
+  counters_.query_rows.fetch_add(job->rows_done(), std::memory_order_relaxed);
+  if (job->failed()) counters_.errors.fetch_add(1, std::memory_order_relaxed);
+  const RoutingId receiver = std::move(job->sender);
+  Result<Message> reply = job->TakeReply();
+  send_(receiver, reply.ok() ? std::move(*reply) : ErrorReply(job->request_id(), reply.status()));
+  queued_bytes_ -= job->payload().size();
+  if (job->patient()) --patient_jobs_;
+  jobs_.erase(job);
+  if (!session.pending_closes.empty() && session.in_flight().empty()) EndSession(&session);
+}
+
+void Dispatcher::EndSession(Session* session) {
+  const std::vector<Session::PendingClose> closes = std::move(session->pending_closes);
+  session->record().Close(session->generation());
+  const std::string token = session->token();
+  sessions_.erase(token);
+  for (const Session::PendingClose& close : closes) {
+    Reply({close.sender, close.request_id}, Closed());
+  }
+}
+
+void Dispatcher::ReapIdleSessions() {
+  const int64_t oldest = MonotonicMs() - shared_.header().lease_ms;
+  std::vector<Session*> expired;
+  for (const auto& [token, session] : sessions_) {
+    const bool idle = session->in_flight().empty() &&
+                      session->record().last_activity_ms.load(std::memory_order_relaxed) < oldest;
+    if (idle || !session->owns_record()) expired.push_back(session.get());
+  }
+  for (Session* session : expired) {
+    if (!session->owns_record()) {
+      ForgetIfDisowned(session);
+      continue;
+    }
+    spdlog::info("session {} ends: its lease ran out", session->index());
+    EndSession(session);
+  }
+}
+
+}  // namespace b4mrl

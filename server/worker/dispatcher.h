@@ -1,0 +1,91 @@
+// What an environment worker does with each message: finds the session, applies the rules of
+// exactly once and the limits, has the work executed, and answers every request exactly once.
+//
+// Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <unordered_map>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/wire/socket.h"
+#include "server/shared_memory/shared_state.h"
+#include "server/worker/executor.h"
+#include "server/worker/session.h"
+
+namespace b4mrl {
+
+class Dispatcher {
+ public:
+  using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
+
+  // `worker` is this worker's index. Everything passed in outlives the dispatcher.
+  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send);
+  ~Dispatcher();
+
+  // Takes over this worker's sessions that it does not hold, which an earlier process of it has
+  // left. Before the first message, and again from time to time.
+  void AdoptSessions();
+  // `more_waiting`: other messages are there already, so the work goes to the pool at once.
+  void Handle(IncomingMessage incoming, bool more_waiting);
+  // Ends requests whose deadline has passed; FinishCompleted answers them.
+  void EndExpired();
+  // How long the caller may wait before it calls EndExpired again.
+  int64_t MsToNextDeadline() const;
+  // Answers what the pool has finished.
+  void FinishCompleted();
+  // Ends sessions whose lease has run out.
+  void ReapIdleSessions();
+
+  // From now on new work is answered with kUnavailable.
+  void StopAccepting() { accepting_ = false; }
+  bool idle() const { return jobs_.empty(); }
+  size_t session_count() const { return sessions_.size(); }
+
+ private:
+  struct Envelope {
+    RoutingId sender;
+    uint64_t request_id = 0;
+  };
+  void Reply(const Envelope& to, const Status& error);
+  // Fills in what every reply says.
+  void Reply(const Envelope& to, pb::Reply reply);
+
+  void HandleAttach(const Envelope& from, const pb::Request& request);
+  // Builds the session that has record `index` in this generation, or finds it built.
+  Result<Session*> Attach(uint32_t index, uint64_t generation);
+  // Of the socket's thread.
+  ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
+  // Forgets `session` without a word if its record is not its own any more; true if it did.
+  bool ForgetIfDisowned(Session* session);
+  void HandleClose(const Envelope& from, const std::string& token);
+  // Of a session that is not here: its Attach may be on its way, and is refused then.
+  void CloseUnattached(const Envelope& from, const std::string& token);
+  void HandleSessionRequest(const Envelope& from, const pb::Request& request, Frame payload,
+                            bool more_waiting);
+  // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.
+  Status Admit(const Session& session, const pb::Request& request, const Frame& payload) const;
+  void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
+  void Finish(RequestJob* job);
+  void EndSession(Session* session);
+
+  SharedState& shared_;
+  uint32_t worker_;
+  Executor& executor_;
+  SendFunction send_;
+  ChildRecord& counters_;
+  bool accepting_ = true;
+  pb::Request request_;                                                 // reused by every message
+  std::unordered_map<std::string, std::unique_ptr<Session>> sessions_;  // by token
+  std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
+  size_t queued_bytes_ = 0;
+  uint32_t patient_jobs_ = 0;
+  // When EndExpired looked at all jobs, and when it has to again.
+  Clock::time_point last_deadline_sweep_{};
+  Clock::time_point next_deadline_sweep_ = Clock::time_point::max();
+};
+
+}  // namespace b4mrl

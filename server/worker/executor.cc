@@ -1,0 +1,113 @@
+#include "server/worker/executor.h"
+
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <utility>
+
+#include "proto/base/cores.h"
+#include "server/render/painter_process.h"
+
+namespace b4mrl {
+
+Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores)
+    : marks_(marks),
+      cores_(std::move(cores)),
+      queue_(threads),
+      patient_queue_(1),
+      socket_thread_mark_(&marks_[0]),
+      completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+  socket_thread_.mark = &marks_[0];
+  for (uint32_t i = 1; i < threads && i + 1 < marks.size(); ++i) {
+    pool_.emplace_back(&Executor::ThreadMain, this, i, &WorkQueue::Take);
+  }
+  pool_.emplace_back(&Executor::ThreadMain, this, pool_.size() + 1, &WorkQueue::TakeInstead);
+  patient_thread_ = std::thread(&Executor::PatientThreadMain, this);
+}
+
+Executor::~Executor() {
+  queue_.Stop();
+  patient_queue_.Stop();
+  for (std::thread& thread : pool_) thread.join();
+  patient_thread_.join();
+  close(completion_fd_);
+}
+
+void Executor::ThreadMain(uint32_t index, TakeFunction take) {
+  WorkerThread self;
+  self.mark = &marks_[index];
+  const MarkedThread marked(self.mark);
+  if (!cores_.empty()) PinThisThread({cores_[index % cores_.size()]});
+  while (const std::optional<Piece> piece = (queue_.*take)()) {
+    ++busy_threads_;
+    Execute(*piece, self);
+    --busy_threads_;
+  }
+}
+
+void Executor::PatientThreadMain() {
+  // Its process inherits the choice of cores; all of this worker's are better than the first.
+  if (!cores_.empty()) PinThisThread(cores_);
+  PainterProcess painter;
+  WorkerThread self;
+  self.painter = &painter;
+  while (const std::optional<Piece> piece = patient_queue_.Take()) Execute(*piece, self);
+}
+
+void Executor::Submit(RequestJob* job) {
+  QueueOf(*job).Push(job, /*caller_helps=*/!job->patient());
+}
+
+void Executor::EndExpired(RequestJob* job) {
+  const std::optional<Piece> rest = QueueOf(*job).TakeExpired(job);
+  if (rest) Execute(*rest, socket_thread_);
+}
+
+void Executor::Execute(const Piece& piece, WorkerThread& thread) {
+  auto* job = static_cast<RequestJob*>(piece.work);
+  const double us = job->RunPiece(piece, thread);
+  QueueOf(*job).Settle(piece, us);
+  if (!job->EndPiece(piece)) return;
+  job->Complete();
+  {
+    std::lock_guard lock(completed_mutex_);
+    completed_.push_back(job);
+  }
+  // In this order, as BeginWait has the opposite one: at least one of the two sees the other.
+  any_completed_.store(true);
+  if (waiting_.exchange(false)) eventfd_write(completion_fd_, 1);
+}
+
+void Executor::RunHere(RequestJob* job) {
+  if (job->items > 0) {
+    const bool expired = job->deadline.expired();
+    (void)job->RunPiece({job, 0, job->items, expired, 0}, socket_thread_);
+  }
+  job->Complete();
+}
+
+bool Executor::RunBite() {
+  const std::optional<Piece> piece = queue_.TryTakeBite();
+  if (piece) Execute(*piece, socket_thread_);
+  return piece.has_value();
+}
+
+std::vector<RequestJob*> Executor::TakeCompleted() {
+  if (!any_completed_.exchange(false)) return {};
+  std::lock_guard lock(completed_mutex_);
+  return std::exchange(completed_, {});
+}
+
+bool Executor::BeginWait() {
+  waiting_.store(true);
+  return !any_completed_.load();
+}
+
+void Executor::EndWait() {
+  waiting_.store(false);
+  // A thread that saw the wait may write only now; that costs one empty wake-up.
+  eventfd_t count = 0;
+  eventfd_read(completion_fd_, &count);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,31 @@
+// One factory for each kind of request that works on a session. A factory validates everything that
+// the request says before anything is executed, and returns a job that can only fail for reasons of
+// the simulator, or the typed error that is the reply. Socket's thread.
+//
+// A job may have no items: everything was answered from the slots, and only Complete is due.
+#pragma once
+
+#include <memory>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/status.h"
+#include "proto/wire/frame.h"
+#include "server/worker/request_job.h"
+#include "server/worker/session.h"
+
+namespace b4mrl {
+
+struct HandlerInput {
+  Session* session = nullptr;
+  const pb::Request* request = nullptr;
+  Frame payload;
+};
+
+Result<std::unique_ptr<RequestJob>> NewStepJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewResetJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewQueryJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewSnapshotJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewRestoreJob(HandlerInput input);
+Result<std::unique_ptr<RequestJob>> NewRenderJob(HandlerInput input);
+
+}  // namespace b4mrl

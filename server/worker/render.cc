@@ -1,0 +1,121 @@
+// Render: pictures of lanes as they stand. Changes nothing and keeps no lane busy.
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "proto/base/limits.h"
+#include "server/render/painter_process.h"
+#include "server/worker/handlers.h"
+#include "server/worker/lane_selection.h"
+
+namespace b4mrl {
+namespace {
+
+// The states are copied when the request arrives: the committed record of a lane cannot change
+// while the socket's thread looks at it, so a picture shows the lane between two operations, even
+// if the next one is under way.
+class RenderJob : public RequestJob {
+ public:
+  explicit RenderJob(HandlerInput& input)
+      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
+                   std::move(input.payload)) {
+    // Its pictures are taken one by one, as nobody tells the queue what they cost.
+    ends_at_deadline = true;
+  }
+  Status Prepare(const pb::Request& request);
+  bool patient() const override { return true; }
+
+ protected:
+  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+
+ private:
+  Status ChooseSize(const pb::RenderRequest& request);
+  Status CopyStates(const std::vector<uint32_t>& lanes);
+
+  PaintRequest picture_;        // its state is that of the item in hand
+  std::vector<double> states_;  // items x state size
+  size_t offset_ = 0;
+  uint32_t painted_ = 0;  // items, which one thread takes in any order
+};
+
+Status CheckSide(std::string_view name, uint32_t side) {
+  if (side >= limits::kMinPictureSide && side <= limits::kMaxPictureSide) return Status();
+  return InvalidNumber(
+      name, side,
+      fmt::format("0 (default) or {}..{}", limits::kMinPictureSide, limits::kMaxPictureSide));
+}
+
+Status RenderJob::ChooseSize(const pb::RenderRequest& request) {
+  const EnvironmentSpec& spec = owner().simulator().spec();
+  picture_.width = request.width() == 0 ? spec.picture_width : request.width();
+  picture_.height = request.height() == 0 ? spec.picture_height : request.height();
+  B4MRL_RETURN_IF_ERROR(CheckSide("width", picture_.width));
+  return CheckSide("height", picture_.height);
+}
+
+Status RenderJob::CopyStates(const std::vector<uint32_t>& lanes) {
+  for (const uint32_t lane : lanes) {
+    const ConstLaneRecord record = owner().committed_record(lane);
+    if (record.header().phase == LanePhase::kFresh) {
+      return Status(StatusCode::kFailedPrecondition,
+                    fmt::format("lane {} has not been reset: there is nothing to see", lane));
+    }
+    const std::span<const double> state = record.state();
+    states_.insert(states_.end(), state.begin(), state.end());
+  }
+  return Status();
+}
+
+Status RenderJob::Prepare(const pb::Request& request) {
+  B4MRL_ASSIGN_OR_RETURN(const ArrayReader arrays, ArrayReader::Parse(request.arrays(), payload()));
+  B4MRL_ASSIGN_OR_RETURN(const std::vector<uint32_t> lanes, ReadLanes(arrays, owner()));
+  B4MRL_RETURN_IF_ERROR(ChooseSize(request.render()));
+  const size_t bytes = lanes.size() * PictureBytes(picture_.width, picture_.height);
+  if (bytes > limits::kMaxPayloadBytes) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{} pictures of {} x {} have {} bytes, at most {}; name fewer lanes",
+                              lanes.size(), picture_.width, picture_.height, bytes,
+                              limits::kMaxPayloadBytes));
+  }
+  B4MRL_RETURN_IF_ERROR(CopyStates(lanes));
+  picture_.simulator = owner().simulator_request();
+  picture_.identity = owner().simulator().identity_hash();
+  items = static_cast<uint32_t>(lanes.size());
+  reply_.mutable_render();
+  return Status();
+}
+
+void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  if (failed()) return;
+  const size_t bytes = PictureBytes(picture_.width, picture_.height);
+  if (painted_ == 0) {
+    // Only now, so that requests that wait hold no memory for their answers.
+    ArrayLayout layout(reply_.mutable_arrays());
+    offset_ = layout.Add("frames", DType::kUint8, {items, picture_.height, picture_.width, 3});
+    reply_payload_ = layout.Allocate();
+  }
+  const size_t state_size = states_.size() / items;
+  for (uint32_t item = first; item < first + count && !failed(); ++item) {
+    if (deadline.expired()) {
+      return Fail(
+          Status(StatusCode::kDeadlineExceeded,
+                 fmt::format("the deadline passed after {} of {} pictures", painted_, items)));
+    }
+    const std::span<const double> state(states_.data() + item * state_size, state_size);
+    picture_.state.assign(state.begin(), state.end());
+    const std::span<std::byte> place(reply_payload_.data() + offset_ + item * bytes, bytes);
+    const Status status = thread.painter->Paint(picture_, place);
+    if (!status.ok()) return Fail(status);
+    ++painted_;
+  }
+}
+
+}  // namespace
+
+Result<std::unique_ptr<RequestJob>> NewRenderJob(HandlerInput input) {
+  auto job = std::make_unique<RenderJob>(input);
+  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
+  return std::unique_ptr<RequestJob>(std::move(job));
+}
+
+}  // namespace b4mrl

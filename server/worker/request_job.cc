@@ -1,0 +1,83 @@
+#include "server/worker/request_job.h"
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+
+RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id,
+                       Frame frame)
+    : arena_(arena_block_.data(), arena_block_.size()),
+      reply_(*google::protobuf::Arena::CreateMessage<pb::Reply>(&arena_)),
+      owner_(owner),
+      kind_(kind),
+      request_id_(request_id),
+      payload_(std::move(frame)) {
+  session = owner->index();
+  cost = &owner->cost(kind);
+}
+
+double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
+  const Clock::time_point start = Clock::now();
+  int64_t unset = -1;
+  started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
+  if (piece.expired) {
+    Fail(Status(StatusCode::kDeadlineExceeded,
+                piece.count == items ? "the deadline passed before anything was executed"
+                                     : "the deadline passed before all of it was executed"));
+    return 0;
+  }
+  RunItems(piece.first, piece.count, thread);
+  return 1e6 * SecondsSince(start);
+}
+
+bool RequestJob::EndPiece(const Piece& piece) {
+  // Read now: as soon as this piece counts as done, another thread may end the job and its life.
+  const uint32_t all_items = items;
+  return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
+}
+
+void RequestJob::Fail(Status status) {
+  std::lock_guard lock(error_mutex_);
+  if (error_.ok()) error_ = std::move(status);
+  failed_.store(true, std::memory_order_release);
+}
+
+void RequestJob::Complete() {
+  const Clock::time_point simulated = Clock::now();
+  reply_.set_protocol_version(limits::kProtocolVersion);
+  reply_.set_request_id(request_id_);
+  if (!failed()) FinishReply();
+  if (failed()) {
+    reply_.clear_arrays();
+    reply_.clear_payload();
+    reply_payload_ = Frame();
+    std::lock_guard lock(error_mutex_);
+    SetStatus(error_, reply_.mutable_status());
+  }
+  const int64_t queued_us = std::max<int64_t>(0, started_us_.load(std::memory_order_relaxed));
+  pb::Timing* timing = reply_.mutable_timing();
+  timing->set_queued_us(static_cast<uint32_t>(queued_us));
+  timing->set_simulating_us(
+      static_cast<uint32_t>(MicrosecondsBetween(received, simulated) - queued_us));
+  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(simulated, Clock::now())));
+}
+
+Result<Message> RequestJob::TakeReply() {
+  B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(reply_));
+  return Message{std::move(envelope), std::move(reply_payload_)};
+}
+
+Message ErrorReply(uint64_t request_id, const Status& status) {
+  pb::Reply reply;
+  reply.set_protocol_version(limits::kProtocolVersion);
+  reply.set_request_id(request_id);
+  SetStatus(status, reply.mutable_status());
+  // An error text quotes at most a few names of the request, which itself fits an envelope.
+  Result<Frame> envelope = SerializeEnvelope(reply);
+  if (envelope.ok()) return {std::move(*envelope), Frame()};
+  reply.mutable_status()->set_message("the error message is too long for an envelope");
+  envelope = SerializeEnvelope(reply);
+  return {envelope.ok() ? std::move(*envelope) : Frame(), Frame()};
+}
+
+}  // namespace b4mrl

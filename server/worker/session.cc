@@ -1,0 +1,137 @@
+#include "server/worker/session.h"
+
+#include <fmt/format.h>
+#include <xxhash.h>
+
+#include "proto/base/limits.h"
+#include "server/environments/mujoco/compiled_model.h"
+
+namespace b4mrl {
+namespace {
+
+SimulatorRequest SimulatorOf(const pb::OpenRequest& request) {
+  SimulatorRequest simulator;
+  simulator.environment = request.environment();
+  for (const pb::NamedArgument& item : request.perturbations()) {
+    simulator.perturbations.push_back({item.name(), item.argument()});
+  }
+  simulator.config = request.config();
+  if (!request.compiled_model().empty()) {
+    simulator.compiled_model = CompiledModelAt(request.compiled_model());
+  }
+  return simulator;
+}
+
+Result<LaneStepper> OpenStepper(const SimulatorRequest& request, pb::AutoresetMode mode) {
+  B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator, Simulator::Open(request));
+  return LaneStepper::Create(std::move(simulator), static_cast<AutoresetMode>(mode));
+}
+
+}  // namespace
+
+Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t number,
+                              Operation operation) {
+  if (status.busy != nullptr) {
+    return Status(StatusCode::kBusy,
+                  fmt::format("lane {} executes another request; one at a time", lane));
+  }
+  if (number == status.committed + 1) return LaneVerdict::kExecute;
+  if (number > status.committed) {
+    return Status(StatusCode::kGap,
+                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
+                              number, status.committed + 1, status.committed));
+  }
+  if (number < status.committed || number == 0) {
+    return Status(StatusCode::kStale,
+                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
+                              number, status.committed + 1, status.committed));
+  }
+  if (status.operation != operation) {
+    return Status(StatusCode::kStale,
+                  fmt::format("number {} of lane {} was {}, not {}", number, lane,
+                              OperationName(status.operation), OperationName(operation)));
+  }
+  return LaneVerdict::kAnswerFromSlot;
+}
+
+Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t index,
+                                                uint64_t generation) {
+  const SessionRecord& record = shared.session(index);
+  B4MRL_RETURN_IF_ERROR(CheckSessionRecord(record));
+  pb::OpenRequest request;
+  if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
+    return Status(StatusCode::kDataLoss, "the session's request is damaged");
+  }
+  SimulatorRequest simulator = SimulatorOf(request);
+  B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));
+  std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));
+  session->simulator_request_ = std::move(simulator);
+  session->token_ = std::string(SessionToken(record));
+  session->generation_ = generation;
+  session->first_lane_ = record.first_lane.load();
+  session->lanes_.resize(record.lane_count.load());
+  session->observation_dtype_ =
+      request.observation_dtype() == pb::FLOAT64 ? DType::kFloat64 : DType::kFloat32;
+  session->request_ = std::move(request);
+  session->NameExperiment();
+  // The gateway may have given the record away while it was read.
+  const SessionState state = session->state();
+  if (state == SessionState::kOpening) {
+    session->InitializeLanes();
+  } else if (state == SessionState::kLive) {
+    B4MRL_RETURN_IF_ERROR(session->AdoptLanes());
+  } else {
+    return Status(StatusCode::kSessionLost, "the session was given up meanwhile");
+  }
+  return session;
+}
+
+SessionState Session::state() const {
+  const SessionState state = record().state();
+  const bool is_its_own = record().generation.load(std::memory_order_relaxed) == generation_;
+  return is_its_own ? state : SessionState::kFree;
+}
+
+void Session::InitializeLanes() {
+  record().simulator_hash.store(simulator().identity_hash());
+  for (uint32_t lane = 0; lane < lane_count(); ++lane) {
+    LaneSlot memory = slot(lane);
+    stepper_.Initialize(request_.seed() + lane,
+                        LaneRecord(layout(), memory.initial_buffer().data()));
+    memory.Initialize(generation_, layout().bytes());
+  }
+}
+
+Status Session::AdoptLanes() {
+  if (record().simulator_hash != simulator().identity_hash()) {
+    return Status(StatusCode::kVersionMismatch,
+                  "its simulator is not what it was: a model's file has changed");
+  }
+  for (uint32_t lane = 0; lane < lane_count(); ++lane) {
+    const LaneSlot memory = slot(lane);
+    const std::string context = fmt::format("lane {}", lane);
+    Status status = memory.Verify(generation_, layout().bytes());
+    if (status.ok()) status = CheckLaneRecord(layout(), memory.committed_record());
+    if (!status.ok()) return status.WithContext(context);
+    RefreshLane(lane);
+  }
+  return Status();
+}
+
+void Session::RefreshLane(uint32_t lane) {
+  const LaneSlot memory = slot(lane);
+  LaneStatus& status = lanes_[lane];
+  status.committed = memory.committed();
+  status.operation = memory.committed_operation();
+  status.fresh = committed_record(lane).header().phase == LanePhase::kFresh;
+}
+
+void Session::NameExperiment() {
+  const std::string text = fmt::format(
+      "{}\nseed {} lanes {} mode {} dtype {}", simulator().identity(), request_.seed(),
+      lane_count(), static_cast<int>(request_.autoreset_mode()), DTypeName(observation_dtype_));
+  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
+  experiment_id_ = fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,120 @@
+// A session in the worker that hosts it: its simulator, its lanes' numbers, what is under way.
+//
+// Built from the session's record in shared memory, for a new session as well as by the replacement
+// of a dead worker. Thread rule: the socket's thread, except for what the pool reads: the stepper,
+// slots and sizes, which never change, and the costs, which are atomic.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/wire/socket.h"
+#include "server/scheduling/item_cost.h"
+#include "server/shared_memory/shared_state.h"
+#include "server/simulator/lane_stepper.h"
+#include "server/simulator/simulator.h"
+
+namespace b4mrl {
+
+class RequestJob;
+
+// What the socket's thread knows of a lane without touching its slot.
+struct LaneStatus {
+  uint64_t committed = 0;
+  Operation operation = Operation::kNone;  // that made `committed`
+  bool fresh = true;                       // never reset or restored
+  const RequestJob* busy = nullptr;        // executes this lane now
+};
+
+enum class LaneVerdict { kExecute, kAnswerFromSlot };
+// The rule of exactly once for one lane: last + 1 is executed, last is answered from the slot if it
+// was the same operation, less is kStale, more is kGap; and a lane does one thing at a time
+// (kBusy). `lane` is for the message.
+Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t number,
+                              Operation operation);
+
+class Session {
+ public:
+  // Reads record `index`. A record that is kOpening gets fresh lanes; one that is kLive has its
+  // lanes verified and taken over as they are. kSessionLost if the record is not of `generation`
+  // all the while; other errors name what is wrong with the request or the record.
+  static Result<std::unique_ptr<Session>> Build(SharedState& shared, uint32_t index,
+                                                uint64_t generation);
+
+  uint32_t index() const { return index_; }
+  const std::string& token() const { return token_; }
+  uint64_t generation() const { return generation_; }
+  SessionRecord& record() const { return shared_.session(index_); }
+  // The record's; kFree where it is another session's by now.
+  SessionState state() const;
+  // The gateway takes back a record that never became live.
+  bool owns_record() const {
+    return state() == SessionState::kOpening || state() == SessionState::kLive;
+  }
+  // Whether the gateway has told the client of the session. Only then is it served.
+  bool live() const { return state() == SessionState::kLive; }
+  // What the client asked for, with the seed filled in.
+  const pb::OpenRequest& request() const { return request_; }
+  const Simulator& simulator() const { return stepper_.simulator(); }
+  const LaneStepper& stepper() const { return stepper_; }
+  // What simulator() was opened from, for another process to open the same.
+  const SimulatorRequest& simulator_request() const { return simulator_request_; }
+  const LaneLayout& layout() const { return stepper_.layout(); }
+  // kFloat32 or kFloat64.
+  DType observation_dtype() const { return observation_dtype_; }
+  // Columns of `infos` in the replies to Step and Reset; 0 unless the client asked for them.
+  size_t reported_infos() const { return request_.with_infos() ? layout().info_size : 0; }
+  // Names the numbers: environment, model, perturbations, settings, seed, lanes, engine version.
+  const std::string& experiment_id() const { return experiment_id_; }
+
+  uint32_t lane_count() const { return static_cast<uint32_t>(lanes_.size()); }
+  uint32_t global_lane(uint32_t lane) const { return first_lane_ + lane; }
+  LaneSlot slot(uint32_t lane) const { return shared_.lane(first_lane_ + lane); }
+  ConstLaneRecord committed_record(uint32_t lane) const {
+    return ConstLaneRecord(layout(), slot(lane).committed_record().data());
+  }
+  LaneStatus& lane(uint32_t lane) { return lanes_[lane]; }
+  // Brings lane(i) up to date with its slot after an operation.
+  void RefreshLane(uint32_t lane);
+
+  // By request id.
+  std::unordered_map<uint64_t, RequestJob*>& in_flight() { return in_flight_; }
+  size_t requests_in_flight() const { return in_flight_.size(); }
+  // Of one item of such a request.
+  ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
+
+  // Closes that wait until nothing is under way; each is answered.
+  struct PendingClose {
+    RoutingId sender;
+    uint64_t request_id = 0;
+  };
+  std::vector<PendingClose> pending_closes;
+
+ private:
+  Session(SharedState& shared, uint32_t index, LaneStepper stepper)
+      : shared_(shared), index_(index), stepper_(std::move(stepper)) {}
+  void InitializeLanes();
+  Status AdoptLanes();
+  void NameExperiment();
+
+  SharedState& shared_;
+  uint32_t index_;
+  LaneStepper stepper_;
+  SimulatorRequest simulator_request_;
+  std::string token_;
+  uint64_t generation_ = 0;
+  uint32_t first_lane_ = 0;
+  pb::OpenRequest request_;
+  DType observation_dtype_ = DType::kFloat32;
+  std::string experiment_id_;
+  std::vector<LaneStatus> lanes_;
+  std::unordered_map<uint64_t, RequestJob*> in_flight_;
+  std::map<pb::Request::PayloadCase, ItemCost> costs_;
+};
+
+}  // namespace b4mrl

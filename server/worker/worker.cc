@@ -1,0 +1,129 @@
+// An environment worker's main loop: a thread that owns the socket and simulates between messages,
+// and a pool that only simulates.
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "proto/base/clock.h"
+#include "proto/base/cores.h"
+#include "proto/base/limits.h"
+#include "server/process/child.h"
+#include "server/shared_memory/blame.h"
+#include "server/worker/dispatcher.h"
+#include "server/worker/executor.h"
+
+namespace b4mrl {
+namespace {
+
+// Messages taken from the socket before completed work is answered, and for how long they may keep
+// it waiting, for some are large.
+constexpr int kReceiveBurst = 64;
+constexpr double kReceiveBurstSeconds = 1e-4;
+constexpr int64_t kFlushMs = 1'000;
+constexpr int64_t kReapIntervalMs = 1'000;
+
+class Worker {
+ public:
+  Worker(ChildContext& context, RouterSocket socket, std::vector<int> cores)
+      : context_(context),
+        socket_(std::move(socket)),
+        executor_(context.options().threads, context.shared().marks(context.options().index),
+                  std::move(cores)),
+        dispatcher_(context.shared(), context.options().index, executor_,
+                    [this](const RoutingId& receiver, Message reply) {
+                      Send(receiver, std::move(reply));
+                    }) {}
+
+  Status Run();
+
+ private:
+  void Send(const RoutingId& receiver, Message reply);
+  void ReceiveBurst();
+
+  ChildContext& context_;
+  RouterSocket socket_;
+  Executor executor_;
+  Dispatcher dispatcher_;
+};
+
+void Worker::Send(const RoutingId& receiver, Message reply) {
+  const Status status = socket_.Send(receiver, std::move(reply));
+  // A client that is gone asks again when it is back; the slots have its answer.
+  if (status.ok() || status.code() == StatusCode::kUnavailable) return;
+  context_.record().errors.fetch_add(1, std::memory_order_relaxed);
+}
+
+void Worker::ReceiveBurst() {
+  std::optional<IncomingMessage> next = socket_.TryReceive();
+  if (!next) return;
+  const Clock::time_point start = Clock::now();
+  for (int i = 0; next; ++i) {
+    IncomingMessage current = std::move(*next);
+    const bool goes_on = i + 1 < kReceiveBurst && SecondsSince(start) < kReceiveBurstSeconds;
+    next = goes_on ? socket_.TryReceive() : std::nullopt;
+    dispatcher_.Handle(std::move(current), next.has_value());
+    context_.Beat();  // a burst may build many sessions
+  }
+}
+
+Status Worker::Run() {
+  dispatcher_.AdoptSessions();
+  // Ready from here on: what the first message does to the worker is judged as at any other time.
+  context_.Beat();
+  const int completion_fd = executor_.completion_fd();
+  int64_t next_reap_ms = 0;
+  while (true) {
+    ReceiveBurst();
+    dispatcher_.EndExpired();
+    dispatcher_.FinishCompleted();
+    context_.Beat();
+    if (context_.draining()) {
+      dispatcher_.StopAccepting();
+      if (dispatcher_.idle()) break;
+    }
+    if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
+      dispatcher_.ReapIdleSessions();
+      dispatcher_.AdoptSessions();
+      next_reap_ms = now + kReapIntervalMs;
+    }
+    if (executor_.RunBite()) continue;
+    if (executor_.BeginWait()) {
+      WaitReadable(socket_.handle(), {&completion_fd, 1},
+                   std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()));
+    }
+    executor_.EndWait();
+  }
+  socket_.LingerOnClose(kFlushMs);
+  return Status();
+}
+
+// The cores of this worker's threads, in order; the threads of all workers take them in turns.
+std::vector<int> CoresOf(const ChildOptions& options) {
+  std::vector<int> cores;
+  if (!options.pin) return cores;
+  const std::vector<int> available = AvailableCores();
+  for (uint32_t i = 0; i < options.threads; ++i) {
+    cores.push_back(available[(options.index * options.threads + i) % available.size()]);
+  }
+  return cores;
+}
+
+}  // namespace
+
+Status RunWorker(ChildContext& context) {
+  InstallCrashRecorder();
+  if (context.options().index >= context.shared().worker_count()) {
+    return InvalidNumber("--index", context.options().index, "below the number of workers");
+  }
+  const std::vector<int> cores = CoresOf(context.options());
+  // Before the socket's own thread for input and output starts, which then shares the core: to wake
+  // a thread of another core costs several microseconds more.
+  if (!cores.empty()) PinThisThread({cores[0]});
+  Context sockets;
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints));
+  Worker worker(context, std::move(socket), cores);
+  return worker.Run();
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,376 @@
+// A run that was killed and resumed must end with the bits of one that was not.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string_view>
+#include <utility>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/list.h"
+#include "algorithms/run/train_loop.h"
+#include "data/d4rl/agent_file.h"
+#include "tests/algorithms/logged_rows.h"
+#include "tests/algorithms/test_daemon.h"
+
+namespace b4mrl {
+namespace {
+
+// Small enough for a test, and set so that a run has much to remember: half of it ends amid a
+// cycle, a schedule or a rollout. For every learner that has a hyperparameter of the name.
+constexpr std::pair<std::string_view, double> kSmall[] = {
+    {"hidden-width", 16},
+    {"batch-size", 32},
+    {"lanes", 2},
+    {"warm-up", 100},
+    {"actor", 1},  // Gaussian, which has more to remember
+    {"cosine-updates", 50},
+    {"steps-per-cycle", 40},
+    {"updates-per-cycle", 20},
+    {"discriminator-batch", 24},
+    {"gap-samples", 2},
+    {"ensemble-width", 16},
+    {"ensemble-max-updates", 20},
+    {"rollout-every", 20},
+    {"rollout-rows", 100},
+    {"chunk-rows", 30},
+    {"model-retain", 2},
+    {"real-ratio", 0.25},
+};
+
+// Of any learner of the list: what it needs decides what it trains on.
+TrainOptions SmallRun(std::string_view algorithm, const std::string& folder) {
+  const Algorithm* entry = Take(FindAlgorithm(algorithm));
+  TrainOptions options;
+  options.algorithm = algorithm;
+  options.environment = "HalfCheetah";
+  options.simulator = entry->needs.simulator ? "gravity" : "";
+  options.dataset = entry->needs.dataset ? "HalfCheetah/small" : "";
+  options.history_length = entry->needs.history ? 2 : 1;
+  options.seed = 3;
+  options.updates = 60;
+  options.eval_every = 30;
+  options.eval_episodes = 1;
+  options.log_every = 10;
+  options.checkpoint_every = 30;
+  options.folder = folder;
+  options.hyperparameters = Hyperparameters(entry->hyperparameters);
+  for (const auto& [name, value] : kSmall) {
+    if (options.hyperparameters.Find(name) == nullptr) continue;
+    RequireOk(options.hyperparameters.Set(name, value));
+  }
+  return options;
+}
+
+TrainSummary RunTraining(const TrainOptions& options, Client& client) {
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  return Take(Train(options, client, quiet, stop));
+}
+
+// Equal agents give equal bytes: all tensors of the policy, and where it comes from.
+void RequireEqualAgents(const std::string& path_a, const std::string& path_b) {
+  REQUIRE(Take(ReadAgent(path_a)).hidden.size() == 2);
+  const bool equal = ReadBytes(path_a) == ReadBytes(path_b);
+  CHECK(equal);
+}
+
+// Each row's rate is that of the updates since the row before, whatever happened in between.
+void RequireTrueRates(const std::string& folder) {
+  const std::vector<nlohmann::json> rows = LoggedRows(folder);
+  for (size_t i = 1; i < rows.size(); ++i) {
+    const auto change = [&](const char* name) {
+      return rows[i][name].get<double>() - rows[i - 1][name].get<double>();
+    };
+    INFO(rows[i].dump());
+    // The logs keep nine digits of a few seconds, and a row takes milliseconds.
+    CHECK(rows[i]["updates_per_second"].get<double>() ==
+          Approx(change("update") / change("seconds")).epsilon(1e-3));
+  }
+}
+
+// What a killed process may leave behind its last checkpoint.
+void AppendGarbage(const std::string& path) {
+  std::ofstream(path, std::ios::binary | std::ios::app) << "half a li";
+}
+
+size_t Lines(const std::string& path) {
+  const std::string text = ReadBytes(path);
+  return static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+std::vector<std::string> Cells(const std::string& line) {
+  std::vector<std::string> cells;
+  std::istringstream stream(line);
+  for (std::string cell; std::getline(stream, cell, ',');) cells.push_back(cell);
+  return cells;
+}
+
+// A CSV file's cells, but for the columns that tell the time.
+std::vector<std::string> TimelessCells(const std::string& path) {
+  std::istringstream lines(ReadBytes(path));
+  std::string line;
+  std::getline(lines, line);
+  const std::vector<std::string> names = Cells(line);
+  std::vector<std::string> kept;
+  while (std::getline(lines, line)) {
+    const std::vector<std::string> cells = Cells(line);
+    for (size_t i = 0; i < cells.size(); ++i) {
+      const std::string& name = names.at(i);
+      if (name == "time/time_elapsed" || name == "time/updates_per_second") continue;
+      kept.push_back(cells[i]);
+    }
+  }
+  return kept;
+}
+
+void CheckResume(TestDaemon& daemon, const TrainOptions& options, uint64_t first = 30) {
+  TrainOptions straight = options;
+  straight.folder = daemon.folder("straight");
+  if (!straight.dataset.empty()) daemon.MakeDataset("small", 500);
+  const TrainSummary expected = RunTraining(straight, daemon.client());
+
+  TrainOptions halves = straight;
+  halves.folder = daemon.folder("halves");
+  halves.updates = first;
+  CHECK(RunTraining(halves, daemon.client()).state == RunState::kFinished);
+  AppendGarbage(halves.folder + "/progress.csv");
+  AppendGarbage(halves.folder + "/metrics.jsonl");
+  AppendGarbage(halves.folder + "/events.out.tfevents.b4mrl");
+  halves.updates = 60;
+  halves.resume = true;
+  const TrainSummary resumed = RunTraining(halves, daemon.client());
+
+  RequireEqualAgents(straight.folder + "/agent.h5", halves.folder + "/agent.h5");
+  CHECK(resumed.last->returns == expected.last->returns);
+  CHECK(resumed.environment_steps == expected.environment_steps);
+  CHECK(resumed.mean_return_of_last_ten == expected.mean_return_of_last_ten);
+  CHECK(TimelessCells(halves.folder + "/progress.csv") ==
+        TimelessCells(straight.folder + "/progress.csv"));
+  CHECK(RowsWithoutTimes(halves.folder) == RowsWithoutTimes(straight.folder));
+  CHECK(std::filesystem::file_size(halves.folder + "/events.out.tfevents.b4mrl") ==
+        std::filesystem::file_size(straight.folder + "/events.out.tfevents.b4mrl"));
+  CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, first});
+  RequireTrueRates(halves.folder);
+}
+
+}  // namespace
+
+TEST_CASE("A resumed run of every learner ends with the bits of an undisturbed one") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    DYNAMIC_SECTION(algorithm.name) {
+      TestDaemon daemon;
+      CheckResume(daemon, SmallRun(algorithm.name, ""));
+    }
+  }
+}
+
+TEST_CASE("A resumed run whose rollouts lag behind ends with the bits of an undisturbed one") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    TrainOptions options = SmallRun(algorithm.name, "");
+    if (options.hyperparameters.Find("rollout-lag") == nullptr) continue;
+    DYNAMIC_SECTION(algorithm.name) {
+      RequireOk(options.hyperparameters.Set("rollout-lag", 1));
+      TestDaemon daemon;
+      CheckResume(daemon, options);
+    }
+  }
+}
+
+TEST_CASE(
+    "A run that ended where a longer one evaluates or logs nothing is continued as that one") {
+  TestDaemon no_row, no_evaluation;
+  CheckResume(no_row, SmallRun("td3-bc", ""), /*first=*/45);         // nor an evaluation
+  CheckResume(no_evaluation, SmallRun("td3-bc", ""), /*first=*/40);  // but a row
+}
+
+TEST_CASE("The last update is evaluated and logged, however the run is cut up") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  options.updates = 45;
+  const TrainSummary first = RunTraining(options, daemon.client());
+  REQUIRE(first.last.has_value());
+  const auto rows = RowsWithoutTimes(options.folder);
+  REQUIRE(rows.size() == 5);
+  CHECK(rows.back()["update"] == 45);
+  CHECK(rows.back().contains("evaluation_return"));
+  CHECK(rows.back().contains("critic_loss"));
+  const std::string agent = ReadBytes(first.agent_path);
+  options.resume = true;  // there is nothing left to do
+  const TrainSummary again = RunTraining(options, daemon.client());
+  CHECK(again.last->returns == first.last->returns);
+  CHECK(again.mean_return_of_last_ten == first.mean_return_of_last_ten);
+  CHECK(RowsWithoutTimes(options.folder) == rows);
+  CHECK((ReadBytes(again.agent_path) == agent));
+}
+
+TEST_CASE("A run ends with the same bits whether its evaluations run in its process or beside it") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  TrainOptions here = SmallRun("td3-bc", daemon.folder("here"));
+  TrainOptions beside = SmallRun("td3-bc", daemon.folder("beside"));
+  here.eval_inline = true;
+  const TrainSummary a = RunTraining(here, daemon.client());
+  const TrainSummary b = RunTraining(beside, daemon.client());
+  RequireEqualAgents(here.folder + "/agent.h5", beside.folder + "/agent.h5");
+  CHECK(a.last->returns == b.last->returns);
+  CHECK(a.mean_return_of_last_ten == b.mean_return_of_last_ten);
+  CHECK(Lines(here.folder + "/metrics.jsonl") == 6);
+  CHECK(RowsWithoutTimes(here.folder) == RowsWithoutTimes(beside.folder));
+}
+
+TEST_CASE("The seconds in a log include the preparation") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  RequireOk(options.hyperparameters.Set("warm-up", 2000));  // takes longer than ten updates
+  options.updates = 30;
+  RunTraining(options, daemon.client());
+  const double prepared =
+      Take(CheckpointReader::Open(CheckpointPath(options.folder, 0))).Number("run/seconds");
+  std::ifstream lines(options.folder + "/metrics.jsonl");
+  std::string line;
+  REQUIRE(std::getline(lines, line));
+  const auto row = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
+  CHECK(prepared > 0);
+  CHECK(row["seconds"] > prepared);
+}
+
+TEST_CASE("Another seed gives other weights") {
+  TestDaemon daemon;
+  TrainOptions a = SmallRun("sac", daemon.folder("a"));
+  TrainOptions b = SmallRun("sac", daemon.folder("b"));
+  b.seed = 4;
+  RunTraining(a, daemon.client());
+  RunTraining(b, daemon.client());
+  CHECK(Take(ReadAgent(a.folder + "/agent.h5")).last_fc.weight !=
+        Take(ReadAgent(b.folder + "/agent.h5")).last_fc.weight);
+}
+
+TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  RunTraining(options, daemon.client());
+  const std::string newest = CheckpointPath(options.folder, 60);
+  WriteBytes(newest, ReadBytes(newest).substr(0, 1000));
+  options.resume = true;
+  const TrainSummary resumed = RunTraining(options, daemon.client());
+  CHECK(resumed.updates == 60);
+  CHECK(Take(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
+}
+
+TEST_CASE("A run whose loss is not finite stops and names the loss and the last good state") {
+  TestDaemon daemon;
+  daemon.MakeDataset("source", 100);
+  {
+    DatasetOptions stored;
+    RemoteDataset source = Take(daemon.client().OpenDataset("HalfCheetah/source", stored));
+    const TransitionRows rows = Take(source.Read(0, 100));
+    DatasetWriterOptions options;
+    options.observation_dimensions = 17;
+    options.action_dimensions = 6;
+    DatasetWriter writer =
+        Take(DatasetWriter::Create(daemon.folder("data/HalfCheetah/small.h5"), options));
+    const std::vector<float> rewards(100, std::numeric_limits<float>::quiet_NaN());
+    const std::vector<uint8_t> no_timeouts(100, 0);
+    DatasetRows out;
+    out.rows = 100;
+    out.observations = rows.observations;
+    out.actions = rows.actions;
+    out.next_observations = rows.next_observations;
+    out.rewards = rewards;
+    out.terminals = rows.terminals;
+    out.timeouts = no_timeouts;
+    RequireOk(writer.Append(out));
+    RequireOk(writer.Commit());
+  }
+  const TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  const Status status = Train(options, daemon.client(), quiet, stop).status();
+  CHECK(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
+  CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
+  RequireOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
+  const RunStatus left = Take(ReadRunStatus(options.folder));
+  CHECK(left.state == RunState::kDiverged);
+  CHECK(left.reason == status.ToString());
+}
+
+TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  options.updates = options.eval_every = 2000;  // it diverges within a hundred
+  options.checkpoint_every = 5;
+  // Nothing restrains the values: full bootstrapping from targets that follow at once.
+  for (const char* name : {"learning-rate", "gamma", "tau"}) {
+    RequireOk(options.hyperparameters.Set(name, 1));
+  }
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  const Status status = Train(options, daemon.client(), quiet, stop).status();
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kFailedPrecondition);
+  CHECK(status.message().find("the run diverged") != std::string::npos);
+  const uint64_t newest = ListCheckpoints(options.folder).front();
+  CHECK(newest > 0);
+  CHECK(status.message().find(CheckpointPath(options.folder, newest)) != std::string::npos);
+
+  // Another update from there is possible, and evaluates.
+  options.resume = true;
+  options.updates = newest + 1;
+  CHECK(RunTraining(options, daemon.client()).updates == newest + 1);
+}
+
+TEST_CASE("A run refuses a folder that holds another one") {
+  TestDaemon daemon;
+  const TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  RunTraining(options, daemon.client());
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  CHECK(Train(options, daemon.client(), quiet, stop).status().code() ==
+        StatusCode::kFailedPrecondition);
+}
+
+TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  const std::atomic<bool> stop = true;
+  Progress quiet(true);
+  const TrainSummary stopped = Take(Train(options, daemon.client(), quiet, stop));
+  CHECK(stopped.state == RunState::kInterrupted);
+  CHECK(stopped.updates == 0);
+  CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kInterrupted);
+  options.resume = true;
+  CHECK(RunTraining(options, daemon.client()).updates == 60);
+}
+
+TEST_CASE("Threads change no bit of what any learner learns") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    DYNAMIC_SECTION(algorithm.name) {
+      TestDaemon daemon;
+      TrainOptions alone = SmallRun(algorithm.name, daemon.folder("alone"));
+      if (!alone.dataset.empty()) daemon.MakeDataset("small", 500);
+      TrainOptions team = alone;
+      team.folder = daemon.folder("team");
+      team.threads = 3;
+      RequireEqualAgents(RunTraining(alone, daemon.client()).agent_path,
+                         RunTraining(team, daemon.client()).agent_path);
+    }
+  }
+}
+
+TEST_CASE("A run ends at the first evaluation that reaches the score asked for") {
+  TestDaemon daemon;
+  TrainOptions options = SmallRun("sac", daemon.folder("run"));
+  options.stop_at_score = -1000;  // any policy has more
+  const TrainSummary summary = RunTraining(options, daemon.client());
+  CHECK(summary.updates == options.eval_every);
+  CHECK(summary.state == RunState::kFinished);
+  CHECK(summary.reason.find("-1000") != std::string::npos);
+}
+
+}  // namespace b4mrl

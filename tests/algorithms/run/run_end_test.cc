@@ -1,0 +1,231 @@
+// How runs end: what they leave for whoever looks at them, and for whoever continues them.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include "algorithms/base/checkpoint.h"
+#include "algorithms/list.h"
+#include "algorithms/run/train_loop.h"
+#include "tests/algorithms/fake_episodes.h"
+#include "tests/algorithms/logged_rows.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint64_t kSeed = 3;
+using Picks = std::function<bool(const pb::Request&)>;
+
+// A daemon with a small dataset and a simulator, whose episodes last one step, that learners train
+// with, and that can be lost: then it refuses the requests that were picked.
+class LosableDaemon {
+ public:
+  explicit LosableDaemon(Picks picks)
+      : picks_(std::move(picks)),
+        daemon_([this](FakeServer& server, FakeCall& call) { return Play(server, call); }) {
+    daemon_.dataset_environment = "HalfCheetah";
+  }
+
+  Client Connect() const { return Take(Client::Connect(daemon_.address())); }
+  std::atomic<bool> lost = false;
+
+ private:
+  bool Play(FakeServer& server, FakeCall& call) {
+    if (lost && picks_(call.request)) {
+      server.ReplyError(call, Status(StatusCode::kUnavailable, "the daemon is lost"));
+      return true;
+    }
+    if (!call.request.has_catalogue()) return EndsEveryStep(Cause::kLimit)(server, call);
+    AnswerCatalogue(server, call);
+    return true;
+  }
+
+  static void AnswerCatalogue(FakeServer& server, const FakeCall& call) {
+    pb::Reply reply;
+    pb::EnvironmentInfo* info = reply.mutable_catalogue()->add_environments();
+    info->set_name("HalfCheetah");
+    const auto add = [](pb::Space* space, size_t count) {
+      for (size_t i = 0; i < count; ++i) {
+        space->add_dimensions()->set_low(-1);
+        space->mutable_dimensions()->rbegin()->set_high(1);
+      }
+    };
+    add(info->mutable_observation(), kObservationSize);
+    add(info->mutable_action(), kActionSize);
+    server.Reply(call, std::move(reply));
+  }
+
+  Picks picks_;
+  FakeDaemon daemon_;  // last: its thread uses the members above
+};
+
+TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
+  const Algorithm* entry = Take(FindAlgorithm(algorithm));
+  TrainOptions options;
+  options.algorithm = algorithm;
+  options.environment = "HalfCheetah";
+  options.dataset = "HalfCheetah/small";
+  options.seed = kSeed;
+  options.updates = 60;
+  options.eval_every = 20;
+  options.eval_episodes = 1;
+  options.eval_inline = true;
+  options.log_every = 5;
+  options.checkpoint_every = 60;
+  options.folder = folder;
+  options.hyperparameters = Hyperparameters(entry->hyperparameters);
+  for (const auto& [name, value] : {std::pair{"hidden-width", 8.0},
+                                    {"batch-size", 16},
+                                    {"real-ratio", 0.5},
+                                    {"ensemble-width", 8},
+                                    {"ensemble-max-updates", 5},
+                                    {"ensemble-cache", 0},
+                                    {"rollout-every", 20},
+                                    {"rollout-rows", 20},
+                                    {"model-retain", 2}}) {
+    if (options.hyperparameters.Find(name) == nullptr) continue;
+    RequireOk(options.hyperparameters.Set(name, value));
+  }
+  return options;
+}
+
+Result<TrainSummary> TryTraining(const TrainOptions& options, Client& client) {
+  const std::atomic<bool> stop = false;
+  Progress quiet(true);
+  return Train(options, client, quiet, stop);
+}
+
+bool IsSampleOf(const pb::Request& request, std::string_view role, uint64_t first) {
+  return request.has_sample() && request.sample().seed() == RoleSeed(kSeed, role) &&
+         request.sample().first_batch() >= first;
+}
+
+nlohmann::json ResultOf(const TrainOptions& options) {
+  return nlohmann::json::parse(ReadBytes(options.folder + "/result.json"));
+}
+
+}  // namespace
+
+TEST_CASE("A run that loses its daemon keeps its last update and goes on from there bit for bit") {
+  struct Loss {
+    const char* algorithm;
+    bool lag;
+    Picks picks;
+  };
+  const Picks batches = [](const pb::Request& request) {
+    return IsSampleOf(request, "batches", 25);
+  };
+  const Picks starts = [](const pb::Request& request) {
+    return IsSampleOf(request, "rollout-starts", 2);
+  };
+  const Picks queries = [](const pb::Request& request) {
+    return request.has_query() && request.query().draw() > 12;  // five a cycle, after the pre-pass
+  };
+  const Loss loss = GENERATE_COPY(Loss{"td3-bc", false, batches}, Loss{"iql", false, batches},
+                                  Loss{"mopo", false, batches}, Loss{"mopo", false, starts},
+                                  Loss{"hymopo", false, starts}, Loss{"hymopo", false, queries},
+                                  Loss{"hymopo", true, starts}, Loss{"hymopo", true, queries});
+  INFO(loss.algorithm << ", lag " << loss.lag);
+  const TemporaryFolder folder;
+  LosableDaemon daemon(loss.picks);
+  Client client = daemon.Connect();
+  TrainOptions straight = SmallRun(loss.algorithm, folder.File("straight"));
+  if (loss.lag) RequireOk(straight.hyperparameters.Set("rollout-lag", 1));
+  RequireOk(TryTraining(straight, client).status());
+
+  TrainOptions cut = straight;
+  cut.folder = folder.File("cut");
+  daemon.lost = true;
+  const Status status = TryTraining(cut, client).status();
+  CHECK(status.code() == StatusCode::kUnavailable);
+  const RunStatus left = Take(ReadRunStatus(cut.folder));
+  CHECK(left.state == RunState::kFailed);
+  CHECK(left.reason == status.ToString());
+  CHECK(left.updates >= 20);
+  CHECK(left.updates < 60);
+  CHECK(ListCheckpoints(cut.folder).front() == left.updates);
+  daemon.lost = false;
+  cut.resume = true;
+  RequireOk(TryTraining(cut, client).status());
+  CHECK((ReadBytes(straight.folder + "/agent.h5") == ReadBytes(cut.folder + "/agent.h5")));
+  CHECK(RowsWithoutTimes(straight.folder) == RowsWithoutTimes(cut.folder));
+}
+
+TEST_CASE("An evaluation that fails with the daemon is owed by the run that goes on") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request& request) { return request.has_step(); });
+  Client client = daemon.Connect();
+  const TrainOptions straight = SmallRun("td3-bc", folder.File("straight"));
+  RequireOk(TryTraining(straight, client).status());
+  TrainOptions cut = SmallRun("td3-bc", folder.File("cut"));
+  daemon.lost = true;
+  CHECK(TryTraining(cut, client).status().code() == StatusCode::kUnavailable);
+  CHECK(Take(ReadRunStatus(cut.folder)).updates == cut.eval_every);
+  daemon.lost = false;
+  cut.resume = true;
+  RequireOk(TryTraining(cut, client).status());
+  CHECK(RowsWithoutTimes(straight.folder) == RowsWithoutTimes(cut.folder));
+}
+
+TEST_CASE("A run says that it is running, and a continued one no longer that it has finished") {
+  const TemporaryFolder folder;
+  TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  options.updates = 20;
+  std::atomic<bool> said_running = false;
+  LosableDaemon daemon([&](const pb::Request& request) {
+    if (!IsSampleOf(request, "batches", 25)) return false;
+    const auto status = ReadRunStatus(options.folder);
+    said_running = status.ok() && status->state == RunState::kRunning;
+    return true;
+  });
+  Client client = daemon.Connect();
+  CHECK(Take(TryTraining(options, client)).state == RunState::kFinished);
+  CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kFinished);
+  const nlohmann::json before = ResultOf(options);
+  CHECK(before["updates"] == 20);
+  CHECK(before["interrupted"] == false);
+
+  options.resume = true;
+  options.updates = 60;
+  daemon.lost = true;
+  CHECK_FALSE(TryTraining(options, client).ok());
+  CHECK(said_running);
+  const nlohmann::json after = ResultOf(options);
+  CHECK(after["state"] == "failed");
+  CHECK(after["updates"] > 20);
+  CHECK(after["mean_return"] == before["mean_return"]);
+}
+
+TEST_CASE("A run that cannot be continued says why, and keeps its scores") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request& request) { return request.has_open_dataset(); });
+  Client client = daemon.Connect();
+  TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  RequireOk(TryTraining(options, client).status());
+  const nlohmann::json before = ResultOf(options);
+  options.resume = true;
+  options.updates = 100;
+  daemon.lost = true;
+  CHECK_FALSE(TryTraining(options, client).ok());
+  nlohmann::json after = ResultOf(options);
+  CHECK(after["state"] == "failed");
+  CHECK(after["reason"].get<std::string>().find("the daemon is lost") != std::string::npos);
+  after["state"] = before["state"];
+  after["reason"] = before["reason"];
+  CHECK(after == before);
+}
+
+TEST_CASE("A run that could not begin says why") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request& request) { return request.has_open_dataset(); });
+  Client client = daemon.Connect();
+  daemon.lost = true;
+  const TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  CHECK_FALSE(TryTraining(options, client).ok());
+  CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kFailed);
+}
+
+}  // namespace b4mrl

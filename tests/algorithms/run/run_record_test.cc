@@ -1,0 +1,150 @@
+#include "algorithms/run/run_record.h"
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "data/files/atomic_file.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;
+
+// A run's folder whose record the test may change.
+class Recorded {
+ public:
+  Recorded() {
+    TrainOptions options;
+    options.algorithm = "sac";
+    options.environment = "HalfCheetah";
+    options.seed = UINT64_MAX;
+    options.folder = folder_.File("");
+    REQUIRE(WriteRunRecord(options).ok());
+    const auto text = ReadSmallFile(folder_.File("run.json"), 1 << 20);
+    REQUIRE(text.ok());
+    json_ = Json::parse(*text);
+  }
+
+  Result<RunRecord> Read() const { return ReadRunRecord(folder_.File("")); }
+  Result<RunRecord> ReadWith(const std::string& name, const Json& value) const {
+    Json changed = json_;
+    changed[name] = value;
+    return ReadText(changed.dump());
+  }
+  Result<RunRecord> ReadText(const std::string& text) const {
+    REQUIRE(WriteSmallFile(folder_.File("run.json"), text).ok());
+    return Read();
+  }
+
+ private:
+  TemporaryFolder folder_;
+  Json json_;
+};
+
+}  // namespace
+
+TEST_CASE("A run's name tells it from every other") {
+  constexpr LearnerNeeds kOffline = {.dataset = true}, kOnline = {.simulator = true},
+                         kHybrid = {.simulator = true, .dataset = true};
+  TrainOptions options;
+  options.environment = "HalfCheetah";
+  options.algorithm = "hymopo";
+  options.simulator = "gravity";
+  options.dataset = "HalfCheetah/medium";
+  CHECK(RunName(options, kHybrid) == "HalfCheetah-hymopo-gravity-medium-s0");
+  std::set<std::string> names = {RunName(options, kHybrid)};
+  const auto is_new = [&](const LearnerNeeds& needs) {
+    const std::string name = RunName(options, needs);
+    INFO(name);
+    CHECK(name.size() <= kMaxRunNameBytes);
+    CHECK(name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                 ".,=+-_") == std::string::npos);
+    CHECK(names.insert(name).second);
+  };
+  options.seed = 1, is_new(kHybrid);
+  options.history_length = 3, is_new(kHybrid);
+  options.corruption = "hidden=9+10", is_new(kHybrid);
+  options.corruption = "hidden=9+10,obs-noise=0.1", is_new(kHybrid);
+  options.dataset = "medium", is_new(kHybrid);
+  options.dataset = "d4rl/halfcheetah-medium-v2", is_new(kHybrid);
+  options.dataset = "d4rl_halfcheetah-medium-v2", is_new(kHybrid);
+  options.dataset = "HalfCheetah/medium", options.corruption = "";
+  options.simulator = "gravity,model=my file.xml", is_new(kHybrid);
+  options.simulator = "gravity,model=my_file.xml", is_new(kHybrid);
+  options.simulator = "", is_new(kHybrid);
+  is_new(kOffline);
+  options.simulator = "gravity", options.dataset = "", is_new(kOnline);
+  options.simulator = "", is_new(kOnline);
+  options.simulator = std::string(1000, 'a'), is_new(kOnline);
+  options.simulator += "a", is_new(kOnline);
+  options.simulator = "", options.environment = "../..", is_new(kOnline);
+  options.environment = "\xff\n", is_new(kOnline);
+}
+
+TEST_CASE("What a run's record keeps is what is read from it") {
+  const Recorded recorded;
+  const Result<RunRecord> record = recorded.Read();
+  REQUIRE(record.ok());
+  CHECK(record->options.algorithm == "sac");
+  CHECK(record->options.seed == UINT64_MAX);
+  CHECK(record->options.eval_every == TrainOptions().eval_every);
+}
+
+TEST_CASE("A record keeps each change of version and kernel that the run went through") {
+  const TemporaryFolder folder;
+  TrainOptions options;
+  options.folder = folder.File("");
+  const RunSession present = PresentSession(), older = {"0.0.1", "Prescott"};
+  const auto write = [&](const std::vector<RunSession>& before) {
+    REQUIRE(WriteRunRecord(options, before).ok());
+    const Result<RunRecord> record = ReadRunRecord(options.folder);
+    REQUIRE(record.ok());
+    return record->sessions;
+  };
+  CHECK(write({}) == std::vector{present});
+  CHECK(write({present}) == std::vector{present});
+  CHECK(write({older}) == std::vector{older, present});
+  CHECK(write({present, older}) == std::vector{present, older, present});
+  CHECK(write(std::vector<RunSession>(500, older)).size() == 100);
+}
+
+TEST_CASE("A record of an older version names one session") {
+  const Recorded recorded;
+  const Result<RunRecord> record = recorded.ReadWith("sessions", nullptr);
+  REQUIRE(record.ok());
+  CHECK(record->sessions == std::vector{PresentSession()});
+}
+
+TEST_CASE("A number in a run's record that no option takes is refused by name and range") {
+  const Recorded recorded;
+  for (const char* name :
+       {"eval_every", "log_every", "checkpoint_every", "eval_episodes", "threads", "history"}) {
+    for (const Json& value : {Json(0), Json(-1), Json(1.5), Json("1"), Json::array()}) {
+      const Status status = recorded.ReadWith(name, value).status();
+      INFO(name << " " << value << " " << status.ToString());
+      CHECK(status.code() == StatusCode::kDataLoss);
+      CHECK(status.message().find(name) != std::string::npos);
+      CHECK(status.message().find("1..") != std::string::npos);
+    }
+    CHECK(recorded.ReadWith(name, 1).ok());
+  }
+  // These would fit after their upper half is cut off.
+  for (const char* name : {"eval_episodes", "threads", "history"}) {
+    CHECK(recorded.ReadWith(name, (1ull << 32) + 1).status().code() == StatusCode::kDataLoss);
+  }
+}
+
+TEST_CASE("A record that nests deeper than a stack is refused") {
+  const Recorded recorded;
+  const std::string deep = std::string(400'000, '[') + std::string(400'000, ']');
+  CHECK(recorded.ReadText("{\"threads\": " + deep + "}").status().code() == StatusCode::kDataLoss);
+  CHECK(recorded.ReadText("{\"hyperparameters\": {\"gamma\": " + deep + "}}").status().code() ==
+        StatusCode::kDataLoss);
+  CHECK(recorded.ReadText("{\"hyperparameters\": []}").status().code() == StatusCode::kDataLoss);
+}
+
+}  // namespace b4mrl

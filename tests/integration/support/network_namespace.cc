@@ -1,0 +1,113 @@
+#include "tests/integration/support/network_namespace.h"
+
+#include <net/if.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::set<std::string> SocketInodes(pid_t process) {
+  std::set<std::string> inodes;
+  for (const auto& entry : fs::directory_iterator("/proc/" + std::to_string(process) + "/fd")) {
+    std::error_code error;
+    const std::string target = fs::read_symlink(entry.path(), error).string();
+    constexpr std::string_view kPrefix = "socket:[";
+    if (!target.starts_with(kPrefix)) continue;
+    inodes.insert(target.substr(kPrefix.size(), target.size() - kPrefix.size() - 1));
+  }
+  return inodes;
+}
+
+bool RaiseLoopback() {
+  const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  ifreq request{};
+  std::strncpy(request.ifr_name, "lo", IFNAMSIZ - 1);
+  request.ifr_flags = IFF_UP;
+  const bool raised = ioctl(fd, SIOCSIFFLAGS, &request) == 0;
+  close(fd);
+  return raised;
+}
+
+// The message that carries one descriptor.
+struct DescriptorMessage {
+  DescriptorMessage() {
+    header.msg_iov = &part;
+    header.msg_iovlen = 1;
+    header.msg_control = control;
+    header.msg_controllen = sizeof(control);
+  }
+  char byte = 0;
+  iovec part{&byte, 1};
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
+  msghdr header{};
+};
+
+}  // namespace
+
+std::set<uint16_t> ListeningPorts(pid_t process) {
+  const std::set<std::string> inodes = SocketInodes(process);
+  std::set<uint16_t> ports;
+  std::ifstream table("/proc/net/tcp");
+  for (std::string line; std::getline(table, line);) {
+    std::istringstream words(line);
+    const std::vector<std::string> columns{std::istream_iterator<std::string>(words), {}};
+    constexpr char kListening[] = "0A";
+    if (columns.size() < 10 || columns[3] != kListening || !inodes.contains(columns[9])) continue;
+    const std::string port = columns[1].substr(columns[1].find(':') + 1);
+    ports.insert(static_cast<uint16_t>(std::stoul(port, nullptr, 16)));
+  }
+  return ports;
+}
+
+void SendDescriptor(int channel, int fd) {
+  DescriptorMessage message;
+  cmsghdr* control = CMSG_FIRSTHDR(&message.header);
+  control->cmsg_level = SOL_SOCKET;
+  control->cmsg_type = SCM_RIGHTS;
+  control->cmsg_len = CMSG_LEN(sizeof(int));
+  std::memcpy(CMSG_DATA(control), &fd, sizeof(fd));
+  (void)sendmsg(channel, &message.header, MSG_NOSIGNAL);
+}
+
+int ReceiveDescriptor(int channel) {
+  DescriptorMessage message;
+  int fd = -1;
+  if (recvmsg(channel, &message.header, MSG_CMSG_CLOEXEC) <= 0) return fd;
+  const cmsghdr* control = CMSG_FIRSTHDR(&message.header);
+  if (control != nullptr) std::memcpy(&fd, CMSG_DATA(control), sizeof(fd));
+  return fd;
+}
+
+pid_t RunIsolated(const std::function<int(int channel)>& body, int* parent_channel) {
+  int ends[2];
+  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) return -1;
+  const pid_t child = fork();
+  if (child != 0) {
+    close(ends[1]);
+    *parent_channel = ends[0];
+    return child;
+  }
+  close(ends[0]);
+  // An unprivileged user gets a network namespace only within a user namespace.
+  const bool isolated =
+      (unshare(CLONE_NEWNET) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNET) == 0) && RaiseLoopback();
+  const int exit_code = isolated ? body(ends[1]) : kNoNamespaces;
+  std::fflush(nullptr);
+  _exit(exit_code);
+}
+
+}  // namespace b4mrl

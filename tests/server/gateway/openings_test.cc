@@ -1,0 +1,233 @@
+// Opens between clients that the test plays and workers that it plays as well.
+#include "server/gateway/openings.h"
+
+#include <catch2/catch.hpp>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "tests/client/fake_server.h"
+#include "tests/server/models/compiler_script.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr int64_t kPatienceMs = 30'000;
+
+std::string Token(uint64_t number) {
+  std::string token(limits::kTokenBytes, 't');
+  std::memcpy(token.data(), &number, sizeof(number));
+  return token;
+}
+
+pb::Request Open(uint64_t id, const std::string& token, uint32_t deadline_ms = 60'000) {
+  pb::Request request;
+  request.set_request_id(id);
+  request.set_session_token(token);
+  request.set_deadline_ms(deadline_ms);
+  request.mutable_open()->set_environment("HalfCheetah");  // no lanes: for Query alone
+  request.mutable_open()->set_seed(1);
+  return request;
+}
+
+class Fixture {
+  SocketFolder folder_;
+  Context sockets_;  // outlives the openings
+  SharedState state_;
+
+ public:
+  Fixture() : state_(Take(SharedState::Create(1, 1'000))) {
+    std::vector<DealerSocket> workers;
+    workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address("worker"))));
+    const Openings::Options options{script.options(), {{.tcp = 7701, .ipc = ""}}};
+    openings.emplace(state_, std::move(workers), options,
+                     [this](const Asker& to, const Result<pb::OpenReply>& opened) {
+                       answers[{to.peer, to.request_id}].push_back(opened.status());
+                     });
+  }
+  template <typename T>
+  static T Take(Result<T> result) {
+    REQUIRE(result.ok());
+    return std::move(*result);
+  }
+
+  CompilerScript script;
+  std::unique_ptr<FakeServer> worker;
+  std::optional<Openings> openings;
+  std::map<std::pair<RoutingId, uint64_t>, std::vector<Status>> answers;
+
+  // A new process behind the same address; what the old one held is lost.
+  void StartWorker() {
+    worker.reset();
+    worker = std::make_unique<FakeServer>(folder_.Address("worker"));
+  }
+  void Ask(const RoutingId& peer, const pb::Request& request) {
+    openings->Open({peer, request.request_id()}, request);
+  }
+  StatusCode AnswerTo(const RoutingId& peer, uint64_t id) {
+    const std::vector<Status>& all = answers[{peer, id}];
+    REQUIRE(all.size() == 1);
+    return all[0].code();
+  }
+  // The next Attach that the worker gets.
+  FakeCall TakeAttach() {
+    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+    while (!deadline.expired()) {
+      openings->Pump();
+      if (std::optional<FakeCall> call = worker->Take(1)) return std::move(*call);
+    }
+    FAIL("no Attach arrived");
+    return {};
+  }
+  void Attached(const FakeCall& call) {
+    pb::Reply reply;
+    reply.mutable_attach()->set_experiment_id("experiment");
+    worker->Reply(call, reply);
+  }
+  // Pumps, as seldom as the gateway would, until nobody waits.
+  void AwaitAnswers() {
+    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+    while (!openings->empty() && !deadline.expired()) PumpOnce();
+    REQUIRE(openings->empty());
+  }
+  void PumpOnce() {
+    std::vector<void*> sockets;
+    std::vector<int> descriptors;
+    openings->AppendSockets(&sockets);
+    openings->AppendDescriptors(&descriptors);
+    WaitAnyReadable(sockets, openings->wait_ms(100), descriptors);
+    openings->Pump();
+  }
+};
+
+TEST_CASE("However many Opens of a token wait, its worker is asked once and all are answered") {
+  Fixture fixture;
+  fixture.StartWorker();
+  for (uint64_t id = 1; id <= 100; ++id) fixture.Ask("client", Open(id, Token(1)));
+  fixture.Ask("other", Open(7, Token(1)));
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  for (uint64_t id = 1; id <= 100; ++id) CHECK(fixture.AnswerTo("client", id) == StatusCode::kOk);
+  CHECK(fixture.AnswerTo("other", 7) == StatusCode::kOk);
+  CHECK_FALSE(fixture.worker->Take(50).has_value());
+}
+
+TEST_CASE("A copy of an Open joins it, and another Open of its id is refused") {
+  Fixture fixture;
+  fixture.StartWorker();
+  for (int i = 0; i < 3; ++i) fixture.Ask("client", Open(1, Token(1)));
+  fixture.Ask("client", Open(1, Token(2)));
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kInvalidArgument);
+  fixture.answers.clear();
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
+}
+
+TEST_CASE("Opens that wait are bounded, of a connection and of all") {
+  Fixture fixture;  // without a worker
+  constexpr uint64_t kOfPeer = limits::kMaxPendingOpensOfPeer;
+  constexpr uint64_t kPeers = limits::kMaxPendingOpens / kOfPeer;
+  for (uint64_t peer = 0; peer < kPeers; ++peer) {
+    for (uint64_t id = 0; id < kOfPeer; ++id) {
+      fixture.Ask("peer" + std::to_string(peer), Open(id, Token(1)));
+    }
+    REQUIRE(fixture.answers.empty());
+    if (peer > 0) continue;
+    fixture.Ask("peer0", Open(kOfPeer, Token(1)));
+    REQUIRE(fixture.AnswerTo("peer0", kOfPeer) == StatusCode::kLimitExceeded);
+    fixture.answers.clear();
+  }
+  fixture.Ask("late", Open(1, Token(1)));
+  CHECK(fixture.AnswerTo("late", 1) == StatusCode::kLimitExceeded);
+  // All of them are answered in the end.
+  fixture.StartWorker();
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.answers.size() == limits::kMaxPendingOpens + 1);
+  fixture.Ask("late", Open(2, Token(1)));
+  CHECK_FALSE(fixture.openings->empty());
+}
+
+TEST_CASE("What does not fit into a worker's queue reaches it later") {
+  Fixture fixture;
+  constexpr uint64_t kSessions = limits::kMaxSessions;
+  static_assert(kSessions > limits::kHighWaterMark);
+  for (uint64_t i = 0; i < kSessions; ++i) {
+    fixture.Ask("peer" + std::to_string(i / 100), Open(i, Token(i)));
+  }
+  fixture.openings->Pump();
+  fixture.StartWorker();
+  for (uint64_t i = 0; i < kSessions; ++i) fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  REQUIRE(fixture.answers.size() == kSessions);
+  for (const auto& [asker, answers] : fixture.answers) {
+    REQUIRE(answers.size() == 1);
+    REQUIRE(answers[0].ok());
+  }
+}
+
+TEST_CASE("An Open whose worker is silent is answered at its deadline") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.Ask("client", Open(1, Token(1), 60'000));
+  fixture.Ask("client", Open(2, Token(1), 50));
+  CHECK(fixture.openings->wait_ms(100) <= 50);
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  while (fixture.answers.empty() && !deadline.expired()) fixture.PumpOnce();
+  CHECK(fixture.AnswerTo("client", 2) == StatusCode::kDeadlineExceeded);
+  CHECK(fixture.openings->wait_ms(100) == 100);  // the loop need not turn for the other
+  const FakeCall attach = fixture.TakeAttach();
+  fixture.Attached(attach);
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
+}
+
+TEST_CASE("A worker is not asked again for what it has not answered yet") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.Ask("client", Open(1, Token(1), 1));
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kDeadlineExceeded);
+  fixture.Ask("client", Open(2, Token(1)));
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 2) == StatusCode::kOk);
+  CHECK_FALSE(fixture.worker->Take(50).has_value());
+}
+
+TEST_CASE("A replaced worker is asked again, however often it is replaced") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.Ask("client", Open(1, Token(1)));
+  for (int i = 0; i < 4; ++i) {
+    fixture.TakeAttach();
+    fixture.StartWorker();
+  }
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
+}
+
+TEST_CASE("An Open whose model is compiled for too long is answered at its deadline") {
+  Fixture fixture;
+  fixture.StartWorker();
+  for (const char* file : {"slow.xml", "good.xml"}) {
+    fixture.script.Drop(file);
+    pb::Request request = Open(file[0], Token(static_cast<uint64_t>(file[0])), 20'000);
+    if (file[0] == 's') request.set_deadline_ms(50);
+    pb::NamedArgument* model = request.mutable_open()->add_perturbations();
+    model->set_name("model");
+    model->set_argument(file);
+    fixture.Ask(file, request);
+  }
+  const FakeCall attach = fixture.TakeAttach();
+  fixture.Attached(attach);
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("good.xml", 'g') == StatusCode::kOk);
+  CHECK(fixture.AnswerTo("slow.xml", 's') == StatusCode::kDeadlineExceeded);
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,47 @@
+#include "server/scheduling/item_cost.h"
+
+#include <catch2/catch.hpp>
+
+namespace b4mrl {
+namespace {
+
+TEST_CASE("Pieces last at most half a millisecond and are shared among the threads") {
+  ItemCost cost;
+  cost.Observe(10);  // microseconds
+  REQUIRE(cost.ItemsPerPiece(4096, 2) == 50);
+  REQUIRE(cost.ItemsPerPiece(64, 2) == 32);
+  REQUIRE(cost.ItemsPerPiece(64, 64) == 6);  // 60 us is the least that is worth sharing
+  REQUIRE(cost.ItemsPerPiece(1, 2) == 1);
+  REQUIRE(cost.ItemsPerBite() == 10);  // 0.1 ms
+  for (int i = 0; i < 200; ++i) cost.Observe(1000);
+  REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
+  REQUIRE(cost.ItemsPerBite() == 1);
+}
+
+TEST_CASE("An item that nobody has measured is taken alone, and expected to cost nothing") {
+  const ItemCost cost;
+  REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
+  REQUIRE(cost.ItemsPerBite() == 1);
+  REQUIRE(cost.Expect(5) == 0);
+  REQUIRE_FALSE(cost.too_long_for_bites());
+}
+
+TEST_CASE("One interruption counts for little, and a few costly items for what they are") {
+  ItemCost cost;
+  cost.Observe(20);
+  cost.Observe(4000);
+  REQUIRE(cost.Expect(1) < 100);
+  REQUIRE_FALSE(cost.too_long_for_bites());
+  for (int i = 0; i < 3; ++i) cost.Observe(4000);
+  REQUIRE(cost.too_long_for_bites());
+  REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
+}
+
+TEST_CASE("Costly items among many cheap ones stay known") {
+  ItemCost cost;
+  for (int i = 0; i < 200; ++i) cost.Observe(i % 10 == 0 ? 8000 : 20);
+  REQUIRE(cost.Expect(1) > 200);
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,145 @@
+// Sessions between gateway and worker: who may end one while the other is still opening it, and who
+// takes over what a dead worker has left.
+#include <catch2/catch.hpp>
+
+#include "server/worker/fault_point.h"
+#include "tests/server/worker/worker_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+// Whether every lane can be had again, once what is closed was freed.
+bool AllLanesAreFree(SharedState& state) {
+  SessionTable table(state);
+  std::vector<uint32_t> taken;
+  for (uint32_t i = 0; i < limits::kMaxLanes / limits::kMaxLanesPerSession; ++i) {
+    const std::string token(limits::kTokenBytes, static_cast<char>('A' + i));
+    const Result<uint32_t> index =
+        table.Allocate({token, "request", 1, limits::kMaxLanesPerSession});
+    if (index.ok()) taken.push_back(*index);
+  }
+  for (const uint32_t index : taken) table.Free(index);
+  return taken.size() == limits::kMaxLanes / limits::kMaxLanesPerSession;
+}
+
+TEST_CASE("A session closed before the gateway has acknowledged it stays closed, and frees all") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  REQUIRE(worker.Attach(index) == StatusCode::kOk);
+  REQUIRE(worker.Close() == StatusCode::kOk);
+  REQUIRE_FALSE(SessionTable(worker.state()).MakeLive(index));
+  REQUIRE(worker.state().session(index).state() == SessionState::kClosed);
+  REQUIRE(AllLanesAreFree(worker.state()));
+}
+
+TEST_CASE("A session closed before its Attach arrives is never built") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  REQUIRE(worker.Close() == StatusCode::kOk);
+  REQUIRE(worker.Attach(index) == StatusCode::kSessionLost);
+  REQUIRE(worker.dispatcher().session_count() == 0);
+  REQUIRE(AllLanesAreFree(worker.state()));
+}
+
+TEST_CASE("A Close that is late by one session does not touch the record's next one") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  SessionRecord& record = worker.state().session(index);
+  const uint64_t earlier = record.generation;
+  SessionTable(worker.state()).Free(index);
+  REQUIRE(worker.Open(2, "another token...") == index);
+  record.Close(earlier);
+  REQUIRE(record.state() == SessionState::kLive);
+}
+
+TEST_CASE("A Close reaches a session of the token that was opened again meanwhile") {
+  WorkerFixture worker;
+  const uint32_t first = worker.Allocate(1);
+  REQUIRE(worker.Attach(first) == StatusCode::kOk);
+  SessionTable(worker.state()).Free(first);
+  const uint32_t second = worker.Allocate(1);
+  REQUIRE(worker.Close() == StatusCode::kOk);
+  REQUIRE(worker.state().session(second).state() == SessionState::kClosed);
+}
+
+TEST_CASE("A session whose worker dies between its reply and the acknowledgement is served") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  REQUIRE(worker.Attach(index) == StatusCode::kOk);
+  worker.Restart();
+  REQUIRE(SessionTable(worker.state()).MakeLive(index));
+  REQUIRE(worker.Reset({1, 1}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("An opening that ended a worker is left to its next Attach, or adopted once it is live") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  REQUIRE(worker.Attach(index) == StatusCode::kOk);
+  worker.state().session(index).build_deaths.store(1);  // of a replacement
+  worker.Restart();
+  REQUIRE(worker.dispatcher().session_count() == 0);
+  SECTION("its Attach") {
+    REQUIRE(worker.Attach(index) == StatusCode::kOk);
+    REQUIRE(SessionTable(worker.state()).MakeLive(index));
+  }
+  SECTION("the acknowledgement of the first worker's answer") {
+    REQUIRE(SessionTable(worker.state()).MakeLive(index));
+    worker.dispatcher().AdoptSessions();
+  }
+  REQUIRE(worker.Reset({1, 1}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("What is wrong with an opening is said to its Attach, whoever looked at it before") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  worker.state().session(index).open[3] ^= std::byte{1};
+  worker.Restart();
+  REQUIRE(worker.Attach(index) == StatusCode::kDataLoss);
+}
+
+TEST_CASE("An Attach without the session's token learns nothing and keeps no lease") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  SessionRecord& record = worker.state().session(index);
+  record.last_activity_ms.store(1);
+  pb::Request attach;
+  attach.set_session_token("another token...");
+  attach.mutable_attach()->set_session_index(index);
+  attach.mutable_attach()->set_generation(record.generation);
+  const Answer answer = worker.Call(attach, {});
+  REQUIRE(answer.code() == StatusCode::kSessionLost);
+  REQUIRE_FALSE(answer.envelope.has_attach());
+  REQUIRE(record.last_activity_ms == 1);
+}
+
+// What the gateway may do while a worker builds a session.
+WorkerFixture* giving_away = nullptr;
+void GiveRecordAway(FaultPoint point, uint32_t /*lane*/, uint64_t /*number*/,
+                    std::span<std::byte> /*idle_buffer*/) {
+  if (point != FaultPoint::kBeforeAttach) return;
+  fault_hook = nullptr;
+  SessionTable(giving_away->state()).Free(0);
+  REQUIRE(giving_away->Allocate(2, "another token...") == 0);
+}
+
+TEST_CASE("A session whose record is given to another one while it is built is not served") {
+  WorkerFixture worker;
+  REQUIRE(worker.Allocate(2) == 0);
+  giving_away = &worker;
+  fault_hook = GiveRecordAway;
+  REQUIRE(worker.Attach(0) == StatusCode::kSessionLost);
+  REQUIRE(worker.dispatcher().session_count() == 0);
+}
+
+TEST_CASE("The lease of a session that was never acknowledged runs out as well") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  REQUIRE(worker.Attach(index) == StatusCode::kOk);
+  worker.state().session(index).last_activity_ms -= limits::kLoopbackLeaseMs + 1;
+  worker.dispatcher().ReapIdleSessions();
+  REQUIRE_FALSE(SessionTable(worker.state()).MakeLive(index));
+  REQUIRE(AllLanesAreFree(worker.state()));
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,169 @@
+// In what portions a worker executes requests, and what becomes of those that it does not get done.
+#include <algorithm>
+#include <catch2/catch.hpp>
+
+#include "tests/server/worker/worker_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kManyLanes = 512;
+// Few enough for bites of a tenth of a millisecond, however fast the machine.
+constexpr int kFewestBites = 8;
+
+std::vector<uint64_t> AllAt(uint64_t number) { return std::vector<uint64_t>(kManyLanes, number); }
+
+pb::Request QueryRequest(uint64_t id = 0) {
+  pb::Request request;
+  request.set_request_id(id);
+  request.mutable_query();
+  return request;
+}
+pb::Request SnapshotRequest(uint64_t id = 0) {
+  pb::Request request;
+  request.set_request_id(id);
+  request.mutable_snapshot();
+  return request;
+}
+pb::Request RestoreRequest() {
+  pb::Request request;
+  request.mutable_restore();
+  return request;
+}
+
+// Of a query.
+std::vector<Input> Rows(uint32_t rows) {
+  return {Array<float>("observations", {rows, 17}, std::vector<float>(rows * 17, 0.1f)),
+          Actions(rows, 0.1f)};
+}
+
+// The array `name` of an answer, which must have it.
+Input ArrayOf(const Answer& answer, const std::string& name) {
+  const auto found = std::ranges::find(answer.envelope.arrays(), name, &pb::Array::name);
+  REQUIRE(found != answer.envelope.arrays().end());
+  Input array{name, static_cast<DType>(found->dtype()), {}, ""};
+  uint64_t bytes = DTypeSize(array.dtype);
+  for (const uint64_t extent : found->shape()) {
+    array.shape.push_back(extent);
+    bytes *= extent;
+  }
+  array.bytes = answer.payload.substr(found->offset(), bytes);
+  return array;
+}
+bool Has(const Answer& answer, const std::string& name) {
+  return std::ranges::count(answer.envelope.arrays(), name, &pb::Array::name) == 1;
+}
+
+TEST_CASE("Requests that nobody begins are answered at their deadline") {
+  WorkerFixture worker;
+  worker.Open(3);
+  worker.Reset({1, 1, 1});
+  worker.answers.clear();
+  worker.Send(QueryRequest(), Rows(64), true);
+  pb::Request late;
+  std::vector<Input> inputs = {Lanes({1, 2})};
+  SECTION("a query behind another one") {
+    late = QueryRequest();
+    inputs = Rows(4);
+  }
+  SECTION("a step") {
+    late = WorkerFixture::StepRequest();
+    inputs = {Lanes({1, 2}), Numbers({2, 2}), Actions(2, 0)};
+  }
+  SECTION("a snapshot") { late = SnapshotRequest(); }
+  late.set_request_id(7);
+  late.set_deadline_ms(1);
+  worker.Send(late, inputs, true);
+  worker.AwaitDeadline();
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].envelope.request_id() == 7);
+  REQUIRE(worker.answers[0].code() == StatusCode::kDeadlineExceeded);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
+  // The lanes are free again, and none has moved.
+  REQUIRE(worker.Step({2, 2, 2}, 0).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A query that has begun ends at its deadline") {
+  WorkerFixture worker;
+  worker.Open(1);
+  pb::Request request = QueryRequest();
+  request.set_deadline_ms(50);
+  worker.answers.clear();
+  worker.Send(request, Rows(limits::kMaxQueryRows), true);
+  REQUIRE(worker.Bite());
+  worker.AwaitDeadline();
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kDeadlineExceeded);
+  REQUIRE(worker.dispatcher().idle());
+}
+
+TEST_CASE("Snapshots and restores of many lanes are executed in bites") {
+  WorkerFixture worker;
+  worker.Open(kManyLanes);
+  worker.Reset(AllAt(1));
+  worker.Send(SnapshotRequest(), {}, true);
+  REQUIRE(worker.Work() >= kFewestBites);
+  const Answer before = worker.answers.back();
+  REQUIRE(before.code() == StatusCode::kOk);
+  worker.Step(AllAt(2), 0.5f);
+  std::vector<Input> state = {Numbers(AllAt(3))};
+  SECTION("from a snapshot") { state.push_back(ArrayOf(before, "snapshot")); }
+  SECTION("from parts") {
+    for (const char* name : {"qpos", "qvel"}) state.push_back(ArrayOf(before, name));
+  }
+  worker.Send(RestoreRequest(), state, true);
+  REQUIRE(worker.Work() >= kFewestBites);
+  REQUIRE(worker.answers.back().code() == StatusCode::kOk);
+  const Answer after = worker.Call(SnapshotRequest(), {});
+  REQUIRE(ArrayOf(after, "qpos").bytes == ArrayOf(before, "qpos").bytes);
+  REQUIRE(worker.Step(AllAt(4), 0).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A restore that fails for one lane of many restores none") {
+  WorkerFixture worker(3);
+  worker.Open(kManyLanes);
+  worker.Reset(AllAt(1));
+  const Answer before = worker.Call(SnapshotRequest(), {});
+  Input damaged = ArrayOf(before, "snapshot");
+  damaged.bytes[damaged.bytes.size() / 2] ^= 1;
+  REQUIRE(worker.Step(AllAt(2), 0.5f).code() == StatusCode::kOk);
+  const Answer expected = worker.Call(SnapshotRequest(), {});
+  REQUIRE(worker.Call(RestoreRequest(), {Numbers(AllAt(3)), damaged}).code() ==
+          StatusCode::kInvalidArgument);
+  for (uint32_t lane = 0; lane < kManyLanes; ++lane) {
+    REQUIRE(worker.state().lane(lane).committed() == 2);
+  }
+  REQUIRE(worker.Call(SnapshotRequest(), {}).payload == expected.payload);
+}
+
+TEST_CASE("A snapshot tells the parts of a state that all its lanes have, in one size") {
+  WorkerFixture worker;
+  worker.Open(2, kToken, "Highway");
+  pb::Request reset;
+  reset.mutable_reset();
+  worker.Call(reset, {Lanes({0}), Numbers({1})});
+  const Answer one_fresh = worker.Call(SnapshotRequest(), {});
+  REQUIRE(one_fresh.code() == StatusCode::kOk);
+  REQUIRE(one_fresh.envelope.arrays_size() == 1);
+  worker.Call(reset, {Lanes({1}), Numbers({1})});
+  const Answer equal = worker.Call(SnapshotRequest(), {});
+  REQUIRE((Has(equal, "time") && Has(equal, "vehicles")));
+  // Lane 1 goes on without its last cars.
+  Input time = ArrayOf(equal, "time"), vehicles = ArrayOf(equal, "vehicles");
+  const uint64_t bytes = vehicles.shape[1] * sizeof(double);
+  time.shape[0] = vehicles.shape[0] = 1;
+  time.bytes = time.bytes.substr(sizeof(double));
+  vehicles.shape[1] /= 2;
+  vehicles.bytes = vehicles.bytes.substr(bytes, bytes / 2);
+  REQUIRE(worker.Call(RestoreRequest(), {Lanes({1}), Numbers({2}), time, vehicles}).code() ==
+          StatusCode::kOk);
+  const Answer differing = worker.Call(SnapshotRequest(), {});
+  REQUIRE(differing.code() == StatusCode::kOk);
+  REQUIRE((Has(differing, "time") && !Has(differing, "vehicles")));
+  REQUIRE(ArrayOf(differing, "snapshot").shape[0] == 2);
+}
+
+}  // namespace
+}  // namespace b4mrl
