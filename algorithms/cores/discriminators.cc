@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "algorithms/cores/actor_critic.h"
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
 #include "proto/base/rng.h"
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "algorithms/cores/h2o_losses.h"
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {

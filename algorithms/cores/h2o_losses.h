@@ -13,7 +13,7 @@
 #include <span>
 
 #include "algorithms/nn/losses.h"
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

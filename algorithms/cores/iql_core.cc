@@ -5,9 +5,9 @@
 #include <numbers>
 #include <string_view>
 
-#include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/orthogonal.h"
+#include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
 
 namespace b4mrl {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <iterator>
 
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 
 namespace b4mrl {
 namespace {

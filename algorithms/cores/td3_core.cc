@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/losses.h"
+#include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
 
 namespace b4mrl {

@@ -7,7 +7,7 @@
 #include <span>
 
 #include "algorithms/cores/transition_batch.h"
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 #include "client/remote_dataset.h"
 
 namespace b4mrl {

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 #include "client/remote_dataset.h"
 
 namespace b4mrl {

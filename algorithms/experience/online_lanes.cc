@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "algorithms/experience/training_simulator.h"
-#include "algorithms/learners/core_options.h"
 #include "algorithms/policy/observation_mask.h"
 #include "proto/wire/tensor_rows.h"
 
@@ -18,7 +17,7 @@ ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
   options.observation_size = static_cast<int>(context.history_length) * context.observation_size();
   options.action_size = context.action_size();
   options.capacity = static_cast<uint64_t>(
-      NumberOr(context.hyperparameters, "replay-capacity", static_cast<double>(options.capacity)));
+      context.hyperparameters.NumberOr("replay-capacity", static_cast<double>(options.capacity)));
   return options;
 }
 
@@ -29,7 +28,7 @@ constexpr uint64_t kBarrenVectorSteps = 1000;
 
 Result<OnlineLanes> OnlineLanes::Open(const LearnerContext& context,
                                       std::optional<std::vector<float>> mask) {
-  const auto lanes = static_cast<uint32_t>(NumberOr(context.hyperparameters, "lanes", 1));
+  const auto lanes = static_cast<uint32_t>(context.hyperparameters.NumberOr("lanes", 1));
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenTrainingSimulator(context, lanes));
   if (!mask) {
     B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
@@ -46,7 +45,7 @@ OnlineLanes::OnlineLanes(const LearnerContext& context, RemoteEnvironment simula
       action_scale_(context.ActionScale()),
       count_(simulator_.num_envs()),
       exploration_noise_(
-          static_cast<float>(NumberOr(context.hyperparameters, "exploration-noise", 0))),
+          static_cast<float>(context.hyperparameters.NumberOr("exploration-noise", 0))),
       replay_options_(ReplayOptions(context)),
       histories_(static_cast<int>(context.history_length), context.observation_size(),
                  static_cast<int>(count_)),

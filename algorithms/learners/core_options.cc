@@ -15,11 +15,6 @@ void Read(const Hyperparameters& values, std::string_view name, std::optional<do
 
 }  // namespace
 
-double NumberOr(const Hyperparameters& values, std::string_view name, double fallback) {
-  Read(values, name, fallback);
-  return fallback;
-}
-
 void SetActorCriticOptions(const LearnerContext& context, int observation_size,
                            ActorCriticOptions& options) {
   const Hyperparameters& values = context.hyperparameters;

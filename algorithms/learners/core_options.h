@@ -6,16 +6,12 @@
 //   TD3         policy-noise, noise-clip, policy-frequency, bc-alpha
 #pragma once
 
-#include <string_view>
-
 #include "algorithms/base/learner.h"
 #include "algorithms/cores/actor_critic.h"
 #include "algorithms/cores/sac_core.h"
 #include "algorithms/cores/td3_core.h"
 
 namespace b4mrl {
-
-double NumberOr(const Hyperparameters& values, std::string_view name, double fallback);
 
 // `observation_size`: what the policy sees, all observations of a history together.
 SacOptions SacOptionsOf(const LearnerContext& context, int observation_size);

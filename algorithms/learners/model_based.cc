@@ -94,7 +94,7 @@ ModelBased::ModelBased(const LearnerContext& context, const ModelBasedAlgorithm&
     : context_(context),
       algorithm_(algorithm),
       rollout_every_(context.hyperparameters.Unsigned("rollout-every")),
-      lag_(NumberOr(context.hyperparameters, "rollout-lag", 0) == 1),
+      lag_(context.hyperparameters.NumberOr("rollout-lag", 0) == 1),
       real_rows_(RealRows(context.hyperparameters)),
       core_(std::move(parts.core)),
       ensemble_(std::move(parts.ensemble)),

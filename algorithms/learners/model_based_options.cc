@@ -106,8 +106,8 @@ ModelRolloutOptions RolloutOptionsOf(const LearnerContext& context, std::vector<
   options.action_size = context.action_size();
   options.horizon = values.Integer("horizon");
   options.penalty = values.Number("penalty");
-  options.chunk_rows = static_cast<int>(NumberOr(values, "chunk-rows", options.chunk_rows));
-  options.chunks_in_flight = static_cast<int>(NumberOr(values, "chunks-in-flight", 1));
+  options.chunk_rows = static_cast<int>(values.NumberOr("chunk-rows", options.chunk_rows));
+  options.chunks_in_flight = static_cast<int>(values.NumberOr("chunks-in-flight", 1));
   options.seed = RoleSeed(context.seed, "rollouts");
   options.action_scale = context.ActionScale();
   options.mask = std::move(mask);

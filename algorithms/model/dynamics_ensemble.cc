@@ -7,8 +7,8 @@
 #include <string>
 
 #include "algorithms/cores/actor_critic.h"
-#include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/gaussian_head.h"
+#include "algorithms/nn/products/eigen_map.h"
 
 namespace b4mrl {
 namespace {

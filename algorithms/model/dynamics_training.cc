@@ -6,8 +6,8 @@
 #include <string>
 
 #include "algorithms/model/dynamics_ensemble.h"
-#include "algorithms/nn/eigen_map.h"
 #include "algorithms/nn/gaussian_head.h"
+#include "algorithms/nn/products/eigen_map.h"
 
 namespace b4mrl {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "algorithms/base/learner.h"
 #include "algorithms/model/dynamics_ensemble.h"
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 #include "client/remote_dataset.h"
 #include "client/remote_environment.h"
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "algorithms/nn/parameters.h"
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 
 namespace b4mrl {
 

@@ -9,7 +9,7 @@
 
 #include <span>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

@@ -22,8 +22,8 @@
 #include <vector>
 
 #include "algorithms/nn/parameters.h"
+#include "algorithms/nn/products/view.h"
 #include "algorithms/nn/thread_team.h"
-#include "algorithms/nn/view.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/products/strip.h"
 
 namespace b4mrl {

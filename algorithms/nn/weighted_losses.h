@@ -5,7 +5,7 @@
 
 #include <span>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 #include "algorithms/policy/inference.h"
 #include "data/d4rl/agent_file.h"
 #include "proto/base/status.h"

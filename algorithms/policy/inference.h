@@ -13,7 +13,7 @@
 #include <span>
 #include <vector>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <span>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

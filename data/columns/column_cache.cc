@@ -323,9 +323,4 @@ bool RemoveUnusedCache(const std::string& folder) {
   return !in_use;
 }
 
-mode_t ModeInside(const std::string& folder) {
-  struct stat info {};
-  return stat(folder.c_str(), &info) == 0 ? info.st_mode & 02777 : 0700;
-}
-
 }  // namespace b4mrl

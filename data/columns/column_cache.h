@@ -126,8 +126,6 @@ Status PlaceCache(const std::string& made, const std::string& folder);
 void RemoveCache(const std::string& folder);
 // The same unless a process has it mapped; then false.
 bool RemoveUnusedCache(const std::string& folder);
-// The mode of what is made in `folder`: its own without the umask's say, set-group-ID included.
-mode_t ModeInside(const std::string& folder);
 // The prefix of the names of folders that are being written.
 inline constexpr std::string_view kUnfinishedCachePrefix = "unfinished-";
 

@@ -204,18 +204,19 @@ std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
       .substr(0, 32);
 }
 
-Result<uint64_t> ImportDataset(const ImporterOptions& options) {
-  B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(options.file));
+Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& cache_folder,
+                               uint64_t max_cache_bytes) {
+  B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(file_path));
   B4MRL_ASSIGN_OR_RETURN(const SourceColumns source, OpenSource(file));
   const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // and two flags
-  if (bytes > options.max_cache_bytes) {
+  if (bytes > max_cache_bytes) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("{} takes {} bytes when it is served, allowed: {}", options.file,
-                              bytes, options.max_cache_bytes));
+                  fmt::format("{} takes {} bytes when it is served, allowed: {}", file_path, bytes,
+                              max_cache_bytes));
   }
-  B4MRL_ASSIGN_OR_RETURN(DatasetBuilder builder,
-                         DatasetBuilder::Create(ImportedCachePath(options.folder),
-                                                source.observation_size, source.action_size));
+  B4MRL_ASSIGN_OR_RETURN(
+      DatasetBuilder builder,
+      DatasetBuilder::Create(cache_folder, source.observation_size, source.action_size));
   const bool stored = source.next_observations.has_value();
   B4MRL_RETURN_IF_ERROR(stored ? CopyStored(source, &builder) : CopyD4rl(source, &builder));
   builder.SetProperty("transition_rule",

@@ -1,4 +1,5 @@
-// The conversion inside the importer process: one HDF5 file in D4RL's layout to one column cache.
+// The conversion inside the importer's process (server/datasets/importer.h): one HDF5 file in
+// D4RL's layout to one column cache.
 //
 // Accepts rewards, terminals and timeouts of shape (N) or (N, 1), float64 columns (rounded to
 // float32), boolean or integer flags, missing timeouts (an episode ends at 1,000 steps) and missing
@@ -8,11 +9,11 @@
 // kIoError (full disk).
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "data/columns/episodes.h"
 #include "proto/base/status.h"
-#include "server/datasets/importer.h"
 
 namespace b4mrl {
 
@@ -21,7 +22,9 @@ namespace b4mrl {
 std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
                                const std::string& corruptions, uint64_t seed);
 
-// Makes the cache and returns its number of rows.
-Result<uint64_t> ImportDataset(const ImporterOptions& options);
+// Makes the column cache `cache_folder` from the HDF5 file `file_path` and returns its number of
+// rows; refuses one that would take more than `max_cache_bytes`.
+Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& cache_folder,
+                               uint64_t max_cache_bytes);
 
 }  // namespace b4mrl

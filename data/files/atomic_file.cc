@@ -125,4 +125,9 @@ Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes) {
   return text;
 }
 
+mode_t ModeInside(const std::string& folder) {
+  struct stat info {};
+  return stat(folder.c_str(), &info) == 0 ? info.st_mode & 02777 : 0700;
+}
+
 }  // namespace b4mrl

@@ -50,6 +50,8 @@ Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view pat
 Status SyncFolder(const std::string& folder);
 // The folder part of a path: "." when it has none.
 std::string FolderOf(const std::string& path);
+// The mode of what is made in `folder`: its own without the umask's say, set-group-ID included.
+mode_t ModeInside(const std::string& folder);
 // A whole file, as above.
 Status WriteSmallFile(const std::string& path, std::string_view text,
                       std::optional<mode_t> mode = {});

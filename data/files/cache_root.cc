@@ -4,7 +4,6 @@
 
 #include <cerrno>
 
-#include "data/columns/column_cache.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {

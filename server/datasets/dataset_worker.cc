@@ -20,10 +20,8 @@
 #include "server/datasets/dataset_store.h"
 #include "server/datasets/preparation_queue.h"
 #include "server/datasets/served_datasets.h"
-#include "server/gateway/describe.h"
-#include "server/gateway/open_request.h"
 #include "server/process/background_thread.h"
-#include "server/worker/request_job.h"
+#include "server/replies/reply.h"
 
 namespace b4mrl {
 namespace {

@@ -47,7 +47,7 @@ Result<uint64_t> ImportInSandbox(const ImporterOptions& options) {
       std::min(std::max(kMinCacheFileBytes, stored_bytes * kMaxExpansion), options.max_cache_bytes);
   sandbox.descriptors = kMaxDescriptors;
   B4MRL_RETURN_IF_ERROR(EnterSandbox(sandbox));
-  return ImportDataset(options);
+  return ImportDataset(options.file, ImportedCachePath(options.folder), options.max_cache_bytes);
 }
 
 std::string Answer(const Result<uint64_t>& rows) {

@@ -1,8 +1,5 @@
 #include "server/environments/list.h"
 
-#include <fmt/format.h>
-#include <mujoco/mujoco.h>
-
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -42,7 +39,5 @@ std::string DefaultModelsFolder() {
   static const std::string folder = SharedFolder("models", B4MRL_MODELS_FOLDER);
   return folder;
 }
-
-std::string EngineVersion() { return fmt::format("MuJoCo {}", mj_versionString()); }
 
 }  // namespace b4mrl

@@ -3,6 +3,7 @@
 // thread.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -14,9 +15,9 @@
 #include "server/environments/config.h"
 #include "server/environments/environment.h"
 
-namespace b4mrl {
+struct mjModel_;  // MuJoCo's mjModel
 
-class Perturbation;
+namespace b4mrl {
 
 // A user's model in compiled form, made by server/models/model_compiler.h. Empty: there is none.
 struct CompiledModel {
@@ -26,9 +27,11 @@ struct CompiledModel {
 
 // What an environment is opened from; only during open.
 struct EnvironmentSetup {
-  const Config& config;                            // as completed by EnvironmentEntry::complete
-  std::vector<const Perturbation*> perturbations;  // in their order
-  CompiledModel compiled_model = {};               // in place of the task's own
+  const Config& config;          // as completed by EnvironmentEntry::complete
+  std::string users_model;       // the file that takes the place of the task's own; "" for none
+  CompiledModel compiled_model;  // of that file
+  // Changes the model that was loaded; never null. An error says what the model lacks.
+  std::function<Status(mjModel_*)> change_model;
 };
 
 struct EnvironmentEntry {
@@ -51,7 +54,5 @@ Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
 // The folder with the tasks' own MJCF files, and the users' when none is given: the installation's,
 // else the checkout's data/models.
 std::string DefaultModelsFolder();
-// The engine whose version decides the numbers: "MuJoCo 2.2.2".
-std::string EngineVersion();
 
 }  // namespace b4mrl

@@ -10,9 +10,9 @@
 #include "proto/b4mrl.pb.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
-#include "server/gateway/describe.h"
 #include "server/models/model_compiler.h"
 #include "server/perturbations/list.h"
+#include "server/replies/environment_info.h"
 
 namespace b4mrl {
 namespace {
@@ -45,7 +45,7 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
 void DescribeCatalogue(const std::vector<std::string>& model_files, pb::CatalogueReply* out) {
   for (const EnvironmentEntry& entry : EnvironmentList()) {
     const Result<EnvironmentSpec> spec = DescribeEnvironment(entry.name);
-    if (spec.ok()) DescribeEnvironment(*spec, out->add_environments());
+    if (spec.ok()) FillEnvironmentInfo(*spec, out->add_environments());
   }
   for (const PerturbationEntry& entry : PerturbationList()) {
     pb::PerturbationInfo* info = out->add_perturbations();

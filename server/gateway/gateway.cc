@@ -14,6 +14,7 @@
 #include "server/gateway/relay.h"
 #include "server/gateway/status_report.h"
 #include "server/process/child.h"
+#include "server/replies/reply.h"
 
 namespace b4mrl {
 namespace {

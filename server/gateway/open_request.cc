@@ -46,10 +46,4 @@ std::string ModelFileOf(const pb::OpenRequest& open) {
   return "";
 }
 
-Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms) {
-  const int64_t deadline_ms =
-      request.deadline_ms() == 0 ? limits::kDefaultDeadlineMs : request.deadline_ms();
-  return Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs) + grace_ms);
-}
-
 }  // namespace b4mrl

@@ -16,7 +16,4 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open);
 // FILE.xml of a model=FILE.xml among the perturbations; "" if there is none.
 std::string ModelFileOf(const pb::OpenRequest& open);
 
-// The request's own deadline or the default, from now.
-Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
-
 }  // namespace b4mrl

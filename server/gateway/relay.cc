@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "proto/base/limits.h"
-#include "server/gateway/open_request.h"
+#include "server/replies/reply.h"
 
 namespace b4mrl {
 namespace {

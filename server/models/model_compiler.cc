@@ -12,7 +12,6 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "data/columns/column_cache.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/environments/mujoco/compiled_model.h"

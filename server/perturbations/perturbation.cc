@@ -55,6 +55,19 @@ void PerturbationSet::OnOptions(Config& config) const {
   for (const auto& member : members_) member->OnOptions(config);
 }
 
+std::string PerturbationSet::model_file() const {
+  std::string file;
+  for (const auto& member : members_) {
+    if (!member->model_file().empty()) file = member->model_file();
+  }
+  return file;
+}
+
+Status PerturbationSet::OnModel(mjModel_* model) const {
+  for (const auto& member : members_) B4MRL_RETURN_IF_ERROR(member->OnModel(model));
+  return Status();
+}
+
 void PerturbationSet::OnAction(const DrawContext& context, std::span<double> state,
                                std::span<double> action) const {
   size_t offset = 0;

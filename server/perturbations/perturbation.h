@@ -84,6 +84,9 @@ class PerturbationSet {
   size_t state_size() const { return state_size_; }
 
   void OnOptions(Config& config) const;
+  // The last one that is named; "" for none.
+  std::string model_file() const;
+  Status OnModel(mjModel_* model) const;
   // `state` has state_size() doubles.
   void OnAction(const DrawContext& context, std::span<double> state,
                 std::span<double> action) const;

@@ -12,6 +12,7 @@
 #include "proto/base/finite.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
+#include "server/environments/mujoco/engine_version.h"
 #include "server/perturbations/list.h"
 
 namespace b4mrl {
@@ -69,8 +70,10 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   B4MRL_ASSIGN_OR_RETURN(const Config completed, entry->complete(changed));
 
   std::shared_ptr<Simulator> simulator(new Simulator);
-  B4MRL_ASSIGN_OR_RETURN(simulator->model_,
-                         entry->open({completed, perturbations.members(), compiled_model}));
+  B4MRL_ASSIGN_OR_RETURN(
+      simulator->model_,
+      entry->open({completed, perturbations.model_file(), compiled_model,
+                   [&](mjModel_* model) { return perturbations.OnModel(model); }}));
   simulator->perturbations_ = std::move(perturbations);
   simulator->config_json_ = completed.dump();
   simulator->identity_ =

@@ -6,10 +6,10 @@
 #include <cstring>
 
 #include "proto/base/limits.h"
-#include "server/gateway/describe.h"
-#include "server/gateway/open_request.h"
+#include "server/replies/reply.h"
 #include "server/shared_memory/blame.h"
 #include "server/shared_memory/session_table.h"
+#include "server/worker/describe_session.h"
 #include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
 

@@ -67,17 +67,4 @@ Result<Message> RequestJob::TakeReply() {
   return Message{std::move(envelope), std::move(reply_payload_)};
 }
 
-Message ErrorReply(uint64_t request_id, const Status& status) {
-  pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(request_id);
-  SetStatus(status, reply.mutable_status());
-  // An error text quotes at most a few names of the request, which itself fits an envelope.
-  Result<Frame> envelope = SerializeEnvelope(reply);
-  if (envelope.ok()) return {std::move(*envelope), Frame()};
-  reply.mutable_status()->set_message("the error message is too long for an envelope");
-  envelope = SerializeEnvelope(reply);
-  return {envelope.ok() ? std::move(*envelope) : Frame(), Frame()};
-}
-
 }  // namespace b4mrl

@@ -95,7 +95,4 @@ class RequestJob : public QueuedWork {
   Status error_;
 };
 
-// A reply without arrays that carries `status`.
-Message ErrorReply(uint64_t request_id, const Status& status);
-
 }  // namespace b4mrl

@@ -7,7 +7,7 @@
 #include <deque>
 
 #include "proto/base/limits.h"
-#include "server/environments/list.h"
+#include "server/environments/mujoco/engine_version.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/handlers.h"
 #include "server/worker/lane_selection.h"

@@ -11,7 +11,7 @@
 #include "algorithms/cores/actor_critic.h"
 #include "algorithms/cores/transition_batch.h"
 #include "algorithms/nn/parameters.h"
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

@@ -9,18 +9,86 @@
 namespace b4mrl {
 namespace {
 
-// Folder -> folders that its files may include. tests and benchmarks/performance may see all.
+// Room -> rooms that its files may include, itself and proto/ excepted. The picture in
+// ARCHITECTURE.md shows the same arrows. tests and benchmarks/performance may see all.
 const std::map<std::string, std::set<std::string>> kArrows = {
-    {"proto", {"proto"}},
-    {"data", {"proto", "data"}},
-    {"client", {"proto", "client"}},
-    {"server", {"proto", "data", "server"}},
-    {"algorithms", {"proto", "data", "client", "algorithms"}},
-    {"benchmarks", {"proto", "data", "client", "algorithms", "benchmarks"}},
+    {"proto/base", {}},
+    {"proto/wire", {}},
+
+    {"data/files", {}},
+    {"data/columns", {"data/files"}},
+    {"data/hdf5", {"data/files"}},
+    {"data/d4rl", {"data/columns", "data/files", "data/hdf5"}},
+
+    {"client", {}},
+    {"client/examples", {"client"}},
+
+    {"server/shared_memory", {}},
+    {"server/replies", {}},
+    {"server/sandbox", {}},
+    {"server/scheduling", {}},
+    {"server/highway", {}},
+    {"server/environments", {"server/highway"}},
+    {"server/environments/mujoco", {"server/environments"}},
+    {"server/perturbations",
+     {"server/environments", "server/environments/mujoco", "server/highway"}},
+    {"server/simulator",
+     {"server/environments", "server/environments/mujoco", "server/perturbations"}},
+    {"server/render", {"server/simulator"}},
+    {"server/render/painter", {"server/environments", "server/render", "server/simulator"}},
+    {"server/process", {"server/shared_memory"}},
+    {"server/supervisor", {"server/process", "server/shared_memory"}},
+    {"server/models",
+     {"data/files", "server/environments", "server/environments/mujoco", "server/perturbations",
+      "server/sandbox", "server/simulator"}},
+    {"server/datasets",
+     {"data/columns", "data/d4rl", "data/files", "server/environments", "server/perturbations",
+      "server/process", "server/replies", "server/sandbox"}},
+    {"server/worker",
+     {"server/environments/mujoco", "server/process", "server/render", "server/replies",
+      "server/scheduling", "server/shared_memory", "server/simulator"}},
+    {"server/gateway",
+     {"data/files", "server/environments", "server/environments/mujoco", "server/models",
+      "server/perturbations", "server/process", "server/replies", "server/shared_memory"}},
+    {"server", {"server/datasets", "server/models", "server/process", "server/supervisor"}},
+
+    {"algorithms/nn/products", {}},
+    {"algorithms/nn", {"algorithms/nn/products"}},
+    {"algorithms/policy", {"algorithms/nn/products", "data/d4rl"}},
+    {"algorithms/base", {"algorithms/nn", "algorithms/policy", "data/hdf5"}},
+    {"algorithms/cores", {"algorithms/nn", "algorithms/nn/products", "algorithms/policy"}},
+    {"algorithms/experience",
+     {"algorithms/base", "algorithms/cores", "algorithms/nn/products", "algorithms/policy",
+      "client"}},
+    {"algorithms/model",
+     {"algorithms/base", "algorithms/cores", "algorithms/experience", "algorithms/nn",
+      "algorithms/nn/products", "algorithms/policy", "client", "data/files"}},
+    {"algorithms/learners",
+     {"algorithms/base", "algorithms/cores", "algorithms/experience", "algorithms/model",
+      "algorithms/policy", "data/hdf5"}},
+    {"algorithms", {"algorithms/base", "algorithms/experience", "algorithms/learners"}},
+    {"algorithms/episodes", {"algorithms/base", "algorithms/policy", "client", "data/d4rl"}},
+    {"algorithms/run",
+     {"algorithms", "algorithms/base", "algorithms/episodes", "algorithms/nn/products",
+      "algorithms/policy", "client", "data/d4rl", "data/files"}},
+    {"algorithms/tools",
+     {"algorithms", "algorithms/base", "algorithms/episodes", "algorithms/policy", "algorithms/run",
+      "client", "data/d4rl", "data/files"}},
 };
 
 bool SeesAll(const SourceFile& file) {
   return file.folder == "tests" || file.In("benchmarks/performance/");
+}
+
+std::string RoomOf(const std::string& path) { return path.substr(0, path.rfind('/')); }
+
+// The rooms from which an arrow leads back to `room`, over others or directly.
+bool LeadsTo(const std::string& from, const std::string& room, std::set<std::string>& visited) {
+  for (const std::string& next : kArrows.at(from)) {
+    if (next == room) return true;
+    if (visited.insert(next).second && LeadsTo(next, room, visited)) return true;
+  }
+  return false;
 }
 
 struct Door {
@@ -50,19 +118,46 @@ std::string At(const SourceFile& file, const Include& include) {
   return file.path + ":" + std::to_string(include.line) + " includes " + include.path;
 }
 
-TEST_CASE("Includes follow the arrows between folders") {
-  size_t checked = 0;
+TEST_CASE("Includes follow the arrows between rooms") {
+  std::set<std::pair<std::string, std::string>> used;
   for (const SourceFile& file : ReadTree({".h", ".cc"})) {
     if (SeesAll(file)) continue;
-    const std::set<std::string>& allowed = kArrows.at(file.folder);
+    const std::string room = RoomOf(file.path);
+    INFO(file.path << " stands in " << room << ", which is not among the rooms above");
+    REQUIRE(kArrows.contains(room));
     for (const Include& include : IncludesOf(file)) {
-      if (!include.quoted) continue;
+      const std::string other = RoomOf(include.path);
+      if (!include.quoted || include.path.ends_with(".pb.h") || other == room) continue;
+      used.emplace(room, other);
       INFO(At(file, include));
-      CHECK(allowed.contains(include.path.substr(0, include.path.find('/'))));
-      ++checked;
+      const bool base = other == "proto/base" || (other == "proto/wire" && room != "proto/base");
+      CHECK((base || kArrows.at(room).contains(other)));
     }
   }
-  CHECK(checked > 100);  // the tree was found
+  for (const auto& [room, others] : kArrows) {
+    for (const std::string& other : others) {
+      INFO(room << " > " << other << " is used by nobody");
+      CHECK(used.contains({room, other}));
+    }
+  }
+}
+
+TEST_CASE("No arrows between rooms make a circle") {
+  for (const auto& [room, others] : kArrows) {
+    std::set<std::string> visited;
+    INFO(room);
+    CHECK_FALSE(LeadsTo(room, room, visited));
+  }
+}
+
+TEST_CASE("No room is crowded") {
+  constexpr size_t kMaxFiles = 26;
+  std::map<std::string, size_t> files;
+  for (const SourceFile& file : ReadTree({".h", ".cc", ".py"})) ++files[RoomOf(file.path)];
+  for (const auto& [room, count] : files) {
+    INFO(room);
+    CHECK(count <= kMaxFiles);
+  }
 }
 
 TEST_CASE("Quoted includes are files of this project, named from its root") {

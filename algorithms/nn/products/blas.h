@@ -10,7 +10,7 @@
 
 #include <string>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

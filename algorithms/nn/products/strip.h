@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <span>
 
-#include "algorithms/nn/eigen_map.h"
+#include "algorithms/nn/products/eigen_map.h"
 
 namespace b4mrl {
 

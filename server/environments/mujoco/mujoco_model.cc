@@ -10,8 +10,8 @@
 #include <mutex>
 
 #include "server/environments/mujoco/compiled_model.h"
+#include "server/environments/mujoco/engine_version.h"
 #include "server/environments/mujoco/mujoco_guard.h"
-#include "server/perturbations/perturbation.h"
 
 namespace b4mrl {
 namespace {
@@ -129,20 +129,15 @@ Status CheckFits(const mjModel& own, const mjModel& model, const std::string& fi
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt) {
   B4MRL_ASSIGN_OR_RETURN(LoadedModel loaded, LoadOwnModel(file_name));
-  std::string users_file;
-  for (const Perturbation* perturbation : setup.perturbations) {
-    if (!perturbation->model_file().empty()) users_file = perturbation->model_file();
-  }
-  if (!users_file.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(LoadedModel other, LoadCompiledModel(setup.compiled_model, users_file));
-    B4MRL_RETURN_IF_ERROR(CheckFits(*loaded.model, *other.model, users_file));
+  if (!setup.users_model.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(LoadedModel other,
+                           LoadCompiledModel(setup.compiled_model, setup.users_model));
+    B4MRL_RETURN_IF_ERROR(CheckFits(*loaded.model, *other.model, setup.users_model));
     loaded = std::move(other);
   } else if (adapt) {
     adapt(loaded.model.get());
   }
-  for (const Perturbation* perturbation : setup.perturbations) {
-    B4MRL_RETURN_IF_ERROR(perturbation->OnModel(loaded.model.get()));
-  }
+  B4MRL_RETURN_IF_ERROR(setup.change_model(loaded.model.get()));
   return loaded;
 }
 

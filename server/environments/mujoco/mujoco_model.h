@@ -36,8 +36,8 @@ struct LoadedModel {
 
 // The task's own model is that file of DefaultModelsFolder(), compiled on first use and kept until
 // the process ends, so that a later change of the file has no effect. The task may `adapt` it. A
-// model=FILE.xml among the perturbations replaces it (setup.compiled_model), and must have the same
-// joints, motors and timestep. Then the perturbations apply. kIoError or kDataLoss when a file
+// user's model replaces it (setup.users_model), and must have the same joints, motors and timestep.
+// Then the perturbations apply (setup.change_model). kIoError or kDataLoss when a file
 // cannot be read or compiled, kInvalidArgument when the user's model does not fit the task.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});

@@ -70,7 +70,10 @@ MjModelPtr Perturbed(const Task& task, const std::string& perturbations) {
   const EnvironmentSpec spec = Take(DescribeEnvironment(task.environment));
   const PerturbationSet set = Take(MakePerturbations(Take(ParseNamedArguments(perturbations)), spec,
                                                      PerturbationUse::kSimulator));
-  return Take(LoadMujocoModel({Config::object(), set.members()}, task.file)).model;
+  return Take(LoadMujocoModel(
+                  {Config::object(), "", {}, [&](mjModel* model) { return set.OnModel(model); }},
+                  task.file))
+      .model;
 }
 
 TEST_CASE("A leg of any length is the compiled model of the edited file, byte for byte") {

@@ -35,7 +35,9 @@ MjModelPtr Load(const Task& task, const std::string& perturbations) {
   const EnvironmentSpec spec = Take(DescribeEnvironment(task.environment));
   const PerturbationSet set = Take(MakePerturbations(Take(ParseNamedArguments(perturbations)), spec,
                                                      PerturbationUse::kSimulator));
-  return Take(LoadMujocoModel({Config::object(), set.members()}, std::string(task.name) + ".xml"))
+  return Take(LoadMujocoModel(
+                  {Config::object(), "", {}, [&](mjModel* model) { return set.OnModel(model); }},
+                  std::string(task.name) + ".xml"))
       .model;
 }
 

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <initializer_list>
 
-#include "algorithms/nn/view.h"
+#include "algorithms/nn/products/view.h"
 
 namespace b4mrl {
 

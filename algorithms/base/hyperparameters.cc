@@ -1,0 +1,91 @@
+#include "algorithms/base/hyperparameters.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+
+namespace b4mrl {
+
+std::vector<std::string_view> Hyperparameter::ChoiceNames() const {
+  std::vector<std::string_view> names;
+  for (std::string_view rest = choices; !rest.empty();) {
+    const size_t end = std::min(rest.find('|'), rest.size());
+    names.push_back(rest.substr(0, end));
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  return names;
+}
+
+std::string Hyperparameter::TextOf(double any) const {
+  if (choices.empty()) return fmt::format("{}", any);
+  return std::string(ChoiceNames()[static_cast<size_t>(any)]);
+}
+
+Hyperparameters::Hyperparameters(std::span<const Hyperparameter> table,
+                                 std::string_view environment)
+    : entries_(table.begin(), table.end()) {
+  for (Hyperparameter& entry : entries_) {
+    for (const EnvironmentDefault& other : entry.by_environment) {
+      if (other.environment == environment) entry.value = other.value;
+    }
+  }
+}
+
+Status Hyperparameters::Set(std::string_view name, double value) {
+  B4MRL_ASSIGN_OR_RETURN(Hyperparameter * entry, Need(name));
+  const bool fits = value >= entry->low && value <= entry->high;  // false for NaN
+  if (!fits || (entry->whole && value != std::floor(value))) {
+    return InvalidNumber(
+        name, value,
+        fmt::format("{}{}..{}", entry->whole ? "a whole number in " : "", entry->low, entry->high));
+  }
+  entry->value = value;
+  return Status();
+}
+
+Status Hyperparameters::SetText(std::string_view name, std::string_view text) {
+  B4MRL_ASSIGN_OR_RETURN(const Hyperparameter* entry, Need(name));
+  const std::vector<std::string_view> names = entry->ChoiceNames();
+  if (names.empty()) {
+    if (entry->IsSwitch() && (text == "true" || text == "false")) return Set(name, text == "true");
+    B4MRL_ASSIGN_OR_RETURN(const double value, ParseFinite(name, text, entry->low, entry->high));
+    return Set(name, value);
+  }
+  const auto choice = std::find(names.begin(), names.end(), text);
+  if (choice == names.end()) return UnknownName(name, text, names);
+  return Set(name, static_cast<double>(choice - names.begin()));
+}
+
+const Hyperparameter* Hyperparameters::Find(std::string_view name) const {
+  const auto entry = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const Hyperparameter& e) { return e.name == name; });
+  return entry == entries_.end() ? nullptr : &*entry;
+}
+
+double Hyperparameters::Number(std::string_view name) const {
+  const Hyperparameter* entry = Find(name);
+  if (entry == nullptr) {
+    fmt::print(stderr, "b4mrl: there is no hyperparameter '{}' in the learner's table\n", name);
+    std::abort();
+  }
+  return entry->value;
+}
+
+double Hyperparameters::NumberOr(std::string_view name, double fallback) const {
+  const Hyperparameter* entry = Find(name);
+  return entry == nullptr ? fallback : entry->value;
+}
+
+Result<Hyperparameter*> Hyperparameters::Need(std::string_view name) {
+  std::vector<std::string_view> names;
+  for (Hyperparameter& entry : entries_) {
+    if (entry.name == name) return &entry;
+    names.push_back(entry.name);
+  }
+  return UnknownName("hyperparameter", name, names);
+}
+
+}  // namespace b4mrl

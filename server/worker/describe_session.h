@@ -1,0 +1,12 @@
+// What a client is told of its session when it is opened. Any thread.
+#pragma once
+
+#include "proto/b4mrl.pb.h"
+#include "server/worker/session.h"
+
+namespace b4mrl {
+
+// Everything in force: spaces, completed configuration, resolved perturbations, experiment id.
+void DescribeSession(const Session& session, pb::AttachReply* out);
+
+}  // namespace b4mrl
