@@ -17,7 +17,7 @@ namespace b4mrl {
 extern const PerturbationEntry kGravity;
 extern const PerturbationEntry kFriction;
 extern const PerturbationEntry kLegLength;
-extern const PerturbationEntry kModelFile;
+extern const PerturbationEntry kUsersModel;
 extern const PerturbationEntry kCars;
 extern const PerturbationEntry kObservationNoise;
 extern const PerturbationEntry kHiddenDimensions;
@@ -26,7 +26,7 @@ extern const PerturbationEntry kActionDelay;
 
 std::span<const PerturbationEntry> PerturbationList() {
   static const std::array kList = {kGravity,          kFriction,    kLegLength,
-                                   kModelFile,        kCars,        kObservationNoise,
+                                   kUsersModel,        kCars,        kObservationNoise,
                                    kHiddenDimensions, kActionNoise, kActionDelay};
   return kList;
 }

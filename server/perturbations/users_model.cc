@@ -13,9 +13,9 @@ namespace {
 
 constexpr const char* kName = "model";
 
-class ModelFile final : public Perturbation {
+class UsersModel final : public Perturbation {
  public:
-  explicit ModelFile(std::string file) : file_(std::move(file)) {}
+  explicit UsersModel(std::string file) : file_(std::move(file)) {}
   NamedArgument ToNamedArgument() const override { return {kName, file_}; }
   std::string_view model_file() const override { return file_; }
 
@@ -31,7 +31,7 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
   if (input.occurrence > 0) {
     return InvalidArgument("number of models", "more", "one: model=FILE.xml may be given once");
   }
-  return std::unique_ptr<Perturbation>(std::make_unique<ModelFile>(std::string(input.argument)));
+  return std::unique_ptr<Perturbation>(std::make_unique<UsersModel>(std::string(input.argument)));
 }
 
 }  // namespace
@@ -46,8 +46,8 @@ bool IsModelFileName(std::string_view name) {
          std::ranges::all_of(name, plain);
 }
 
-extern const PerturbationEntry kModelFile;  // its line in list.cc
-constinit const PerturbationEntry kModelFile = {
+extern const PerturbationEntry kUsersModel;  // its line in list.cc
+constinit const PerturbationEntry kUsersModel = {
     .name = kName,
     .parameter = "file",
     .type = "file",

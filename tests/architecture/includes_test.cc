@@ -2,94 +2,57 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <map>
+#include <regex>
 #include <set>
+#include <sstream>
 
 #include "tests/architecture/source_tree.h"
 
 namespace b4mrl {
 namespace {
 
-// Room -> rooms that its files may include, itself and proto/ excepted. The picture in
-// ARCHITECTURE.md shows the same arrows. tests and benchmarks/performance may see all.
-const std::map<std::string, std::set<std::string>> kArrows = {
-    {"proto/base", {}},
-    {"proto/wire", {}},
+using Arrows = std::map<std::string, std::set<std::string>>;
 
-    {"data/files", {}},
-    {"data/columns", {"data/files"}},
-    {"data/hdf5", {"data/files"}},
-    {"data/d4rl", {"data/columns", "data/files", "data/hdf5"}},
+// ARCHITECTURE.md's table: room -> rooms that its files may include, beside itself and proto/.
+Arrows AllowedArrows() {
+  static const std::regex row(R"(^\| `([\w/]+)` \|.*\|([^|]*)\|$)");
+  static const std::regex name(R"(`([\w/]+)`)");
+  Arrows arrows;
+  for (const std::string& line : SectionOf("ARCHITECTURE.md", "## Rooms and arrows")) {
+    std::smatch parts;
+    if (!std::regex_match(line, parts, row)) continue;
+    std::set<std::string>& others = arrows[parts[1]];
+    const std::string list = parts[2];
+    for (std::sregex_iterator it(list.begin(), list.end(), name), end; it != end; ++it) {
+      others.insert((*it)[1]);
+    }
+  }
+  return arrows;
+}
 
-    {"client", {}},
-    {"client/examples", {"client"}},
+// ARCHITECTURE.md's picture: room -> number of its line, from the top.
+std::map<std::string, size_t> Layers() {
+  std::map<std::string, size_t> layers;
+  size_t number = 0;
+  bool inside = false;
+  for (const std::string& line : SectionOf("ARCHITECTURE.md", "## Rooms and arrows")) {
+    if (line == "```") {
+      inside = !inside;
+    } else if (inside) {
+      std::istringstream words(line);
+      for (std::string room; words >> room;) layers.emplace(room, number);
+      ++number;
+    }
+  }
+  return layers;
+}
 
-    {"server/shared_memory", {}},
-    {"server/replies", {}},
-    {"server/sandbox", {}},
-    {"server/scheduling", {}},
-    {"server/highway", {}},
-    {"server/environments", {"server/highway"}},
-    {"server/environments/mujoco", {"server/environments"}},
-    {"server/perturbations",
-     {"server/environments", "server/environments/mujoco", "server/highway"}},
-    {"server/simulator",
-     {"server/environments", "server/environments/mujoco", "server/perturbations"}},
-    {"server/render", {"server/simulator"}},
-    {"server/render/painter", {"server/environments", "server/render", "server/simulator"}},
-    {"server/process", {"server/shared_memory"}},
-    {"server/supervisor", {"server/process", "server/shared_memory"}},
-    {"server/models",
-     {"data/files", "server/environments", "server/environments/mujoco", "server/perturbations",
-      "server/sandbox", "server/simulator"}},
-    {"server/datasets",
-     {"data/columns", "data/d4rl", "data/files", "server/environments", "server/perturbations",
-      "server/process", "server/replies", "server/sandbox"}},
-    {"server/worker",
-     {"server/environments/mujoco", "server/process", "server/render", "server/replies",
-      "server/scheduling", "server/shared_memory", "server/simulator"}},
-    {"server/gateway",
-     {"data/files", "server/environments", "server/environments/mujoco", "server/models",
-      "server/perturbations", "server/process", "server/replies", "server/shared_memory"}},
-    {"server", {"server/datasets", "server/models", "server/process", "server/supervisor"}},
-
-    {"algorithms/nn/products", {}},
-    {"algorithms/nn", {"algorithms/nn/products"}},
-    {"algorithms/policy", {"algorithms/nn/products", "data/d4rl"}},
-    {"algorithms/base", {"algorithms/nn", "algorithms/policy", "data/hdf5"}},
-    {"algorithms/cores", {"algorithms/nn", "algorithms/nn/products", "algorithms/policy"}},
-    {"algorithms/experience",
-     {"algorithms/base", "algorithms/cores", "algorithms/nn/products", "algorithms/policy",
-      "client"}},
-    {"algorithms/model",
-     {"algorithms/base", "algorithms/cores", "algorithms/experience", "algorithms/nn",
-      "algorithms/nn/products", "algorithms/policy", "client", "data/files"}},
-    {"algorithms/learners",
-     {"algorithms/base", "algorithms/cores", "algorithms/experience", "algorithms/model",
-      "algorithms/policy", "data/hdf5"}},
-    {"algorithms", {"algorithms/base", "algorithms/experience", "algorithms/learners"}},
-    {"algorithms/episodes", {"algorithms/base", "algorithms/policy", "client", "data/d4rl"}},
-    {"algorithms/run",
-     {"algorithms", "algorithms/base", "algorithms/episodes", "algorithms/nn/products",
-      "algorithms/policy", "client", "data/d4rl", "data/files"}},
-    {"algorithms/tools",
-     {"algorithms", "algorithms/base", "algorithms/episodes", "algorithms/policy", "algorithms/run",
-      "client", "data/d4rl", "data/files"}},
-};
-
+// tests and benchmarks/performance may see all.
 bool SeesAll(const SourceFile& file) {
   return file.folder == "tests" || file.In("benchmarks/performance/");
 }
 
 std::string RoomOf(const std::string& path) { return path.substr(0, path.rfind('/')); }
-
-// The rooms from which an arrow leads back to `room`, over others or directly.
-bool LeadsTo(const std::string& from, const std::string& room, std::set<std::string>& visited) {
-  for (const std::string& next : kArrows.at(from)) {
-    if (next == room) return true;
-    if (visited.insert(next).second && LeadsTo(next, room, visited)) return true;
-  }
-  return false;
-}
 
 struct Door {
   std::string library;
@@ -119,34 +82,38 @@ std::string At(const SourceFile& file, const Include& include) {
 }
 
 TEST_CASE("Includes follow the arrows between rooms") {
-  std::set<std::pair<std::string, std::string>> used;
+  const Arrows allowed = AllowedArrows();
+  Arrows used;
   for (const SourceFile& file : ReadTree({".h", ".cc"})) {
     if (SeesAll(file)) continue;
     const std::string room = RoomOf(file.path);
-    INFO(file.path << " stands in " << room << ", which is not among the rooms above");
-    REQUIRE(kArrows.contains(room));
+    INFO(file.path << " stands in a room that ARCHITECTURE.md does not name");
+    REQUIRE(allowed.contains(room));
     for (const Include& include : IncludesOf(file)) {
       const std::string other = RoomOf(include.path);
       if (!include.quoted || include.path.ends_with(".pb.h") || other == room) continue;
-      used.emplace(room, other);
+      if (other == "proto/base" || (other == "proto/wire" && room != "proto/base")) continue;
+      used[room].insert(other);
       INFO(At(file, include));
-      const bool base = other == "proto/base" || (other == "proto/wire" && room != "proto/base");
-      CHECK((base || kArrows.at(room).contains(other)));
+      CHECK(allowed.at(room).contains(other));
     }
   }
-  for (const auto& [room, others] : kArrows) {
-    for (const std::string& other : others) {
-      INFO(room << " > " << other << " is used by nobody");
-      CHECK(used.contains({room, other}));
-    }
+  for (const auto& [room, others] : allowed) {
+    INFO(room << " may include what it does not");
+    CHECK(others == used[room]);
   }
 }
 
-TEST_CASE("No arrows between rooms make a circle") {
-  for (const auto& [room, others] : kArrows) {
-    std::set<std::string> visited;
+TEST_CASE("Arrows between rooms go down, so that they make no circle") {
+  const std::map<std::string, size_t> layers = Layers();
+  for (const auto& [room, others] : AllowedArrows()) {
     INFO(room);
-    CHECK_FALSE(LeadsTo(room, room, visited));
+    REQUIRE(layers.contains(room));
+    for (const std::string& other : others) {
+      INFO("includes " << other);
+      REQUIRE(layers.contains(other));
+      CHECK(layers.at(room) < layers.at(other));
+    }
   }
 }
 

@@ -30,6 +30,19 @@ SourceFile ReadSource(const std::string& path) {
   return file;
 }
 
+std::vector<std::string> SectionOf(const std::string& path, const std::string& heading) {
+  const std::string level = heading.substr(0, heading.find(' ') + 1);
+  std::vector<std::string> section;
+  bool inside = false;
+  for (const std::string& line : ReadSource(path).lines) {
+    if (line.starts_with(level)) inside = line == heading;
+    if (inside) section.push_back(line);
+  }
+  INFO("looking for " << heading << " in " << path);
+  REQUIRE_FALSE(section.empty());
+  return section;
+}
+
 std::vector<SourceFile> ReadTree(const std::vector<std::string>& suffixes) {
   std::vector<SourceFile> files;
   const fs::path root = B4MRL_SOURCE_DIR;

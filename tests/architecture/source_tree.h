@@ -22,6 +22,9 @@ struct SourceFile {
 std::vector<SourceFile> ReadTree(const std::vector<std::string>& suffixes);
 // One file; fails the running test when it is missing.
 SourceFile ReadSource(const std::string& path);
+// The lines of a Markdown file from `heading` to the next heading of the same level; fails the
+// running test when there is no such heading.
+std::vector<std::string> SectionOf(const std::string& path, const std::string& heading);
 
 struct Include {
   int line;          // 1-based
