@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/environments/mujoco/compiled_model.h"
