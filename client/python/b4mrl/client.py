@@ -11,22 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from b4mrl import arrays, checks, descriptions, errors, limits, query, simulators
 from b4mrl import config as settings
-from b4mrl.connection import DEADLINE_MS, Connection
+from b4mrl import descriptions, errors, query, simulators
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
-from b4mrl.messages import Request
 from b4mrl.opening import Opening, open_session
 from b4mrl.origin import Origin
-from b4mrl.routes import Routes
-from b4mrl.session import Session
 from b4mrl.simulators import Simulator
 from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
+from b4mrl.wire import arrays, checks, limits
+from b4mrl.wire.connection import DEADLINE_MS, Connection
+from b4mrl.wire.messages import Request
+from b4mrl.wire.routes import Routes
+from b4mrl.wire.session import Session
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
 _REACH_MS = 10_000  # for the first connection, where nobody names a deadline

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import checks, errors, limits, simulators
-from b4mrl.arrays import Array, require
-from b4mrl.connection import Connection
-from b4mrl.deliveries import Delivery
+from b4mrl import errors, simulators
 from b4mrl.descriptions import DatasetInForce
 from b4mrl.display import Record, Shown
-from b4mrl.messages import Request
 from b4mrl.origin import Origin
 from b4mrl.query import Answer, Simulators
 from b4mrl.simulators import Simulator
+from b4mrl.wire import checks, limits
+from b4mrl.wire.arrays import Array, require
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.deliveries import Delivery
+from b4mrl.wire.messages import Request
 
 Batch = dict[str, Array]
 

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from b4mrl.display import Record
 from b4mrl.errors import InternalError
-from b4mrl.messages import AUTORESET_MODES
 from b4mrl.simulators import NamedArgument
+from b4mrl.wire.messages import AUTORESET_MODES
 
 T = TypeVar("T")
 

@@ -11,14 +11,15 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 
-from b4mrl import checks, errors, infos, simulators
-from b4mrl.arrays import Array
+from b4mrl import errors, infos, simulators
 from b4mrl.display import Shown
 from b4mrl.origin import Origin, with_limit
-from b4mrl.outcomes import Outcome, StepOutcome
-from b4mrl.session import Session
 from b4mrl.spec import EnvironmentSpec
 from b4mrl.states import State, read_states, write_states
+from b4mrl.wire import checks
+from b4mrl.wire.arrays import Array
+from b4mrl.wire.outcomes import Outcome, StepOutcome
+from b4mrl.wire.session import Session
 
 RENDER_MODES = ("rgb_array",)
 
@@ -58,7 +59,7 @@ class Environment(Shown, gym.Env[Array, Array]):
     "numerical_error".
 
     Thread rule: one thread at a time. Errors are those of b4mrl.errors. Ctrl-C in a call: see
-    b4mrl.operations. pickle and copy give a new environment, opened by the same arguments.
+    b4mrl.wire.operations. pickle and copy give a new environment, opened by the same arguments.
 
     Args:
         session: of one lane; owned by the environment.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl.messages import CAUSES
+from b4mrl.wire.messages import CAUSES
 
 Mask = NDArray[np.bool_]
 

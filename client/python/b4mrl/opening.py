@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from b4mrl import arrays, checks, config, descriptions, errors, limits, simulators
-from b4mrl.connection import Connection
-from b4mrl.farewells import close_request
-from b4mrl.messages import AUTORESET_MODES, Request
-from b4mrl.routes import Routes
-from b4mrl.session import Session
+from b4mrl import config, descriptions, errors, simulators
 from b4mrl.spec import spec_of
+from b4mrl.wire import arrays, checks, limits
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.farewells import close_request
+from b4mrl.wire.messages import AUTORESET_MODES, Request
+from b4mrl.wire.routes import Routes
+from b4mrl.wire.session import Session
 
 
 @dataclass(frozen=True)

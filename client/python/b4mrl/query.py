@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from b4mrl import limits
-from b4mrl.arrays import Array
 from b4mrl.errors import InvalidArgumentError
-from b4mrl.session import Session
 from b4mrl.simulators import Simulator
+from b4mrl.wire import limits
+from b4mrl.wire.arrays import Array
+from b4mrl.wire.session import Session
 
 # Enough to keep every thread of a worker busy while one answer is copied out, and few enough rows
 # that all of them are done within a deadline where the costliest ones take milliseconds each.

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from b4mrl import errors, infos
-from b4mrl.arrays import Array
 from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.wire.arrays import Array
 
 Indices = int | Iterable[int] | None
 

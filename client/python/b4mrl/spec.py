@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import DTypeLike, NDArray
 
-from b4mrl import limits
 from b4mrl.display import Shown, table
 from b4mrl.errors import InternalError
+from b4mrl.wire import limits
 
 
 @dataclass(frozen=True, repr=False)

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from b4mrl.arrays import Array
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.wire.arrays import Array
 
 State = dict[str, Any]
 

@@ -11,15 +11,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from b4mrl import checks, errors, infos
-from b4mrl.arrays import Array
+from b4mrl import errors, infos
 from b4mrl.display import Shown
 from b4mrl.environment import check_render_mode, facts_of, metadata_of
-from b4mrl.lane_numbers import Lanes
 from b4mrl.origin import Origin, with_limit
-from b4mrl.outcomes import Ended, Outcome, StepOutcome
-from b4mrl.session import Session
 from b4mrl.states import State, read_states, write_states
+from b4mrl.wire import checks
+from b4mrl.wire.arrays import Array
+from b4mrl.wire.lane_numbers import Lanes
+from b4mrl.wire.outcomes import Ended, Outcome, StepOutcome
+from b4mrl.wire.session import Session
 
 EnvIds = ArrayLike | None
 StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -43,7 +44,7 @@ class VectorEnvironment(Shown, VectorEnv[Array, Array, Array]):
 
     Shapes: n environments; observations (n, *shape) in the dtype that make_vec was given, rewards
     (n,) float64, flags (n,) bool. Returned arrays are the caller's. Thread rule: one thread at a
-    time. Errors are those of b4mrl.errors. Ctrl-C in a call: see b4mrl.operations. pickle and copy
+    time. Errors are those of b4mrl.errors. Ctrl-C in a call: see b4mrl.wire.operations. pickle and copy
     give new environments, opened by the same arguments.
 
     Args:

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import zmq
-from b4mrl import arrays, limits
 from b4mrl.errors import InternalError
-from b4mrl.messages import Reply, Request
+from b4mrl.wire import arrays, limits
+from b4mrl.wire.messages import Reply, Request
 from google.protobuf import json_format
 
 CASES = Path(__file__).resolve().parents[2] / "conformance" / "cases.json"

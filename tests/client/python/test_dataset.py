@@ -13,7 +13,8 @@ import b4mrl
 import h5py
 import numpy as np
 import pytest
-from b4mrl import errors, limits
+from b4mrl import errors
+from b4mrl.wire import limits
 
 from equality import assert_same
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import b4mrl
 import numpy as np
 import pytest
-from b4mrl import errors, limits, query
+from b4mrl import errors, query
+from b4mrl.wire import limits
 
 
 def rows(client: b4mrl.Client, environment: str, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +87,7 @@ def test_a_query_session_that_was_lost_is_opened_again(client: b4mrl.Client) -> 
 
 
 def close_request():
-    from b4mrl.messages import Request
+    from b4mrl.wire.messages import Request
 
     request = Request()
     request.close.SetInParent()

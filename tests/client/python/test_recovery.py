@@ -110,7 +110,7 @@ def test_a_session_that_the_server_lost_says_so(client: b4mrl.Client) -> None:
 
 
 def close_request():
-    from b4mrl.messages import Request
+    from b4mrl.wire.messages import Request
 
     request = Request()
     request.close.SetInParent()

@@ -7,11 +7,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from b4mrl.wire import proto_file
 from google.protobuf import descriptor_pb2
 
-from b4mrl import proto_file
-
-PROTO = Path(__file__).parents[3] / "proto" / "b4mrl.proto"
+PROTO = Path(__file__).parents[4] / "proto" / "b4mrl.proto"
 
 
 @pytest.mark.skipif(shutil.which("protoc") is None, reason="protoc is not installed")

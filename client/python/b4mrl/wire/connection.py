@@ -30,9 +30,10 @@ from typing import Any
 import zmq
 from google.protobuf.message import DecodeError
 
-from b4mrl import errors, limits, sockets
-from b4mrl.deliveries import Delivery, Pending, read_reply
-from b4mrl.messages import Reply, Request
+from b4mrl import errors
+from b4mrl.wire import limits, sockets
+from b4mrl.wire.deliveries import Delivery, Pending, read_reply
+from b4mrl.wire.messages import Reply, Request
 
 # Of a request, unless its caller has another. A machine that is busy with other things must not end
 # what runs for hours.

@@ -15,7 +15,7 @@ from typing import Any
 import b4mrl
 import numpy as np
 import pytest
-from b4mrl.operations import Operations
+from b4mrl.wire.operations import Operations
 
 from conftest import environment_workers
 from equality import assert_same
@@ -23,22 +23,22 @@ from equality import assert_same
 # Where Ctrl-C comes: a function of the client, whether before or after it has done its work, and
 # whether the interrupted operation happens.
 INTERRUPTIONS = [
-    ("b4mrl.lane_numbers.LaneNumbers.begin", "before", False),
-    ("b4mrl.lane_numbers.LaneNumbers.begin", "after", False),
-    ("b4mrl.arrays.pack", "before", False),
-    ("b4mrl.arrays.pack", "after", False),
-    ("b4mrl.connection.Connection.send", "before", False),
-    ("b4mrl.connection.Connection._transmit", "before", True),
-    ("b4mrl.connection.Connection._transmit", "after", True),
-    ("b4mrl.connection.Connection.send", "after", True),
-    ("b4mrl.connection.Connection.await_any", "before", True),
-    ("b4mrl.connection.Connection._read", "after", True),  # a message is lost
-    ("b4mrl.connection.Connection._accept", "after", True),
-    ("b4mrl.connection.Connection.await_any", "after", True),
-    ("b4mrl.outcomes.OutcomeReader.step", "after", True),
+    ("b4mrl.wire.lane_numbers.LaneNumbers.begin", "before", False),
+    ("b4mrl.wire.lane_numbers.LaneNumbers.begin", "after", False),
+    ("b4mrl.wire.arrays.pack", "before", False),
+    ("b4mrl.wire.arrays.pack", "after", False),
+    ("b4mrl.wire.connection.Connection.send", "before", False),
+    ("b4mrl.wire.connection.Connection._transmit", "before", True),
+    ("b4mrl.wire.connection.Connection._transmit", "after", True),
+    ("b4mrl.wire.connection.Connection.send", "after", True),
+    ("b4mrl.wire.connection.Connection.await_any", "before", True),
+    ("b4mrl.wire.connection.Connection._read", "after", True),  # a message is lost
+    ("b4mrl.wire.connection.Connection._accept", "after", True),
+    ("b4mrl.wire.connection.Connection.await_any", "after", True),
+    ("b4mrl.wire.outcomes.OutcomeReader.step", "after", True),
     ("b4mrl.infos.InfoLayout.single", "after", True),
-    ("b4mrl.lane_numbers.LaneNumbers.end", "before", True),
-    ("b4mrl.lane_numbers.LaneNumbers.end", "after", True),
+    ("b4mrl.wire.lane_numbers.LaneNumbers.end", "before", True),
+    ("b4mrl.wire.lane_numbers.LaneNumbers.end", "after", True),
 ]
 everywhere = pytest.mark.parametrize(("place", "when", "happens"), INTERRUPTIONS)
 
@@ -125,7 +125,7 @@ def test_so_it_is_with_a_reset(pair, place, when, happens) -> None:
 
 def test_states_are_those_behind_what_was_interrupted(pair) -> None:
     env, twin = pair
-    interrupt(lambda: env.step(np.ones(6)), "b4mrl.connection.Connection.await_any", "before")
+    interrupt(lambda: env.step(np.ones(6)), "b4mrl.wire.connection.Connection.await_any", "before")
     result = twin.step(np.ones(6))
     assert_same(env.get_state(), twin.get_state())
     assert_same(env.step(np.ones(6)), result)  # and the outcome is still there
@@ -139,9 +139,9 @@ def test_an_interrupted_send_may_be_made_again(client: b4mrl.Client, place: str,
         actions = vec.action_space.sample()
         vec.send(actions[:2], [0, 1])
         again = lambda: vec.send(actions[2:], [2, 3])  # noqa: E731
-        interrupt(again, "b4mrl.connection.Connection." + place, when)
+        interrupt(again, "b4mrl.wire.connection.Connection." + place, when)
         again()
-        interrupt(vec.recv, "b4mrl.connection.Connection.await_any", "after")
+        interrupt(vec.recv, "b4mrl.wire.connection.Connection.await_any", "after")
         observations = np.concatenate([vec.recv()[0], vec.recv()[0]])
         assert_same(observations, twin.step(actions)[0])
 

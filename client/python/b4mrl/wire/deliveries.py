@@ -8,7 +8,8 @@ from typing import Any
 
 import zmq
 
-from b4mrl import arrays, errors
+from b4mrl import errors
+from b4mrl.wire import arrays
 
 _PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
 

@@ -22,12 +22,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import arrays, errors
-from b4mrl.arrays import Array
-from b4mrl.connection import Connection
-from b4mrl.deliveries import Delivery
-from b4mrl.lane_numbers import LaneNumbers, Lanes
-from b4mrl.messages import Request
+from b4mrl import errors
+from b4mrl.wire import arrays
+from b4mrl.wire.arrays import Array
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.deliveries import Delivery
+from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
+from b4mrl.wire.messages import Request
 
 T = TypeVar("T")
 Read = Callable[[Mapping[str, Array], "Lanes | None"], T]  # from a reply's arrays and its lanes

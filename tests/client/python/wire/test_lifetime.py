@@ -17,8 +17,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import zmq
-from b4mrl import errors, sockets
-from b4mrl.connection import Connection
+from b4mrl import errors
+from b4mrl.wire import sockets
+from b4mrl.wire.connection import Connection
 
 PATIENCE_SECONDS = 60  # for what happens in the background of a busy machine
 

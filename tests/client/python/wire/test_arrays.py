@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from b4mrl import arrays
 from b4mrl.errors import InternalError
-from b4mrl.messages import Reply
+from b4mrl.wire import arrays
+from b4mrl.wire.messages import Reply
 
 
 def test_arrays_of_every_dtype_and_shape_come_back_as_they_were() -> None:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import limits
 from b4mrl.errors import InternalError, LimitExceededError
+from b4mrl.wire import limits
 
 Array = NDArray[Any]
 

@@ -16,8 +16,8 @@ import weakref
 from typing import Any
 
 from b4mrl import errors
-from b4mrl.connection import FAREWELL_MS, Connection
-from b4mrl.messages import Request
+from b4mrl.wire.connection import FAREWELL_MS, Connection
+from b4mrl.wire.messages import Request
 
 _open: dict[int, Connection] = {}  # of the sessions that were not closed, by id()
 _watched_process = 0  # whose end is watched

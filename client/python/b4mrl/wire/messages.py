@@ -10,10 +10,10 @@ from importlib import resources
 
 from google.protobuf.internal import api_implementation
 
-from b4mrl import proto_file
+from b4mrl.wire import proto_file
 
 _CLASSES = proto_file.load(
-    resources.files("b4mrl").joinpath("b4mrl.proto").read_text(encoding="utf-8"), "b4mrl.proto"
+    resources.files("b4mrl.wire").joinpath("b4mrl.proto").read_text(encoding="utf-8"), "b4mrl.proto"
 )
 
 Request = _CLASSES["Request"]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from b4mrl.arrays import Array
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.wire.arrays import Array
 
 
 def unsigned(name: str, value: Any, bits: int = 64) -> int:

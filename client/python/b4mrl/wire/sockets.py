@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from b4mrl import errors, limits
+from b4mrl import errors
+from b4mrl.wire import limits
 
 LONGEST_BLOCK_MS = 20  # of one wait for a message, after which reconnections are looked for
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from b4mrl import errors, limits
+from b4mrl import errors
+from b4mrl.wire import limits
 
-BASE = Path(__file__).parents[3] / "proto" / "base"
+BASE = Path(__file__).parents[4] / "proto" / "base"
 
 
 def test_limits_are_those_of_the_server() -> None:

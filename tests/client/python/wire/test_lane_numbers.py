@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from b4mrl.errors import BusyError, FailedPreconditionError, InvalidArgumentError
-from b4mrl.lane_numbers import LaneNumbers
+from b4mrl.wire.lane_numbers import LaneNumbers
 
 
 def lanes(*numbers: int) -> np.ndarray:

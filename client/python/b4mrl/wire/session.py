@@ -12,21 +12,24 @@ Thread rule: one thread at a time.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import arrays, checks, errors, limits
-from b4mrl.arrays import Array, require
-from b4mrl.connection import Connection
-from b4mrl.descriptions import SessionInForce
-from b4mrl.farewells import Farewell
-from b4mrl.lane_numbers import LaneNumbers, Lanes
-from b4mrl.messages import Request
-from b4mrl.operations import Operations
-from b4mrl.outcomes import Outcome, OutcomeReader, StepOutcome
-from b4mrl.spec import EnvironmentSpec
+from b4mrl import errors
+from b4mrl.wire import arrays, checks, limits
+from b4mrl.wire.arrays import Array, require
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.farewells import Farewell
+from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
+from b4mrl.wire.messages import Request
+from b4mrl.wire.operations import Operations
+from b4mrl.wire.outcomes import Outcome, OutcomeReader, StepOutcome
+
+if TYPE_CHECKING:  # kept for whoever holds the session, who read them from the reply to Open
+    from b4mrl.descriptions import SessionInForce
+    from b4mrl.spec import EnvironmentSpec
 
 T = TypeVar("T")
 
@@ -75,7 +78,7 @@ class Session:
     ) -> T:
         """Starts the next episode, or with `seeds` (n,) the lanes anew at their episode 0.
 
-        `read` of this and other operations: b4mrl.operations.
+        `read` of this and other operations: b4mrl.wire.operations.
         """
         columns = {} if seeds is None else {"seeds": seeds}
         return self._call("reset", lanes, columns, lambda *it: read(self._outcome(*it)))

@@ -6,8 +6,9 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from b4mrl import errors, limits
-from b4mrl.connection import Connection
+from b4mrl import errors
+from b4mrl.wire import limits
+from b4mrl.wire.connection import Connection
 
 
 class Routes:

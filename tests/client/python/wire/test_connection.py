@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 import zmq
-
 from b4mrl import errors
-from b4mrl.connection import Connection
-from b4mrl.messages import Reply, Request
+from b4mrl.wire.connection import Connection
+from b4mrl.wire.messages import Reply, Request
 
 
 class FakeServer:

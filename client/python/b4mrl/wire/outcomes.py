@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from b4mrl import errors
-from b4mrl.arrays import Array, require
-from b4mrl.lane_numbers import Lanes
+from b4mrl.wire.arrays import Array, require
+from b4mrl.wire.lane_numbers import Lanes
 
 
 @dataclass(slots=True)
