@@ -305,7 +305,7 @@ class Client(Shown):
                 self._origin(open_dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,
-                functools.partial(Client, self.endpoint, self._asked_deadline_ms),
+                functools.partial(open_queries, self.endpoint, self._asked_deadline_ms),
             )
         except BaseException:
             connection.close()
@@ -373,3 +373,11 @@ def open_dataset(endpoint: str, client_deadline_ms: float | None, **arguments: A
     """Client.dataset by a client of its own."""
     with Client(endpoint, client_deadline_ms) as client:
         return client.dataset(**arguments)
+
+
+def open_queries(
+    endpoint: str, client_deadline_ms: float | None, environment: str, simulator: str
+) -> Session:
+    """A session for float32 queries of a simulator, opened by a client of its own."""
+    with Client(endpoint, client_deadline_ms) as client:
+        return client._open(Opening(environment, simulator, num_envs=0, seed=0))

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import errors, simulators
+from b4mrl import errors, query, simulators
 from b4mrl.descriptions import DatasetInForce
 from b4mrl.display import Record, Shown
 from b4mrl.origin import Origin
-from b4mrl.query import Answer, Simulators
 from b4mrl.simulators import Simulator
 from b4mrl.wire import checks, limits
 from b4mrl.wire.arrays import Array, require
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.messages import Request
+from b4mrl.wire.session import Session
 
 Batch = dict[str, Array]
 
@@ -68,7 +68,7 @@ class Dataset(Shown):
         origin: the arguments that it was opened by.
         deadline_ms: of each request.
         connect: makes another such connection.
-        connect_simulators: a client that pair may query.
+        open_queries: opens a session for queries of (environment, simulator); used by pair.
 
     Attributes:
         name, rows, observation_size, action_size: of the dataset under its transition rule.
@@ -84,7 +84,7 @@ class Dataset(Shown):
         origin: Origin,
         deadline_ms: float,
         connect: Callable[[], Connection],
-        connect_simulators: Callable[[], Simulators],
+        open_queries: Callable[[str, str], Session],
     ) -> None:
         self.in_force = in_force
         self.name = in_force.info.name
@@ -97,7 +97,7 @@ class Dataset(Shown):
         self._origin = origin
         self._deadline_ms = deadline_ms
         self._connect = connect
-        self._connect_simulators = connect_simulators
+        self._open_queries = open_queries
         self._next_batch = 0
         self._pairs: dict[tuple[str, int], Batch] = {}
 
@@ -275,16 +275,10 @@ class Dataset(Shown):
                 "environment it was recorded; Client.query takes one by name"
             )
         pairs: Batch = {}
-        with self._connect_simulators() as client:
+        with self._open_queries(self.environment, simulator) as session:
             for first_row, rows in self._parts(0, self.rows):
-                answer: Answer = client.query(
-                    self.environment,
-                    rows["observations"],
-                    rows["actions"],
-                    simulator,
-                    seed=seed,
-                    first_row=first_row,
-                )
+                asked = query.Rows.of(rows["observations"], rows["actions"])
+                answer = query.run(session, asked, seed, 0, first_row)
                 names = ("next_observations", "rewards", "terminals", "valid")
                 part = {"simulator_" + name: column for name, column in zip(names, answer)}
                 _put(pairs, part, first_row, self.rows)

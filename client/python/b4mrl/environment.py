@@ -2,54 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 
-from b4mrl import errors, infos, simulators
-from b4mrl.display import Shown
-from b4mrl.origin import Origin, with_limit
-from b4mrl.spec import EnvironmentSpec
+from b4mrl import infos
+from b4mrl.hosted import Hosted
+from b4mrl.origin import Origin
 from b4mrl.states import State, read_states, write_states
 from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.outcomes import Outcome, StepOutcome
 from b4mrl.wire.session import Session
 
-RENDER_MODES = ("rgb_array",)
 
-
-def metadata_of(spec: EnvironmentSpec) -> dict[str, Any]:
-    """Gymnasium's metadata: render modes, and frames a second in simulated time."""
-    return {"render_modes": list(RENDER_MODES), "render_fps": max(round(1 / spec.step_seconds), 1)}
-
-
-def check_render_mode(render_mode: str | None) -> None:
-    """InvalidArgumentError: there is no such mode."""
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise errors.InvalidArgumentError(
-            f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
-        )
-
-
-def facts_of(session: Session) -> dict[str, Any]:
-    """What tells an environment from another, in few words."""
-    spec = session.spec
-    return {
-        "environment": spec.name,
-        "simulator": simulators.text_of(session.in_force.perturbations),
-        "observation": f"{spec.observation.shape} {session.dtype}",
-        "action": f"{spec.action.shape} float32",
-        "max_episode_steps": spec.max_episode_steps,
-    }
-
-
-class Environment(Shown, gym.Env[Array, Array]):
+class Environment(Hosted, gym.Env[Array, Array]):
     """What Client.make returns.
 
     Observations are arrays of the space's shape in the dtype that make was given. Actions may be
@@ -80,34 +50,11 @@ class Environment(Shown, gym.Env[Array, Array]):
         width: int = 0,
         height: int = 0,
     ) -> None:
-        check_render_mode(render_mode)
-        spec = session.spec
-        self.session = session
-        self._origin = origin
-        self.spec = origin.gym_spec()
+        super().__init__(session, origin, render_mode, width, height)
         self.digest = 0
         self._has_ended = False  # the episode
-        self.metadata = metadata_of(spec)
-        self.render_mode = render_mode
-        self._frame_size = width, height
-        self.observation_space: spaces.Box = spec.observation.box(session.dtype)
-        self.action_space: spaces.Box = spec.action.box(np.float32)
-        self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (self._origin.open_again, ())
-
-    def _facts(self) -> Mapping[str, Any]:
-        return facts_of(self.session)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How gym.make makes the same; `max_episode_steps` is the limit that is in force."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_limit(spec, self.session.spec.max_episode_steps)
+        self.observation_space: spaces.Box = session.spec.observation.box(session.dtype)
+        self.action_space: spaces.Box = session.spec.action.box(np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -136,7 +83,7 @@ class Environment(Shown, gym.Env[Array, Array]):
         (restoration,) = write_states([state])
         observation: Array = self.session.restore(restoration.parts)[0]
         (self._has_ended,) = restoration.ended
-        return observation.reshape(self.session.spec.observation.shape)
+        return observation.reshape(self._shape)
 
     def render(self) -> Array | None:
         """The picture of the present state, uint8 (height, width, 3); None without render_mode."""
@@ -168,7 +115,7 @@ class Environment(Shown, gym.Env[Array, Array]):
     def _observation(self, outcome: Outcome) -> Array:
         self.digest = int(outcome.digests[0])
         observation: Array = outcome.observations[0]
-        return observation.reshape(self.session.spec.observation.shape)
+        return observation.reshape(self._shape)
 
     def _info(self, outcome: Outcome, is_reset: bool) -> dict[str, Any]:
         row = None if outcome.infos is None else outcome.infos[0]

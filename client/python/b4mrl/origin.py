@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -41,12 +40,3 @@ class Origin:
             order_enforce=False,
             disable_env_checker=True,
         )
-
-
-def with_limit(spec: EnvSpec | None, steps: int) -> EnvSpec | None:
-    """`spec` with the limit of steps that the daemon has in force; 0 for none."""
-    if spec is None:
-        return None
-    limited = copy.copy(spec)
-    limited.max_episode_steps = steps or None
-    return limited

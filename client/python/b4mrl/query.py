@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from b4mrl.errors import InvalidArgumentError
-from b4mrl.simulators import Simulator
 from b4mrl.wire import limits
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.session import Session
@@ -21,25 +20,6 @@ _REQUESTS_IN_FLIGHT = 6
 _ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
 
 Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
-
-
-class Simulators(Protocol):
-    """What Client is to those who only query it."""
-
-    def __enter__(self) -> Simulators: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def query(
-        self,
-        environment: str,
-        observations: ArrayLike,
-        actions: ArrayLike,
-        simulator: Simulator = None,
-        *,
-        seed: int = 0,
-        first_row: int = 0,
-    ) -> Answer: ...
 
 
 @dataclass(frozen=True)

@@ -75,11 +75,15 @@ def _endpoint(named: str | None) -> str:
 
 
 def _limit_of_the_caller() -> int | None:
-    """`max_episode_steps` of the gym.make that calls the entry point; None if there is none.
+    """The `max_episode_steps` argument of the running gym.make; None if the caller gave none.
 
-    gym.make keeps this argument to itself, for a TimeLimit around the environment. That can end
-    episodes before the daemon does but never later, so the daemon has to know it, and the frame of
-    gym.make is the only place where it stands.
+    gym.make never passes this argument to an entry point: it wraps the finished environment into a
+    TimeLimit, which can end an episode before the daemon does but not after. So that
+    max_episode_steps=2000 gives 2,000 steps, the daemon must know the number when the session is
+    opened, and the local variables of gym.make are the only place that has it by then. A wrapper in
+    the spec (`additional_wrappers`) would see the TimeLimit, but gym.make_vec refuses specs with
+    both wrappers and a vector entry point. If gym.make ever changes its variables, the daemon keeps
+    its own limit, and the TimeLimit still shortens episodes.
     """
     frame = inspect.currentframe()
     entry_point = frame and frame.f_back

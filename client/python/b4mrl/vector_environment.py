@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from b4mrl import errors, infos
-from b4mrl.display import Shown
-from b4mrl.environment import check_render_mode, facts_of, metadata_of
-from b4mrl.origin import Origin, with_limit
+from b4mrl.hosted import Hosted
+from b4mrl.origin import Origin
 from b4mrl.states import State, read_states, write_states
 from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
@@ -26,7 +24,7 @@ EnvIds = ArrayLike | None
 StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class VectorEnvironment(Shown, VectorEnv[Array, Array, Array]):
+class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
     """What Client.make_vec returns.
 
     Step by step, it gives what SyncVectorEnv gives over single environments of seeds s, s+1, ...,
@@ -67,41 +65,23 @@ class VectorEnvironment(Shown, VectorEnv[Array, Array, Array]):
         width: int = 0,
         height: int = 0,
     ) -> None:
-        check_render_mode(render_mode)
+        super().__init__(session, origin, render_mode, width, height)
         spec = session.spec
         self._mode = AutoresetMode[session.in_force.autoreset_mode.upper()]
-        self.session = session
-        self._origin = origin
-        self.spec = origin.gym_spec()
+        self.metadata["autoreset_mode"] = self._mode
         self.num_envs = session.num_envs
-        self.metadata = metadata_of(spec) | {"autoreset_mode": self._mode}
-        self.render_mode = render_mode
-        self._frame_size = width, height
         self.single_observation_space = spec.observation.box(session.dtype)
         self.single_action_space = spec.action.box(np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.digests = np.zeros(self.num_envs, np.uint64)
         self._step_past_end = step_past_end
-        self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
         self._ended = np.zeros(self.num_envs, np.bool_)  # by the last step, and not reset since
         self._observations: Array = np.zeros((self.num_envs, *self._shape), session.dtype)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (self._origin.open_again, ())
-
     def _facts(self) -> Mapping[str, Any]:
         mode = self.session.in_force.autoreset_mode
-        return {"num_envs": self.num_envs, "autoreset_mode": mode} | facts_of(self.session)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How gym.make_vec makes the same; `max_episode_steps` is the limit that is in force."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_limit(spec, self.session.spec.max_episode_steps)
+        return {"num_envs": self.num_envs, "autoreset_mode": mode, **super()._facts()}
 
     def reset(
         self,
@@ -215,10 +195,6 @@ class VectorEnvironment(Shown, VectorEnv[Array, Array, Array]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def _shape(self) -> tuple[int, ...]:
-        return self.session.spec.observation.shape
 
     def _lanes(self, env_ids: EnvIds) -> Lanes | None:
         if env_ids is None:

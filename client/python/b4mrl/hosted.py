@@ -1,0 +1,83 @@
+"""What a single environment and a batch of environments have in common."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+from gymnasium.envs.registration import EnvSpec
+
+from b4mrl import errors, infos, simulators
+from b4mrl.display import Shown
+from b4mrl.origin import Origin
+from b4mrl.wire.session import Session
+
+RENDER_MODES = ("rgb_array",)
+
+
+class Hosted(Shown):
+    """A session of the daemon that appears as a Gymnasium environment.
+
+    Base of Environment and VectorEnvironment, before Gymnasium's own class. pickle and copy give a
+    new environment, opened with the same arguments.
+
+    Args:
+        session: owned by this object.
+        origin: the arguments with which the session was opened.
+        render_mode, width, height: as in Client.make.
+
+    Raises:
+        InvalidArgumentError: there is no such render mode.
+    """
+
+    def __init__(
+        self, session: Session, origin: Origin, render_mode: str | None, width: int, height: int
+    ) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise errors.InvalidArgumentError(
+                f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
+            )
+        spec = session.spec
+        self.session = session
+        self._origin = origin
+        self.spec = origin.gym_spec()
+        self.metadata: dict[str, Any] = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": max(round(1 / spec.step_seconds), 1),  # frames per simulated second
+        }
+        self.render_mode = render_mode
+        self._frame_size = width, height
+        self._infos = infos.InfoLayout(spec.info_names, spec.reset_info_names)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (self._origin.open_again, ())
+
+    def _facts(self) -> Mapping[str, Any]:
+        spec = self.session.spec
+        return {
+            "environment": spec.name,
+            "simulator": simulators.text_of(self.session.in_force.perturbations),
+            "observation": f"{spec.observation.shape} {self.session.dtype}",
+            "action": f"{spec.action.shape} float32",
+            "max_episode_steps": spec.max_episode_steps,
+        }
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec from which gym.make or gym.make_vec makes the same environment again.
+
+        Its `max_episode_steps` is the daemon's limit, whatever spec was assigned.
+        """
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = copy.copy(spec)
+        if self._spec is not None:
+            self._spec.max_episode_steps = self.session.spec.max_episode_steps or None
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        """Of one observation."""
+        return self.session.spec.observation.shape
