@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
-#include <filesystem>
 #include <string>
 
 #include "proto/base/limits.h"
@@ -15,9 +14,7 @@ constexpr int64_t kPatienceMs = 10'000;
 
 std::string FreshAddress() {
   static int number = 0;
-  return "ipc://" + (std::filesystem::temp_directory_path() /
-                     ("b4mrl-socket-" + std::to_string(getpid()) + "-" + std::to_string(number++)))
-                        .string();
+  return "ipc://@b4mrl-socket-" + std::to_string(getpid()) + "-" + std::to_string(number++);
 }
 
 RouterSocket Listen(Context& context, const std::string& address) {
