@@ -7,6 +7,8 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "proto/base/spec.h"
+
 namespace b4mrl {
 
 std::vector<std::string_view> Hyperparameter::ChoiceNames() const {
