@@ -41,6 +41,10 @@ SpaceSpec SpaceOf(const pb::Space& space) {
   return spec;
 }
 
+uint32_t EntriesOf(const pb::CatalogueReply& catalogue) {
+  return static_cast<uint32_t>(catalogue.environments_size() + catalogue.perturbations_size());
+}
+
 // What the client computes sizes from must be sane, whoever sent it.
 bool HasSaneSizes(const pb::EnvironmentInfo& info) {
   const auto in_range = [](int size, uint32_t most) {
@@ -120,12 +124,19 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
 }
 
 Result<pb::CatalogueReply> Client::Catalogue() {
-  pb::Request request;
-  request.mutable_catalogue();
-  B4MRL_ASSIGN_OR_RETURN(
-      ReceivedReply reply,
-      gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
-  return std::move(*reply.envelope.mutable_catalogue());
+  pb::CatalogueReply catalogue;
+  while (true) {
+    const uint32_t known = EntriesOf(catalogue);
+    pb::Request request;
+    request.mutable_catalogue()->set_first(known);
+    B4MRL_ASSIGN_OR_RETURN(
+        const ReceivedReply reply,
+        gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+    catalogue.MergeFrom(reply.envelope.catalogue());
+    const uint32_t now_known = EntriesOf(catalogue);
+    const bool is_all = now_known == known || now_known >= catalogue.total();
+    if (is_all || now_known >= limits::kMaxCatalogueEntries) return catalogue;
+  }
 }
 
 Result<pb::ServerStatusReply> Client::ServerStatus() {

@@ -47,6 +47,7 @@ class Client {
   void set_reporter(std::function<void(const std::string&)> reporter);
   // Whether anything went the slower way so far.
   bool relayed() const { return relayed_; }
+  // All pages of the catalogue as one message.
   Result<pb::CatalogueReply> Catalogue();
   Result<pb::ServerStatusReply> ServerStatus();
   // The specification of one environment, without opening it.

@@ -1,6 +1,6 @@
-// Every bound of the system in one place. Hello sends those that concern a client. What fills the
-// daemon for the moment is answered with kLimitExceeded, a request that is itself too large with
-// kInvalidArgument, both with the limit's name.
+// Every bound of the system in one place. Hello sends clients the bounds that concern them. A
+// request that finds the daemon full is answered with kLimitExceeded, a request that is too large
+// by itself with kInvalidArgument; both errors name the limit.
 #pragma once
 
 #include <cstddef>
@@ -24,11 +24,12 @@ inline constexpr size_t kTokenBytes = 16;
 inline constexpr uint32_t kMaxSessions = 1024;
 inline constexpr uint32_t kMaxLanesPerSession = 1024;
 inline constexpr uint32_t kMaxLanes = 8192;               // over all sessions
-inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // one of a lane's two state buffers
-inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // kept in shared memory for adoption
+inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // of each of a lane's two state buffers
+inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // kept for replacement workers
 inline constexpr uint32_t kMaxPerturbations = 16;
-inline constexpr uint32_t kMaxRequestsInFlight = 64;              // of one session, in one worker
-inline constexpr uint32_t kMaxQueuedRequests = 4096;              // in one worker
+inline constexpr uint32_t kMaxCatalogueEntries = 4096;  // that a client takes from a server
+inline constexpr uint32_t kMaxRequestsInFlight = 64;    // of one session, in one worker
+inline constexpr uint32_t kMaxQueuedRequests = 4096;    // in one worker
 inline constexpr size_t kMaxQueuedBytes = 16 * kMaxPayloadBytes;  // their payloads together
 inline constexpr uint32_t kMaxQueryRows = 4096;
 inline constexpr uint32_t kMaxRowsPerBatch = 65536;  // Sample and Read
@@ -44,12 +45,12 @@ inline constexpr int64_t kHandshakeMs = 3'000;
 inline constexpr int64_t kHeartbeatIntervalMs = 2'000;
 inline constexpr int64_t kHeartbeatTimeoutMs = 6'000;
 inline constexpr int64_t kHeartbeatTtlMs = 10'000;
-inline constexpr int64_t kFrozenChildMs = 2'000;    // supervisor replaces a silent child after this
-inline constexpr int64_t kStarvedChildMs = 30'000;  // one that gets no processor, after this
+inline constexpr int64_t kFrozenChildMs = 2'000;    // without a heartbeat a child is replaced
+inline constexpr int64_t kStarvedChildMs = 30'000;  // the same for a child that gets no processor
 inline constexpr int64_t kDrainMs = 5'000;          // SIGTERM: time for requests under way
 
-// Sockets: messages queued towards one peer before it counts as too slow, and the bytes of those
-// payloads among a server's that are long enough to be counted, of one peer and of all.
+// Sockets: messages queued towards one peer before the peer counts as too slow, and the bytes that
+// a server may have queued in payloads of kCountedPayloadBytes or more, towards one peer and all.
 inline constexpr int kHighWaterMark = 1'000;
 inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
 inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;
@@ -59,9 +60,9 @@ inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;
 inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;
 inline constexpr uint32_t kMaxPendingOpens = 16'384;
 
-// The gateway's relay; the connection of a client that reaches no other port has one route a
-// session. Bytes are those of requests that are not answered yet.
-inline constexpr int64_t kDirectConnectMs = 1'000;  // a client's patience with a worker's own port
+// The gateway's relay: a client that reaches no other port has one route for each of its sessions.
+// Bytes are those of relayed requests that are not answered yet.
+inline constexpr int64_t kDirectConnectMs = 1'000;  // a client waits for a worker's own port
 inline constexpr uint32_t kMaxRelayRoutes = 1024;
 inline constexpr size_t kMaxRelayRouteBytes = 2 * kMaxPayloadBytes;
 inline constexpr size_t kMaxRelayBytes = 16 * kMaxPayloadBytes;
@@ -71,7 +72,7 @@ inline constexpr int64_t kRelayIdleMs = 60'000;  // an unused route is taken dow
 inline constexpr uint32_t kMinPictureSide = 16;  // pixels
 inline constexpr uint32_t kMaxPictureSide = 1920;
 inline constexpr uint32_t kMaxRenderRequests = 16;  // in one worker, at most 64 MiB of frames each
-// One picture. An idle machine needs 30 ms, and 1 s for a painter's first; a busy one much longer.
+// For one picture. An idle machine draws one in 30 ms, a painter's first in 1 s, a busy one later.
 inline constexpr int64_t kPaintMs = 60'000;
 inline constexpr int64_t kPainterIdleMs = 60'000;  // an unused painter ends after this
 
@@ -80,16 +81,16 @@ inline constexpr uint32_t kMaxWorkers = 64;
 inline constexpr uint32_t kMaxThreads = 256;
 
 // Models of users (model=FILE.xml), which a sandboxed process compiles.
-inline constexpr uint32_t kMaxModelFiles = 128;          // of a models folder in the catalogue
+inline constexpr uint32_t kMaxModelFiles = 512;          // of a models folder in the catalogue
 inline constexpr size_t kMaxModelFileBytes = 1 << 20;    // of an MJCF file; meshes may be longer
 inline constexpr size_t kMaxModelReferences = 256;       // includes, meshes, textures and folders
 inline constexpr size_t kMaxModelBytes = 16 << 20;       // compiled
-inline constexpr size_t kMaxSimulationBytes = 64 << 20;  // of one mjData
+inline constexpr size_t kMaxSimulationBytes = 64 << 20;  // of one model's mjData
 inline constexpr uint64_t kMaxModelCompilerBytes = 512ull << 20;
 inline constexpr uint64_t kMaxModelCompilerSeconds = 5;  // of processor time
 inline constexpr int64_t kModelCompilerMs = 60'000;
 inline constexpr uint32_t kModelCompilers = 4;          // at once
-inline constexpr int64_t kQuickModelMs = 500;           // what takes longer makes room for the next
+inline constexpr int64_t kQuickModelMs = 500;           // a slower model makes room for the next
 inline constexpr uint32_t kMaxPendingModels = 64;       // compiled or waiting to be
 inline constexpr uint32_t kMaxPendingModelsOfPeer = 8;  // of one connection
 inline constexpr uint32_t kMaxCompiledModels = 1024;    // kept on disk
@@ -100,6 +101,6 @@ inline constexpr uint32_t kMaxObservationDimensions = 4096;
 inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
-inline constexpr uint32_t kMaxMappedDatasets = 64;           // at once; others are mapped again
+inline constexpr uint32_t kMaxMappedDatasets = 64;           // at once; others are mapped on use
 
 }  // namespace b4mrl::limits

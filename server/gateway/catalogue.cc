@@ -1,14 +1,11 @@
 #include "server/gateway/catalogue.h"
 
+#include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
-#include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <utility>
 
-#include "proto/b4mrl.pb.h"
-#include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/models/model_compiler.h"
 #include "server/perturbations/list.h"
@@ -17,8 +14,11 @@
 namespace b4mrl {
 namespace {
 
-// A folder's time of change is this coarse at worst: what is younger may yet change unseen.
+// File systems tell a folder's time of change to within this at worst, so a younger folder may
+// change again without showing a later time.
 constexpr auto kSettled = std::chrono::seconds(2);
+// Bytes of a reply's envelope beside its entries: version, id, status, total and lengths.
+constexpr size_t kEnvelopeRest = 64;
 
 void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* out) {
   out->set_name(std::string(entry.name));
@@ -41,36 +41,24 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
   }
 }
 
-// An environment that cannot be described is left out.
-void DescribeCatalogue(const std::vector<std::string>& model_files, pb::CatalogueReply* out) {
-  for (const EnvironmentEntry& entry : EnvironmentList()) {
-    const Result<EnvironmentSpec> spec = DescribeEnvironment(entry.name);
-    if (spec.ok()) FillEnvironmentInfo(*spec, out->add_environments());
-  }
-  for (const PerturbationEntry& entry : PerturbationList()) {
-    pb::PerturbationInfo* info = out->add_perturbations();
-    DescribePerturbation(entry, info);
-    if (entry.type == "file") info->mutable_files()->Assign(model_files.begin(), model_files.end());
-  }
-}
-
 }  // namespace
 
-Result<Frame> Catalogue::Envelope(uint64_t request_id) {
+Catalogue::Catalogue(std::string models_folder, size_t page_bytes)
+    : models_folder_(std::move(models_folder)), page_bytes_(page_bytes - kEnvelopeRest) {}
+
+void Catalogue::FillPage(uint32_t first, pb::Reply* reply) {
   ReadFolder();
-  // Fields may come in any order, and concatenated messages are merged.
-  pb::Reply id;
-  id.set_request_id(request_id);
-  const std::string first = id.SerializeAsString();
-  const size_t size = first.size() + serialised_.size();
-  if (size > limits::kMaxEnvelopeBytes) {
-    return InvalidNumber("bytes of the catalogue", static_cast<double>(size),
-                         "at most " + std::to_string(limits::kMaxEnvelopeBytes));
+  pb::CatalogueReply head;
+  head.set_total(static_cast<uint32_t>(entries_.size()));
+  std::string page;
+  for (size_t i = first; i < entries_.size(); ++i) {
+    if (page.size() + entries_[i].size() > page_bytes_) break;
+    page += entries_[i];
   }
-  Frame envelope = Frame::OfSize(size);
-  std::memcpy(envelope.data(), first.data(), first.size());
-  std::memcpy(envelope.data() + first.size(), serialised_.data(), serialised_.size());
-  return envelope;
+  // Parsers merge concatenated messages, so the entries can stand beside the total as they are.
+  page += head.SerializeAsString();
+  reply->GetReflection()->MutableUnknownFields(reply)->AddLengthDelimited(
+      pb::Reply::kCatalogueFieldNumber, page);
 }
 
 void Catalogue::ReadFolder() {
@@ -85,17 +73,32 @@ void Catalogue::ReadFolder() {
   folder_changed_ns_.reset();
   if (changed + kSettled < now) folder_changed_ns_ = changed.count();
   std::vector<std::string> files = ListModelFiles(models_folder_);
-  if (files == files_ && !serialised_.empty()) return;
+  if (files == files_ && !entries_.empty()) return;
   files_ = std::move(files);
   Serialise();
 }
 
 void Catalogue::Serialise() {
-  pb::Reply reply;
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.mutable_status();
-  DescribeCatalogue(files_, reply.mutable_catalogue());
-  serialised_ = reply.SerializeAsString();
+  entries_.clear();
+  const auto add = [this](const std::string& name, const pb::CatalogueReply& entry) {
+    std::string bytes = entry.SerializeAsString();
+    if (bytes.size() <= page_bytes_) return entries_.push_back(std::move(bytes));
+    spdlog::error("the catalogue leaves out {}: its description has {} bytes", name, bytes.size());
+  };
+  for (const EnvironmentEntry& environment : EnvironmentList()) {
+    const Result<EnvironmentSpec> spec = DescribeEnvironment(environment.name);
+    if (!spec.ok()) continue;  // leaves out an environment that cannot be described
+    pb::CatalogueReply entry;
+    FillEnvironmentInfo(*spec, entry.add_environments());
+    add(spec->name, entry);
+  }
+  for (const PerturbationEntry& perturbation : PerturbationList()) {
+    pb::CatalogueReply entry;
+    pb::PerturbationInfo* info = entry.add_perturbations();
+    DescribePerturbation(perturbation, info);
+    if (perturbation.type == "file") info->mutable_files()->Assign(files_.begin(), files_.end());
+    add(info->name(), entry);
+  }
 }
 
 }  // namespace b4mrl

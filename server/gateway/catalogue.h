@@ -1,36 +1,41 @@
-// The reply to a Catalogue request: all environments and perturbations, and the models of users. It
-// takes milliseconds to put together and changes only with the models folder, so it is kept in
-// serialised form. Thread rule: the gateway's main thread.
+// The catalogue: all environments and perturbations, and the models of users. A client asks for it
+// page by page, as it may be longer than an envelope.
+//
+// To put the catalogue together takes milliseconds, and it changes only with the models folder, so
+// its entries are kept in serialised form. Thread rule: the gateway's main thread.
 #pragma once
 
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "proto/base/status.h"
-#include "proto/wire/frame.h"
+#include "proto/b4mrl.pb.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 
 class Catalogue {
  public:
-  explicit Catalogue(std::string models_folder) : models_folder_(std::move(models_folder)) {}
+  // The envelope of a page takes at most `page_bytes`. An entry that takes more by itself is left
+  // out, and an error is logged.
+  explicit Catalogue(std::string models_folder, size_t page_bytes = limits::kMaxEnvelopeBytes);
 
-  // The envelope that answers request `request_id`; kInvalidArgument above
-  // limits::kMaxEnvelopeBytes.
-  Result<Frame> Envelope(uint64_t request_id);
+  // Makes `reply` carry the entries from number `first` on, as many as fit a page. Environments
+  // come first, then perturbations. The entries stand in the reply as bytes, which are written to
+  // the envelope as they are: `reply->catalogue()` is empty until the envelope is parsed.
+  void FillPage(uint32_t first, pb::Reply* reply);
 
  private:
-  // Lists the models folder unless its time of change says that it holds what it did.
+  // Lists the models folder, unless its time of change shows that the list is still right.
   void ReadFolder();
   void Serialise();
 
   const std::string models_folder_;
+  const size_t page_bytes_;  // of all entries of a page
   std::vector<std::string> files_;
   std::optional<int64_t> folder_changed_ns_;  // when files_ was read; unset if it may be outdated
-  std::string serialised_;                    // all of a pb::Reply but its request id
+  std::vector<std::string> entries_;          // each a serialised CatalogueReply of one entry
 };
 
 }  // namespace b4mrl

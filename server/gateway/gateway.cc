@@ -61,7 +61,6 @@ class Gateway {
   void ReceiveBurst();
   void Handle(IncomingMessage incoming);
   void HandleHello(const Asker& from);
-  void HandleCatalogue(const Asker& from);
   void HandleOpen(const Asker& from);
   // Passes on what another process answers.
   void HandleForeign(const Asker& from, Message message);
@@ -123,7 +122,8 @@ void Gateway::Handle(IncomingMessage incoming) {
     case pb::Request::kHello:
       return HandleHello(from);
     case pb::Request::kCatalogue:
-      return HandleCatalogue(from);
+      catalogue_.FillPage(request_.catalogue().first(), &reply);
+      return Reply(from, std::move(reply));
     case pb::Request::kServerStatus:
       status_.Fill(reply.mutable_server_status());
       return Reply(from, std::move(reply));
@@ -160,12 +160,6 @@ void Gateway::HandleHello(const Asker& from) {
   hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
   hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
   Reply(from, std::move(reply));
-}
-
-void Gateway::HandleCatalogue(const Asker& from) {
-  Result<Frame> envelope = catalogue_.Envelope(from.request_id);
-  if (!envelope.ok()) return Reply(from, envelope.status());
-  (void)socket_.Send(from.peer, Message{std::move(*envelope), Frame()});
 }
 
 void Gateway::HandleOpen(const Asker& from) {

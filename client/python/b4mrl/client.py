@@ -324,7 +324,18 @@ class Client(Shown):
         self.close()
 
     def _catalogue(self) -> Any:
+        """All pages of the catalogue as one CatalogueReply."""
+        catalogue = self._catalogue_page(0)
+        while (known := _entries(catalogue)) < catalogue.total:
+            page = self._catalogue_page(known)
+            if _entries(page) == 0:
+                break
+            catalogue.MergeFrom(page)
+        return catalogue
+
+    def _catalogue_page(self, first: int) -> Any:
         request = Request()
+        request.catalogue.first = first
         request.catalogue.SetInParent()
         return self._ask_gateway(request).catalogue
 
@@ -351,6 +362,10 @@ class Client(Shown):
 
     def _connect_datasets(self) -> Connection:
         return self._routes.reach(self.hello.dataset_port)
+
+
+def _entries(catalogue: Any) -> int:
+    return len(catalogue.environments) + len(catalogue.perturbations)
 
 
 def open_environment(

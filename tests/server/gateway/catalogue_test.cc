@@ -1,39 +1,84 @@
-// The kept catalogue against a models folder that changes.
+// The pages of the catalogue, and the kept entries against a models folder that changes.
 #include "server/gateway/catalogue.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "proto/b4mrl.pb.h"
+#include "proto/wire/frame.h"
+#include "server/environments/list.h"
+#include "server/perturbations/list.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 namespace {
 
-pb::Reply Ask(Catalogue& catalogue, uint64_t id) {
-  pb::Reply reply;
-  const Result<Frame> envelope = catalogue.Envelope(id);
+// The page that begins with entry `first`, as it reaches a client, and the bytes of its envelope.
+struct Page {
+  pb::CatalogueReply entries;
+  size_t bytes = 0;
+  uint32_t size() const {
+    return static_cast<uint32_t>(entries.environments_size() + entries.perturbations_size());
+  }
+};
+
+Page Ask(Catalogue& catalogue, uint32_t first) {
+  pb::Reply filled, parsed;
+  filled.set_protocol_version(limits::kProtocolVersion);
+  filled.set_request_id(UINT64_MAX);
+  filled.mutable_status();
+  catalogue.FillPage(first, &filled);
+  const Result<Frame> envelope = SerializeEnvelope(filled);
   REQUIRE(envelope.ok());
-  REQUIRE(ParseEnvelope(*envelope, &reply).ok());
-  CHECK(reply.request_id() == id);
-  CHECK(reply.protocol_version() == 1);
-  CHECK(reply.has_status());
-  CHECK(reply.catalogue().environments_size() > 0);
-  return reply;
+  REQUIRE(ParseEnvelope(*envelope, &parsed).ok());
+  CHECK(parsed.request_id() == UINT64_MAX);
+  CHECK(parsed.has_status());
+  REQUIRE(parsed.has_catalogue());
+  return {parsed.catalogue(), envelope->size()};
 }
 
-std::vector<std::string> Models(const pb::Reply& reply) {
-  for (const pb::PerturbationInfo& info : reply.catalogue().perturbations()) {
+pb::CatalogueReply AskAll(Catalogue& catalogue, size_t page_bytes = limits::kMaxEnvelopeBytes,
+                          int* pages = nullptr) {
+  pb::CatalogueReply all;
+  for (uint32_t known = 0; known == 0 || known < all.total();) {
+    const Page page = Ask(catalogue, known);
+    CHECK(page.bytes <= page_bytes);
+    REQUIRE(page.size() > 0);
+    known += page.size();
+    all.MergeFrom(page.entries);
+    if (pages != nullptr) ++*pages;
+  }
+  return all;
+}
+
+using Names = std::vector<std::string>;
+
+Names Models(const pb::CatalogueReply& catalogue) {
+  for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
     if (info.name() == "model") return {info.files().begin(), info.files().end()};
   }
   return {};
 }
 
+Names EntriesOf(const pb::CatalogueReply& catalogue) {
+  Names names;
+  for (const pb::EnvironmentInfo& info : catalogue.environments()) names.push_back(info.name());
+  for (const pb::PerturbationInfo& info : catalogue.perturbations()) names.push_back(info.name());
+  return names;
+}
+
+Names AllEntries() {
+  Names names;
+  for (const EnvironmentEntry& entry : EnvironmentList()) names.emplace_back(entry.name);
+  for (const PerturbationEntry& entry : PerturbationList()) names.emplace_back(entry.name);
+  return names;
+}
+
 TEST_CASE("The kept catalogue lists the models that are there now") {
-  using Names = std::vector<std::string>;
   const TemporaryFolder folder;
   // A change long ago, after which the folder is not listed each time.
   const auto settle = [&] {
@@ -41,24 +86,68 @@ TEST_CASE("The kept catalogue lists the models that are there now") {
     REQUIRE(utimensat(AT_FDCWD, folder.path().c_str(), times, 0) == 0);
   };
   Catalogue catalogue(folder.path());
-  CHECK(Models(Ask(catalogue, 1)).empty());
+  CHECK(Models(AskAll(catalogue)).empty());
   WriteBytes(folder.File("a.xml"), "");
-  CHECK(Models(Ask(catalogue, 2)) == Names{"a.xml"});
+  CHECK(Models(AskAll(catalogue)) == Names{"a.xml"});
   WriteBytes(folder.File("b.xml"), "");  // perhaps within the same tick of the clock
-  CHECK(Models(Ask(catalogue, 3)) == Names{"a.xml", "b.xml"});
+  CHECK(Models(AskAll(catalogue)) == Names{"a.xml", "b.xml"});
   settle();
-  CHECK(Models(Ask(catalogue, 4)) == Names{"a.xml", "b.xml"});
+  CHECK(Models(AskAll(catalogue)) == Names{"a.xml", "b.xml"});
   std::filesystem::remove(folder.File("a.xml"));
-  CHECK(Models(Ask(catalogue, 5)) == Names{"b.xml"});
+  CHECK(Models(AskAll(catalogue)) == Names{"b.xml"});
 }
 
 TEST_CASE("A models folder that is not there yet is empty") {
   const TemporaryFolder folder;
   Catalogue catalogue(folder.File("models"));
-  CHECK(Models(Ask(catalogue, 1)).empty());
+  CHECK(Models(AskAll(catalogue)).empty());
   std::filesystem::create_directory(folder.File("models"));
   WriteBytes(folder.File("models/a.xml"), "");
-  CHECK(Models(Ask(catalogue, 2)) == std::vector<std::string>{"a.xml"});
+  CHECK(Models(AskAll(catalogue)) == std::vector<std::string>{"a.xml"});
+}
+
+TEST_CASE("A catalogue that is longer than an envelope is delivered whole, in pages") {
+  const TemporaryFolder folder;
+  Names files;
+  for (uint32_t i = 0; i < limits::kMaxModelFiles; ++i) {
+    // The longest name that a model may have.
+    files.push_back(fmt::format("{:03}-{}.xml", i, std::string(92, 'x')));
+    WriteBytes(folder.File(files.back()), "");
+  }
+  Catalogue catalogue(folder.path());
+  int pages = 0;
+  const pb::CatalogueReply all = AskAll(catalogue, limits::kMaxEnvelopeBytes, &pages);
+  CHECK(EntriesOf(all) == AllEntries());
+  CHECK(Models(all) == files);
+  CHECK(all.ByteSizeLong() > limits::kMaxEnvelopeBytes);
+  CHECK(pages > 1);
+}
+
+TEST_CASE("Pages hold what fits them, whatever number they begin with") {
+  const TemporaryFolder folder;
+  constexpr size_t kPageBytes = 20'000;  // Humanoid's description has 17 KB
+  Catalogue catalogue(folder.path(), kPageBytes);
+  const Names names = EntriesOf(AskAll(catalogue, kPageBytes));
+  CHECK(names == AllEntries());
+  for (uint32_t first = 0; first < names.size(); ++first) {
+    const Page page = Ask(catalogue, first);
+    CHECK(page.bytes <= kPageBytes);
+    CHECK(page.entries.total() == names.size());
+    const Names held = EntriesOf(page.entries);
+    REQUIRE_FALSE(held.empty());
+    CHECK(std::equal(held.begin(), held.end(), names.begin() + first));
+  }
+  CHECK(Ask(catalogue, static_cast<uint32_t>(names.size())).size() == 0);
+  CHECK(Ask(catalogue, UINT32_MAX).size() == 0);
+}
+
+TEST_CASE("An entry that is longer than a page is left out, and all others are delivered") {
+  const TemporaryFolder folder;
+  constexpr size_t kPageBytes = 10'000;
+  Catalogue catalogue(folder.path(), kPageBytes);
+  Names expected = AllEntries();
+  std::erase(expected, "Humanoid");
+  CHECK(EntriesOf(AskAll(catalogue, kPageBytes)) == expected);
 }
 
 }  // namespace
