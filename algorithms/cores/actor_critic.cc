@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
 
 namespace b4mrl {
@@ -69,40 +70,53 @@ Status ValidateUnitInterval(std::string_view name, double value) {
   return InvalidNumber(name, value, "0..1");
 }
 
-MlpLayout ActorLayout(const ActorCriticOptions& options, int outputs) {
-  return MlpLayout({.members = 1,
-                    .inputs = options.observation_size,
-                    .hidden = options.hidden,
-                    .outputs = outputs});
-}
-
-MlpLayout TwinCriticLayout(const ActorCriticOptions& options) {
-  return MlpLayout({.members = 2,
-                    .inputs = options.observation_size + options.action_size,
-                    .hidden = options.hidden,
-                    .outputs = 1});
+MlpShape ActorShape(const ActorCriticOptions& options, int outputs) {
+  return {.inputs = options.observation_size, .hidden = options.hidden, .outputs = outputs};
 }
 
 template <typename Scalar>
-PolicyWeights ActorWeights(const MlpLayout& layout, std::span<const Scalar> parameters,
-                           int action_size) {
+TwinCritics<Scalar>::TwinCritics(const ActorCriticOptions& options, const InitialWeights& weights)
+    : Network<Scalar>({.shape = {.members = 2,
+                                 .inputs = options.observation_size + options.action_size,
+                                 .hidden = options.hidden,
+                                 .outputs = 1},
+                       .learning_rate = options.critic_learning_rate,
+                       .batch_max = options.batch_max,
+                       .threads = options.threads,
+                       .has_target = true,
+                       .weights = weights}),
+      input(options.observation_size + options.action_size, options.batch_max),
+      targets(options.batch_max) {}
+
+template <typename Scalar>
+MatrixView<const Scalar> TwinCritics<Scalar>::Stack(MatrixView<const Scalar> observations,
+                                                    MatrixView<const Scalar> actions) {
+  const MatrixView<Scalar> stacked = input.view(observations.columns);
+  StackRows<Scalar>({observations, actions}, stacked);
+  return stacked;
+}
+
+template <typename Scalar>
+PolicyWeights ActorWeights(const Network<Scalar>& actor, int action_size) {
   PolicyWeights weights;
-  weights.observation_size = layout.shape().inputs;
+  weights.observation_size = actor.layout.shape().inputs;
   weights.action_size = action_size;
-  const size_t last = layout.layers().size() - 1;
+  const size_t last = actor.layout.layers().size() - 1;
   for (size_t i = 0; i < last; ++i) {
-    const MlpLayout::Layer& layer = layout.layers()[i];
-    weights.hidden.push_back(LayerRows(layer, parameters, 0, layer.outputs));
+    const MlpLayout::Layer& layer = actor.layout.layers()[i];
+    weights.hidden.push_back(LayerRows<Scalar>(layer, actor.values, 0, layer.outputs));
   }
-  const MlpLayout::Layer& head = layout.layers()[last];
-  weights.mean = LayerRows(head, parameters, 0, action_size);
+  const MlpLayout::Layer& head = actor.layout.layers()[last];
+  weights.mean = LayerRows<Scalar>(head, actor.values, 0, action_size);
   if (head.outputs == 2 * action_size) {
-    weights.log_std = LayerRows(head, parameters, action_size, action_size);
+    weights.log_std = LayerRows<Scalar>(head, actor.values, action_size, action_size);
   }
   return weights;
 }
 
-template PolicyWeights ActorWeights<float>(const MlpLayout&, std::span<const float>, int);
-template PolicyWeights ActorWeights<double>(const MlpLayout&, std::span<const double>, int);
+template struct TwinCritics<float>;
+template struct TwinCritics<double>;
+template PolicyWeights ActorWeights<float>(const Network<float>&, int);
+template PolicyWeights ActorWeights<double>(const Network<double>&, int);
 
 }  // namespace b4mrl

@@ -1,13 +1,16 @@
-// What the actor-critic cores share: the common part of their options, the networks these describe,
-// and an actor's weights as a policy.
+// What the actor-critic cores share: the common part of their options, twin critics, and an actor's
+// weights as a policy.
+//
+// Every core has one Update(batch, noise): one gradient step of all its networks. `noise` holds the
+// step's standard normals, so that tests can give them; without it they are drawn from the core's
+// seed and the number of the update, so a resumed run needs that number alone.
 #pragma once
 
 #include <cstdint>
-#include <span>
 #include <string_view>
 #include <vector>
 
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/network.h"
 #include "algorithms/policy/inference.h"
 #include "proto/base/status.h"
 
@@ -16,14 +19,14 @@ namespace b4mrl {
 struct ActorCriticOptions {
   int observation_size = 0;
   int action_size = 0;
-  std::vector<int> hidden = {256, 256};  // of the actor and of each critic
-  int batch_max = 256;
+  std::vector<int> hidden = {256, 256};  // widths of the hidden layers of the actor and each critic
+  int batch_max = 256;                   // most transitions of an update
   double actor_learning_rate = 3e-4;
   double critic_learning_rate = 3e-4;
-  double gamma = 0.99;
-  double tau = 0.005;
-  uint64_t seed = 0;  // of the initial weights and of the updates' noise
-  int threads = 1;    // of the twin critics; they change no bit
+  double gamma = 0.99;  // discount
+  double tau = 0.005;   // Polyak rate: target <- tau * online + (1 - tau) * target
+  uint64_t seed = 0;    // of the initial weights and of the updates' noise
+  int threads = 1;      // that evaluate the twin critics; no bit depends on their number
 };
 
 Status ValidateSizes(int observation_size, int action_size, const std::vector<int>& hidden,
@@ -32,12 +35,43 @@ Status ValidateActorCritic(const ActorCriticOptions& options);
 Status ValidateRate(std::string_view name, double value);          // finite and >= 0
 Status ValidateUnitInterval(std::string_view name, double value);  // in [0, 1]
 
-MlpLayout ActorLayout(const ActorCriticOptions& options, int outputs);
-MlpLayout TwinCriticLayout(const ActorCriticOptions& options);  // two members: Q_1 and Q_2
+// Of a network from observations to `outputs` numbers.
+MlpShape ActorShape(const ActorCriticOptions& options, int outputs);
 
-// The network as one mean head, or, when it has 2 * action_size outputs, as mean and log_std heads.
+// Q_1 and Q_2, the members of one network from (s, a) to a value, and their targets Q'_1 and Q'_2.
+// Thread rule: one thread.
 template <typename Scalar>
-PolicyWeights ActorWeights(const MlpLayout& layout, std::span<const Scalar> parameters,
-                           int action_size);
+struct TwinCritics : Network<Scalar> {
+  TwinCritics(const ActorCriticOptions& options, const InitialWeights& weights);
+
+  // The values of n pairs (s, a), 2 x n. Both leave the pairs in `input`.
+  MatrixView<Scalar> Evaluate(MatrixView<const Scalar> observations,
+                              MatrixView<const Scalar> actions) {
+    return Network<Scalar>::Forward(Stack(observations, actions));
+  }
+  MatrixView<Scalar> EvaluateTargets(MatrixView<const Scalar> observations,
+                                     MatrixView<const Scalar> actions) {
+    return Network<Scalar>::ForwardTarget(Stack(observations, actions));
+  }
+  // Writes `input`: s above a.
+  MatrixView<const Scalar> Stack(MatrixView<const Scalar> observations,
+                                 MatrixView<const Scalar> actions);
+  // One step of the critics from workspace.output_gradient() of the n pairs evaluated last, then
+  // one of their targets.
+  void Train(int n, double tau) {
+    Network<Scalar>::Backward(input.view(n));
+    Network<Scalar>::StepWithTarget(tau);
+  }
+
+  MatrixBuffer<Scalar> input;     // observation + action x batch
+  AlignedVector<Scalar> targets;  // batch: y of the core's Bellman equation
+};
+
+// The actor as one mean head, or, when it has 2 * action_size outputs, as mean and log_std heads.
+template <typename Scalar>
+PolicyWeights ActorWeights(const Network<Scalar>& actor, int action_size);
+
+extern template struct TwinCritics<float>;
+extern template struct TwinCritics<double>;
 
 }  // namespace b4mrl

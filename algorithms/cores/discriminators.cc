@@ -48,25 +48,24 @@ Result<Discriminators<Scalar>> Discriminators<Scalar>::Create(const Discriminato
 }
 
 template <typename Scalar>
-Discriminators<Scalar>::Network::Network(const DiscriminatorOptions& options, int inputs)
-    : layout({.inputs = inputs, .hidden = options.hidden, .outputs = kClasses}),
-      parameters(layout.size()),
-      gradient(layout.size()),
-      adam({.learning_rate = options.learning_rate}, layout.size()),
-      workspace(layout, 1, options.batch_max),
+Discriminators<Scalar>::Classifier::Classifier(const DiscriminatorOptions& options, int inputs,
+                                               std::string_view weights)
+    : Network<Scalar>({.shape = {.inputs = inputs, .hidden = options.hidden, .outputs = kClasses},
+                       .learning_rate = options.learning_rate,
+                       .batch_max = options.batch_max,
+                       .weights = {Rng(options.seed, weights)}}),
       logits(kClasses, options.batch_max) {}
 
 template <typename Scalar>
-void Discriminators<Scalar>::Network::Forward(MatrixView<const Scalar> input) {
-  const MatrixView<Scalar> output = MlpForward<Scalar>(layout, parameters, input, workspace);
-  TanhForward<Scalar>(output, logits.view(input.columns));
+void Discriminators<Scalar>::Classifier::Classify(MatrixView<const Scalar> input) {
+  TanhForward<Scalar>(this->Forward(input), logits.view(input.columns));
   ToEigen(logits.view(input.columns)) *= static_cast<Scalar>(kLogitScale);
 }
 
 template <typename Scalar>
-void Discriminators<Scalar>::Network::Step(MatrixView<const Scalar> input,
-                                           std::span<const Scalar> slopes) {
-  const MatrixView<Scalar> output_gradient = workspace.output_gradient();
+void Discriminators<Scalar>::Classifier::Train(MatrixView<const Scalar> input,
+                                               std::span<const Scalar> slopes) {
+  const MatrixView<Scalar> output_gradient = this->workspace.output_gradient();
   for (int i = 0; i < input.columns; ++i) {
     for (int k = 0; k < kClasses; ++k) {
       const Scalar tanh = logits.view()(k, i) / static_cast<Scalar>(kLogitScale);
@@ -74,53 +73,40 @@ void Discriminators<Scalar>::Network::Step(MatrixView<const Scalar> input,
       output_gradient(k, i) = (k == 0 ? slope : -slope) * slopes[i];
     }
   }
-  MlpBackward<Scalar>(layout, parameters, input, workspace, gradient);
-  adam.Step(parameters, gradient);
+  this->Backward(input);
+  this->Step();
 }
 
 template <typename Scalar>
 Discriminators<Scalar>::Discriminators(const DiscriminatorOptions& options)
     : options_(options),
-      state_action_(options, options.observation_size + options.action_size),
-      transition_(options, 2 * options.observation_size + options.action_size),
+      state_action_(options, options.observation_size + options.action_size, "d-sa-weights"),
+      transition_(options, 2 * options.observation_size + options.action_size, "d-sas-weights"),
       input_(2 * options.observation_size + options.action_size, options.batch_max),
       noise_(2 * options.observation_size + options.action_size, options.batch_max),
       state_action_slopes_(options.batch_max),
-      transition_slopes_(options.batch_max) {
-  Rng state_action_rng(options.seed, "d-sa-weights");
-  Rng transition_rng(options.seed, "d-sas-weights");
-  state_action_.layout.template Initialize<Scalar>(Initialization::kTorchUniform, state_action_rng,
-                                                   state_action_.parameters);
-  transition_.layout.template Initialize<Scalar>(Initialization::kTorchUniform, transition_rng,
-                                                 transition_.parameters);
-}
+      transition_slopes_(options.batch_max) {}
 
 template <typename Scalar>
-DiscriminatorMetrics Discriminators<Scalar>::Update(const HybridBatch<Scalar>& batch) {
-  const MatrixView<Scalar> noise = noise_.view(batch.rows.size());
+MatrixView<const Scalar> Discriminators<Scalar>::DrawNoise(int n) {
   Rng rng(options_.seed, "discriminator-noise", static_cast<uint64_t>(steps()));
-  rng.FillNormal(noise.values());
-  return Step(batch);
+  rng.FillNormal(noise_.view(n).values());
+  return noise_.view(n);
 }
 
 template <typename Scalar>
-DiscriminatorMetrics Discriminators<Scalar>::UpdateWithNoise(const HybridBatch<Scalar>& batch,
-                                                             MatrixView<const Scalar> noise) {
-  CopyMatrix<Scalar>(noise, noise_.view(batch.rows.size()));
-  return Step(batch);
-}
-
-template <typename Scalar>
-DiscriminatorMetrics Discriminators<Scalar>::Step(const HybridBatch<Scalar>& batch) {
+DiscriminatorMetrics Discriminators<Scalar>::Update(const HybridBatch<Scalar>& batch,
+                                                    MatrixView<const Scalar> noise) {
   const int n = batch.rows.size();
+  if (noise.columns == 0) noise = DrawNoise(n);
   const MatrixView<Scalar> input = input_.view(n);
   StackRows<Scalar>({batch.rows.observations, batch.rows.actions, batch.rows.next_observations},
                     input);
-  ToEigen(input) += static_cast<Scalar>(options_.input_noise) * ToEigen(noise_.view(n));
+  ToEigen(input) += static_cast<Scalar>(options_.input_noise) * ToEigen(noise);
   const MatrixView<const Scalar> state_action_input =
       input.RowBlock(0, options_.observation_size + options_.action_size);
-  state_action_.Forward(state_action_input);
-  transition_.Forward(input);
+  state_action_.Classify(state_action_input);
+  transition_.Classify(input);
 
   DiscriminatorMetrics metrics;
   for (int i = 0; i < n; ++i) {
@@ -130,8 +116,8 @@ DiscriminatorMetrics Discriminators<Scalar>::Step(const HybridBatch<Scalar>& bat
         ColumnLoss(batch, i, margin + transition_.margin(i), transition_slopes_[i]);
     state_action_slopes_[i] += transition_slopes_[i];  // D_sa is part of both losses
   }
-  state_action_.Step(state_action_input, std::span<const Scalar>(state_action_slopes_).first(n));
-  transition_.Step(input, std::span<const Scalar>(transition_slopes_).first(n));
+  state_action_.Train(state_action_input, state_action_slopes_);
+  transition_.Train(input, transition_slopes_);
   return metrics;
 }
 
@@ -149,29 +135,27 @@ void Discriminators<Scalar>::LogDynamicsRatios(const TransitionBatch<Scalar>& ba
           {batch.observations, batch.actions, next_observations.ColumnBlock(first + start, n)},
           input.ColumnBlock(start, n));
     }
-    transition_.Forward(input);
+    transition_.Classify(input);
     for (int i = 0; i < count; ++i) log_ratios[first + i] = transition_.margin(i);
   }
 }
 
 template <typename Scalar>
 void Discriminators<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  state_action_.layout.template Visit<Scalar>("d_sa", state_action_.parameters, visitor);
-  transition_.layout.template Visit<Scalar>("d_sas", transition_.parameters, visitor);
-  state_action_.adam.Visit("d_sa/adam", visitor);
-  transition_.adam.Visit("d_sas/adam", visitor);
+  state_action_.Visit("d_sa", visitor);
+  transition_.Visit("d_sas", visitor);
 }
 
 template <typename Scalar>
 void Discriminators<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  state_action_.adam.VisitCounters("d_sa/adam", visitor);
-  transition_.adam.VisitCounters("d_sas/adam", visitor);
+  state_action_.VisitCounters("d_sa", visitor);
+  transition_.VisitCounters("d_sas", visitor);
 }
 
 template <typename Scalar>
 void Discriminators<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  state_action_.layout.template Visit<Scalar>("d_sa", state_action_.gradient, visitor);
-  transition_.layout.template Visit<Scalar>("d_sas", transition_.gradient, visitor);
+  state_action_.VisitGradient("d_sa", visitor);
+  transition_.VisitGradient("d_sas", visitor);
 }
 
 template class Discriminators<float>;

@@ -17,11 +17,11 @@
 
 #include <cstdint>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "algorithms/cores/transition_batch.h"
-#include "algorithms/nn/adam.h"
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/network.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -47,11 +47,10 @@ class Discriminators {
  public:
   static Result<Discriminators> Create(const DiscriminatorOptions& options);
 
-  // One step. Rewards and ends of episodes are not looked at.
-  DiscriminatorMetrics Update(const HybridBatch<Scalar>& batch);
-  // The same with the standard normals given: rows for s, a and s', columns as in the batch.
-  DiscriminatorMetrics UpdateWithNoise(const HybridBatch<Scalar>& batch,
-                                       MatrixView<const Scalar> noise);
+  // One gradient step. Rewards and ends of episodes are not read. `noise`: standard normals in rows
+  // for s, a and s', a column for each of the batch; drawn if empty.
+  DiscriminatorMetrics Update(const HybridBatch<Scalar>& batch,
+                              MatrixView<const Scalar> noise = {});
 
   // log_ratios[i] = log p_real / p_sim with column i of `next_observations` for s' and the batch's
   // column i mod n for s and a: a whole number of times, each of its n columns gets another s'.
@@ -59,7 +58,7 @@ class Discriminators {
                          MatrixView<const Scalar> next_observations, std::span<Scalar> log_ratios);
 
   const DiscriminatorOptions& options() const { return options_; }
-  int64_t steps() const { return transition_.adam.steps(); }
+  int64_t steps() const { return transition_.adam.steps(); }  // so far
 
   // All state, for checkpoints and tests: see nn/parameters.h. The networks' names are "d_sa" and
   // "d_sas".
@@ -69,29 +68,25 @@ class Discriminators {
   void VisitGradients(const ArrayVisitor<Scalar>& visitor);
 
  private:
-  struct Network {
-    Network(const DiscriminatorOptions& options, int inputs);
+  // From (s, a) or (s, a, s') to two logits.
+  struct Classifier : Network<Scalar> {
+    Classifier(const DiscriminatorOptions& options, int inputs, std::string_view weights);
     // Writes `logits`.
-    void Forward(MatrixView<const Scalar> input);
-    // From `slopes` = d loss / d margin of each column; ends with Adam's step.
-    void Step(MatrixView<const Scalar> input, std::span<const Scalar> slopes);
+    void Classify(MatrixView<const Scalar> input);
+    // One step of gradient descent, from `slopes` = d loss / d margin of each column.
+    void Train(MatrixView<const Scalar> input, std::span<const Scalar> slopes);
     // How far the real class's logit is above the other's.
     Scalar margin(int column) const { return logits.view()(0, column) - logits.view()(1, column); }
 
-    MlpLayout layout;
-    AlignedVector<Scalar> parameters, gradient;
-    Adam<Scalar> adam;
-    MlpWorkspace<Scalar> workspace;
     MatrixBuffer<Scalar> logits;  // 2 x batch
   };
 
   explicit Discriminators(const DiscriminatorOptions& options);
-  // Reads noise_.
-  DiscriminatorMetrics Step(const HybridBatch<Scalar>& batch);
+  MatrixView<const Scalar> DrawNoise(int n);
 
   DiscriminatorOptions options_;
-  Network state_action_;                // D_sa
-  Network transition_;                  // D_sas
+  Classifier state_action_;             // D_sa
+  Classifier transition_;               // D_sas
   MatrixBuffer<Scalar> input_, noise_;  // rows: s, a, s'; D_sa sees the first two
   AlignedVector<Scalar> state_action_slopes_, transition_slopes_;
 };

@@ -15,7 +15,7 @@ Status Validate(const H2oOptions& options) {
   if (options.gap_samples < 1 || options.gap_samples > 1024) {
     return InvalidArgument("gap_samples", std::to_string(options.gap_samples), "1..1024");
   }
-  const int most = MostGapSamples(options.observation_size, options.batch_max);
+  const int most = MaxGapSamples(options.observation_size, options.batch_max);
   if (options.gap_samples > most) {
     return InvalidNumber("gap_samples", options.gap_samples,
                          "at most " + std::to_string(most) + " for such a batch");
@@ -63,7 +63,7 @@ std::vector<double> GapNoise(std::span<const double> mean, std::span<const doubl
   return noise;
 }
 
-int MostGapSamples(int observation_size, int batch_max) {
+int MaxGapSamples(int observation_size, int batch_max) {
   constexpr int64_t kCopiedNumbersMax = 1 << 27;  // 512 MiB of floats
   const int64_t batch_numbers = int64_t{observation_size} * batch_max;
   return static_cast<int>(std::clamp<int64_t>(kCopiedNumbersMax / batch_numbers - 1, 0, 1024));
@@ -71,19 +71,19 @@ int MostGapSamples(int observation_size, int batch_max) {
 
 template <typename Scalar>
 Result<H2oCore<Scalar>> H2oCore<Scalar>::Create(const H2oOptions& options) {
-  // Checks the sizes.
-  B4MRL_ASSIGN_OR_RETURN(SacCore<Scalar> sac, SacCore<Scalar>::Create(options));
+  B4MRL_RETURN_IF_ERROR(ValidateSac(options));
   B4MRL_RETURN_IF_ERROR(Validate(options));
   B4MRL_ASSIGN_OR_RETURN(Discriminators<Scalar> discriminators,
                          Discriminators<Scalar>::Create(DiscriminatorsOf(options)));
-  return H2oCore(options, std::move(sac), std::move(discriminators));
+  return H2oCore(options, std::move(discriminators));
 }
 
 template <typename Scalar>
-H2oCore<Scalar>::H2oCore(const H2oOptions& options, SacCore<Scalar> sac,
-                         Discriminators<Scalar> discriminators)
+H2oCore<Scalar>::H2oCore(const H2oOptions& options, Discriminators<Scalar> discriminators)
     : options_(options),
-      sac_(std::move(sac)),
+      actor_(options, {.learns_log_std_scale = true, .head_gain = options.head_gain}),
+      critics_(options,
+               {.stream = Rng(options.seed, "sac-critic-weights"), .head_gain = options.head_gain}),
       discriminators_(std::move(discriminators)),
       next_copies_(options.observation_size, options.batch_max * (1 + options.gap_samples)),
       log_ratios_(options.batch_max * (1 + options.gap_samples)),
@@ -93,50 +93,42 @@ H2oCore<Scalar>::H2oCore(const H2oOptions& options, SacCore<Scalar> sac,
 
 template <typename Scalar>
 H2oMetrics H2oCore<Scalar>::Update(const HybridBatch<Scalar>& batch,
-                                   const HybridBatch<Scalar>& discriminator_batch) {
-  simulated_rows_ = batch.simulated_rows();
-  Rng rng(options_.seed, "gap-noise", static_cast<uint64_t>(updates()));
-  rng.FillNormal(NoisyCopies().values());
+                                   const HybridBatch<Scalar>& discriminator_batch,
+                                   const H2oNoise<Scalar>& noise) {
+  const MatrixView<const Scalar> action_noise =
+      noise.actions.columns > 0 ? noise.actions : actor_.DrawNoise(batch.rows.size(), updates_);
   H2oMetrics metrics;
-  metrics.discriminators = discriminators_.Update(discriminator_batch);
-  WeighSimulated(batch.simulated(), metrics);
-  metrics.sac = sac_.Update(batch.rows, Objective());
-  metrics.critic = critic_loss_;
-  metrics.gap_penalty = gap_penalty_;
+  metrics.discriminators = discriminators_.Update(discriminator_batch, noise.discriminators);
+  WeighSimulated(batch.simulated(), noise.gap, metrics);
+  actor_.Sample(batch.rows, action_noise, metrics.sac);
+  actor_.UpdateAlpha(metrics.sac);
+  ComputeTargets(batch.rows, metrics);
+  actor_.Update(batch.rows, action_noise, critics_, metrics.sac);
+  UpdateCritics(batch, metrics);
+  ++updates_;
   return metrics;
 }
 
 template <typename Scalar>
-H2oMetrics H2oCore<Scalar>::UpdateWithNoise(const HybridBatch<Scalar>& batch,
-                                            const HybridBatch<Scalar>& discriminator_batch,
-                                            const H2oNoise<Scalar>& noise) {
-  simulated_rows_ = batch.simulated_rows();
-  CopyMatrix<Scalar>(noise.gap, NoisyCopies());
-  H2oMetrics metrics;
-  metrics.discriminators =
-      discriminators_.UpdateWithNoise(discriminator_batch, noise.discriminators);
-  WeighSimulated(batch.simulated(), metrics);
-  metrics.sac = sac_.UpdateWithNoise(batch.rows, noise.actions, noise.next_actions, Objective());
-  metrics.critic = critic_loss_;
-  metrics.gap_penalty = gap_penalty_;
-  return metrics;
-}
-
-template <typename Scalar>
-MatrixView<Scalar> H2oCore<Scalar>::NoisyCopies() {
-  const int copies = simulated_rows_ * options_.gap_samples;
-  return next_copies_.view(simulated_rows_ + copies).ColumnBlock(simulated_rows_, copies);
+MatrixView<const Scalar> H2oCore<Scalar>::DrawGapNoise(int simulated_rows) {
+  const int copies = simulated_rows * options_.gap_samples;
+  const MatrixView<Scalar> noise =
+      next_copies_.view(simulated_rows + copies).ColumnBlock(simulated_rows, copies);
+  Rng rng(options_.seed, "gap-noise", static_cast<uint64_t>(updates_));
+  rng.FillNormal(noise.values());
+  return noise;
 }
 
 template <typename Scalar>
 void H2oCore<Scalar>::WeighSimulated(const TransitionBatch<Scalar>& simulated,
-                                     H2oMetrics& metrics) {
-  const int n = simulated_rows_;
+                                     MatrixView<const Scalar> noise, H2oMetrics& metrics) {
+  const int n = simulated.size();
+  if (noise.columns == 0) noise = DrawGapNoise(n);
   const MatrixView<Scalar> next = next_copies_.view(n * (1 + options_.gap_samples));
   CopyMatrix<Scalar>(simulated.next_observations, next.ColumnBlock(0, n));
   for (int i = n; i < next.columns; ++i) {
     for (int k = 0; k < next.rows; ++k) {
-      next(k, i) = next(k, i % n) + static_cast<Scalar>(options_.gap_noise[k]) * next(k, i);
+      next(k, i) = next(k, i % n) + static_cast<Scalar>(options_.gap_noise[k]) * noise(k, i - n);
     }
   }
   const std::span<Scalar> log_ratios = std::span<Scalar>(log_ratios_).first(next.columns);
@@ -153,38 +145,48 @@ void H2oCore<Scalar>::WeighSimulated(const TransitionBatch<Scalar>& simulated,
 }
 
 template <typename Scalar>
-CriticLoss H2oCore<Scalar>::Loss(MatrixView<const Scalar> q, std::span<const Scalar> targets,
-                                 MatrixView<Scalar> q_gradient) {
-  const auto weights = std::span<const Scalar>(weights_).first(simulated_rows_);
-  const auto log_gap_weights = std::span<const double>(log_gap_weights_).first(simulated_rows_);
-  const HybridCriticLoss loss = HybridSquaredError<Scalar>(q, targets, weights, q_gradient);
-  critic_loss_ = loss;
-  gap_penalty_ = AddGapPenalty<Scalar>(q, log_gap_weights, options_.gap_weight, options_.gap_limit,
-                                       q_gradient);
-  return loss;
+void H2oCore<Scalar>::ComputeTargets(const TransitionBatch<Scalar>& batch, H2oMetrics& metrics) {
+  const MatrixView<Scalar> q =
+      critics_.EvaluateTargets(batch.next_observations, actor_.next_actions(batch.size()));
+  metrics.sac.mean_target =
+      BellmanTargets<Scalar>(q, batch.rewards, batch.not_terminated,
+                             static_cast<Scalar>(options_.gamma), {}, Scalar(0), critics_.targets);
 }
 
 template <typename Scalar>
-CriticObjective<Scalar> H2oCore<Scalar>::Objective() {
-  return [this](MatrixView<const Scalar> q, std::span<const Scalar> targets,
-                MatrixView<Scalar> q_gradient) { return Loss(q, targets, q_gradient); };
+void H2oCore<Scalar>::UpdateCritics(const HybridBatch<Scalar>& batch, H2oMetrics& metrics) {
+  const int simulated = batch.simulated_rows();
+  const auto weights = std::span<const Scalar>(weights_).first(simulated);
+  const auto log_gap_weights = std::span<const double>(log_gap_weights_).first(simulated);
+  const MatrixView<Scalar> q = critics_.Evaluate(batch.rows.observations, batch.rows.actions);
+  const MatrixView<Scalar> q_gradient = critics_.workspace.output_gradient();
+  metrics.critic = HybridSquaredError<Scalar>(q, critics_.targets, weights, q_gradient);
+  metrics.gap_penalty = AddGapPenalty<Scalar>(q, log_gap_weights, options_.gap_weight,
+                                              options_.gap_limit, q_gradient);
+  metrics.sac.critic_loss = metrics.critic.loss;
+  metrics.sac.mean_q = metrics.critic.mean_q;
+  critics_.Train(batch.rows.size(), options_.tau);
 }
 
 template <typename Scalar>
 void H2oCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  sac_.VisitArrays(visitor);
+  actor_.VisitArrays(visitor);
+  critics_.Visit("critic", visitor);
   discriminators_.VisitArrays(visitor);
 }
 
 template <typename Scalar>
 void H2oCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  sac_.VisitCounters(visitor);
+  visitor({"updates", &updates_});
+  actor_.VisitCounters(visitor);
+  critics_.VisitCounters("critic", visitor);
   discriminators_.VisitCounters(visitor);
 }
 
 template <typename Scalar>
 void H2oCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  sac_.VisitGradients(visitor);
+  actor_.VisitGradients(visitor);
+  critics_.VisitGradient("critic", visitor);
   discriminators_.VisitGradients(visitor);
 }
 

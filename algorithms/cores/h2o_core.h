@@ -1,17 +1,19 @@
 // H2O: dynamics-aware hybrid offline-and-online learning, one update on given batches.
 //
 // Niu et al., "When to trust your simulator" (2022), in the order of the authors' code:
-//   1. D_sa, D_sas: one step on a batch of their own (rl/discriminators.h)
+//   1. D_sa, D_sas: one step on a batch of their own (discriminators.h)
 //   2. for every simulated (s, a, s'), with the D_sas of step 1:
 //        w = clamp(p_real / p_sim, ratio_min, 1)
 //        u = mean over `gap_samples` of log p_sim / p_real at s' + gap_noise * N(0, 1),
 //        which stands for the divergence of the two dynamics at (s, a); omega = u / sum u
-//   3. SAC (rl/sac_core.h) on real and simulated rows in one batch, without entropy in the target;
-//      the critics minimise the weighted error and the gap penalty of rl/h2o_losses.h. All losses
-//      are taken before the first of its steps alpha, actor, critics, targets.
+//      Then SAC on real and simulated rows in one batch, with a loss of the critics of its own:
+//   3. a, log pi(a|s) from the actor, and one step of alpha, as in SAC (soft_actor.h)
+//   4. y = r + not_terminated gamma min Q'(s', a'): without entropy
+//   5. actor, as in SAC but before the critics' step
+//   6. critics: L = the error to y, weighted by w, plus the gap penalty with omega (h2o_losses.h)
+//   7. Q' <- tau Q + (1 - tau) Q'
 //
-// Noise is a function of the options' seed and the number of the update. Allocates nothing of its
-// own after construction. Thread rule: one thread.
+// Allocates nothing of its own after construction. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -20,41 +22,36 @@
 
 #include "algorithms/cores/discriminators.h"
 #include "algorithms/cores/h2o_losses.h"
-#include "algorithms/cores/sac_core.h"
+#include "algorithms/cores/soft_actor.h"
 
 namespace b4mrl {
 
-// Over what the deviation of gap_noise is taken.
+// The rows whose standard deviation is the unit of gap_noise.
 enum class GapNoiseStd {
-  // As the authors' code has it: over an array that besides the dataset's observations holds ten
-  // times as many zero rows, for simulated ones to come. About 0.3 of kData where the mean is 0.
+  // As the authors' code has it: an array that besides the dataset's observations holds ten times
+  // as many zero rows, for simulated ones to come. About 0.3 of kData where the mean is 0.
   kPadded,
   kData,  // the dataset's observations, as the same laboratory's later code (D2C) has it
 };
 
-// How many noisy copies of s' a batch may have: all of them are in memory at once.
-int MostGapSamples(int observation_size, int batch_max);
+// Largest gap_samples for a batch: all noisy copies of its s' are in memory at once.
+int MaxGapSamples(int observation_size, int batch_max);
 
-// scale * (deviation + 0.001) for each dimension, from the dataset's mean and population deviation.
+// scale * (std + 0.001) for each dimension of s, from the dataset's mean and population standard
+// deviation.
 std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
                              GapNoiseStd over, double scale);
 
 struct H2oOptions : SacOptions {
-  // SAC as the authors' code has it.
-  H2oOptions() {
-    policy.form = LogProbForm::kExact;
-    entropy_in_target = false;
-    actor_first = true;
-    learn_log_std_scale = true;
-    head_gain = 1e-2;
-  }
+  H2oOptions() { policy.form = LogProbForm::kExact; }  // as the authors' code has it
 
+  double head_gain = 1e-2;            // output layers start as MlpLayout::InitializeHead draws them
   int discriminator_batch_max = 512;  // real and simulated rows together
   double discriminator_learning_rate = 3e-4;
   double discriminator_noise = 0.1;
   double ratio_min = 1e-5;
   int gap_samples = 10;
-  std::vector<double> gap_noise;  // a deviation for each dimension of s': see GapNoise
+  std::vector<double> gap_noise;  // standard deviation in each dimension of s': see GapNoise
   double gap_max = 10;
   double gap_weight = 0.01;  // beta
   double gap_limit = 1000;   // of the penalty before beta
@@ -69,13 +66,12 @@ struct H2oMetrics {
   double mean_gap = 0;     // u
 };
 
-// Standard normals for one update, features x columns.
+// The standard normals of an update, features x columns.
 template <typename Scalar>
 struct H2oNoise {
   MatrixView<const Scalar> discriminators;  // s, a, s' x discriminator batch
-  MatrixView<const Scalar> gap;             // s' x (simulated rows * gap_samples), by sample
-  MatrixView<const Scalar> actions;         // action x batch
-  MatrixView<const Scalar> next_actions;
+  MatrixView<const Scalar> gap;             // s' x (gap_samples * simulated rows), by sample
+  MatrixView<const Scalar> actions;         // action x 2 batch: see SoftActor::DrawNoise
 };
 
 template <typename Scalar>
@@ -84,18 +80,15 @@ class H2oCore {
   // kInvalidArgument also for a gap_noise of another size than s.
   static Result<H2oCore> Create(const H2oOptions& options);
 
-  // One update of everything. `batch` has at most batch_max rows, `discriminator_batch` at most
-  // discriminator_batch_max.
+  // One gradient step of all networks. `batch` has at most batch_max rows, `discriminator_batch` at
+  // most discriminator_batch_max. Each part of `noise` is drawn if empty.
   H2oMetrics Update(const HybridBatch<Scalar>& batch,
-                    const HybridBatch<Scalar>& discriminator_batch);
-  // Does everything Update does but draw.
-  H2oMetrics UpdateWithNoise(const HybridBatch<Scalar>& batch,
-                             const HybridBatch<Scalar>& discriminator_batch,
-                             const H2oNoise<Scalar>& noise);
+                    const HybridBatch<Scalar>& discriminator_batch,
+                    const H2oNoise<Scalar>& noise = {});
 
   const H2oOptions& options() const { return options_; }
-  int64_t updates() const { return sac_.updates(); }
-  PolicyWeights Policy() const { return sac_.Policy(); }
+  int64_t updates() const { return updates_; }
+  PolicyWeights Policy() const { return actor_.Policy(); }
 
   // All state, for checkpoints and tests: see nn/parameters.h.
   void VisitArrays(const ArrayVisitor<Scalar>& visitor);
@@ -104,27 +97,28 @@ class H2oCore {
   void VisitGradients(const ArrayVisitor<Scalar>& visitor);
 
  private:
-  H2oCore(const H2oOptions& options, SacCore<Scalar> sac, Discriminators<Scalar> discriminators);
-  // Of next_copies_, for the present batch: its standard normals, later noisy copies of s'.
-  MatrixView<Scalar> NoisyCopies();
-  // Step 2, from the standard normals in next_copies_.
-  void WeighSimulated(const TransitionBatch<Scalar>& simulated, H2oMetrics& metrics);
-  // The critics' loss of step 3.
-  CriticLoss Loss(MatrixView<const Scalar> q, std::span<const Scalar> targets,
-                  MatrixView<Scalar> q_gradient);
-  CriticObjective<Scalar> Objective();
+  H2oCore(const H2oOptions& options, Discriminators<Scalar> discriminators);
+
+  MatrixView<const Scalar> DrawGapNoise(int simulated_rows);
+  // Step 2.
+  void WeighSimulated(const TransitionBatch<Scalar>& simulated, MatrixView<const Scalar> noise,
+                      H2oMetrics& metrics);
+  // Steps 4, and 6 with 7.
+  void ComputeTargets(const TransitionBatch<Scalar>& batch, H2oMetrics& metrics);
+  void UpdateCritics(const HybridBatch<Scalar>& batch, H2oMetrics& metrics);
 
   H2oOptions options_;
-  SacCore<Scalar> sac_;
+  int64_t updates_ = 0;
+  SoftActor<Scalar> actor_;
+  TwinCritics<Scalar> critics_;
   Discriminators<Scalar> discriminators_;
 
-  int simulated_rows_ = 0;        // of the present batch
-  HybridCriticLoss critic_loss_;  // of the present update, as is the penalty
-  double gap_penalty_ = 0;
-  MatrixBuffer<Scalar> next_copies_;  // s' of all simulated rows, then its noisy copies by sample
-  AlignedVector<Scalar> log_ratios_;  // one a column of next_copies_
-  AlignedVector<Scalar> weights_, gaps_;  // one a simulated row
-  AlignedVector<double> log_gap_weights_;
+  // s' of the simulated rows of a batch, then gap_samples times as many columns: first their
+  // standard normals, then noisy copies of s'.
+  MatrixBuffer<Scalar> next_copies_;
+  AlignedVector<Scalar> log_ratios_;       // one a column of next_copies_
+  AlignedVector<Scalar> weights_, gaps_;   // w and u, one a simulated row
+  AlignedVector<double> log_gap_weights_;  // log omega
 };
 
 extern template class H2oCore<float>;

@@ -23,8 +23,7 @@
 
 #include "algorithms/cores/actor_critic.h"
 #include "algorithms/cores/transition_batch.h"
-#include "algorithms/nn/adam.h"
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/network.h"
 #include "algorithms/nn/weighted_losses.h"
 #include "algorithms/policy/inference.h"
 #include "proto/base/status.h"
@@ -32,14 +31,10 @@
 namespace b4mrl {
 
 enum class IqlActor { kDeterministic, kGaussian };
-enum class IqlInitialization {
-  kTorch,       // PyTorch's default, as the other cores have it
-  kOrthogonal,  // with gain sqrt(2) and zero biases, as the authors' code has it
-};
 
 struct IqlOptions : ActorCriticOptions {
   IqlActor actor = IqlActor::kDeterministic;
-  IqlInitialization initialization = IqlInitialization::kTorch;
+  Initialization initialization = Initialization::kTorchUniform;  // authors' code: kOrthogonal
   double value_learning_rate = 3e-4;
   // The actor's learning rate falls to 0 along half a cosine over so many updates and stays there;
   // 0: it is constant.
@@ -65,12 +60,12 @@ class IqlCore {
  public:
   static Result<IqlCore> Create(const IqlOptions& options);
 
-  // One gradient step; 1 <= batch.size() <= batch_max.
+  // One gradient step on n transitions, 1 <= n <= batch_max.
   IqlMetrics Update(const TransitionBatch<Scalar>& batch);
 
   const IqlOptions& options() const { return options_; }
   int64_t updates() const { return updates_; }
-  // Of the next update.
+  // Adam's for the actor in the next update.
   double actor_learning_rate() const;
 
   // pi for the fixed-order inference; without deviations, since an agent file's stochastic policies
@@ -94,25 +89,16 @@ class IqlCore {
 
   IqlOptions options_;
   int64_t updates_ = 0;
-  MlpLayout value_layout_;
-  MlpLayout actor_layout_;
-  MlpLayout critic_layout_;  // two members
-  AlignedVector<Scalar> value_, value_gradient_;
-  AlignedVector<Scalar> actor_, actor_gradient_;
-  AlignedVector<Scalar> log_std_, log_std_gradient_;  // one an action; none if deterministic
-  AlignedVector<Scalar> critic_, critic_gradient_, critic_target_;
-  Adam<Scalar> value_adam_, actor_adam_, log_std_adam_, critic_adam_;
+  Network<Scalar> value_;  // after step 1 its workspace has V(s), then V(s')
+  Network<Scalar> actor_;
+  TrainedVector<Scalar> log_std_;  // one number an action; none if deterministic
+  TwinCritics<Scalar> critics_;
 
-  MlpWorkspace<Scalar> value_workspace_;  // after step 1: V(s), then V(s')
-  MlpWorkspace<Scalar> actor_workspace_;
-  MlpWorkspace<Scalar> critic_workspace_;
   MatrixBuffer<Scalar> value_input_;      // observation x 2 batch: s, then s'
-  MatrixBuffer<Scalar> critic_input_;     // observation + action x batch: (s, a)
   MatrixBuffer<Scalar> actions_;          // action x batch: pi(s)
   MatrixBuffer<Scalar> action_gradient_;  // action x batch
   AlignedVector<Scalar> target_q_;        // batch: q
   AlignedVector<Scalar> weights_;         // batch: w
-  AlignedVector<Scalar> targets_;         // batch: y
 };
 
 extern template class IqlCore<float>;

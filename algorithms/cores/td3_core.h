@@ -16,13 +16,10 @@
 
 #include <cstdint>
 #include <optional>
-#include <span>
-#include <vector>
 
 #include "algorithms/cores/actor_critic.h"
 #include "algorithms/cores/transition_batch.h"
-#include "algorithms/nn/adam.h"
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/network.h"
 #include "algorithms/policy/inference.h"
 #include "proto/base/status.h"
 
@@ -52,10 +49,9 @@ class Td3Core {
  public:
   static Result<Td3Core> Create(const Td3Options& options);
 
-  // One gradient step; 1 <= batch.size() <= batch_max.
-  Td3Metrics Update(const TransitionBatch<Scalar>& batch);
-  // The same with the standard normals of the target action given (action size x batch).
-  Td3Metrics UpdateWithNoise(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise);
+  // One gradient step on n transitions, 1 <= n <= batch_max. `noise`: the target action's standard
+  // normals, action x n; drawn if empty.
+  Td3Metrics Update(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise = {});
 
   const Td3Options& options() const { return options_; }
   int64_t updates() const { return updates_; }
@@ -72,26 +68,20 @@ class Td3Core {
  private:
   explicit Td3Core(const Td3Options& options);
 
+  MatrixView<const Scalar> DrawNoise(int n);
   void ComputeTargets(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise);
   void UpdateCritics(const TransitionBatch<Scalar>& batch, bool delayed_step);
   void UpdateActor(const TransitionBatch<Scalar>& batch);
 
   Td3Options options_;
   int64_t updates_ = 0;
-  MlpLayout actor_layout_;
-  MlpLayout critic_layout_;  // two members
-  AlignedVector<Scalar> actor_, actor_gradient_, actor_target_;
-  AlignedVector<Scalar> critic_, critic_gradient_, critic_target_;
-  Adam<Scalar> actor_adam_, critic_adam_;
+  Network<Scalar> actor_;
+  TwinCritics<Scalar> critics_;
   Td3Metrics metrics_;
 
-  MlpWorkspace<Scalar> actor_workspace_;
-  MlpWorkspace<Scalar> critic_workspace_;
-  MlpWorkspace<Scalar> first_critic_workspace_;  // of one member
-  MatrixBuffer<Scalar> critic_input_;            // observation + action x batch
+  MlpWorkspace<Scalar> first_critic_workspace_;  // for passes of Q_1 alone
   MatrixBuffer<Scalar> noise_;                   // action x batch
-  MatrixBuffer<Scalar> action_gradient_;
-  AlignedVector<Scalar> targets_;  // batch
+  MatrixBuffer<Scalar> action_gradient_;         // action x batch
 };
 
 extern template class Td3Core<float>;

@@ -219,7 +219,7 @@ Status CheckH2o(const LearnerContext& context) {
   B4MRL_RETURN_IF_ERROR(CheckRowsPerUpdate(
       context, "batch-size * real-ratio + discriminator-batch",
       static_cast<uint64_t>(real_rows) + values.Unsigned("discriminator-batch")));
-  const int most = MostGapSamples(context.observation_size(), batch_size);
+  const int most = MaxGapSamples(context.observation_size(), batch_size);
   if (values.Integer("gap-samples") <= most) return Status();
   return InvalidNumber("gap-samples", values.Number("gap-samples"),
                        fmt::format("1..{} with a batch-size of {} and {} values in an observation",

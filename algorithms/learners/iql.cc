@@ -62,7 +62,7 @@ IqlOptions CoreOptions(const LearnerContext& context) {
   SetActorCriticOptions(context, context.observation_size(), options);
   if (values.Integer("actor") == kGaussian) options.actor = IqlActor::kGaussian;
   if (values.Integer("initialisation") == kOrthogonal) {
-    options.initialization = IqlInitialization::kOrthogonal;
+    options.initialization = Initialization::kOrthogonal;
   }
   options.value_learning_rate = values.Number("learning-rate");
   options.cosine_updates = static_cast<int64_t>(values.Number("cosine-updates"));

@@ -88,15 +88,10 @@ template <typename Scalar>
 DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& options, int threads)
     : options_(options),
       layout_(LayoutOf(options)),
-      parameters_(layout_.size()),
-      gradient_(layout_.size()),
-      bounds_(2 * static_cast<size_t>(output_size())),
-      bounds_gradient_(bounds_.size()),
+      weights_(layout_.size(), options.learning_rate, DecayRanges(options, layout_)),
+      bounds_(2 * output_size(), options.learning_rate),
       scaler_(2 * static_cast<size_t>(layout_.shape().inputs)),
       best_mse_(options.members, std::numeric_limits<Scalar>::infinity()),
-      adam_({.learning_rate = options.learning_rate}, layout_.size(),
-            DecayRanges(options, layout_)),
-      bounds_adam_({.learning_rate = options.learning_rate}, static_cast<int64_t>(bounds_.size())),
       holdout_mse_(options.members, std::numeric_limits<double>::quiet_NaN()),
       team_(std::make_shared<ThreadTeam>(threads)),
       workspaces_(threads, MlpWorkspace<Scalar>(layout_, 1, options.batch_size)),
@@ -111,10 +106,10 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
       member_bounds_gradient_(2 * output_size(), options.members),
       member_loss_(options.members) {
   Rng rng(options.seed, "ensemble-weights");
-  layout_.Initialize<Scalar>(options.initialization, rng, parameters_);
-  best_parameters_ = parameters_;
-  std::fill_n(bounds_.begin(), output_size(), static_cast<Scalar>(options.max_log_var));
-  std::fill_n(bounds_.begin() + output_size(), output_size(),
+  layout_.Initialize<Scalar>(options.initialization, rng, weights_.values);
+  best_weights_ = weights_.values;
+  std::fill_n(bounds_.values.begin(), output_size(), static_cast<Scalar>(options.max_log_var));
+  std::fill_n(bounds_.values.begin() + output_size(), output_size(),
               static_cast<Scalar>(options.min_log_var));
   std::fill_n(scaler_.begin() + layout_.shape().inputs, layout_.shape().inputs, Scalar(1));
   for (Scratch& scratch : scratch_) scratch.columns.reserve(kPredictionBlock);
@@ -124,7 +119,7 @@ template <typename Scalar>
 double DynamicsEnsemble<Scalar>::DecayLoss() const {
   double loss = 0;
   for (const DecayRange& range : DecayRanges(options_, layout_)) {
-    const ConstEigenColumn<Scalar> weights(parameters_.data() + range.first, range.size);
+    const ConstEigenColumn<Scalar> weights(weights_.values.data() + range.first, range.size);
     loss += 0.5 * range.coefficient * static_cast<double>(weights.square().sum());
   }
   return loss;
@@ -188,8 +183,8 @@ void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> 
   }
   Scale(block);
   const MatrixView<Scalar> head =
-      MlpForward<Scalar>(layout_, parameters_, block, scratch.workspace, member);
-  BoundLogVariances<Scalar>(bounds_, head.RowBlock(output_size(), output_size()));
+      MlpForward<Scalar>(layout_, weights_.values, block, scratch.workspace, member);
+  BoundLogVariances<Scalar>(bounds_.values, head.RowBlock(output_size(), output_size()));
   SampleHead(head, noise, outputs, scratch);
 }
 
@@ -224,9 +219,9 @@ void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
   std::vector<int>& columns = scratch.columns;
   for (int m = 0; m < options_.members; ++m) {
     const MatrixView<Scalar> head =
-        MlpForward<Scalar>(layout_, parameters_, scaled, scratch.workspace, m);
+        MlpForward<Scalar>(layout_, weights_.values, scaled, scratch.workspace, m);
     const MatrixView<Scalar> log_var = head.RowBlock(size, size);
-    BoundLogVariances<Scalar>(bounds_, log_var);
+    BoundLogVariances<Scalar>(bounds_.values, log_var);
     columns.clear();
     for (int i = 0; i < inputs.columns; ++i) {
       const ConstEigenColumn<Scalar> column(log_var.column(i), size);
@@ -270,9 +265,9 @@ void DynamicsEnsemble<Scalar>::Predict(int member, MatrixView<const Scalar> inpu
   for (int first = 0; first < inputs.columns; first += kPredictionBlock) {
     const int count = std::min(kPredictionBlock, inputs.columns - first);
     const MatrixView<Scalar> head = MlpForward<Scalar>(
-        layout_, parameters_, ScaledCopy(inputs.ColumnBlock(first, count), scratch),
+        layout_, weights_.values, ScaledCopy(inputs.ColumnBlock(first, count), scratch),
         scratch.workspace, member);
-    BoundLogVariances<Scalar>(bounds_, head.RowBlock(size, size));
+    BoundLogVariances<Scalar>(bounds_.values, head.RowBlock(size, size));
     CopyMatrix<Scalar>(head.RowBlock(0, size), mean.ColumnBlock(first, count));
     CopyMatrix<Scalar>(head.RowBlock(size, size), log_var.ColumnBlock(first, count));
   }
@@ -281,14 +276,14 @@ void DynamicsEnsemble<Scalar>::Predict(int member, MatrixView<const Scalar> inpu
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
   const int size = output_size();
-  layout_.Visit<Scalar>("ensemble", parameters_, visitor);
-  layout_.Visit<Scalar>("best_ensemble", best_parameters_, visitor);
-  visitor({"max_log_var", {size}, std::span<Scalar>(bounds_).first(size)});
-  visitor({"min_log_var", {size}, std::span<Scalar>(bounds_).last(size)});
+  layout_.Visit<Scalar>("ensemble", weights_.values, visitor);
+  layout_.Visit<Scalar>("best_ensemble", best_weights_, visitor);
+  visitor({"max_log_var", {size}, std::span<Scalar>(bounds_.values).first(size)});
+  visitor({"min_log_var", {size}, std::span<Scalar>(bounds_.values).last(size)});
   visitor({"input_scaler", {2, layout_.shape().inputs}, scaler_});
   visitor({"best_holdout_mse", {options_.members}, best_mse_});
-  adam_.Visit("ensemble/adam", visitor);
-  bounds_adam_.Visit("bounds/adam", visitor);
+  weights_.adam.Visit("ensemble/adam", visitor);
+  bounds_.adam.Visit("bounds/adam", visitor);
 }
 
 template <typename Scalar>
@@ -298,16 +293,16 @@ void DynamicsEnsemble<Scalar>::VisitCounters(const CounterVisitor& visitor) {
   visitor({"updates_in_epoch", &updates_in_epoch_});
   visitor({"epochs_without_improvement", &epochs_without_improvement_});
   visitor({"finished", &finished_});
-  adam_.VisitCounters("ensemble/adam", visitor);
-  bounds_adam_.VisitCounters("bounds/adam", visitor);
+  weights_.VisitCounters("ensemble", visitor);
+  bounds_.VisitCounters("bounds", visitor);
 }
 
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
   const int size = output_size();
-  layout_.Visit<Scalar>("ensemble", gradient_, visitor);
-  visitor({"max_log_var", {size}, std::span<Scalar>(bounds_gradient_).first(size)});
-  visitor({"min_log_var", {size}, std::span<Scalar>(bounds_gradient_).last(size)});
+  layout_.Visit<Scalar>("ensemble", weights_.gradient, visitor);
+  visitor({"max_log_var", {size}, std::span<Scalar>(bounds_.gradient).first(size)});
+  visitor({"min_log_var", {size}, std::span<Scalar>(bounds_.gradient).last(size)});
 }
 
 template class DynamicsEnsemble<float>;

@@ -27,8 +27,7 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/nn/adam.h"
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/network.h"
 #include "proto/base/rng.h"
 #include "proto/base/status.h"
 
@@ -169,11 +168,11 @@ class DynamicsEnsemble {
 
   DynamicsEnsembleOptions options_;
   MlpLayout layout_;
-  AlignedVector<Scalar> parameters_, gradient_, best_parameters_;
-  AlignedVector<Scalar> bounds_, bounds_gradient_;  // max_log_var, then min_log_var
-  AlignedVector<Scalar> scaler_;                    // input mean, then 1 / deviation
-  AlignedVector<Scalar> best_mse_;                  // per member
-  Adam<Scalar> adam_, bounds_adam_;
+  TrainedVector<Scalar> weights_;  // of all members
+  TrainedVector<Scalar> bounds_;   // max_log_var, then min_log_var
+  AlignedVector<Scalar> best_weights_;
+  AlignedVector<Scalar> scaler_;    // input mean, then 1 / deviation
+  AlignedVector<Scalar> best_mse_;  // per member
   int64_t epoch_ = 0;
   int64_t updates_ = 0;
   int64_t updates_in_epoch_ = 0;

@@ -142,13 +142,13 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
                                                MatrixView<const Scalar> targets) {
   const int size = output_size();
   const Scalar bound_weight = static_cast<Scalar>(options_.bound_weight);
-  EigenColumn<Scalar> bounds(bounds_.data(), 2 * size);
-  EigenColumn<Scalar> bounds_gradient(bounds_gradient_.data(), 2 * size);
+  EigenColumn<Scalar> bounds(bounds_.values.data(), 2 * size);
+  EigenColumn<Scalar> bounds_gradient(bounds_.gradient.data(), 2 * size);
   bounds_gradient.head(size).setConstant(bound_weight);
   bounds_gradient.tail(size).setConstant(-bound_weight);
   double loss = options_.bound_weight *
                 static_cast<double>(bounds.head(size).sum() - bounds.tail(size).sum());
-  adam_.BeginStep();
+  weights_.adam.BeginStep();
   team_->ForEach(options_.members, [&](int m, int thread) {
     member_loss_[m] = UpdateMember(m, MemberRows(m, layout_.shape().inputs, inputs),
                                    MemberRows(m, size, targets), workspaces_[thread]);
@@ -157,7 +157,7 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
     loss += member_loss_[m];
     bounds_gradient += ConstEigenColumn<Scalar>(member_bounds_gradient_.view().column(m), 2 * size);
   }
-  bounds_adam_.Step(bounds_, bounds_gradient_);
+  bounds_.Step();
   return loss;
 }
 
@@ -165,14 +165,16 @@ template <typename Scalar>
 double DynamicsEnsemble<Scalar>::UpdateMember(int m, MatrixView<const Scalar> inputs,
                                               MatrixView<const Scalar> targets,
                                               MlpWorkspace<Scalar>& workspace) {
-  const MatrixView<Scalar> output = MlpForward<Scalar>(layout_, parameters_, inputs, workspace, m);
-  const std::span<Scalar> bounds_gradient(member_bounds_gradient_.view().column(m), bounds_.size());
+  const MatrixView<Scalar> output =
+      MlpForward<Scalar>(layout_, weights_.values, inputs, workspace, m);
+  const std::span<Scalar> bounds_gradient(member_bounds_gradient_.view().column(m),
+                                          bounds_.values.size());
   std::ranges::fill(bounds_gradient, Scalar(0));
-  const double loss = GaussianEnsembleLoss<Scalar>(1, output, targets, bounds_,
+  const double loss = GaussianEnsembleLoss<Scalar>(1, output, targets, bounds_.values,
                                                    workspace.output_gradient(), bounds_gradient);
-  MlpBackward<Scalar>(layout_, parameters_, inputs, workspace, gradient_, m);
+  MlpBackward<Scalar>(layout_, weights_.values, inputs, workspace, weights_.gradient, m);
   layout_.ForEachRange(m, [this](int64_t first, int64_t count) {
-    adam_.StepPart(parameters_, gradient_, first, count);
+    weights_.adam.StepPart(weights_.values, weights_.gradient, first, count);
   });
   return loss;
 }
@@ -228,7 +230,8 @@ void DynamicsEnsemble<Scalar>::EvaluateHoldout(const DynamicsData<Scalar>& data)
     const MatrixView<Scalar> targets = targets_.view(count).RowBlock(0, size);
     team_->ForEach(options_.members, [&](int m, int thread) {
       const MatrixView<Scalar> mean =
-          MlpForward<Scalar>(layout_, parameters_, block, workspaces_[thread], m).RowBlock(0, size);
+          MlpForward<Scalar>(layout_, weights_.values, block, workspaces_[thread], m)
+              .RowBlock(0, size);
       holdout_mse_[m] += static_cast<double>((ToEigen(mean) - ToEigen(targets)).squaredNorm());
     });
   }
@@ -245,7 +248,7 @@ bool DynamicsEnsemble<Scalar>::KeepImproved() {
     improved = true;
     best_mse_[m] = mse;
     layout_.ForEachRange(m, [this](int64_t range, int64_t count) {
-      std::copy_n(parameters_.begin() + range, count, best_parameters_.begin() + range);
+      std::copy_n(weights_.values.begin() + range, count, best_weights_.begin() + range);
     });
   }
   return improved;
@@ -255,7 +258,7 @@ template <typename Scalar>
 void DynamicsEnsemble<Scalar>::FinishTraining() {
   finished_ = 1;
   // Without any epoch there is nothing better than the present weights.
-  if (epoch_ > 0) parameters_ = best_parameters_;
+  if (epoch_ > 0) weights_.values = best_weights_;
 }
 
 #define B4MRL_INSTANTIATE(Scalar)                                                                  \

@@ -7,16 +7,17 @@
 namespace b4mrl {
 
 template <typename Scalar>
-void BellmanTargets(MatrixView<const Scalar> q, std::span<const Scalar> rewards,
-                    std::span<const Scalar> not_terminated, Scalar gamma,
-                    std::span<const Scalar> log_probs, Scalar entropy_scale,
-                    std::span<Scalar> targets) {
+double BellmanTargets(MatrixView<const Scalar> q, std::span<const Scalar> rewards,
+                      std::span<const Scalar> not_terminated, Scalar gamma,
+                      std::span<const Scalar> log_probs, Scalar entropy_scale,
+                      std::span<Scalar> targets) {
   for (int i = 0; i < q.columns; ++i) {
     const Scalar* values = q.column(i);
     Scalar value = *std::min_element(values, values + q.rows);
     if (!log_probs.empty()) value -= entropy_scale * log_probs[i];
     targets[i] = rewards[i] + not_terminated[i] * gamma * value;
   }
+  return Mean<Scalar>(targets.first(q.columns));
 }
 
 template <typename Scalar>
@@ -84,16 +85,16 @@ double Mean(std::span<const Scalar> values) {
                         : sum / static_cast<double>(values.size());
 }
 
-#define B4MRL_INSTANTIATE(Scalar)                                                                 \
-  template void BellmanTargets<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,         \
-                                       std::span<const Scalar>, Scalar, std::span<const Scalar>,  \
-                                       Scalar, std::span<Scalar>);                                \
-  template CriticLoss SquaredErrorToTargets<Scalar>(                                              \
-      MatrixView<const Scalar>, std::span<const Scalar>, Scalar, MatrixView<Scalar>);             \
-  template double MeanMinimum<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);              \
-  template double AddMeanSquaredError<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>, \
-                                              MatrixView<Scalar>);                                \
-  template double MeanMagnitude<Scalar>(std::span<const Scalar>);                                 \
+#define B4MRL_INSTANTIATE(Scalar)                                                                  \
+  template double BellmanTargets<Scalar>(MatrixView<const Scalar>, std::span<const Scalar>,        \
+                                         std::span<const Scalar>, Scalar, std::span<const Scalar>, \
+                                         Scalar, std::span<Scalar>);                               \
+  template CriticLoss SquaredErrorToTargets<Scalar>(                                               \
+      MatrixView<const Scalar>, std::span<const Scalar>, Scalar, MatrixView<Scalar>);              \
+  template double MeanMinimum<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);               \
+  template double AddMeanSquaredError<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>,  \
+                                              MatrixView<Scalar>);                                 \
+  template double MeanMagnitude<Scalar>(std::span<const Scalar>);                                  \
   template double Mean<Scalar>(std::span<const Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)

@@ -9,12 +9,13 @@
 namespace b4mrl {
 
 // y = r + not_terminated * gamma * (min over rows of q - entropy_scale * log_prob), per column.
-// q: critics x n. `log_probs` empty: no entropy term.
+// q: critics x n. `log_probs` empty: no entropy term. Writes the first n of `targets` and returns
+// their mean.
 template <typename Scalar>
-void BellmanTargets(MatrixView<const Scalar> q, std::span<const Scalar> rewards,
-                    std::span<const Scalar> not_terminated, Scalar gamma,
-                    std::span<const Scalar> log_probs, Scalar entropy_scale,
-                    std::span<Scalar> targets);
+double BellmanTargets(MatrixView<const Scalar> q, std::span<const Scalar> rewards,
+                      std::span<const Scalar> not_terminated, Scalar gamma,
+                      std::span<const Scalar> log_probs, Scalar entropy_scale,
+                      std::span<Scalar> targets);
 
 struct CriticLoss {
   double loss = 0;    // scale * sum over critics of mean (q - y)^2

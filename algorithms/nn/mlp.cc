@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "algorithms/nn/elementwise.h"
+#include "algorithms/nn/orthogonal.h"
 #include "algorithms/nn/products/blas.h"
 
 namespace b4mrl {
@@ -193,6 +195,10 @@ MlpLayout::MlpLayout(MlpShape shape) : shape_(std::move(shape)) {
 template <typename Scalar>
 void MlpLayout::Initialize(Initialization initialization, Rng& rng,
                            std::span<Scalar> parameters) const {
+  if (initialization == Initialization::kOrthogonal) {
+    InitializeOrthogonal<Scalar>(*this, std::numbers::sqrt2, rng, parameters);
+    return;
+  }
   for (const Layer& layer : layers_) {
     const double bound = 1 / std::sqrt(static_cast<double>(layer.inputs));
     const std::span<Scalar> weight = parameters.subspan(layer.weight, layer.weight_size);

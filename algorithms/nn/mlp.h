@@ -44,6 +44,7 @@ struct MlpShape {
 enum class Initialization {
   kTorchUniform,     // weight and bias ~ U(-1/sqrt(inputs), 1/sqrt(inputs)): torch.nn.Linear
   kTruncatedNormal,  // weight ~ N(0, 1/(4 inputs)) cut at two deviations, bias 0: MOPO's original
+  kOrthogonal,       // nn/orthogonal.h with gain sqrt(2), bias 0: IQL's original
 };
 
 class MlpLayout {

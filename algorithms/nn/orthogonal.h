@@ -1,4 +1,4 @@
-// Orthogonal initial weights (Saxe et al. 2014), the alternative to MlpLayout::Initialize.
+// Orthogonal initial weights (Saxe et al. 2014): Initialization::kOrthogonal of nn/mlp.h.
 #pragma once
 
 #include <span>

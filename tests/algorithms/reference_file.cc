@@ -73,6 +73,16 @@ MatrixBuffer<Scalar> ReferenceFile::Matrix(const std::string& name) const {
 }
 
 template <typename Scalar>
+MatrixBuffer<Scalar> ReferenceFile::ActionNoise(const std::string& step) const {
+  const MatrixBuffer<Scalar> noise = Matrix<Scalar>(step + "/noise");
+  const MatrixBuffer<Scalar> next_noise = Matrix<Scalar>(step + "/next_noise");
+  MatrixBuffer<Scalar> both(noise.rows(), 2 * noise.columns());
+  const auto second = std::ranges::copy(noise.values(), both.values().begin()).out;
+  std::ranges::copy(next_noise.values(), second);
+  return both;
+}
+
+template <typename Scalar>
 std::vector<Scalar> ReferenceFile::Vector(const std::string& name) const {
   const Array& array = Get(name);
   return {array.values.begin(), array.values.end()};
@@ -124,6 +134,7 @@ TransitionBatch<Scalar> ReferenceBatch<Scalar>::Views() const {
 
 #define B4MRL_INSTANTIATE(Scalar)                                                                  \
   template MatrixBuffer<Scalar> ReferenceFile::Matrix<Scalar>(const std::string&) const;           \
+  template MatrixBuffer<Scalar> ReferenceFile::ActionNoise<Scalar>(const std::string&) const;      \
   template std::vector<Scalar> ReferenceFile::Vector<Scalar>(const std::string&) const;            \
   template void ReferenceFile::Load<Scalar>(const std::string&, const NamedArray<Scalar>&) const;  \
   template double ReferenceFile::Difference<Scalar>(const std::string&, const NamedArray<Scalar>&) \

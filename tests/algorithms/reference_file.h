@@ -29,6 +29,9 @@ class ReferenceFile {
   // As a features x batch matrix: the file's arrays are batch x features, row-major.
   template <typename Scalar>
   MatrixBuffer<Scalar> Matrix(const std::string& name) const;
+  // A step's normals as SoftActor::DrawNoise has them: columns for a, then for a'.
+  template <typename Scalar>
+  MatrixBuffer<Scalar> ActionNoise(const std::string& step) const;
   template <typename Scalar>
   std::vector<Scalar> Vector(const std::string& name) const;
 

@@ -19,8 +19,8 @@ constexpr int kObservations = 5;
 constexpr int kActions = 2;
 constexpr int kBatch = 7;
 
-MatrixBuffer<double> Normals(int rows, uint64_t stream) {
-  MatrixBuffer<double> matrix(rows, kBatch);
+MatrixBuffer<double> Normals(int rows, uint64_t stream, int columns = kBatch) {
+  MatrixBuffer<double> matrix(rows, columns);
   Rng rng(11, "core-gradients-test", stream);
   rng.FillNormal(matrix.values());
   return matrix;
@@ -47,10 +47,8 @@ TEST_CASE("SAC's losses have the gradients of their finite differences") {
   Result<SacCore<double>> core = SacCore<double>::Create(options);
   REQUIRE(core.ok());
   const RandomBatch<double> batch(kObservations, kActions, kBatch, 1);
-  const MatrixBuffer<double> noise = Normals(kActions, 0), next_noise = Normals(kActions, 1);
-  const auto update = [&] {
-    return core->UpdateWithNoise(batch.Views(), noise.view(), next_noise.view());
-  };
+  const MatrixBuffer<double> noise = Normals(kActions, 0, 2 * kBatch);
+  const auto update = [&] { return core->Update(batch.Views(), noise.view()); };
   CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
   CheckGradientsOf("actor/", *core, [&] { return update().actor_loss; });
   CheckGradientsOf("log_alpha", *core, [&] { return update().alpha_loss; });
@@ -64,7 +62,7 @@ TEST_CASE("TD3's and TD3-BC's losses have the gradients of their finite differen
   REQUIRE(core.ok());
   const RandomBatch<double> batch(kObservations, kActions, kBatch, 2);
   const MatrixBuffer<double> noise = Normals(kActions, 2);
-  const auto update = [&] { return core->UpdateWithNoise(batch.Views(), noise.view()); };
+  const auto update = [&] { return core->Update(batch.Views(), noise.view()); };
   CheckGradientsOf("critic/", *core, [&] { return update().critic_loss; });
   const double lambda = update().lambda.value_or(1);
   CheckGradientsOf("actor/", *core, [&] {

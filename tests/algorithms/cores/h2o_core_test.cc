@@ -48,11 +48,10 @@ H2oMetrics ReferenceStep(const ReferenceFile& file, const std::string& step,
   const auto noise = [&](const std::string& name) { return file.Matrix<Scalar>(step + name); };
   const MatrixBuffer<Scalar> discriminators = noise("/discriminator_noise");
   const MatrixBuffer<Scalar> gap = noise("/gap_noise");
-  const MatrixBuffer<Scalar> actions = noise("/noise"), next_actions = noise("/next_noise");
-  return core.UpdateWithNoise(
-      {rows.Views(), static_cast<int>(real_rows[0])},
-      {discriminator_rows.Views(), static_cast<int>(real_rows[1])},
-      {discriminators.view(), gap.view(), actions.view(), next_actions.view()});
+  const MatrixBuffer<Scalar> actions = file.ActionNoise<Scalar>(step);
+  return core.Update({rows.Views(), static_cast<int>(real_rows[0])},
+                     {discriminator_rows.Views(), static_cast<int>(real_rows[1])},
+                     {discriminators.view(), gap.view(), actions.view()});
 }
 
 std::vector<double> Numbers(const H2oMetrics& metrics) {

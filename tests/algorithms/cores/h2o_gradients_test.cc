@@ -48,9 +48,8 @@ struct Fixture {
   explicit Fixture(const H2oOptions& options) : core(H2oCore<double>::Create(options).value()) {}
 
   H2oMetrics Update() {
-    return core.UpdateWithNoise(
-        {batch.Views(), kReal}, {discriminator_batch.Views(), kReal},
-        {discriminator_noise.view(), gap_noise.view(), noise.view(), next_noise.view()});
+    return core.Update({batch.Views(), kReal}, {discriminator_batch.Views(), kReal},
+                       {discriminator_noise.view(), gap_noise.view(), noise.view()});
   }
 
   H2oCore<double> core;
@@ -58,8 +57,7 @@ struct Fixture {
   RandomBatch<double> discriminator_batch{kObservations, kActions, kBatch, 2};
   MatrixBuffer<double> discriminator_noise = Normals(2 * kObservations + kActions, kBatch, 0);
   MatrixBuffer<double> gap_noise = Normals(kObservations, 2 * kSimulated, 1);
-  MatrixBuffer<double> noise = Normals(kActions, kBatch, 2);
-  MatrixBuffer<double> next_noise = Normals(kActions, kBatch, 3);
+  MatrixBuffer<double> noise = Normals(kActions, 2 * kBatch, 2);
 };
 
 TEST_CASE("H2O's losses have the gradients of their finite differences") {

@@ -35,9 +35,8 @@ template <typename Scalar>
 SacMetrics ReferenceStep(const ReferenceFile& file, const std::string& step,
                          SacCore<Scalar>& core) {
   const ReferenceBatch<Scalar> batch(file);
-  const MatrixBuffer<Scalar> noise = file.Matrix<Scalar>(step + "/noise");
-  const MatrixBuffer<Scalar> next_noise = file.Matrix<Scalar>(step + "/next_noise");
-  return core.UpdateWithNoise(batch.Views(), noise.view(), next_noise.view());
+  const MatrixBuffer<Scalar> noise = file.ActionNoise<Scalar>(step);
+  return core.Update(batch.Views(), noise.view());
 }
 
 TEST_CASE("two SAC updates in double equal PyTorch's") {

@@ -39,7 +39,7 @@ Td3Metrics ReferenceStep(const ReferenceFile& file, const std::string& step,
                          Td3Core<Scalar>& core) {
   const ReferenceBatch<Scalar> batch(file);
   const MatrixBuffer<Scalar> noise = file.Matrix<Scalar>(step + "/noise");
-  return core.UpdateWithNoise(batch.Views(), noise.view());
+  return core.Update(batch.Views(), noise.view());
 }
 
 template <typename Scalar>
@@ -113,7 +113,7 @@ double MeanTarget(double head, double deviation) {
   const RandomBatch<double> batch(kObservation, kAction, kRows, 1);
   MatrixBuffer<double> noise(kAction, kRows);
   std::ranges::fill(noise.values(), deviation);
-  return core->UpdateWithNoise(batch.Views(), noise.view()).mean_target;
+  return core->Update(batch.Views(), noise.view()).mean_target;
 }
 
 TEST_CASE("a smoothed target action stays in [-1, 1]") {

@@ -60,9 +60,11 @@ TEST_CASE("a Bellman target cuts the future at a termination and takes the small
   q.view()(1, 1) = 5;
   const std::vector<double> rewards = {1, 2}, not_terminated = {1, 0}, log_probs = {-2, -2};
   std::vector<double> targets(2);
-  BellmanTargets<double>(q.view(), rewards, not_terminated, 0.5, log_probs, 0.1, targets);
+  const double mean =
+      BellmanTargets<double>(q.view(), rewards, not_terminated, 0.5, log_probs, 0.1, targets);
   CHECK(targets[0] == Approx(1 + 0.5 * (3 + 0.2)));
   CHECK(targets[1] == 2);
+  CHECK(mean == Approx((targets[0] + targets[1]) / 2));
   BellmanTargets<double>(q.view(), rewards, not_terminated, 0.5, {}, 0.1, targets);
   CHECK(targets[0] == Approx(2.5));
 }
