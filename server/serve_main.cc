@@ -19,17 +19,6 @@
 namespace b4mrl {
 namespace {
 
-int ServeDatasets(ChildContext& context) {
-  DatasetWorkerOptions options;
-  options.endpoints = context.options().endpoints;
-  options.data_folder = context.options().data_folder;
-  options.heartbeat = &context.record().heartbeat;
-  options.requests = &context.record().requests;
-  options.errors = &context.record().errors;
-  options.drain = &context.shared().header().draining;
-  return RunDatasetWorker(options);
-}
-
 int RunChild(CommandLine line) {
   const std::string name = line.child.role == "worker"
                                ? ChildName(kFirstWorkerChild + line.child.index)
@@ -44,10 +33,11 @@ int RunChild(CommandLine line) {
   }
   ChildContext context(std::move(line.child), std::move(*shared));
   const std::string& role = context.options().role;
-  if (role == "dataset-worker") return ServeDatasets(context);
   const Status status = role == "gateway"  ? RunGateway(context)
                         : role == "worker" ? RunWorker(context)
-                                           : InvalidArgument("--role", role, "a known role");
+                        : role == "dataset-worker"
+                            ? RunDatasetWorker(context)
+                            : InvalidArgument("--role", role, "a known role");
   if (status.ok()) return kExitDone;
   spdlog::error(status.ToString());
   return kExitBadInput;

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <deque>
 #include <functional>
-#include <list>
 #include <map>
 #include <memory>
 #include <utility>
@@ -26,9 +25,6 @@
 namespace b4mrl {
 namespace {
 
-constexpr int64_t kBeatMs = 100;
-// Replies that were sent before a drain may take so long to leave.
-constexpr int64_t kLingerMs = 1000;
 // Messages are handled for so long before background work and deadlines get their turn.
 constexpr int64_t kTurnMs = 50;
 // At a time, by processes and by threads of this one.
@@ -37,7 +33,7 @@ using DatasetPointer = std::shared_ptr<const Dataset>;
 
 // A request, from its arrival to its reply.
 struct PendingRequest {
-  RoutingId sender;
+  Asker from;
   pb::Request request;
   Clock::time_point received;
   Deadline deadline = Deadline::AfterMs(0);
@@ -59,22 +55,20 @@ const std::string* FingerprintOf(const pb::Request& request) {
 
 class DatasetWorker {
  public:
-  DatasetWorker(const DatasetWorkerOptions& options, RouterSocket* socket)
-      : options_(options),
-        socket_(socket),
-        store_({options.data_folder, options.importer_program, options.max_cache_bytes}) {}
+  DatasetWorker(ChildContext& context, const DatasetWorkerOptions& options, RouterSocket socket)
+      : context_(context),
+        socket_(std::move(socket)),
+        replies_({context.record().requests, context.record().errors},
+                 [this](const RoutingId& receiver, Message reply) {
+                   const Status sent = socket_.Send(receiver, std::move(reply));
+                   if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
+                 }),
+        store_({context.options().data_folder, options.importer_program, options.max_cache_bytes}) {
+  }
 
   void Run();
 
  private:
-  using Waiting = std::list<PendingRequest>;
-
-  bool draining() const {
-    return options_.drain != nullptr && options_.drain->load(std::memory_order_relaxed);
-  }
-  void Beat() {
-    if (options_.heartbeat != nullptr) options_.heartbeat->fetch_add(1);
-  }
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
   void HandleOpen(PendingRequest pending);
@@ -96,13 +90,10 @@ class DatasetWorker {
   void ExpireParked();
   void AnswerAllParked(const Status& status);
 
-  void Reply(const PendingRequest& to, pb::Reply* reply, Frame payload);
-  void ReplyError(const PendingRequest& to, const Status& status);
-
-  const DatasetWorkerOptions& options_;
-  RouterSocket* socket_;
+  ChildContext& context_;
+  RouterSocket socket_;
+  Responder replies_;
   DatasetStore store_;  // background threads only
-  const std::function<void()> beat_ = [this] { Beat(); };
   ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;
@@ -121,12 +112,12 @@ void DatasetWorker::Run() {
     return [] {};
   });
   std::vector<int> wakes;
-  while (!draining()) {
-    Beat();
+  while (!context_.draining()) {
+    context_.Beat();
     wakes = {mapping_.fd()};
     imports_.AddDescriptors(&wakes);
     derivations_.AddDescriptors(&wakes);
-    WaitReadable(socket_->handle(), wakes, ready_.empty() ? kBeatMs : 0);
+    WaitReadable(socket_.handle(), wakes, ready_.empty() ? kBeatIntervalMs : 0);
     TakeTurn();
     mapping_.RunCompletions();
     imports_.Run();
@@ -135,12 +126,12 @@ void DatasetWorker::Run() {
     served_.ReleaseIdle();
   }
   AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
-  socket_->LingerOnClose(kLingerMs);
+  socket_.LingerOnClose(kFlushMs);
 }
 
 void DatasetWorker::TakeTurn() {
   for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
-    std::optional<IncomingMessage> incoming = socket_->TryReceive();
+    std::optional<IncomingMessage> incoming = socket_.TryReceive();
     if (!incoming && ready_.empty()) return;
     if (incoming) Handle(std::move(*incoming));
     if (ready_.empty()) continue;
@@ -151,19 +142,12 @@ void DatasetWorker::TakeTurn() {
 }
 
 void DatasetWorker::Handle(IncomingMessage incoming) {
-  if (options_.requests != nullptr) options_.requests->fetch_add(1, std::memory_order_relaxed);
   PendingRequest pending;
-  pending.sender = std::move(incoming.sender);
   pending.received = Clock::now();
-  if (const Status status = ParseEnvelope(incoming.message.envelope, &pending.request);
-      !status.ok()) {
-    pending.request.Clear();
-    return ReplyError(pending, status);
-  }
+  std::optional<Asker> from = replies_.Read(incoming, &pending.request);
+  if (!from) return;
+  pending.from = std::move(*from);
   pending.deadline = DeadlineOf(pending.request);
-  if (pending.request.protocol_version() != limits::kProtocolVersion) {
-    return ReplyError(pending, VersionMismatch(pending.request.protocol_version()));
-  }
   Dispatch(std::move(pending));
 }
 
@@ -178,9 +162,10 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
     case pb::Request::kOpenDataset:
       return HandleOpen(std::move(pending));
     default:
-      return ReplyError(pending, Status(StatusCode::kUnsupported,
-                                        "the dataset worker answers ListDatasets, OpenDataset, "
-                                        "DatasetStats, Sample and Read"));
+      return replies_.Reply(pending.from,
+                            Status(StatusCode::kUnsupported,
+                                   "the dataset worker answers ListDatasets, OpenDataset, "
+                                   "DatasetStats, Sample and Read"));
   }
 }
 
@@ -189,9 +174,9 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   const size_t backlog =
       mapping_.backlog() + imports_.backlog() + derivations_.backlog() + ready_.size();
   if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests) {
-    ReplyError(pending, Status(StatusCode::kLimitExceeded,
-                               fmt::format("{} requests already wait for datasets",
-                                           limits::kMaxPendingDatasetRequests)));
+    replies_.Reply(pending.from, Status(StatusCode::kLimitExceeded,
+                                        fmt::format("{} requests already wait for datasets",
+                                                    limits::kMaxPendingDatasetRequests)));
     return 0;
   }
   parked_.emplace(next_id_, std::move(pending));
@@ -207,11 +192,12 @@ std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
 void DatasetWorker::HandleOpen(PendingRequest pending) {
   const pb::OpenDatasetRequest& request = pending.request.open_dataset();
   const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
-  if (!rule.ok()) return ReplyError(pending, rule.status());
+  if (!rule.ok()) return replies_.Reply(pending.from, rule.status());
   DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule};
   if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
-    return ReplyError(pending, InvalidNumber("number of corruptions", request.corruptions_size(),
-                                             fmt::format("0..{}", limits::kMaxPerturbations)));
+    return replies_.Reply(pending.from,
+                          InvalidNumber("number of corruptions", request.corruptions_size(),
+                                        fmt::format("0..{}", limits::kMaxPerturbations)));
   }
   for (const pb::NamedArgument& item : request.corruptions()) {
     wanted.corruptions.push_back({item.name(), item.argument()});
@@ -242,7 +228,7 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
   const bool is_import = found.missing == OpenedDataset::Missing::kImport;
   PreparationQueue& queue = is_import ? imports_ : derivations_;
   queue.Submit(
-      is_import ? wanted.name : found.fingerprint, parked->second.sender, found.source_bytes,
+      is_import ? wanted.name : found.fingerprint, parked->second.from.peer, found.source_bytes,
       [this, wanted, is_import](const std::atomic<bool>& cancelled) {
         return is_import ? store_.Import(wanted.name, cancelled) : store_.Derive(wanted, cancelled);
       },
@@ -253,10 +239,10 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
   if (opened.ok()) served_.Add(opened->fingerprint, opened->dataset);
   const std::optional<PendingRequest> pending = Unpark(id);
   if (!pending) return;
-  if (!opened.ok()) return ReplyError(*pending, opened.status());
+  if (!opened.ok()) return replies_.Reply(pending->from, opened.status());
   pb::Reply reply;
   FillOpened(*opened, reply.mutable_open_dataset());
-  Reply(*pending, &reply, Frame());
+  replies_.Reply(pending->from, std::move(reply));
 }
 
 void DatasetWorker::SubmitList(PendingRequest pending) {
@@ -271,10 +257,10 @@ void DatasetWorker::SubmitList(PendingRequest pending) {
 void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
   const std::optional<PendingRequest> pending = Unpark(id);
   if (!pending) return;
-  if (!list.ok()) return ReplyError(*pending, list.status());
+  if (!list.ok()) return replies_.Reply(pending->from, list.status());
   pb::Reply reply;
   FillList(*list, pending->request.list_datasets().first(), reply.mutable_list_datasets());
-  Reply(*pending, &reply, Frame());
+  replies_.Reply(pending->from, std::move(reply));
 }
 
 void DatasetWorker::SubmitLoad(PendingRequest pending) {
@@ -299,7 +285,7 @@ void DatasetWorker::FinishLoad(const std::string& fingerprint,
     std::optional<PendingRequest> pending = Unpark(id);
     if (!pending) continue;
     if (!dataset.ok()) {
-      ReplyError(*pending, dataset.status());
+      replies_.Reply(pending->from, dataset.status());
     } else {
       ready_.push_back(std::move(*pending));
     }
@@ -307,19 +293,21 @@ void DatasetWorker::FinishLoad(const std::string& fingerprint,
 }
 
 void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& dataset) {
-  Beat();  // gathering one reply may take tens of milliseconds, and many may be due at once
+  // Gathering one reply may take tens of milliseconds, and many may be due at once.
+  const auto beat = [this] { context_.Beat(); };
+  beat();
   const Clock::time_point start = Clock::now();
   pb::Reply reply;
   const pb::Request& request = pending.request;
   Result<Frame> payload = request.has_sample()
-                              ? SampleBatches(dataset, request.sample(), beat_, &reply)
-                          : request.has_read() ? ReadRows(dataset, request.read(), beat_, &reply)
+                              ? SampleBatches(dataset, request.sample(), beat, &reply)
+                          : request.has_read() ? ReadRows(dataset, request.read(), beat, &reply)
                                                : DescribeStatistics(dataset, &reply);
-  if (!payload.ok()) return ReplyError(pending, payload.status());
+  if (!payload.ok()) return replies_.Reply(pending.from, payload.status());
   pb::Timing* timing = reply.mutable_timing();
   timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));
   timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(start, Clock::now())));
-  Reply(pending, &reply, std::move(*payload));
+  replies_.Reply(pending.from, std::move(reply), std::move(*payload));
 }
 
 void DatasetWorker::ExpireParked() {
@@ -328,46 +316,27 @@ void DatasetWorker::ExpireParked() {
       ++it;
       continue;
     }
-    ReplyError(it->second, Status(StatusCode::kDeadlineExceeded,
-                                  "the dataset is still being prepared; ask again"));
+    replies_.Reply(it->second.from, Status(StatusCode::kDeadlineExceeded,
+                                           "the dataset is still being prepared; ask again"));
     it = parked_.erase(it);
   }
 }
 
 void DatasetWorker::AnswerAllParked(const Status& status) {
-  for (const auto& [id, pending] : parked_) ReplyError(pending, status);
-  for (const PendingRequest& pending : ready_) ReplyError(pending, status);
+  for (const auto& [id, pending] : parked_) replies_.Reply(pending.from, status);
+  for (const PendingRequest& pending : ready_) replies_.Reply(pending.from, status);
   parked_.clear();
   ready_.clear();
 }
 
-void DatasetWorker::Reply(const PendingRequest& to, pb::Reply* reply, Frame payload) {
-  reply->set_protocol_version(limits::kProtocolVersion);
-  reply->set_request_id(to.request.request_id());
-  reply->mutable_status();
-  Result<Frame> envelope = SerializeEnvelope(*reply);
-  if (!envelope.ok()) return ReplyError(to, envelope.status());
-  const Status sent = socket_->Send(to.sender, {std::move(*envelope), std::move(payload)});
-  if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
-}
-
-void DatasetWorker::ReplyError(const PendingRequest& to, const Status& status) {
-  if (options_.errors != nullptr) options_.errors->fetch_add(1, std::memory_order_relaxed);
-  const Status sent = socket_->Send(to.sender, ErrorReply(to.request.request_id(), status));
-  if (!sent.ok()) spdlog::debug("an error reply was dropped: {}", sent.ToString());
-}
-
 }  // namespace
 
-int RunDatasetWorker(const DatasetWorkerOptions& options) {
-  Context context;
-  Result<RouterSocket> socket = RouterSocket::Bind(context, options.endpoints);
-  if (!socket.ok()) {
-    spdlog::error("the dataset worker cannot listen: {}", socket.status().ToString());
-    return 1;
-  }
-  DatasetWorker(options, &*socket).Run();
-  return 0;
+Status RunDatasetWorker(ChildContext& context, const DatasetWorkerOptions& options) {
+  Context sockets;
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints));
+  DatasetWorker(context, options, std::move(socket)).Run();
+  return Status();
 }
 
 }  // namespace b4mrl

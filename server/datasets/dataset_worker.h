@@ -17,35 +17,24 @@
 // DATA/d4rl/<name>.hdf5, named "d4rl/<name>".
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "proto/base/status.h"
-#include "proto/wire/socket.h"
+#include "server/process/child.h"
 
 namespace b4mrl {
 
 struct DatasetWorkerOptions {
-  std::vector<ListeningEndpoint> endpoints;  // the supervisor's listening descriptors
-  std::string data_folder;
   // The program that knows `--role importer`, started once per new file.
   std::string importer_program = "/proc/self/exe";
-  // Disk that all caches may take together; of those that nobody has mapped, those that were used
-  // longest ago go.
+  // Disk that all caches may take together. Beyond it the caches that nobody has mapped are
+  // removed, those that were used longest ago first.
   uint64_t max_cache_bytes = 64ull << 30;
-
-  // Owned by the caller; each may be null. `heartbeat` grows at least every 200 ms while the
-  // process is well. `drain` is set by SIGTERM: requests that wait are answered kUnavailable, then
-  // Run returns.
-  std::atomic<uint64_t>* heartbeat = nullptr;
-  std::atomic<uint64_t>* requests = nullptr;
-  std::atomic<uint64_t>* errors = nullptr;
-  const std::atomic<bool>* drain = nullptr;
 };
 
-// Serves until `drain`. Returns the process's exit code: 0 after a drain, 1 when it cannot listen.
-int RunDatasetWorker(const DatasetWorkerOptions& options);
+// The main function of the role "dataset-worker" (server/process/child.h). In a drain, requests
+// that wait are answered kUnavailable.
+Status RunDatasetWorker(ChildContext& context, const DatasetWorkerOptions& options = {});
 
 }  // namespace b4mrl

@@ -19,8 +19,6 @@
 namespace b4mrl {
 namespace {
 
-constexpr int64_t kFlushMs = 1'000;
-constexpr int64_t kReapIntervalMs = 1'000;
 // What a child sent before it ended may take so long to arrive here.
 constexpr int64_t kLastWordsMs = 100;
 // The end of a process, for which the drain waits, and its replacement, to which the relay sends
@@ -41,6 +39,11 @@ class Gateway {
           std::vector<DealerSocket> workers)
       : context_(context),
         socket_(std::move(socket)),
+        // A client that is gone asks again when it is back.
+        replies_({context.record().requests, context.record().errors},
+                 [this](const RoutingId& client, Message reply) {
+                   (void)socket_.Send(client, std::move(reply));
+                 }),
         status_(context.shared(), context.options().data_folder),
         catalogue_(ModelsFolder(context.options())),
         openings_(context.shared(), std::move(workers),
@@ -69,11 +72,10 @@ class Gateway {
   bool MayLeave();
 
   void ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened);
-  void Reply(const Asker& to, const Status& error);
-  void Reply(const Asker& to, pb::Reply reply);
 
   ChildContext& context_;
   RouterSocket socket_;
+  Responder replies_;
   StatusReport status_;
   Catalogue catalogue_;
   Openings openings_;
@@ -83,57 +85,34 @@ class Gateway {
 };
 
 void Gateway::ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened) {
-  if (!opened.ok()) return Reply(to, opened.status());
+  if (!opened.ok()) return replies_.Reply(to, opened.status());
   pb::Reply reply;
   *reply.mutable_open() = *opened;
-  Reply(to, std::move(reply));
-}
-
-void Gateway::Reply(const Asker& to, const Status& error) {
-  context_.record().errors.fetch_add(1, std::memory_order_relaxed);
-  pb::Reply reply;
-  SetStatus(error, reply.mutable_status());
-  Reply(to, std::move(reply));
-}
-
-void Gateway::Reply(const Asker& to, pb::Reply reply) {
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(to.request_id);
-  reply.mutable_status();
-  Result<Frame> envelope = SerializeEnvelope(reply);
-  if (!envelope.ok()) return Reply(to, envelope.status());
-  // A client that is gone asks again when it is back.
-  (void)socket_.Send(to.peer, Message{std::move(*envelope), Frame()});
+  replies_.Reply(to, std::move(reply));
 }
 
 void Gateway::Handle(IncomingMessage incoming) {
-  context_.record().requests.fetch_add(1, std::memory_order_relaxed);
-  Asker from{std::move(incoming.sender), 0};
-  request_.Clear();
-  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
-    return Reply(from, status);
-  }
-  from.request_id = request_.request_id();
-  if (request_.protocol_version() != limits::kProtocolVersion) {
-    return Reply(from, VersionMismatch(request_.protocol_version()));
-  }
+  const std::optional<Asker> asker = replies_.Read(incoming, &request_);
+  if (!asker) return;
+  const Asker& from = *asker;
   pb::Reply reply;
   switch (request_.payload_case()) {
     case pb::Request::kHello:
       return HandleHello(from);
     case pb::Request::kCatalogue:
       catalogue_.FillPage(request_.catalogue().first(), &reply);
-      return Reply(from, std::move(reply));
+      return replies_.Reply(from, std::move(reply));
     case pb::Request::kServerStatus:
       status_.Fill(reply.mutable_server_status());
-      return Reply(from, std::move(reply));
+      return replies_.Reply(from, std::move(reply));
     case pb::Request::kOpen:
       return HandleOpen(from);
     case pb::Request::kAttach:
     case pb::Request::PAYLOAD_NOT_SET:
-      return Reply(from, Status(StatusCode::kUnsupported,
-                                "the gateway answers Hello, Catalogue, ServerStatus and Open, and "
-                                "relays what sessions and datasets answer"));
+      return replies_.Reply(
+          from, Status(StatusCode::kUnsupported,
+                       "the gateway answers Hello, Catalogue, ServerStatus and Open, and "
+                       "relays what sessions and datasets answer"));
     default:
       return HandleForeign(from, std::move(incoming.message));
   }
@@ -141,16 +120,16 @@ void Gateway::Handle(IncomingMessage incoming) {
 
 void Gateway::HandleForeign(const Asker& from, Message message) {
   if (context_.draining()) {
-    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    return replies_.Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
   }
   const Status status = relay_.Forward(from.peer, request_, std::move(message));
   if (status.ok()) return;
   if (!request_.has_close() || status.code() != StatusCode::kSessionLost) {
-    return Reply(from, status);
+    return replies_.Reply(from, status);
   }
   pb::Reply closed;  // a session that is not there counts as closed
   closed.mutable_close();
-  Reply(from, std::move(closed));
+  replies_.Reply(from, std::move(closed));
 }
 
 void Gateway::HandleHello(const Asker& from) {
@@ -159,12 +138,12 @@ void Gateway::HandleHello(const Asker& from) {
   DescribeServer(context_.shared().header().lease_ms, hello);
   hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
   hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
-  Reply(from, std::move(reply));
+  replies_.Reply(from, std::move(reply));
 }
 
 void Gateway::HandleOpen(const Asker& from) {
   if (context_.draining()) {
-    return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    return replies_.Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
   }
   request_.mutable_open()->clear_compiled_model();  // the daemon's own to set
   openings_.Open(from, request_);

@@ -8,7 +8,6 @@
 #include "proto/base/limits.h"
 #include "server/gateway/describe.h"
 #include "server/gateway/open_request.h"
-#include "server/replies/reply.h"
 
 namespace b4mrl {
 namespace {

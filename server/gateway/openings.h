@@ -27,15 +27,10 @@
 #include "proto/wire/socket.h"
 #include "server/gateway/model_queue.h"
 #include "server/process/child.h"
+#include "server/replies/reply.h"
 #include "server/shared_memory/session_table.h"
 
 namespace b4mrl {
-
-// Whom a reply goes to.
-struct Asker {
-  RoutingId peer;
-  uint64_t request_id = 0;
-};
 
 class Openings {
  public:

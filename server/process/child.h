@@ -16,6 +16,10 @@ namespace b4mrl {
 
 // The longest a child's main loop may wait before it beats again.
 inline constexpr int64_t kBeatIntervalMs = 100;
+// How often a child looks for sessions whose lease has run out, and the like.
+inline constexpr int64_t kReapIntervalMs = 1'000;
+// Replies that were sent before the drain have so long to leave.
+inline constexpr int64_t kFlushMs = 1'000;
 
 struct ChildOptions {
   std::string role;      // "gateway", "worker", "dataset-worker"

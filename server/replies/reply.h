@@ -1,8 +1,11 @@
-// What the gateway, the workers and the dataset worker have in common when they answer. Pure
-// functions; any thread.
+// How the gateway, the environment workers and the dataset worker read requests and answer them.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
+#include <functional>
+#include <optional>
+#include <utility>
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
@@ -11,13 +14,44 @@
 
 namespace b4mrl {
 
-// The request's own deadline or the default, and `grace_ms` after it, from now.
+// Whom a reply goes to.
+struct Asker {
+  RoutingId peer;
+  uint64_t request_id = 0;
+};
+
+// The request's own deadline or the default, and `grace_ms` after it, from now. Any thread.
 Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
 
-// "protocol version 2 was sent, this server (0.1.0) speaks 1".
-Status VersionMismatch(uint32_t version);
+// Reads the requests of one process and sends its replies: whatever a message holds, it is answered
+// once. Thread rule: the thread of the process's socket.
+class Responder {
+ public:
+  // Sends a reply, or drops it when its receiver is gone.
+  using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
+  // Of the process's line in the child table, which outlives the responder.
+  struct Counters {
+    std::atomic<uint64_t>& requests;
+    std::atomic<uint64_t>& errors;
+  };
 
-// A reply without arrays that carries `status`.
-Message ErrorReply(uint64_t request_id, const Status& status);
+  Responder(Counters counters, SendFunction send) : counters_(counters), send_(std::move(send)) {}
+
+  // Reads the envelope into `request`. Nothing comes back when the envelope is malformed or of
+  // another version of the protocol: it has been answered with that error.
+  std::optional<Asker> Read(const IncomingMessage& incoming, pb::Request* request);
+
+  // Sends the error, or the reply once its version, id and status are filled in. A reply that does
+  // not fit an envelope is sent as that error.
+  void Reply(const Asker& to, Result<pb::Reply> reply, Frame payload = Frame());
+  // Sends a reply that is complete.
+  void Send(const RoutingId& receiver, Message reply) { send_(receiver, std::move(reply)); }
+
+ private:
+  void ReplyError(const Asker& to, const Status& error);
+
+  Counters counters_;
+  SendFunction send_;
+};
 
 }  // namespace b4mrl

@@ -52,12 +52,13 @@ bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
 }  // namespace
 
-Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send)
+Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
+                       Responder::SendFunction send)
     : shared_(shared),
       worker_(worker),
       executor_(executor),
-      send_(std::move(send)),
-      counters_(shared.child(kFirstWorkerChild + worker)) {}
+      counters_(shared.child(kFirstWorkerChild + worker)),
+      replies_({counters_.requests, counters_.errors}, std::move(send)) {}
 
 Dispatcher::~Dispatcher() = default;
 
@@ -80,67 +81,44 @@ void Dispatcher::AdoptSessions() {
   }
 }
 
-void Dispatcher::Reply(const Envelope& to, const Status& error) {
-  counters_.errors.fetch_add(1, std::memory_order_relaxed);
-  send_(to.sender, ErrorReply(to.request_id, error));
-}
-
-void Dispatcher::Reply(const Envelope& to, pb::Reply reply) {
-  reply.set_protocol_version(limits::kProtocolVersion);
-  reply.set_request_id(to.request_id);
-  reply.mutable_status();
-  Result<Frame> envelope = SerializeEnvelope(reply);
-  if (!envelope.ok()) return Reply(to, envelope.status());
-  send_(to.sender, Message{std::move(*envelope), Frame()});
-}
-
 void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
-  counters_.requests.fetch_add(1, std::memory_order_relaxed);
-  Envelope from{std::move(incoming.sender), 0};
-  request_.Clear();
-  if (const Status status = ParseEnvelope(incoming.message.envelope, &request_); !status.ok()) {
-    return Reply(from, status);
+  const std::optional<Asker> asker = replies_.Read(incoming, &request_);
+  if (!asker) return;
+  const Asker& from = *asker;
+  switch (request_.payload_case()) {
+    case pb::Request::kAttach:
+      return replies_.Reply(from, HandleAttach(request_));
+    case pb::Request::kClose:
+      return HandleClose(from, request_.session_token());
+    default:
+      const Status status =
+          HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
+      if (!status.ok()) replies_.Reply(from, status);
   }
-  from.request_id = request_.request_id();
-  if (request_.protocol_version() != limits::kProtocolVersion) {
-    return Reply(from, VersionMismatch(request_.protocol_version()));
-  }
-  if (request_.payload_case() == pb::Request::kAttach) {
-    return HandleAttach(from, request_);
-  }
-  if (request_.payload_case() == pb::Request::kClose) {
-    return HandleClose(from, request_.session_token());
-  }
-  HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
 }
 
-void Dispatcher::HandleAttach(const Envelope& from, const pb::Request& request) {
-  if (!accepting_) return Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+Result<pb::Reply> Dispatcher::HandleAttach(const pb::Request& request) {
+  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
   const uint32_t index = request.attach().session_index();
-  if (index >= limits::kMaxSessions) {
-    return Reply(from, InvalidNumber("session_index", index, "a session"));
-  }
+  if (index >= limits::kMaxSessions) return InvalidNumber("session_index", index, "a session");
   SessionRecord& record = shared_.session(index);
   // A client can guess index and generation, but learns nothing of sessions that are not its own.
   if (record.generation != request.attach().generation() ||
       SessionToken(record) != request.session_token()) {
-    return Reply(from, Status(StatusCode::kSessionLost, "the session was given up meanwhile"));
+    return Status(StatusCode::kSessionLost, "the session was given up meanwhile");
   }
   record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
-  const Result<Session*> session = Attach(index, request.attach().generation());
-  if (!session.ok()) return Reply(from, session.status());
+  B4MRL_ASSIGN_OR_RETURN(Session * session, Attach(index, request.attach().generation()));
   pb::Reply reply;
-  DescribeSession(**session, reply.mutable_attach());
-  if (reply.ByteSizeLong() + kEnvelopeRest > limits::kMaxEnvelopeBytes) {
-    // The client cannot be told what it would get.
-    record.Close((*session)->generation());
-    sessions_.erase(std::string((*session)->token()));
-    return Reply(
-        from, Status(StatusCode::kInvalidArgument,
-                     fmt::format("the session's description has {} bytes, allowed: {}",
-                                 reply.ByteSizeLong(), limits::kMaxEnvelopeBytes - kEnvelopeRest)));
-  }
-  Reply(from, std::move(reply));
+  DescribeSession(*session, reply.mutable_attach());
+  const size_t bytes = reply.ByteSizeLong();
+  if (bytes + kEnvelopeRest <= limits::kMaxEnvelopeBytes) return reply;
+  // The client cannot be told what it would get.
+  record.Close(session->generation());
+  sessions_.erase(std::string(session->token()));
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("the session's description has {} bytes, allowed: {}", bytes,
+                            limits::kMaxEnvelopeBytes - kEnvelopeRest));
 }
 
 bool Dispatcher::ForgetIfDisowned(Session* session) {
@@ -175,49 +153,49 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   return (sessions_[token] = std::move(session)).get();
 }
 
-void Dispatcher::CloseUnattached(const Envelope& from, const std::string& token) {
+Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {
   const SessionTable table(shared_);
   const std::optional<uint32_t> index = table.Find(token);
-  if (!index) return Reply(from, Closed());  // closed already
+  if (!index) return Closed();  // closed already
   SessionRecord& record = shared_.session(*index);
   const uint64_t generation = record.generation;
   if (table.Holds(*index, token)) {  // still, so the generation is its own
     if (record.worker != worker_) {
-      return Reply(from, Status(StatusCode::kSessionLost, "the session lives on another worker"));
+      return Status(StatusCode::kSessionLost, "the session lives on another worker");
     }
     record.Close(generation);
   }
-  Reply(from, Closed());
+  return Closed();
 }
 
-void Dispatcher::HandleClose(const Envelope& from, const std::string& token) {
+void Dispatcher::HandleClose(const Asker& from, const std::string& token) {
   const auto found = sessions_.find(token);
   if (found == sessions_.end() || ForgetIfDisowned(found->second.get())) {
-    return CloseUnattached(from, token);
+    return replies_.Reply(from, CloseUnattached(token));
   }
   Session* session = found->second.get();
   if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
-    return Reply(from, Status(StatusCode::kLimitExceeded, "the session is closing already"));
+    return replies_.Reply(from,
+                          Status(StatusCode::kLimitExceeded, "the session is closing already"));
   }
-  session->pending_closes.push_back({from.sender, from.request_id});
+  session->pending_closes.push_back(from);
   if (session->in_flight().empty()) EndSession(session);
 }
 
-void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& request,
-                                      Frame payload, bool more_waiting) {
+Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& request,
+                                        Frame payload, bool more_waiting) {
   const JobFactory factory = FactoryFor(request.payload_case());
   if (factory == nullptr) {
-    return Reply(from,
-                 Status(StatusCode::kUnsupported,
-                        "an environment worker answers Step, Reset, Query, Snapshot, Restore, "
-                        "Render and Close"));
+    return Status(StatusCode::kUnsupported,
+                  "an environment worker answers Step, Reset, Query, Snapshot, Restore, "
+                  "Render and Close");
   }
   const auto found = sessions_.find(request.session_token());
   if (found == sessions_.end() || !found->second->pending_closes.empty() ||
       !found->second->live()) {
-    return Reply(from, Status(StatusCode::kSessionLost,
-                              "no such session: it was closed, its lease ran out, or it was opened "
-                              "on another worker"));
+    return Status(StatusCode::kSessionLost,
+                  "no such session: it was closed, its lease ran out, or it was opened "
+                  "on another worker");
   }
   Session* session = found->second.get();
   session->record().last_activity_ms.store(MonotonicMs(), std::memory_order_relaxed);
@@ -226,25 +204,24 @@ void Dispatcher::HandleSessionRequest(const Envelope& from, const pb::Request& r
   if (running != session->in_flight().end()) {
     RequestJob* job = running->second;
     if (job->kind() == request.payload_case() && SameBytes(job->payload(), payload)) {
-      job->sender = from.sender;  // resent after a reconnection: one execution, one reply
-      return;
+      job->sender = from.peer;  // resent after a reconnection: one execution, one reply
+      return Status();
     }
-    return Reply(from, InvalidArgument("request_id", std::to_string(request.request_id()),
-                                       "an id that is not under way with other contents"));
+    return InvalidArgument("request_id", std::to_string(request.request_id()),
+                           "an id that is not under way with other contents");
   }
-  if (const Status status = Admit(*session, request, payload); !status.ok()) {
-    return Reply(from, status);
-  }
-  Result<std::unique_ptr<RequestJob>> job = [&] {
+  B4MRL_RETURN_IF_ERROR(Admit(*session, request, payload));
+  Result<std::unique_ptr<RequestJob>> made = [&] {
     const ScopedMark mark =
         ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
     return factory({session, &request, std::move(payload)});
   }();
-  if (!job.ok()) return Reply(from, job.status());
-  (*job)->sender = from.sender;
-  (*job)->received = Clock::now();
-  (*job)->deadline = DeadlineOf(request);
-  Start(std::move(*job), more_waiting);
+  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RequestJob> job, std::move(made));
+  job->sender = from.peer;
+  job->received = Clock::now();
+  job->deadline = DeadlineOf(request);
+  Start(std::move(job), more_waiting);
+  return Status();
 }
 
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
@@ -334,9 +311,11 @@ void Dispatcher::Finish(RequestJob* job) {
   counters_.steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
   counters_.query_rows.fetch_add(job->rows_done(), std::memory_order_relaxed);
   if (job->failed()) counters_.errors.fetch_add(1, std::memory_order_relaxed);
-  const RoutingId receiver = std::move(job->sender);
-  Result<Message> reply = job->TakeReply();
-  send_(receiver, reply.ok() ? std::move(*reply) : ErrorReply(job->request_id(), reply.status()));
+  if (Result<Message> reply = job->TakeReply(); reply.ok()) {
+    replies_.Send(job->sender, std::move(*reply));
+  } else {
+    replies_.Reply({job->sender, job->request_id()}, reply.status());
+  }
   queued_bytes_ -= job->payload().size();
   if (job->patient()) --patient_jobs_;
   jobs_.erase(job);
@@ -344,13 +323,11 @@ void Dispatcher::Finish(RequestJob* job) {
 }
 
 void Dispatcher::EndSession(Session* session) {
-  const std::vector<Session::PendingClose> closes = std::move(session->pending_closes);
+  const std::vector<Asker> closes = std::move(session->pending_closes);
   session->record().Close(session->generation());
   const std::string token = session->token();
   sessions_.erase(token);
-  for (const Session::PendingClose& close : closes) {
-    Reply({close.sender, close.request_id}, Closed());
-  }
+  for (const Asker& asker : closes) replies_.Reply(asker, Closed());
 }
 
 void Dispatcher::ReapIdleSessions() {

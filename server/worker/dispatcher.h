@@ -4,7 +4,6 @@
 // Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
 #pragma once
 
-#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -12,6 +11,7 @@
 
 #include "proto/b4mrl.pb.h"
 #include "proto/wire/socket.h"
+#include "server/replies/reply.h"
 #include "server/shared_memory/shared_state.h"
 #include "server/worker/executor.h"
 #include "server/worker/session.h"
@@ -20,10 +20,9 @@ namespace b4mrl {
 
 class Dispatcher {
  public:
-  using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
-
   // `worker` is this worker's index. Everything passed in outlives the dispatcher.
-  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, SendFunction send);
+  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
+             Responder::SendFunction send);
   ~Dispatcher();
 
   // Takes over this worker's sessions that it does not hold, which an earlier process of it has
@@ -46,26 +45,19 @@ class Dispatcher {
   size_t session_count() const { return sessions_.size(); }
 
  private:
-  struct Envelope {
-    RoutingId sender;
-    uint64_t request_id = 0;
-  };
-  void Reply(const Envelope& to, const Status& error);
-  // Fills in what every reply says.
-  void Reply(const Envelope& to, pb::Reply reply);
-
-  void HandleAttach(const Envelope& from, const pb::Request& request);
+  Result<pb::Reply> HandleAttach(const pb::Request& request);
   // Builds the session that has record `index` in this generation, or finds it built.
   Result<Session*> Attach(uint32_t index, uint64_t generation);
   // Of the socket's thread.
   ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
   // Forgets `session` without a word if its record is not its own any more; true if it did.
   bool ForgetIfDisowned(Session* session);
-  void HandleClose(const Envelope& from, const std::string& token);
+  void HandleClose(const Asker& from, const std::string& token);
   // Of a session that is not here: its Attach may be on its way, and is refused then.
-  void CloseUnattached(const Envelope& from, const std::string& token);
-  void HandleSessionRequest(const Envelope& from, const pb::Request& request, Frame payload,
-                            bool more_waiting);
+  Result<pb::Reply> CloseUnattached(const std::string& token);
+  // An error is the reply; otherwise the job that it starts will reply.
+  Status HandleSessionRequest(const Asker& from, const pb::Request& request, Frame payload,
+                              bool more_waiting);
   // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.
   Status Admit(const Session& session, const pb::Request& request, const Frame& payload) const;
   void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
@@ -75,8 +67,8 @@ class Dispatcher {
   SharedState& shared_;
   uint32_t worker_;
   Executor& executor_;
-  SendFunction send_;
   ChildRecord& counters_;
+  Responder replies_;
   bool accepting_ = true;
   pb::Request request_;                                                 // reused by every message
   std::unordered_map<std::string, std::unique_ptr<Session>> sessions_;  // by token

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
-#include "proto/wire/socket.h"
+#include "server/replies/reply.h"
 #include "server/scheduling/item_cost.h"
 #include "server/shared_memory/shared_state.h"
 #include "server/simulator/lane_stepper.h"
@@ -89,11 +89,7 @@ class Session {
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
 
   // Closes that wait until nothing is under way; each is answered.
-  struct PendingClose {
-    RoutingId sender;
-    uint64_t request_id = 0;
-  };
-  std::vector<PendingClose> pending_closes;
+  std::vector<Asker> pending_closes;
 
  private:
   Session(SharedState& shared, uint32_t index, LaneStepper stepper)

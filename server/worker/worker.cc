@@ -19,8 +19,6 @@ namespace {
 // it waiting, for some are large.
 constexpr int kReceiveBurst = 64;
 constexpr double kReceiveBurstSeconds = 1e-4;
-constexpr int64_t kFlushMs = 1'000;
-constexpr int64_t kReapIntervalMs = 1'000;
 
 class Worker {
  public:

@@ -1,7 +1,6 @@
 // A dataset worker on a thread of the test's process, a client for it, and a data folder.
 #pragma once
 
-#include <atomic>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <optional>
@@ -25,22 +24,24 @@ class Daemon {
  public:
   explicit Daemon(const std::string& data_folder,
                   const std::string& importer = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve") {
-    options_.endpoints = {{"ipc://" + folder_.File("socket")}};
-    options_.data_folder = data_folder;
+    ChildOptions child;
+    child.role = "dataset-worker";
+    child.data_folder = data_folder;
+    child.endpoints = {{"ipc://" + folder_.File("socket")}};
+    Result<SharedState> state = SharedState::Create(1, limits::kLoopbackLeaseMs);
+    REQUIRE(state.ok());
+    child_.emplace(std::move(child), std::move(*state));
     options_.importer_program = importer;
-    options_.drain = &drain_;
-    options_.heartbeat = &heartbeat;
-    options_.errors = &errors;
     Start();
   }
   ~Daemon() { Stop(); }
 
   void Start() {
-    drain_ = false;
-    thread_ = std::thread([this] { exit_code = RunDatasetWorker(options_); });
+    child_->shared().header().draining = false;
+    thread_ = std::thread([this] { status = RunDatasetWorker(*child_, options_); });
   }
   void Stop() {
-    drain_ = true;
+    child_->shared().header().draining = true;
     if (thread_.joinable()) thread_.join();
   }
 
@@ -75,7 +76,7 @@ class Daemon {
     return {};
   }
   DealerSocket Connect() {
-    auto socket = DealerSocket::Connect(context_, options_.endpoints[0].address);
+    auto socket = DealerSocket::Connect(context_, child_->options().endpoints[0].address);
     REQUIRE(socket.ok());
     return std::move(*socket);
   }
@@ -123,14 +124,15 @@ class Daemon {
     return Ask(request);
   }
 
-  std::atomic<uint64_t> heartbeat{0};
-  std::atomic<uint64_t> errors{0};
-  int exit_code = -1;
+  // The worker's line in the child table.
+  ChildRecord& record() { return child_->record(); }
+  // What the worker returned; once it has stopped.
+  Status status{StatusCode::kInternal, "it still runs"};
 
  private:
   TemporaryFolder folder_;
   DatasetWorkerOptions options_;
-  std::atomic<bool> drain_{false};
+  std::optional<ChildContext> child_;
   Context context_;
   std::optional<DealerSocket> socket_;
   std::thread thread_;

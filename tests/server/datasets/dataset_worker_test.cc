@@ -31,7 +31,7 @@ TEST_CASE("datasets are listed before and after their import") {
   const auto after = daemon.Ask(list);
   CHECK(after.reply.list_datasets().datasets(0).rows() == 1500);
   CHECK(after.reply.list_datasets().datasets(0).sha256().size() == 64);
-  CHECK(daemon.heartbeat > 0);
+  CHECK(daemon.record().heartbeat > 0);
 }
 
 TEST_CASE("an import that takes long holds up nothing that is prepared") {
@@ -292,7 +292,7 @@ TEST_CASE("a restarted worker serves fingerprints it has never opened") {
       daemon.Open("HalfCheetah/medium", "obs-noise-high", 2).reply.open_dataset().fingerprint();
   const auto before = daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations");
   daemon.Stop();
-  CHECK(daemon.exit_code == 0);
+  CHECK(daemon.status.ok());
   daemon.Start();
   CHECK(daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations") == before);
 }
@@ -353,7 +353,7 @@ TEST_CASE("bad requests are answered with typed errors") {
   CHECK(daemon.Ask(other).code() == StatusCode::kUnsupported);
   other.set_protocol_version(99);
   CHECK(daemon.Ask(other).code() == StatusCode::kVersionMismatch);
-  CHECK(daemon.errors >= 13);
+  CHECK(daemon.record().errors >= 13);
 
   DealerSocket raw = daemon.Connect();
   REQUIRE(raw.Send({Frame::Copy("\xff\xff garbage"), Frame()}).ok());
