@@ -49,8 +49,8 @@ Status CheckPayload(const ArrayLayout& layout) {
 
 }  // namespace
 
-Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& request,
-                            const std::function<void()>& alive, pb::Reply* reply) {
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::SampleRequest& request,
+                         const std::function<void()>& alive, pb::Reply* reply) {
   const uint32_t batches = std::max(request.batches(), 1u);
   if (batches > limits::kMaxBatchesPerSample) {
     return InvalidNumber("batches", batches, fmt::format("0..{}", limits::kMaxBatchesPerSample));
@@ -86,8 +86,8 @@ Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& req
   return payload;
 }
 
-Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request,
-                       const std::function<void()>& alive, pb::Reply* reply) {
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::ReadRequest& request,
+                         const std::function<void()>& alive, pb::Reply* reply) {
   if (request.rows() == 0 || request.rows() > limits::kMaxRowsPerBatch) {
     return InvalidNumber("rows", request.rows(), fmt::format("1..{}", limits::kMaxRowsPerBatch));
   }
@@ -119,7 +119,8 @@ Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request,
   return payload;
 }
 
-Result<Frame> DescribeStatistics(const Dataset& dataset, pb::Reply* reply) {
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::DatasetStatsRequest&,
+                         const std::function<void()>&, pb::Reply* reply) {
   const DatasetStatistics& statistics = dataset.statistics();
   pb::DatasetStatsReply* out = reply->mutable_dataset_stats();
   out->set_rows(dataset.rows());

@@ -1,6 +1,6 @@
-// The replies that carry rows: Sample and Read gathered straight into the frame that is sent, and
-// Stats. Pure functions of a dataset and a request; any thread. Errors: kInvalidArgument and
-// kLimitExceeded with the argument's name.
+// The replies to Sample, Read and DatasetStats. Rows are gathered straight into the frame that is
+// sent. Pure functions of a dataset and a request; any thread. Errors: kInvalidArgument with the
+// argument's name.
 #pragma once
 
 #include <functional>
@@ -13,11 +13,12 @@
 namespace b4mrl {
 
 // Each fills the reply's payload case and table of arrays, and returns frame 2. Rows that have to
-// come from the disk can take long: `alive` is called every few dozen of them.
-Result<Frame> SampleBatches(const Dataset& dataset, const pb::SampleRequest& request,
-                            const std::function<void()>& alive, pb::Reply* reply);
-Result<Frame> ReadRows(const Dataset& dataset, const pb::ReadRequest& request,
-                       const std::function<void()>& alive, pb::Reply* reply);
-Result<Frame> DescribeStatistics(const Dataset& dataset, pb::Reply* reply);
+// come from the disk can take long: `alive` is called every few dozen rows.
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::SampleRequest& request,
+                         const std::function<void()>& alive, pb::Reply* reply);
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::ReadRequest& request,
+                         const std::function<void()>& alive, pb::Reply* reply);
+Result<Frame> AnswerFrom(const Dataset& dataset, const pb::DatasetStatsRequest& request,
+                         const std::function<void()>& alive, pb::Reply* reply);
 
 }  // namespace b4mrl

@@ -21,6 +21,7 @@
 #include "server/datasets/served_datasets.h"
 #include "server/process/background_thread.h"
 #include "server/replies/reply.h"
+#include "server/replies/request_kinds.h"
 
 namespace b4mrl {
 namespace {
@@ -38,20 +39,6 @@ struct PendingRequest {
   Clock::time_point received;
   Deadline deadline = Deadline::AfterMs(0);
 };
-
-// The fingerprint that a request for rows or statistics names; null for other requests.
-const std::string* FingerprintOf(const pb::Request& request) {
-  switch (request.payload_case()) {
-    case pb::Request::kSample:
-      return &request.sample().fingerprint();
-    case pb::Request::kRead:
-      return &request.read().fingerprint();
-    case pb::Request::kDatasetStats:
-      return &request.dataset_stats().fingerprint();
-    default:
-      return nullptr;
-  }
-}
 
 class DatasetWorker {
  public:
@@ -76,7 +63,7 @@ class DatasetWorker {
   void SubmitOpen(uint64_t id, DatasetRequest wanted);
   void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
-  void SubmitLoad(PendingRequest pending);
+  void SubmitLoad(const std::string& fingerprint, PendingRequest pending);
   // Keeps a request until its completion or its deadline; null when too many wait already.
   uint64_t Park(PendingRequest pending);
   // The parked request `id`, unless its deadline has answered it.
@@ -84,7 +71,10 @@ class DatasetWorker {
   void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
   void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
   void FinishLoad(const std::string& fingerprint, const Result<DatasetPointer>& dataset);
-  void ServeRows(const PendingRequest& pending, const Dataset& dataset);
+  // Answers a request, the field kPayload of pb::Request, from the dataset whose fingerprint it
+  // names; has the dataset mapped first where it is not.
+  template <auto kPayload>
+  void Serve(PendingRequest pending);
   // Handles messages, and requests whose dataset has come, for at most kTurnMs.
   void TakeTurn();
   void ExpireParked();
@@ -152,21 +142,23 @@ void DatasetWorker::Handle(IncomingMessage incoming) {
 }
 
 void DatasetWorker::Dispatch(PendingRequest pending) {
-  if (const std::string* fingerprint = FingerprintOf(pending.request)) {
-    const DatasetPointer dataset = served_.Find(*fingerprint);
-    return dataset != nullptr ? ServeRows(pending, *dataset) : SubmitLoad(std::move(pending));
+  struct Handler {
+    pb::Request::PayloadCase payload;
+    void (DatasetWorker::*handle)(PendingRequest pending);
+  };
+  static constexpr Handler kHandlers[] = {
+      {pb::Request::kListDatasets, &DatasetWorker::SubmitList},
+      {pb::Request::kOpenDataset, &DatasetWorker::HandleOpen},
+      {pb::Request::kDatasetStats, &DatasetWorker::Serve<&pb::Request::dataset_stats>},
+      {pb::Request::kSample, &DatasetWorker::Serve<&pb::Request::sample>},
+      {pb::Request::kRead, &DatasetWorker::Serve<&pb::Request::read>},
+  };
+  static_assert(HandlesAll(Server::kDatasetWorker, kHandlers));
+  const Handler* handler = FindRow(kHandlers, pending.request.payload_case());
+  if (handler == nullptr) {
+    return replies_.Reply(pending.from, NotAnswered(Server::kDatasetWorker));
   }
-  switch (pending.request.payload_case()) {
-    case pb::Request::kListDatasets:
-      return SubmitList(std::move(pending));
-    case pb::Request::kOpenDataset:
-      return HandleOpen(std::move(pending));
-    default:
-      return replies_.Reply(pending.from,
-                            Status(StatusCode::kUnsupported,
-                                   "the dataset worker answers ListDatasets, OpenDataset, "
-                                   "DatasetStats, Sample and Read"));
-  }
+  (this->*handler->handle)(std::move(pending));
 }
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
@@ -263,8 +255,7 @@ void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFile
   replies_.Reply(pending->from, std::move(reply));
 }
 
-void DatasetWorker::SubmitLoad(PendingRequest pending) {
-  const std::string fingerprint = *FingerprintOf(pending.request);
+void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
   std::vector<uint64_t>& waiting = loading_[fingerprint];
@@ -292,17 +283,20 @@ void DatasetWorker::FinishLoad(const std::string& fingerprint,
   }
 }
 
-void DatasetWorker::ServeRows(const PendingRequest& pending, const Dataset& dataset) {
+template <auto kPayload>
+void DatasetWorker::Serve(PendingRequest pending) {
+  const auto& wanted = (pending.request.*kPayload)();
+  const DatasetPointer dataset = served_.Find(wanted.fingerprint());
+  if (dataset == nullptr) {
+    const std::string fingerprint = wanted.fingerprint();
+    return SubmitLoad(fingerprint, std::move(pending));
+  }
   // Gathering one reply may take tens of milliseconds, and many may be due at once.
   const auto beat = [this] { context_.Beat(); };
   beat();
   const Clock::time_point start = Clock::now();
   pb::Reply reply;
-  const pb::Request& request = pending.request;
-  Result<Frame> payload = request.has_sample()
-                              ? SampleBatches(dataset, request.sample(), beat, &reply)
-                          : request.has_read() ? ReadRows(dataset, request.read(), beat, &reply)
-                                               : DescribeStatistics(dataset, &reply);
+  Result<Frame> payload = AnswerFrom(*dataset, wanted, beat, &reply);
   if (!payload.ok()) return replies_.Reply(pending.from, payload.status());
   pb::Timing* timing = reply.mutable_timing();
   timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));

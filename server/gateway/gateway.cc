@@ -15,6 +15,7 @@
 #include "server/gateway/status_report.h"
 #include "server/process/child.h"
 #include "server/replies/reply.h"
+#include "server/replies/request_kinds.h"
 
 namespace b4mrl {
 namespace {
@@ -64,6 +65,8 @@ class Gateway {
   void ReceiveBurst();
   void Handle(IncomingMessage incoming);
   void HandleHello(const Asker& from);
+  void HandleCatalogue(const Asker& from);
+  void HandleStatus(const Asker& from);
   void HandleOpen(const Asker& from);
   // Passes on what another process answers.
   void HandleForeign(const Asker& from, Message message);
@@ -92,30 +95,27 @@ void Gateway::ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened) 
 }
 
 void Gateway::Handle(IncomingMessage incoming) {
+  struct Handler {
+    pb::Request::PayloadCase payload;
+    void (Gateway::*handle)(const Asker& from);
+  };
+  static constexpr Handler kHandlers[] = {
+      {pb::Request::kHello, &Gateway::HandleHello},
+      {pb::Request::kCatalogue, &Gateway::HandleCatalogue},
+      {pb::Request::kServerStatus, &Gateway::HandleStatus},
+      {pb::Request::kOpen, &Gateway::HandleOpen},
+  };
+  static_assert(HandlesAll(Server::kGateway, kHandlers));
   const std::optional<Asker> asker = replies_.Read(incoming, &request_);
   if (!asker) return;
   const Asker& from = *asker;
-  pb::Reply reply;
-  switch (request_.payload_case()) {
-    case pb::Request::kHello:
-      return HandleHello(from);
-    case pb::Request::kCatalogue:
-      catalogue_.FillPage(request_.catalogue().first(), &reply);
-      return replies_.Reply(from, std::move(reply));
-    case pb::Request::kServerStatus:
-      status_.Fill(reply.mutable_server_status());
-      return replies_.Reply(from, std::move(reply));
-    case pb::Request::kOpen:
-      return HandleOpen(from);
-    case pb::Request::kAttach:
-    case pb::Request::PAYLOAD_NOT_SET:
-      return replies_.Reply(
-          from, Status(StatusCode::kUnsupported,
-                       "the gateway answers Hello, Catalogue, ServerStatus and Open, and "
-                       "relays what sessions and datasets answer"));
-    default:
-      return HandleForeign(from, std::move(incoming.message));
+  const Handler* handler = FindRow(kHandlers, request_.payload_case());
+  if (handler != nullptr) return (this->*handler->handle)(from);
+  const RequestKind* kind = FindRow(kRequestKinds, request_.payload_case());
+  if (kind == nullptr || !kind->from_clients) {
+    return replies_.Reply(from, NotAnswered(Server::kGateway));
   }
+  HandleForeign(from, std::move(incoming.message));
 }
 
 void Gateway::HandleForeign(const Asker& from, Message message) {
@@ -138,6 +138,18 @@ void Gateway::HandleHello(const Asker& from) {
   DescribeServer(context_.shared().header().lease_ms, hello);
   hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
   hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
+  replies_.Reply(from, std::move(reply));
+}
+
+void Gateway::HandleCatalogue(const Asker& from) {
+  pb::Reply reply;
+  catalogue_.FillPage(request_.catalogue().first(), &reply);
+  replies_.Reply(from, std::move(reply));
+}
+
+void Gateway::HandleStatus(const Asker& from) {
+  pb::Reply reply;
+  status_.Fill(reply.mutable_server_status());
   replies_.Reply(from, std::move(reply));
 }
 

@@ -7,6 +7,7 @@
 
 #include "proto/base/limits.h"
 #include "server/replies/reply.h"
+#include "server/replies/request_kinds.h"
 
 namespace b4mrl {
 namespace {
@@ -17,17 +18,9 @@ constexpr auto kSweepInterval = std::chrono::milliseconds(100);
 // A reply may come so long after the deadline: its process may have been frozen and replaced.
 constexpr int64_t kGraceMs = 5'000;
 
-bool IsForDatasets(pb::Request::PayloadCase kind) {
-  switch (kind) {
-    case pb::Request::kListDatasets:
-    case pb::Request::kOpenDataset:
-    case pb::Request::kDatasetStats:
-    case pb::Request::kSample:
-    case pb::Request::kRead:
-      return true;
-    default:
-      return false;
-  }
+bool IsForDatasets(const pb::Request& request) {
+  const RequestKind* kind = FindRow(kRequestKinds, request.payload_case());
+  return kind != nullptr && kind->server == Server::kDatasetWorker;
 }
 
 size_t BytesOf(const Message& message) { return message.envelope.size() + message.payload.size(); }
@@ -78,7 +71,7 @@ bool Relay::HoldsSession(const Route& route, std::string_view token) const {
 }
 
 Result<Relay::Route*> Relay::FindOrMakeRoute(const RoutingId& client, const pb::Request& request) {
-  const bool for_datasets = IsForDatasets(request.payload_case());
+  const bool for_datasets = IsForDatasets(request);
   const std::string token = for_datasets ? "" : request.session_token();
   const std::string key = client + token;
   const auto found = routes_.find(key);

@@ -7,6 +7,7 @@
 
 #include "proto/base/limits.h"
 #include "server/replies/reply.h"
+#include "server/replies/request_kinds.h"
 #include "server/shared_memory/blame.h"
 #include "server/shared_memory/session_table.h"
 #include "server/worker/describe_session.h"
@@ -21,31 +22,23 @@ constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
 // Of an OpenReply, beside what the worker says of the session.
 constexpr size_t kEnvelopeRest = 1024;
 
-using JobFactory = Result<std::unique_ptr<RequestJob>> (*)(HandlerInput);
+struct Handler {
+  pb::Request::PayloadCase payload;
+  // Makes the job; null for a request that the dispatcher answers itself.
+  Result<std::unique_ptr<RequestJob>> (*make_job)(HandlerInput);
+};
+constexpr Handler kHandlers[] = {
+    {pb::Request::kAttach, nullptr},        {pb::Request::kClose, nullptr},
+    {pb::Request::kStep, NewStepJob},       {pb::Request::kReset, NewResetJob},
+    {pb::Request::kQuery, NewQueryJob},     {pb::Request::kSnapshot, NewSnapshotJob},
+    {pb::Request::kRestore, NewRestoreJob}, {pb::Request::kRender, NewRenderJob},
+};
+static_assert(HandlesAll(Server::kWorker, kHandlers));
 
 pb::Reply Closed() {
   pb::Reply reply;
   reply.mutable_close();
   return reply;
-}
-
-JobFactory FactoryFor(pb::Request::PayloadCase kind) {
-  switch (kind) {
-    case pb::Request::kStep:
-      return NewStepJob;
-    case pb::Request::kReset:
-      return NewResetJob;
-    case pb::Request::kQuery:
-      return NewQueryJob;
-    case pb::Request::kSnapshot:
-      return NewSnapshotJob;
-    case pb::Request::kRestore:
-      return NewRestoreJob;
-    case pb::Request::kRender:
-      return NewRenderJob;
-    default:
-      return nullptr;
-  }
 }
 
 bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
@@ -184,12 +177,8 @@ void Dispatcher::HandleClose(const Asker& from, const std::string& token) {
 
 Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& request,
                                         Frame payload, bool more_waiting) {
-  const JobFactory factory = FactoryFor(request.payload_case());
-  if (factory == nullptr) {
-    return Status(StatusCode::kUnsupported,
-                  "an environment worker answers Step, Reset, Query, Snapshot, Restore, "
-                  "Render and Close");
-  }
+  const Handler* handler = FindRow(kHandlers, request.payload_case());
+  if (handler == nullptr) return NotAnswered(Server::kWorker);
   const auto found = sessions_.find(request.session_token());
   if (found == sessions_.end() || !found->second->pending_closes.empty() ||
       !found->second->live()) {
@@ -214,7 +203,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& re
   Result<std::unique_ptr<RequestJob>> made = [&] {
     const ScopedMark mark =
         ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
-    return factory({session, &request, std::move(payload)});
+    return handler->make_job({session, &request, std::move(payload)});
   }();
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RequestJob> job, std::move(made));
   job->sender = from.peer;
