@@ -59,7 +59,7 @@ TEST_CASE("what a learner's table lacks keeps the core's default") {
   CHECK(sac.alpha_learning_rate == SacOptions().alpha_learning_rate);
   CHECK_FALSE(sac.target_entropy);                  // the core then takes -action_size
   CHECK_FALSE(Td3OptionsOf(context, 11).bc_alpha);  // TD3 without cloning
-  CHECK(NumberOr(context.hyperparameters, "lanes", 1) == 1);
+  CHECK(context.hyperparameters.NumberOr("lanes", 1) == 1);
 }
 
 }  // namespace
