@@ -69,7 +69,6 @@ Status TakeNumbers(const Json& json, TrainOptions& options) {
   B4MRL_RETURN_IF_ERROR(Take(json, "threads", options.threads, 1, kMaxTrainingThreads));
   const auto score = json.find("stop_at_score");
   if (score != json.end() && score->is_number()) options.stop_at_score = score->get<double>();
-  options.eval_inline = json.value("eval_inline", Json()) == true;
   return Status();
 }
 
@@ -192,7 +191,6 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   add("updates", options.updates);
   add("eval-every", options.eval_every);
   add("eval-episodes", options.eval_episodes);
-  add("eval-inline", options.eval_inline);
   add("log-every", options.log_every);
   add("checkpoint-every", options.checkpoint_every);
   add("threads", options.threads);
@@ -216,7 +214,6 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   json["updates"] = options.updates;
   json["eval_every"] = options.eval_every;
   json["eval_episodes"] = options.eval_episodes;
-  json["eval_inline"] = options.eval_inline;
   json["log_every"] = options.log_every;
   json["checkpoint_every"] = options.checkpoint_every;
   json["threads"] = options.threads;

@@ -36,12 +36,10 @@ struct TrainOptions {
   uint64_t checkpoint_every = 10'000;
   std::optional<double> stop_at_score;  // normalised
   uint32_t threads = 1;
-  bool eval_inline = false;  // evaluate in this process, while training waits
 
   std::string folder;
   bool resume = false;
-  std::string evaluator;  // the program b4mrl-tools; "": beside the running one
-  std::string command;    // that began the run, as typed
+  std::string command;  // that began the run, as typed
 };
 
 // What tells a run apart from others, as a folder's name: "HalfCheetah-hymopo-gravity-medium-s0",

@@ -181,14 +181,12 @@ Status TrainRun::Run() {
 }
 
 Status TrainRun::UpdateToTheEnd() {
-  if (options_.stop_at_score) B4MRL_RETURN_IF_ERROR(log_->Wait());
   if (update_ < options_.updates) B4MRL_RETURN_IF_ERROR(Record());  // a run ended here before
   progress_.Start("train", "updates", options_.updates, update_);
   while (update_ < options_.updates && !ReachedScore() && !stop_) {
     B4MRL_RETURN_IF_ERROR(Update());
     progress_.Update(update_);
     B4MRL_RETURN_IF_ERROR(AfterUpdate());
-    B4MRL_RETURN_IF_ERROR(log_->Poll());
   }
   if (checkpoint_update_ != update_) B4MRL_RETURN_IF_ERROR(Checkpoint());
   return update_ < options_.updates ? Status() : Conclude();
@@ -224,7 +222,6 @@ Status TrainRun::AfterUpdate() {
   const bool last = update_ == options_.updates;
   // Else Conclude evaluates, which a longer run would not.
   if (!last || update_ % options_.eval_every == 0) B4MRL_RETURN_IF_ERROR(Record());
-  if (last) B4MRL_RETURN_IF_ERROR(log_->Wait());
   if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
   return Status();
 }
@@ -240,15 +237,13 @@ Status TrainRun::Record() {
 Status TrainRun::Evaluate() {
   const Agent agent = PresentAgent();
   if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
-  B4MRL_RETURN_IF_ERROR(log_->Wait());  // before the row is taken: this may fail
-  B4MRL_RETURN_IF_ERROR(log_->Evaluate(agent, TakeRow()));
-  return options_.stop_at_score ? log_->Wait() : Status();
+  B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, log_->Evaluate(agent));
+  return log_->Write(TakeRow(), std::move(result));  // the row last: an evaluation may fail
 }
 
 // The last update's evaluation, if it has none. Nothing of it goes into a checkpoint.
 Status TrainRun::Conclude() {
-  if (row_update_ != update_) B4MRL_RETURN_IF_ERROR(Evaluate());
-  return log_->Wait();
+  return row_update_ == update_ ? Status() : Evaluate();
 }
 
 MetricRow TrainRun::TakeRow() {

@@ -1,21 +1,21 @@
 // The loop around every learner: updates, evaluations, logs, checkpoints, the end.
 //
 // A run lives in one folder:
-//   run.json, config.toml     what was asked (rl/run_record.h)
-//   metrics.jsonl, progress.csv, events.out.tfevents.b4mrl     logs (rl/metrics_log.h)
+//   run.json, config.toml     what was asked (run/run_record.h)
+//   metrics.jsonl, progress.csv, events.out.tfevents.b4mrl     logs (run/metrics_log.h)
 //   agent.h5                  the policy last evaluated
 //   checkpoint-<update>.h5    the newest two
 //   replay.bin                online learners and H2O
-//   ensemble.h5               the model of MOPO and HyMOPO (rl/ensemble_training.h)
-//   result.json               the run's state and scores, and lock (rl/run_result.h)
-// An evaluation is `eval_episodes` deterministic episodes on the true environment, of the agent
-// file's own policy, beside the training (rl/run_log.h). The last one is waited for, and with
-// `stop_at_score` each: whether there is another update is for its score to say. A checkpoint
-// follows every row it counts on, so that a run resumed after a kill writes the same rows again.
-// The last update is evaluated in any case: where a longer run would not, this comes after the
-// checkpoint, so that the run can be continued as if it had never ended. A run whose numbers are
-// not finite ends with kFailedPrecondition, which names its last good checkpoint. Any other error
-// ends it too, after a checkpoint where the learner can give one (Learner::outlives_daemon).
+//   ensemble.h5               the model of MOPO and HyMOPO (model/ensemble_store.h)
+//   result.json               the run's state and scores, and lock (run/run_result.h)
+// An evaluation is `eval_episodes` deterministic episodes of the present policy on the true
+// environment, between two updates (run/run_log.h). A checkpoint is written only after the log rows
+// before it are on disk; a resumed run therefore appends exactly the rows that are missing.
+// The last update is evaluated in any case: where a longer run would not evaluate, the evaluation
+// comes after the checkpoint, so that the run can be continued as if it had never ended. A run
+// whose numbers are not finite ends with kFailedPrecondition, which names its last good checkpoint.
+// Any other error ends the run too, after a checkpoint where the learner can give one
+// (Learner::outlives_daemon).
 // Thread rule: one thread, one run per folder (a lock refuses a second).
 #pragma once
 

@@ -97,11 +97,6 @@ void AppendGarbage(const std::string& path) {
   std::ofstream(path, std::ios::binary | std::ios::app) << "half a li";
 }
 
-size_t Lines(const std::string& path) {
-  const std::string text = ReadBytes(path);
-  return static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
-}
-
 std::vector<std::string> Cells(const std::string& line) {
   std::vector<std::string> cells;
   std::istringstream stream(line);
@@ -206,21 +201,6 @@ TEST_CASE("The last update is evaluated and logged, however the run is cut up") 
   CHECK(again.mean_return_of_last_ten == first.mean_return_of_last_ten);
   CHECK(RowsWithoutTimes(options.folder) == rows);
   CHECK((ReadBytes(again.agent_path) == agent));
-}
-
-TEST_CASE("A run ends with the same bits whether its evaluations run in its process or beside it") {
-  TestDaemon daemon;
-  daemon.MakeDataset("small", 500);
-  TrainOptions here = SmallRun("td3-bc", daemon.folder("here"));
-  TrainOptions beside = SmallRun("td3-bc", daemon.folder("beside"));
-  here.eval_inline = true;
-  const TrainSummary a = RunTraining(here, daemon.client());
-  const TrainSummary b = RunTraining(beside, daemon.client());
-  RequireEqualAgents(here.folder + "/agent.h5", beside.folder + "/agent.h5");
-  CHECK(a.last->returns == b.last->returns);
-  CHECK(a.mean_return_of_last_ten == b.mean_return_of_last_ten);
-  CHECK(Lines(here.folder + "/metrics.jsonl") == 6);
-  CHECK(RowsWithoutTimes(here.folder) == RowsWithoutTimes(beside.folder));
 }
 
 TEST_CASE("The seconds in a log include the preparation") {

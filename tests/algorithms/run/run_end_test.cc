@@ -72,7 +72,6 @@ TrainOptions SmallRun(const std::string& algorithm, const std::string& folder) {
   options.updates = 60;
   options.eval_every = 20;
   options.eval_episodes = 1;
-  options.eval_inline = true;
   options.log_every = 5;
   options.checkpoint_every = 60;
   options.folder = folder;

@@ -305,8 +305,9 @@ TEST_CASE("A run's config.toml names every option and repeats the run") {
   const Outcome first = Run(SmallTraining(folder.File("first")));
   INFO(first.err);
   REQUIRE(first.exit_code == 0);
-  const std::string configuration = folder.File("first/config.toml");
-  const std::string text = ReadBytes(configuration);
+  const std::string text = ReadBytes(folder.File("first/config.toml"));
+  const std::string configuration = folder.File("old.toml");
+  WriteBytes(configuration, text + "eval-inline = true  # as earlier versions wrote\n");
   const Algorithm* sac = FindAlgorithm("sac").value();
   for (const Hyperparameter& entry : sac->hyperparameters) {
     INFO(entry.name);
@@ -315,6 +316,7 @@ TEST_CASE("A run's config.toml names every option and repeats the run") {
   const Outcome second = Run({"train", "--config", configuration, "--out", folder.File("second")});
   INFO(second.err);
   REQUIRE(second.exit_code == 0);
+  CHECK(second.err.find("--eval-inline changes nothing") != std::string::npos);
   CHECK(ReadBytes(folder.File("second/config.toml")) == text);
   const auto record = [&](const std::string& run) {
     auto json = nlohmann::json::parse(ReadBytes(folder.File(run + "/run.json")), nullptr, false);
