@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "algorithms/base/metrics.h"
 #include "algorithms/cores/h2o_losses.h"
 #include "algorithms/nn/products/eigen_map.h"
 #include "proto/base/rng.h"
@@ -67,6 +68,19 @@ int MaxGapSamples(int observation_size, int batch_max) {
   constexpr int64_t kCopiedNumbersMax = 1 << 27;  // 512 MiB of floats
   const int64_t batch_numbers = int64_t{observation_size} * batch_max;
   return static_cast<int>(std::clamp<int64_t>(kCopiedNumbersMax / batch_numbers - 1, 0, 1024));
+}
+
+void AddMetrics(const H2oMetrics& values, MetricMeans& metrics) {
+  AddMetrics(values.sac, metrics);
+  metrics.Add("critic_loss_real", values.critic.real_loss);
+  metrics.Add("critic_loss_simulated", values.critic.simulated_loss);
+  metrics.Add("mean_q_real", values.critic.mean_real_q);
+  metrics.Add("mean_q_simulated", values.critic.mean_simulated_q);
+  metrics.Add("gap_penalty", values.gap_penalty);
+  metrics.Add("mean_gap", values.mean_gap);
+  metrics.Add("mean_weight", values.mean_weight);
+  metrics.Add("d_sa_loss", values.discriminators.state_action_loss);
+  metrics.Add("d_sas_loss", values.discriminators.transition_loss);
 }
 
 template <typename Scalar>

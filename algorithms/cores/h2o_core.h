@@ -26,6 +26,8 @@
 
 namespace b4mrl {
 
+class MetricMeans;
+
 // The rows whose standard deviation is the unit of gap_noise.
 enum class GapNoiseStd {
   // As the authors' code has it: an array that besides the dataset's observations holds ten times
@@ -65,6 +67,8 @@ struct H2oMetrics {
   double mean_weight = 0;  // w
   double mean_gap = 0;     // u
 };
+// Under the names that all learners' logs have for these numbers.
+void AddMetrics(const H2oMetrics& values, MetricMeans& metrics);
 
 // The standard normals of an update, features x columns.
 template <typename Scalar>

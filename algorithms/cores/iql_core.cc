@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "algorithms/base/metrics.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
@@ -48,6 +49,16 @@ std::span<Scalar> OutputRow(MatrixView<Scalar> row, int first, int n) {
 }
 
 }  // namespace
+
+void AddMetrics(const IqlMetrics& values, MetricMeans& metrics) {
+  metrics.Add("value_loss", values.value_loss);
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("actor_loss", values.actor_loss);
+  metrics.Add("mean_value", values.mean_value);
+  metrics.Add("mean_weight", values.mean_weight);
+  metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
+}
 
 template <typename Scalar>
 Result<IqlCore<Scalar>> IqlCore<Scalar>::Create(const IqlOptions& options) {

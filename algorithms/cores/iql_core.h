@@ -30,6 +30,8 @@
 
 namespace b4mrl {
 
+class MetricMeans;
+
 enum class IqlActor { kDeterministic, kGaussian };
 
 struct IqlOptions : ActorCriticOptions {
@@ -54,6 +56,8 @@ struct IqlMetrics {
   double mean_q = 0;       // of both critics on the batch
   double mean_target = 0;  // y
 };
+// Under the names that all learners' logs have for these numbers.
+void AddMetrics(const IqlMetrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
 class IqlCore {

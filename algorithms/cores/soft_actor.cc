@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "algorithms/base/metrics.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/products/eigen_map.h"
 
@@ -14,6 +15,16 @@ Status ValidateSac(const SacOptions& options) {
     return InvalidNumber("initial_alpha", options.initial_alpha, "a finite number above 0");
   }
   return {};
+}
+
+void AddMetrics(const SacMetrics& values, MetricMeans& metrics) {
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("actor_loss", values.actor_loss);
+  metrics.Add("alpha_loss", values.alpha_loss);
+  metrics.Add("alpha", values.alpha);
+  metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
+  metrics.Add("entropy", values.entropy);
 }
 
 template <typename Scalar>

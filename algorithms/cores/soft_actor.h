@@ -18,6 +18,8 @@
 
 namespace b4mrl {
 
+class MetricMeans;
+
 struct SacOptions : ActorCriticOptions {
   double alpha_learning_rate = 3e-4;
   double initial_alpha = 1.0;
@@ -34,6 +36,8 @@ struct SacMetrics {
   double mean_target = 0;  // y
   double entropy = 0;      // -mean log pi(a|s)
 };
+// Under the names that all learners' logs have for these numbers.
+void AddMetrics(const SacMetrics& values, MetricMeans& metrics);
 
 // In what H2O's actor differs from SAC's.
 struct SoftActorVariant {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/base/metrics.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/products/eigen_map.h"
 #include "algorithms/nn/squashed_gaussian.h"
@@ -22,6 +23,16 @@ Status Validate(const Td3Options& options) {
 }
 
 }  // namespace
+
+void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
+  metrics.Add("critic_loss", values.critic_loss);
+  metrics.Add("mean_q", values.mean_q);
+  metrics.Add("mean_target", values.mean_target);
+  const size_t count = values.actor_step ? 1 : 0;  // each step of the actor counts once
+  metrics.AddAll("actor_loss", {&values.actor_loss, count});
+  if (values.bc_loss) metrics.AddAll("bc_loss", {&*values.bc_loss, count});
+  if (values.lambda) metrics.AddAll("lambda", {&*values.lambda, count});
+}
 
 template <typename Scalar>
 Result<Td3Core<Scalar>> Td3Core<Scalar>::Create(const Td3Options& options) {

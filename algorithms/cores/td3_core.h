@@ -25,6 +25,8 @@
 
 namespace b4mrl {
 
+class MetricMeans;
+
 struct Td3Options : ActorCriticOptions {
   double policy_noise = 0.2;
   double noise_clip = 0.5;
@@ -43,6 +45,8 @@ struct Td3Metrics {
   std::optional<double> bc_loss;  // mean (pi(s) - a)^2
   std::optional<double> lambda;
 };
+// Under the names that all learners' logs have for these numbers.
+void AddMetrics(const Td3Metrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
 class Td3Core {

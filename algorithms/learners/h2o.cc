@@ -30,7 +30,6 @@
 #include "algorithms/experience/batch_buffer.h"
 #include "algorithms/experience/online_lanes.h"
 #include "algorithms/experience/training_dataset.h"
-#include "algorithms/learners/core_metrics.h"
 #include "algorithms/learners/core_options.h"
 #include "algorithms/learners/learners.h"
 #include "algorithms/policy/observation_mask.h"

@@ -13,7 +13,6 @@
 #include "algorithms/experience/replay_buffer.h"
 #include "algorithms/experience/training_dataset.h"
 #include "algorithms/experience/training_simulator.h"
-#include "algorithms/learners/core_metrics.h"
 #include "algorithms/learners/core_options.h"
 #include "algorithms/learners/model_based_options.h"
 #include "algorithms/model/dynamics_ensemble.h"

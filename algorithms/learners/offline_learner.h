@@ -1,8 +1,8 @@
 // The learner around a core that trains on a dataset alone: update b is one gradient step on the
 // dataset's batch b.
 //
-// Core has Update(batch) with metrics that AddMetrics (rl/core_metrics.h) knows, Policy(),
-// updates() and the visitors of its state: Td3Core and IqlCore.
+// Core has Update(batch), whose result its header's AddMetrics takes, Policy(), updates() and the
+// visitors of its state: Td3Core and IqlCore.
 #pragma once
 
 #include <string>
@@ -10,7 +10,6 @@
 
 #include "algorithms/base/learner.h"
 #include "algorithms/experience/offline_batches.h"
-#include "algorithms/learners/core_metrics.h"
 
 namespace b4mrl {
 

@@ -1,8 +1,8 @@
 // The learner around a core that trains on its own experience: `warm-up` transitions of uniform
 // actions, then one gradient step per transition, on a batch drawn from all of them.
 //
-// Core has Update(batch) with metrics that AddMetrics (rl/core_metrics.h) knows, Policy(),
-// updates() and the visitors of its state: SacCore and Td3Core.
+// Core has Update(batch), whose result its header's AddMetrics takes, Policy(), updates() and the
+// visitors of its state: SacCore and Td3Core.
 #pragma once
 
 #include <utility>
@@ -10,7 +10,6 @@
 #include "algorithms/base/learner.h"
 #include "algorithms/experience/batch_buffer.h"
 #include "algorithms/experience/online_lanes.h"
-#include "algorithms/learners/core_metrics.h"
 
 namespace b4mrl {
 
