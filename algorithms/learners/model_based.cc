@@ -18,8 +18,8 @@
 #include "algorithms/model/dynamics_ensemble.h"
 #include "algorithms/model/ensemble_store.h"
 #include "algorithms/model/model_rollout.h"
+#include "algorithms/policy/inference.h"
 #include "algorithms/policy/observation_mask.h"
-#include "algorithms/policy/policy_numbers.h"
 
 namespace b4mrl {
 namespace {

@@ -1,6 +1,18 @@
-// From agent files to actions, and from a learner's weights to agent files. Every action that makes
-// data or scores goes through AgentPolicy and thereby through the fixed-order inference.
-// Thread rule: AgentPolicy is immutable; any number of threads may use one.
+// From a learner's weights to agent files, and from agent files to actions. The whole chain:
+//
+//   core.Policy()            the weights of the actor that a core (algorithms/cores) trains
+//     -> PolicyWeights       inference.h: plain numbers, from the observations of a history to an
+//                            action in [-1, 1]
+//        -> FixedOrderPolicy inference.h: computes with them; a learner acts by it while it trains
+//        -> Agent            data/d4rl/agent_file.h, by MakeAgent: the network as a file holds it,
+//                            with history length, scale of the actions and provenance
+//           <-> agent.h5     by WriteAgent and ReadAgent
+//           -> AgentPolicy   a FixedOrderPolicy that gives actions in the environment's units:
+//                            evaluations, datasets, demos
+//
+// So every action that makes data or scores goes through the fixed-order inference. A network may
+// have any number of hidden layers that an agent file may have. Thread rule: AgentPolicy is
+// immutable; any number of threads may use one.
 #pragma once
 
 #include <span>
@@ -14,10 +26,10 @@
 
 namespace b4mrl {
 
-// What an evaluated policy gets to see (`--observe`).
+// Which dimensions of an observation an evaluated policy sees (`--observe`).
 enum class Observe {
-  kTrained,  // dimensions hidden in training are zeroed
-  kFull,     // everything
+  kTrained,  // those that its training showed; the others are zero
+  kFull,     // all
 };
 
 class AgentPolicy {
@@ -26,7 +38,7 @@ class AgentPolicy {
   static Result<AgentPolicy> Create(const Agent& agent, Observe observe = Observe::kTrained);
 
   int history_length() const { return history_length_; }
-  int observation_size() const { return observation_size_; }  // of one observation
+  int observation_size() const { return observation_size_; }  // numbers in one observation
   int action_size() const { return network_.action_size(); }
   bool stochastic() const { return network_.stochastic(); }
 
@@ -48,8 +60,9 @@ class AgentPolicy {
   std::vector<float> action_scale_;
 };
 
-// The inverse: an agent of a learner's policy, provenance left to the caller. The weights' input is
-// `history_length` observations of equal mean, std and mask.
+// An agent of a learner's policy, without provenance, which the caller adds. The weights' input is
+// `history_length` observations of equal mean, std and mask; `action_scale` is the largest action
+// in the environment's units, one number a dimension.
 Agent MakeAgent(const PolicyWeights& weights, uint32_t history_length,
                 std::span<const float> action_scale);
 

@@ -26,7 +26,7 @@ struct DenseWeights {
 };
 
 // A ReLU network with a mean head and, for stochastic policies, a log_std head. The action is
-// tanh(mean) or tanh(mean + exp(clamp(log_std)) e).
+// tanh(mean) or tanh(mean + exp(clamp(log_std)) e), e standard normal.
 struct PolicyWeights {
   int observation_size = 0;
   int action_size = 0;
@@ -40,6 +40,12 @@ struct PolicyWeights {
   std::vector<float> observation_std;
   std::vector<float> observation_mask;  // 1 seen, 0 hidden
 };
+
+// All weights as one run of numbers, for checkpoints: hidden layers, mean, log_std, each weight
+// then bias. Normaliser and mask are not included.
+std::vector<float> FlattenPolicy(const PolicyWeights& policy);
+// Into a policy of the same shape; false, changing nothing, when the length does not fit.
+bool UnflattenPolicy(std::span<const float> numbers, PolicyWeights& policy);
 
 class FixedOrderPolicy {
  public:

@@ -1,5 +1,6 @@
-// The SIMD kernels of nn/inference.h, in a translation unit of their own because they are compiled
-// for x86-64-v3 whatever the rest of algorithms/ is compiled for. Internal to nn/inference.cc.
+// The SIMD kernels of policy/inference.h, in a translation unit of their own because they are
+// compiled for x86-64-v3 whatever the rest of algorithms/ is compiled for. Internal to
+// policy/inference.cc.
 //
 // A layer's weights are packed in panels of kPanel outputs: panel p holds, for each input k, the
 // weights of outputs [kPanel p, kPanel p + kPanel), zero beyond the last output. Rows of
@@ -22,7 +23,7 @@ void Dense(const float* weights, const float* bias, int inputs, int outputs, boo
 void TanhInPlace(int count, float* values);
 
 // mean[i] = tanh(mean[i] + exp(clamp(log_std[i], low, high)) * noise[i]), likewise; terms[i] = the
-// log-density of that action's component i, as nn/inference.h defines it.
+// log-density of that action's component i, as FixedOrderPolicy::Sample gives it.
 void SquashSample(int count, float low, float high, const float* log_std, const float* noise,
                   float* mean, float* terms);
 

@@ -1,4 +1,4 @@
-// The last `length` observations of each lane, stacked: what a policy with a history sees.
+// The last `length` observations of each lane, stacked: the input of a policy with a history.
 //
 // A column of view() is one lane: its observations oldest first, (length * size) values. After a
 // reset the episode's first observation fills all places. Thread rule: one thread.
@@ -31,7 +31,7 @@ class ObservationHistory {
   std::span<const float> lane(int index) const {
     return {stacked_.view().column(index), static_cast<size_t>(length_) * size_};
   }
-  // For checkpoints.
+  // All lanes' numbers, which a checkpoint holds.
   std::span<float> values() { return stacked_.values(); }
 
  private:

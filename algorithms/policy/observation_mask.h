@@ -1,5 +1,5 @@
-// The mask of an agent: which dimensions its training never showed. 1 seen, 0 hidden; empty when
-// all are seen.
+// An agent's observation mask, a number for each dimension of one observation: 1 where its training
+// showed the dimension, 0 where it was hidden. Empty when no dimension was hidden.
 #pragma once
 
 #include <cstdint>

@@ -3,6 +3,7 @@
 // against them. Every noise is held fixed.
 #include <catch2/catch.hpp>
 #include <string>
+#include <vector>
 
 #include "algorithms/cores/iql_core.h"
 #include "algorithms/cores/sac_core.h"
@@ -26,13 +27,14 @@ MatrixBuffer<double> Normals(int rows, uint64_t stream, int columns = kBatch) {
   return matrix;
 }
 
-// Small, and with rates of 0, so that an update leaves the weights as they are.
+// Small, of one to three hidden layers, and with rates of 0, so that an update leaves the weights
+// as they are.
 template <typename Options>
 Options FrozenOptions() {
   Options options;
   options.observation_size = kObservations;
   options.action_size = kActions;
-  options.hidden = {9, 8};
+  options.hidden = GENERATE(values<std::vector<int>>({{9}, {9, 8}, {9, 8, 7}}));
   options.batch_max = kBatch;
   options.actor_learning_rate = options.critic_learning_rate = 0;
   options.tau = 0;

@@ -30,7 +30,7 @@ H2oOptions FrozenOptions() {
   H2oOptions options;
   options.observation_size = kObservations;
   options.action_size = kActions;
-  options.hidden = {9, 8};
+  options.hidden = GENERATE(values<std::vector<int>>({{9}, {9, 8}, {9, 8, 7}}));
   options.batch_max = kBatch;
   options.discriminator_batch_max = kBatch;
   options.actor_learning_rate = options.critic_learning_rate = options.alpha_learning_rate = 0;

@@ -9,7 +9,7 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/learners/learners.h"
-#include "algorithms/policy/policy_numbers.h"
+#include "algorithms/policy/inference.h"
 #include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {

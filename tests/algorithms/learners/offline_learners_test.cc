@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "algorithms/list.h"
-#include "algorithms/policy/policy_numbers.h"
+#include "algorithms/policy/inference.h"
 #include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {

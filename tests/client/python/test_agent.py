@@ -43,12 +43,16 @@ def write_agent(path: Path, history: int = 1, **changes: object) -> dict:
 
 def formula(entries: dict, observations: list[np.ndarray]) -> np.ndarray:
     """The action for a history of observations, oldest first, in float64."""
+    layers = sum(name.startswith("fc") and name.endswith("weight") for name in entries)
     rows = []
     for observation in observations:
         row = (observation - entries["observation_mean"]) / entries["observation_std"]
         rows.append(row * entries["observation_mask"])
-    hidden = entries["fc0/weight"] @ np.concatenate(rows) + entries["fc0/bias"]
-    output = entries["last_fc/weight"] @ np.maximum(hidden, 0) + entries["last_fc/bias"]
+    hidden = np.concatenate(rows)
+    for layer in range(layers):
+        hidden = entries[f"fc{layer}/weight"] @ hidden + entries[f"fc{layer}/bias"]
+        hidden = np.maximum(hidden, 0)
+    output = entries["last_fc/weight"] @ hidden + entries["last_fc/bias"]
     return entries["action_scale"] * np.tanh(output)
 
 
@@ -56,8 +60,14 @@ def formula(entries: dict, observations: list[np.ndarray]) -> np.ndarray:
 TOLERANCE = 1e-5
 
 
-def test_an_action_is_the_networks(tmp_path: Path) -> None:
-    entries = write_agent(tmp_path / "agent.h5")
+@pytest.mark.parametrize("hidden_layers", [1, 2, 3, 8])
+def test_an_action_is_the_networks(tmp_path: Path, hidden_layers: int) -> None:
+    rng = np.random.default_rng(4)
+    further = {}
+    for layer in range(1, hidden_layers):
+        further[f"fc{layer}/weight"] = rng.normal(size=(HIDDEN, HIDDEN)) / HIDDEN**0.5
+        further[f"fc{layer}/bias"] = rng.normal(size=HIDDEN)
+    entries = write_agent(tmp_path / "agent.h5", **further)
     policy = b4mrl.load_agent(tmp_path / "agent.h5")
     assert (policy.observation_size, policy.action_size) == (SIZE, ACTIONS)
     assert policy.environment == "HalfCheetah"
