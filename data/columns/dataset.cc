@@ -4,6 +4,17 @@
 
 namespace b4mrl {
 
+TransitionColumns TransitionColumns::Rows(uint64_t first, uint64_t count) const {
+  TransitionColumns part = *this;
+  part.rows = count;
+  static_cast<void>(VisitColumns(kTransitionColumns, [&](const auto& column, size_t) {
+    const size_t width = column.width(*this);
+    part.*column.values = (this->*column.values).subspan(first * width, count * width);
+    return Status();
+  }));
+  return part;
+}
+
 Result<std::shared_ptr<const Dataset>> Dataset::Open(const std::string& folder) {
   std::shared_ptr<Dataset> dataset(new Dataset());
   B4MRL_ASSIGN_OR_RETURN(dataset->cache_, ColumnCache::Map(folder));
@@ -15,19 +26,17 @@ Result<std::shared_ptr<const Dataset>> Dataset::Open(const std::string& folder) 
                   fmt::format("column cache {} lacks observations or actions", folder));
   }
   TransitionColumns& columns = dataset->columns_;
-  const uint64_t rows = columns.rows = observations->rows;
+  columns.rows = observations->rows;
   columns.observation_size = static_cast<uint32_t>(observations->width);
   columns.action_size = static_cast<uint32_t>(actions->width);
-  const uint32_t size = columns.observation_size;
-  B4MRL_ASSIGN_OR_RETURN(columns.observations, cache.Find<float>("observations", rows, size));
-  B4MRL_ASSIGN_OR_RETURN(columns.next_observations,
-                         cache.Find<float>("next_observations", rows, size));
-  B4MRL_ASSIGN_OR_RETURN(columns.actions, cache.Find<float>("actions", rows, columns.action_size));
-  B4MRL_ASSIGN_OR_RETURN(columns.rewards, cache.Find<float>("rewards", rows, 1));
-  B4MRL_ASSIGN_OR_RETURN(columns.terminals, cache.Find<uint8_t>("terminals", rows, 1));
-  B4MRL_ASSIGN_OR_RETURN(columns.timeouts, cache.Find<uint8_t>("timeouts", rows, 1));
+  B4MRL_RETURN_IF_ERROR(VisitColumns(kTransitionColumns, [&](const auto& column, size_t) -> Status {
+    using T = typename std::decay_t<decltype(column)>::Value;
+    B4MRL_ASSIGN_OR_RETURN(columns.*column.values,
+                           cache.Find<T>(column.name, columns.rows, column.width(columns)));
+    return Status();
+  }));
   B4MRL_ASSIGN_OR_RETURN(dataset->statistics_, LoadStatistics(cache.properties()));
-  if (dataset->statistics_.observation_mean.size() != size) {
+  if (dataset->statistics_.observation_mean.size() != columns.observation_size) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("column cache {} has statistics of other dimensions", folder));
   }

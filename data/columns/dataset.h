@@ -1,9 +1,5 @@
-// A dataset of transitions over a mapped column cache: what the daemon serves.
-//
-//   observations (N, obs) f32   actions (N, act) f32   next_observations (N, obs) f32
-//   rewards (N) f32             terminals (N) u8       timeouts (N) u8
-//
-// Immutable; any thread. The views live as long as the Dataset, also when its folder is removed.
+// A dataset of transitions over a mapped column cache: what the daemon serves. Immutable; any
+// thread. The views live as long as the Dataset, also when its folder is removed.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <vector>
 
 #include "data/columns/column_cache.h"
@@ -26,7 +23,47 @@ struct TransitionColumns {
   uint32_t action_size = 0;
   std::span<const float> observations, actions, rewards, next_observations;
   std::span<const uint8_t> terminals, timeouts;
+
+  // The `count` rows from `first` on.
+  TransitionColumns Rows(uint64_t first, uint64_t count) const;
 };
+
+template <typename T>
+struct TransitionColumn {
+  using Value = T;
+  std::string_view name;
+  std::span<const T> TransitionColumns::*values;
+  uint32_t TransitionColumns::*size;  // elements of a row; null: one number, in one dimension
+
+  size_t width(const TransitionColumns& columns) const { return size ? columns.*size : 1; }
+};
+
+// The columns in the order in which caches hold them and replies list them.
+inline constexpr std::tuple kTransitionColumns = {
+    TransitionColumn<float>{"observations", &TransitionColumns::observations,
+                            &TransitionColumns::observation_size},
+    TransitionColumn<float>{"actions", &TransitionColumns::actions,
+                            &TransitionColumns::action_size},
+    TransitionColumn<float>{"rewards", &TransitionColumns::rewards, nullptr},
+    TransitionColumn<float>{"next_observations", &TransitionColumns::next_observations,
+                            &TransitionColumns::observation_size},
+    TransitionColumn<uint8_t>{"terminals", &TransitionColumns::terminals, nullptr},
+    TransitionColumn<uint8_t>{"timeouts", &TransitionColumns::timeouts, nullptr},
+};
+
+// Calls `visit(column, number)` for the columns of a table in their order, up to the first error,
+// which it returns.
+template <typename Visit, typename... Columns>
+Status VisitColumns(const std::tuple<Columns...>& table, const Visit& visit) {
+  Status status;
+  size_t number = 0;
+  std::apply(
+      [&](const Columns&... columns) {
+        static_cast<void>(((status = visit(columns, number++)).ok() && ...));
+      },
+      table);
+  return status;
+}
 
 class Dataset {
  public:

@@ -16,33 +16,21 @@ DatasetBuilder::DatasetBuilder(ColumnCacheWriter cache, uint32_t observation_siz
 Result<DatasetBuilder> DatasetBuilder::Create(const std::string& folder, uint32_t observation_size,
                                               uint32_t action_size) {
   B4MRL_ASSIGN_OR_RETURN(ColumnCacheWriter cache, ColumnCacheWriter::Create(folder));
-  DatasetBuilder builder(std::move(cache), observation_size, action_size);
-  B4MRL_RETURN_IF_ERROR(builder.AddColumns());
-  return builder;
-}
-
-Status DatasetBuilder::AddColumns() {
-  const auto add = [this](std::string_view name, DType dtype, uint64_t width,
-                          size_t* id) -> Status {
-    B4MRL_ASSIGN_OR_RETURN(*id, cache_.AddColumn(name, dtype, width));
-    return Status();
-  };
-  constexpr DType kFloat = DType::kFloat32;
-  B4MRL_RETURN_IF_ERROR(add("observations", kFloat, observation_size_, &observations_));
-  B4MRL_RETURN_IF_ERROR(add("actions", kFloat, action_size_, &actions_));
-  B4MRL_RETURN_IF_ERROR(add("rewards", kFloat, 1, &rewards_));
-  B4MRL_RETURN_IF_ERROR(add("next_observations", kFloat, observation_size_, &next_observations_));
-  B4MRL_RETURN_IF_ERROR(add("terminals", DType::kUint8, 1, &terminals_));
-  return add("timeouts", DType::kUint8, 1, &timeouts_);
+  TransitionColumns sizes;
+  sizes.observation_size = observation_size;
+  sizes.action_size = action_size;
+  B4MRL_RETURN_IF_ERROR(VisitColumns(kTransitionColumns, [&](const auto& column, size_t) {
+    using T = typename std::decay_t<decltype(column)>::Value;
+    return cache.AddColumn(column.name, DTypeOf<T>(), column.width(sizes)).status();
+  }));
+  return DatasetBuilder(std::move(cache), observation_size, action_size);
 }
 
 Status DatasetBuilder::Append(const TransitionColumns& block) {
-  B4MRL_RETURN_IF_ERROR(cache_.Append(observations_, block.observations));
-  B4MRL_RETURN_IF_ERROR(cache_.Append(actions_, block.actions));
-  B4MRL_RETURN_IF_ERROR(cache_.Append(rewards_, block.rewards));
-  B4MRL_RETURN_IF_ERROR(cache_.Append(next_observations_, block.next_observations));
-  B4MRL_RETURN_IF_ERROR(cache_.Append(terminals_, block.terminals));
-  B4MRL_RETURN_IF_ERROR(cache_.Append(timeouts_, block.timeouts));
+  // Columns of the cache are numbered in the order in which they were added.
+  B4MRL_RETURN_IF_ERROR(VisitColumns(kTransitionColumns, [&](const auto& column, size_t number) {
+    return cache_.Append(number, block.*column.values);
+  }));
   statistics_.AddObservations(block.observations);
   statistics_.AddRewards(block.rewards, block.terminals, block.timeouts);
   rows_ += block.rows;

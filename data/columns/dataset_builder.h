@@ -39,14 +39,11 @@ class DatasetBuilder {
 
  private:
   DatasetBuilder(ColumnCacheWriter cache, uint32_t observation_size, uint32_t action_size);
-  Status AddColumns();
 
   ColumnCacheWriter cache_;
   uint32_t observation_size_;
   uint32_t action_size_;
   uint64_t rows_ = 0;
-  size_t observations_ = 0, actions_ = 0, rewards_ = 0, next_observations_ = 0;
-  size_t terminals_ = 0, timeouts_ = 0;
   StatisticsAccumulator statistics_;
   std::optional<StatisticsAccumulator> reward_statistics_;  // set by AddRewards
 };

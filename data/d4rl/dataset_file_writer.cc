@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
+#include "data/columns/dataset.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -20,9 +22,37 @@ Status CheckSize(std::string_view name, size_t size, size_t rows, size_t width) 
 }
 
 template <typename T>
-std::span<const T> Piece(std::span<const T> all, size_t first, size_t rows, size_t width) {
-  return all.subspan(first * width, rows * width);
+struct FileColumn {
+  std::string_view path;
+  Hdf5Type type;
+  std::span<const T> DatasetRows::*values;
+  size_t (*width)(const DatasetWriterOptions& options);  // elements of a row; 0: no such column
+  bool has_width = false;                                // two dimensions
+};
+
+constexpr size_t One(const DatasetWriterOptions&) { return 1; }
+constexpr size_t ObservationSize(const DatasetWriterOptions& options) {
+  return options.observation_dimensions;
 }
+
+// In the order of the file.
+constexpr std::tuple kColumns = {
+    FileColumn<float>{"observations", Hdf5Type::kFloat32, &DatasetRows::observations,
+                      ObservationSize, true},
+    FileColumn<float>{"actions", Hdf5Type::kFloat32, &DatasetRows::actions,
+                      [](const auto& options) { return size_t{options.action_dimensions}; }, true},
+    FileColumn<float>{"next_observations", Hdf5Type::kFloat32, &DatasetRows::next_observations,
+                      ObservationSize, true},
+    FileColumn<float>{"rewards", Hdf5Type::kFloat32, &DatasetRows::rewards, One},
+    FileColumn<uint8_t>{"terminals", Hdf5Type::kBool, &DatasetRows::terminals, One},
+    FileColumn<uint8_t>{"timeouts", Hdf5Type::kBool, &DatasetRows::timeouts, One},
+    FileColumn<float>{"infos/action_log_probs", Hdf5Type::kFloat32, &DatasetRows::action_log_probs,
+                      [](const auto& options) { return size_t{options.action_log_probs}; }},
+    FileColumn<double>{"infos/qpos", Hdf5Type::kFloat64, &DatasetRows::qpos,
+                       [](const auto& options) { return size_t{options.qpos_dimensions}; }, true},
+    FileColumn<double>{"infos/qvel", Hdf5Type::kFloat64, &DatasetRows::qvel,
+                       [](const auto& options) { return size_t{options.qvel_dimensions}; }, true},
+};
 
 }  // namespace
 
@@ -50,53 +80,23 @@ Result<DatasetWriter> DatasetWriter::Create(const std::string& path,
 }
 
 Status DatasetWriter::CreateColumns() {
-  const auto create = [this](std::string_view path, Hdf5Type type, uint64_t width,
-                             Hdf5Writer::ColumnId* id) -> Status {
+  return VisitColumns(kColumns, [this](const auto& column, size_t number) -> Status {
+    const size_t width = column.width(options_);
+    if (width == 0) return Status();
     B4MRL_ASSIGN_OR_RETURN(
-        *id, file_.CreateColumn(path, {type, width, kChunkRows, options_.compression_level}));
+        ids_[number], file_.CreateColumn(column.path, {column.type, column.has_width ? width : 0,
+                                                       kChunkRows, options_.compression_level}));
     return Status();
-  };
-  const uint32_t observation = options_.observation_dimensions;
-  constexpr Hdf5Type kFloat = Hdf5Type::kFloat32;
-  B4MRL_RETURN_IF_ERROR(create("observations", kFloat, observation, &observations_));
-  B4MRL_RETURN_IF_ERROR(create("actions", kFloat, options_.action_dimensions, &actions_));
-  B4MRL_RETURN_IF_ERROR(create("next_observations", kFloat, observation, &next_observations_));
-  B4MRL_RETURN_IF_ERROR(create("rewards", kFloat, 0, &rewards_));
-  B4MRL_RETURN_IF_ERROR(create("terminals", Hdf5Type::kBool, 0, &terminals_));
-  B4MRL_RETURN_IF_ERROR(create("timeouts", Hdf5Type::kBool, 0, &timeouts_));
-  if (options_.action_log_probs) {
-    B4MRL_RETURN_IF_ERROR(create("infos/action_log_probs", kFloat, 0, &log_probs_));
-  }
-  if (options_.qpos_dimensions > 0) {
-    B4MRL_RETURN_IF_ERROR(
-        create("infos/qpos", Hdf5Type::kFloat64, options_.qpos_dimensions, &qpos_));
-  }
-  if (options_.qvel_dimensions > 0) {
-    B4MRL_RETURN_IF_ERROR(
-        create("infos/qvel", Hdf5Type::kFloat64, options_.qvel_dimensions, &qvel_));
-  }
-  return Status();
+  });
 }
 
 Status DatasetWriter::CheckSizes(const DatasetRows& rows) const {
-  const size_t n = rows.rows;
-  const size_t observation = options_.observation_dimensions;
-  B4MRL_RETURN_IF_ERROR(CheckSize("observations", rows.observations.size(), n, observation));
-  B4MRL_RETURN_IF_ERROR(CheckSize("actions", rows.actions.size(), n, options_.action_dimensions));
-  B4MRL_RETURN_IF_ERROR(
-      CheckSize("next_observations", rows.next_observations.size(), n, observation));
-  B4MRL_RETURN_IF_ERROR(CheckSize("rewards", rows.rewards.size(), n, 1));
-  B4MRL_RETURN_IF_ERROR(CheckSize("terminals", rows.terminals.size(), n, 1));
-  B4MRL_RETURN_IF_ERROR(CheckSize("timeouts", rows.timeouts.size(), n, 1));
-  B4MRL_RETURN_IF_ERROR(CheckSize("action_log_probs", rows.action_log_probs.size(), n,
-                                  options_.action_log_probs ? 1 : 0));
-  B4MRL_RETURN_IF_ERROR(CheckSize("qpos", rows.qpos.size(), n, options_.qpos_dimensions));
-  B4MRL_RETURN_IF_ERROR(CheckSize("qvel", rows.qvel.size(), n, options_.qvel_dimensions));
-  if (n > limits::kMaxDatasetRows - rows_) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("a dataset holds at most {} rows", limits::kMaxDatasetRows));
-  }
-  return Status();
+  B4MRL_RETURN_IF_ERROR(VisitColumns(kColumns, [&](const auto& column, size_t) {
+    return CheckSize(column.path, (rows.*column.values).size(), rows.rows, column.width(options_));
+  }));
+  if (rows.rows <= limits::kMaxDatasetRows - rows_) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("a dataset holds at most {} rows", limits::kMaxDatasetRows));
 }
 
 Status DatasetWriter::Append(const DatasetRows& rows) {
@@ -104,38 +104,15 @@ Status DatasetWriter::Append(const DatasetRows& rows) {
   // Cut where chunks end: the order of chunks in the file must not show how rows were appended.
   for (size_t first = 0; first < rows.rows;) {
     const size_t count = std::min<size_t>(rows.rows - first, kChunkRows - rows_ % kChunkRows);
-    const size_t observation = options_.observation_dimensions;
-    DatasetRows piece;
-    piece.rows = count;
-    piece.observations = Piece(rows.observations, first, count, observation);
-    piece.actions = Piece(rows.actions, first, count, options_.action_dimensions);
-    piece.next_observations = Piece(rows.next_observations, first, count, observation);
-    piece.rewards = Piece(rows.rewards, first, count, 1);
-    piece.terminals = Piece(rows.terminals, first, count, 1);
-    piece.timeouts = Piece(rows.timeouts, first, count, 1);
-    piece.action_log_probs =
-        Piece(rows.action_log_probs, first, count, options_.action_log_probs ? 1 : 0);
-    piece.qpos = Piece(rows.qpos, first, count, options_.qpos_dimensions);
-    piece.qvel = Piece(rows.qvel, first, count, options_.qvel_dimensions);
-    B4MRL_RETURN_IF_ERROR(AppendPiece(piece));
+    B4MRL_RETURN_IF_ERROR(VisitColumns(kColumns, [&](const auto& column, size_t number) -> Status {
+      const size_t width = column.width(options_);
+      if (width == 0) return Status();
+      return file_.Append(ids_[number],
+                          (rows.*column.values).subspan(first * width, count * width));
+    }));
+    rows_ += count;
     first += count;
   }
-  return Status();
-}
-
-Status DatasetWriter::AppendPiece(const DatasetRows& rows) {
-  B4MRL_RETURN_IF_ERROR(file_.Append(observations_, rows.observations));
-  B4MRL_RETURN_IF_ERROR(file_.Append(actions_, rows.actions));
-  B4MRL_RETURN_IF_ERROR(file_.Append(next_observations_, rows.next_observations));
-  B4MRL_RETURN_IF_ERROR(file_.Append(rewards_, rows.rewards));
-  B4MRL_RETURN_IF_ERROR(file_.Append(terminals_, rows.terminals));
-  B4MRL_RETURN_IF_ERROR(file_.Append(timeouts_, rows.timeouts));
-  if (options_.action_log_probs) {
-    B4MRL_RETURN_IF_ERROR(file_.Append(log_probs_, rows.action_log_probs));
-  }
-  if (options_.qpos_dimensions > 0) B4MRL_RETURN_IF_ERROR(file_.Append(qpos_, rows.qpos));
-  if (options_.qvel_dimensions > 0) B4MRL_RETURN_IF_ERROR(file_.Append(qvel_, rows.qvel));
-  rows_ += rows.rows;
   return Status();
 }
 

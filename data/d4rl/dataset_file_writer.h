@@ -13,6 +13,7 @@
 // kInvalidArgument (array sizes), kIoError (full disk, no folder).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -68,13 +69,11 @@ class DatasetWriter {
   DatasetWriter(Hdf5Writer file, const DatasetWriterOptions& options);
   Status CreateColumns();
   Status CheckSizes(const DatasetRows& rows) const;
-  Status AppendPiece(const DatasetRows& rows);
 
   Hdf5Writer file_;
   DatasetWriterOptions options_;
   uint64_t rows_ = 0;
-  Hdf5Writer::ColumnId observations_ = 0, actions_ = 0, next_observations_ = 0, rewards_ = 0;
-  Hdf5Writer::ColumnId terminals_ = 0, timeouts_ = 0, log_probs_ = 0, qpos_ = 0, qvel_ = 0;
+  std::array<Hdf5Writer::ColumnId, 9> ids_{};  // of the columns, in the order of the file
 };
 
 }  // namespace b4mrl

@@ -121,25 +121,21 @@ Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& s
   std::vector<float> observations, next_observations;
   for (uint64_t first = 0; first < source.rows; first += kBlockRows) {
     if (cancelled) return Cancelled();
-    const uint64_t rows = std::min(kBlockRows, source.rows - first);
-    const auto part = [&](std::span<const float> all, size_t width) {
-      return all.subspan(first * width, rows * width);
-    };
+    TransitionColumns block = source.Rows(first, std::min(kBlockRows, source.rows - first));
     const auto row_of = [size](std::vector<float>& all, uint64_t row) {
       return std::span(all).subspan(row * size, size);
     };
-    const auto old_observations = part(source.observations, size);
-    const auto old_next = part(source.next_observations, size);
-    observations.assign(old_observations.begin(), old_observations.end());
-    next_observations.assign(old_next.begin(), old_next.end());
-    for (uint64_t i = 0; i < rows; ++i) {
+    const std::span<const float> old = block.observations;
+    observations.assign(old.begin(), old.end());
+    next_observations.assign(block.next_observations.begin(), block.next_observations.end());
+    for (uint64_t i = 0; i < block.rows; ++i) {
       perturber.Apply(DrawContext::Kind::kDataset, first + i, row_of(observations, i));
     }
-    for (uint64_t i = 0; i < rows; ++i) {
+    for (uint64_t i = 0; i < block.rows; ++i) {
       const uint64_t row = first + i;
       const std::span<float> next = row_of(next_observations, i);
       const bool last = EndsEpisode(source.terminals, source.timeouts, row);
-      if (!last && i + 1 < rows && SameBits(next, old_observations.subspan((i + 1) * size, size))) {
+      if (!last && i + 1 < block.rows && SameBits(next, old.subspan((i + 1) * size, size))) {
         // The same state as the next row's, so the same result; drawn a moment ago.
         std::ranges::copy(row_of(observations, i + 1), next.begin());
       } else if (last) {
@@ -148,10 +144,9 @@ Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& s
         perturber.Apply(DrawContext::Kind::kDataset, row + 1, next);
       }
     }
-    B4MRL_RETURN_IF_ERROR(builder->Append(
-        {rows, source.observation_size, source.action_size, observations,
-         part(source.actions, source.action_size), part(source.rewards, 1), next_observations,
-         source.terminals.subspan(first, rows), source.timeouts.subspan(first, rows)}));
+    block.observations = observations;
+    block.next_observations = next_observations;
+    B4MRL_RETURN_IF_ERROR(builder->Append(block));
   }
   return Status();
 }

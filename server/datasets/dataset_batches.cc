@@ -3,8 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cstring>
+#include <vector>
 
 #include "data/columns/gather.h"
 #include "data/columns/sampler.h"
@@ -13,31 +13,33 @@
 namespace b4mrl {
 namespace {
 
-// That Read copies between two signs of life.
+// Read copies so many bytes between two signs of life.
 constexpr size_t kReadBytes = 256 * 1024;
+// A Sample has all columns but the last one, the timeouts.
+constexpr size_t kAllColumns = std::tuple_size_v<decltype(kTransitionColumns)>;
+constexpr size_t kSampledColumns = kAllColumns - 1;
 
-// The five columns of a batch, in the order of the wire.
+// A column of a reply, and where its array begins in the payload.
 struct BatchColumn {
-  const char* name;
-  DType dtype;
-  uint32_t width;  // 0: one-dimensional
-  const void* source;
-
-  size_t row_bytes() const { return DTypeSize(dtype) * std::max(width, 1u); }
+  const std::byte* source;
+  size_t row_bytes;
+  size_t offset;
 };
 
-std::array<BatchColumn, 5> BatchColumns(const TransitionColumns& columns) {
-  const uint32_t size = columns.observation_size;
-  return {{{"observations", DType::kFloat32, size, columns.observations.data()},
-           {"actions", DType::kFloat32, columns.action_size, columns.actions.data()},
-           {"rewards", DType::kFloat32, 0, columns.rewards.data()},
-           {"next_observations", DType::kFloat32, size, columns.next_observations.data()},
-           {"terminals", DType::kUint8, 0, columns.terminals.data()}}};
-}
-
-size_t AddArray(ArrayLayout& layout, const BatchColumn& column, uint64_t rows) {
-  return column.width == 0 ? layout.Add(column.name, column.dtype, {rows})
-                           : layout.Add(column.name, column.dtype, {rows, column.width});
+// Lays out arrays of `rows` rows for the first `count` columns of a dataset.
+std::vector<BatchColumn> AddArrays(const TransitionColumns& columns, size_t count, uint64_t rows,
+                                   ArrayLayout* layout) {
+  std::vector<BatchColumn> added;
+  static_cast<void>(VisitColumns(kTransitionColumns, [&](const auto& column, size_t number) {
+    if (number >= count) return Status();
+    using T = typename std::decay_t<decltype(column)>::Value;
+    const uint64_t width = column.width(columns);
+    const size_t offset = column.size ? layout->Add(column.name, DTypeOf<T>(), {rows, width})
+                                      : layout->Add(column.name, DTypeOf<T>(), {rows});
+    added.push_back({std::as_bytes(columns.*column.values).data(), width * sizeof(T), offset});
+    return Status();
+  }));
+  return added;
 }
 
 Status CheckPayload(const ArrayLayout& layout) {
@@ -61,9 +63,8 @@ Result<Frame> AnswerFrom(const Dataset& dataset, const pb::SampleRequest& reques
   const size_t rows = size_t{request.rows()} * batches;
   reply->mutable_sample();
   ArrayLayout layout(reply->mutable_arrays());
-  const std::array<BatchColumn, 5> columns = BatchColumns(dataset.columns());
-  std::array<size_t, 5> offsets{};
-  for (size_t i = 0; i < columns.size(); ++i) offsets[i] = AddArray(layout, columns[i], rows);
+  const std::vector<BatchColumn> columns =
+      AddArrays(dataset.columns(), kSampledColumns, rows, &layout);
   const size_t indices_offset =
       request.with_indices() ? layout.Add("indices", DType::kUint64, {rows}) : 0;
   B4MRL_RETURN_IF_ERROR(CheckPayload(layout));
@@ -74,10 +75,9 @@ Result<Frame> AnswerFrom(const Dataset& dataset, const pb::SampleRequest& reques
                std::span(indices).subspan(size_t{i} * request.rows(), request.rows()));
   }
   Frame payload = layout.Allocate();
-  std::array<GatherColumn, 5> gather{};
-  for (size_t i = 0; i < columns.size(); ++i) {
-    gather[i] = {static_cast<const std::byte*>(columns[i].source), columns[i].row_bytes(),
-                 payload.data() + offsets[i]};
+  std::vector<GatherColumn> gather;
+  for (const BatchColumn& column : columns) {
+    gather.push_back({column.source, column.row_bytes, payload.data() + column.offset});
   }
   GatherRows(gather, indices, alive);
   if (request.with_indices()) {
@@ -98,20 +98,14 @@ Result<Frame> AnswerFrom(const Dataset& dataset, const pb::ReadRequest& request,
   const uint64_t rows = std::min<uint64_t>(request.rows(), dataset.rows() - request.first_row());
   reply->mutable_read();
   ArrayLayout layout(reply->mutable_arrays());
-  const std::array<BatchColumn, 5> five = BatchColumns(dataset.columns());
-  std::vector<BatchColumn> columns(five.begin(), five.end());
-  columns.push_back({"timeouts", DType::kUint8, 0, dataset.columns().timeouts.data()});
-  std::vector<size_t> offsets;
-  for (const BatchColumn& column : columns) offsets.push_back(AddArray(layout, column, rows));
+  const std::vector<BatchColumn> columns = AddArrays(dataset.columns(), kAllColumns, rows, &layout);
   B4MRL_RETURN_IF_ERROR(CheckPayload(layout));
   Frame payload = layout.Allocate();
-  for (size_t i = 0; i < columns.size(); ++i) {
-    const size_t row_bytes = columns[i].row_bytes();
-    const size_t bytes = rows * row_bytes;
-    const std::byte* source =
-        static_cast<const std::byte*>(columns[i].source) + request.first_row() * row_bytes;
+  for (const BatchColumn& column : columns) {
+    const size_t bytes = rows * column.row_bytes;
+    const std::byte* source = column.source + request.first_row() * column.row_bytes;
     for (size_t done = 0; done < bytes; done += kReadBytes) {
-      std::memcpy(payload.data() + offsets[i] + done, source + done,
+      std::memcpy(payload.data() + column.offset + done, source + done,
                   std::min(kReadBytes, bytes - done));
       alive();
     }

@@ -46,18 +46,11 @@ Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& ca
   builder->AddRewards(all.rewards, all.terminals, all.timeouts);
   for (uint64_t first = 0; first < all.rows; first += kBlockRows) {
     if (cancelled) return Cancelled();
-    const uint64_t rows = std::min(kBlockRows, all.rows - first);
-    const uint64_t end = first + rows;
-    const size_t size = all.observation_size;
-    TransitionColumns block;
-    block.rows = rows;
-    block.observations = all.observations.subspan(first * size, rows * size);
-    block.actions = all.actions.subspan(first * all.action_size, rows * all.action_size);
-    block.rewards = all.rewards.subspan(first, rows);
-    const auto following =
-        end < all.rows ? all.observations.subspan(end * size, size) : std::span<const float>();
+    const TransitionColumns block = all.Rows(first, std::min(kBlockRows, all.rows - first));
+    const uint64_t end = first + block.rows;
+    const TransitionColumns following = all.Rows(end, std::min<uint64_t>(1, all.rows - end));
     B4MRL_RETURN_IF_ERROR(
-        builder->AppendD4rl(block, first, all.terminals, all.timeouts, following));
+        builder->AppendD4rl(block, first, all.terminals, all.timeouts, following.observations));
   }
   return Status();
 }
