@@ -8,11 +8,13 @@
 #include <set>
 #include <utility>
 
+#include "proto/base/rng.h"
+
 namespace b4mrl {
 namespace {
 
 constexpr std::array<int, 5> kDeadlySignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
-// The handler needs little, the kernel's frame with all vector registers up to 11 KiB.
+// The handler itself needs little; the kernel's frame with all vector registers takes up to 11 KiB.
 constexpr size_t kSignalStackBytes = 64 * 1024;
 std::array<struct sigaction, kDeadlySignals.size()> previous_actions;
 thread_local ThreadMark* thread_mark = nullptr;
@@ -38,8 +40,9 @@ void AddRequestBlame(SessionRecord& record, uint64_t request_id, uint32_t blame)
   entry->blame.store(std::min((is_new ? 0 : entry->blame.load()) + blame, kBlameLimit));
 }
 
-// Of an exit, which no thread is recorded for, all may be guilty. Who froze is known, or it was
-// nobody: the process was stopped, or got no processor.
+// Whether the thread of `mark` is blamed for the death. After a crash without a recorded thread, an
+// exit, every thread may have caused it. After a freeze the guilty threads are recorded, or there
+// are none: the process was stopped, or got no processor.
 bool IsAccused(const ThreadMark& mark, Death death, bool some_guilty) {
   if (death == Death::kKilled) return true;
   return mark.guilty != 0 || (death == Death::kCrashed && !some_guilty);
@@ -99,7 +102,7 @@ void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
   const bool some_guilty =
       std::ranges::any_of(marks, [](const ThreadMark& mark) { return mark.guilty != 0; });
   const uint32_t blame = death == Death::kKilled ? kKillBlame : kCrashBlame;
-  // By session and request id: many threads may share one, whose blame is that of one death.
+  // By session and request id: a request that many threads execute is blamed once for one death.
   std::set<std::pair<uint32_t, uint64_t>> requests;
   for (ThreadMark& mark : marks) {
     const bool accused = IsAccused(mark, death, some_guilty);
@@ -123,7 +126,24 @@ void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
   }
 }
 
-bool IsRequestCondemned(const SessionRecord& record, uint64_t request_id) {
+uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed) {
+  const auto key = static_cast<uint64_t>(operation);
+  return seed ? MixSeeds(key, *seed) : key;
+}
+
+bool OperationIsRefused(const LaneSlot& slot, uint64_t attempt) {
+  return slot.Blame(attempt) >= kBlameLimit;
+}
+
+bool TruncationIsRefused(const LaneSlot& slot, uint64_t attempt) {
+  return slot.Blame(attempt) >= 2 * kBlameLimit;
+}
+
+bool SessionIsRefused(const SessionRecord& record) {
+  return record.build_deaths >= kMaxBuildDeaths;
+}
+
+bool RequestIsRefused(const SessionRecord& record, uint64_t request_id) {
   return std::ranges::any_of(record.request_blames, [request_id](const RequestBlame& entry) {
     return entry.blame >= kBlameLimit && entry.request_id == request_id;
   });

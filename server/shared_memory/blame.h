@@ -1,39 +1,60 @@
 // Who is to blame when an environment worker dies, and what is not tried again.
 //
-// Every thread of a worker marks what it executes in shared memory. A deadly signal records the
-// thread that raised it, the supervisor one that stands still. From death and marks follow points:
-// of a lane's operation (lane_slot.h), of a request, of the building of a session. At kBlameLimit
-// an operation or a request is refused, after kMaxBuildDeaths a session is given up. Kills from
-// outside weigh little, as nobody here need have caused them, and nothing where the work repeats
-// itself at every start; time that others took weighs nothing.
+// Every thread of a worker marks in shared memory what it executes. The handler of deadly signals
+// records the thread that raised one, the supervisor the thread that stands still. When the process
+// has died, the supervisor gives points to what the guilty threads had marked: to a lane's
+// operation (kept in lane_slot.h), a request or the building of a session (kept in shared_state.h).
+// The replacement refuses what has too many points. A kill from outside gives few points to
+// operations and requests, which need not have caused it, and none to the building of a session,
+// which every replacement begins with. Waiting for a processor gives no points.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "server/shared_memory/shared_state.h"
 
 namespace b4mrl {
 
-// How a process ended, as far as blame and restarts care.
+// How a process ended.
 enum class Death {
-  kKilled,   // SIGKILL from outside: nobody's fault
-  kCrashed,  // another signal, or an exit that nobody asked for
-  kFrozen,   // SIGKILL from the supervisor, as it stood still
+  kKilled,   // SIGKILL from outside the daemon
+  kCrashed,  // another signal, or an exit without a drain
+  kFrozen,   // SIGKILL from the supervisor, because the process stood still
 };
 
-// A session whose building ended its worker so often is given up.
+// Points for a crash or freeze, and for a kill from outside. An operation or request is refused
+// from kBlameLimit points on: after two crashes or eight kills.
+inline constexpr uint32_t kCrashBlame = 4;
+inline constexpr uint32_t kKillBlame = 1;
+inline constexpr uint32_t kBlameLimit = 8;
+// A session is refused when its building has ended so many workers, one after the other.
 inline constexpr uint32_t kMaxBuildDeaths = 3;
 
-// Marks what a thread is doing for as long as it lives. Marks do not nest.
+// Blame is kept for a lane, a number and an attempt. The attempt is the operation and a reset's
+// seed, as a reset with another seed may work.
+uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed = std::nullopt);
+
+// Whether the lane's next operation is refused in this attempt. A refused step is replaced by the
+// truncation of its episode.
+bool OperationIsRefused(const LaneSlot& slot, uint64_t attempt);
+// Whether the truncation in place of a refused step is refused as well.
+bool TruncationIsRefused(const LaneSlot& slot, uint64_t attempt);
+// Whether the request of that id is refused.
+bool RequestIsRefused(const SessionRecord& record, uint64_t request_id);
+// Whether the session is not built again.
+bool SessionIsRefused(const SessionRecord& record);
+
+// While it exists, says in the thread's mark what the thread executes. Marks do not nest.
 class ScopedMark {
  public:
   // An operation of a lane, which is an index into SharedState::lane.
   static ScopedMark OfLane(ThreadMark* mark, uint32_t lane, uint64_t number, uint64_t attempt);
-  // Work for a request that changes nothing, or its examination.
+  // The examination of a request, or the execution of one that changes no lane.
   static ScopedMark OfRequest(ThreadMark* mark, uint32_t session, uint64_t request_id);
-  // The building of the session that has the record in this generation.
+  // The building of the session whose record has this generation.
   static ScopedMark OfSession(ThreadMark* mark, uint32_t session, uint64_t generation);
   ~ScopedMark() { mark_->kind.store(MarkKind::kIdle, std::memory_order_release); }
   ScopedMark(const ScopedMark&) = delete;
@@ -45,8 +66,8 @@ class ScopedMark {
   ThreadMark* mark_;
 };
 
-// The calling thread as the owner of `mark`, while this lives: a deadly signal that it raises is
-// recorded there, even one for want of stack.
+// While it exists, the calling thread owns `mark`: a deadly signal that the thread raises is
+// recorded there, an overflow of its stack too.
 class MarkedThread {
  public:
   explicit MarkedThread(ThreadMark* mark);
@@ -58,14 +79,12 @@ class MarkedThread {
   std::unique_ptr<std::byte[]> signal_stack_;
 };
 
-// Makes a deadly signal record which thread of this process raised it before it takes its course.
+// Makes every deadly signal of this process record the thread that raised it, and then act as
+// before.
 void InstallCrashRecorder();
 
-// Supervisor: spreads the blame for the death of environment worker `worker` over what its threads
-// were executing, and clears their marks. Threads that are known to be guilty take it alone.
+// Supervisor: gives points for the death of environment worker `worker` to what its threads were
+// executing, and clears their marks. Where threads are known to be guilty, they alone are blamed.
 void BlameDeath(SharedState& shared, uint32_t worker, Death death);
-
-// Whether the request has ended its process too often to be tried again.
-bool IsRequestCondemned(const SessionRecord& record, uint64_t request_id);
 
 }  // namespace b4mrl

@@ -3,10 +3,6 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
-#include <algorithm>
-
-#include "proto/base/rng.h"
-
 namespace b4mrl {
 
 std::string_view OperationName(Operation operation) {
@@ -21,11 +17,6 @@ std::string_view OperationName(Operation operation) {
       return "a restore";
   }
   return "unknown";
-}
-
-uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed) {
-  const auto key = static_cast<uint64_t>(operation);
-  return seed ? MixSeeds(key, *seed) : key;
 }
 
 std::span<const std::byte> LaneSlot::committed_record() const {
@@ -78,7 +69,7 @@ Status LaneSlot::Verify(uint64_t generation, size_t size) const {
   return Status();
 }
 
-void LaneSlot::AddBlame(uint64_t number, uint64_t attempt, uint32_t blame) {
+void LaneSlot::AddBlame(uint64_t number, uint64_t attempt, uint32_t points) {
   if (number != committed() + 1) return;
   if (memory_->blamed_number.load(std::memory_order_relaxed) != number ||
       memory_->blamed_attempt.load(std::memory_order_relaxed) != attempt) {
@@ -86,8 +77,7 @@ void LaneSlot::AddBlame(uint64_t number, uint64_t attempt, uint32_t blame) {
     memory_->blamed_attempt.store(attempt, std::memory_order_relaxed);
     memory_->blame.store(0, std::memory_order_relaxed);
   }
-  const uint32_t so_far = memory_->blame.load(std::memory_order_relaxed);
-  memory_->blame.store(std::min(so_far + blame, 2 * kBlameLimit), std::memory_order_relaxed);
+  memory_->blame.fetch_add(points, std::memory_order_relaxed);
 }
 
 uint32_t LaneSlot::Blame(uint64_t attempt) const {

@@ -14,8 +14,8 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <span>
+#include <string_view>
 
 #include "proto/base/limits.h"
 #include "proto/base/status.h"
@@ -24,16 +24,6 @@ namespace b4mrl {
 
 enum class Operation : uint32_t { kNone = 0, kStep = 1, kReset = 2, kRestore = 3 };
 std::string_view OperationName(Operation operation);
-
-// A step that ends its process with certainty gets kCrashBlame each time, one that was merely under
-// way when somebody killed the process gets kKillBlame. At kBlameLimit it is not tried again.
-inline constexpr uint32_t kCrashBlame = 4;
-inline constexpr uint32_t kKillBlame = 1;
-inline constexpr uint32_t kBlameLimit = 8;
-
-// What blame is about besides the lane and the number: the operation, and of a reset its seed, for
-// another seed may well be tried.
-uint64_t AttemptKey(Operation operation, std::optional<uint64_t> seed = std::nullopt);
 
 struct BufferSeal {
   uint64_t number = 0;
@@ -44,10 +34,10 @@ struct BufferSeal {
 
 struct alignas(64) LaneSlotMemory {
   std::atomic<uint64_t> committed;
-  std::atomic<uint64_t> generation;     // of the session that owns the lane
-  std::atomic<uint64_t> blamed_number;  // the operation that `blame` is about
-  std::atomic<uint64_t> blamed_attempt;
-  std::atomic<uint32_t> blame;
+  std::atomic<uint64_t> generation;      // of the session that owns the lane
+  std::atomic<uint64_t> blamed_number;   // the operation that `blame` is about
+  std::atomic<uint64_t> blamed_attempt;  // its AttemptKey
+  std::atomic<uint32_t> blame;           // points
   std::array<BufferSeal, 2> seals;
   // The second buffer starts a little off a power of two, and so does the next slot, so that equal
   // offsets of many lanes fall into different cache sets.
@@ -79,16 +69,13 @@ class LaneSlot {
   // kDataLoss unless the committed record is whole, `size` bytes long and of session `generation`.
   Status Verify(uint64_t generation, size_t size) const;
 
-  // Supervisor: operation `number` was under way when its process died. Ignored if it was
-  // committed.
-  void AddBlame(uint64_t number, uint64_t attempt, uint32_t blame);
-  // Whether operation committed() + 1 has ended its process too often to be tried again in that
-  // way; and whether what is done instead has as well.
-  bool condemned(uint64_t attempt) const { return Blame(attempt) >= kBlameLimit; }
-  bool abandoned(uint64_t attempt) const { return Blame(attempt) >= 2 * kBlameLimit; }
+  // Points of blame (server/shared_memory/blame.h), which the supervisor adds to operation `number`
+  // when a process died at it. Points for another operation than committed() + 1 are dropped.
+  void AddBlame(uint64_t number, uint64_t attempt, uint32_t points);
+  // The points of operation committed() + 1, tried in this way.
+  uint32_t Blame(uint64_t attempt) const;
 
  private:
-  uint32_t Blame(uint64_t attempt) const;
   const BufferSeal& seal(uint64_t number) const { return memory_->seals[number & 1]; }
   std::span<std::byte> buffer(uint64_t number) const {
     return (number & 1) == 0 ? std::span<std::byte>(memory_->first)

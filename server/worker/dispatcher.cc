@@ -135,7 +135,7 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
       return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
     }
   }
-  if (record.build_deaths >= kMaxBuildDeaths) {
+  if (SessionIsRefused(record)) {
     return Status(StatusCode::kInternal, "building this session ended its worker again and again");
   }
   const ScopedMark mark = ScopedMark::OfSession(&own_mark(), index, generation);
@@ -216,7 +216,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& re
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
-  if (IsRequestCondemned(session.record(), request.request_id())) {
+  if (RequestIsRefused(session.record(), request.request_id())) {
     return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
   }
   const size_t in_flight = session.requests_in_flight();

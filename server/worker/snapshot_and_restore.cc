@@ -173,7 +173,7 @@ Status RestoreJob::Prepare(const pb::Request& request) {
   }
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
-    if (!owner().slot(lane).condemned(AttemptKey(Operation::kRestore))) continue;
+    if (!OperationIsRefused(owner().slot(lane), AttemptKey(Operation::kRestore))) continue;
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane));
   }

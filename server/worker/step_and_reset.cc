@@ -117,7 +117,7 @@ std::optional<uint64_t> LaneJob::SeedOf(uint32_t position) const {
 Status LaneJob::CheckResets() const {
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
-    if (!owner().slot(lane).condemned(AttemptKey(operation_, SeedOf(position)))) continue;
+    if (!OperationIsRefused(owner().slot(lane), AttemptKey(operation_, SeedOf(position)))) continue;
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("the start of lane {} ended its worker twice; allowed: a reset with "
                               "another seed, or a restore",
@@ -175,12 +175,12 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
   const ConstLaneRecord before = owner().committed_record(lane);
   const LaneRecord after(owner().layout(), slot.idle_buffer().data());
   const uint64_t attempt = AttemptKey(operation_, SeedOf(position));
-  if (slot.abandoned(attempt)) {
+  if (TruncationIsRefused(slot, attempt)) {
     return Status(StatusCode::kInternal, "its step and the start after it both ended the worker");
   }
   {
     const ScopedMark mark = ScopedMark::OfLane(thread.mark, global_lane, number, attempt);
-    if (operation_ == Operation::kStep && slot.condemned(attempt)) {
+    if (operation_ == Operation::kStep && OperationIsRefused(slot, attempt)) {
       B4MRL_RETURN_IF_ERROR(owner().stepper().TruncateAfterCrash(environment, before, after));
     } else {
       ReachFaultPoint(FaultPoint::kBeforeOperation, global_lane, number);

@@ -34,7 +34,8 @@ ThreadMark& MarkLane(SharedState& state, uint32_t thread, uint32_t lane) {
 // The points that lane `lane`'s operation 1 has: so many fewer are enough to condemn it.
 uint32_t PointsOf(SharedState& state, uint32_t lane) {
   uint32_t more = 0;
-  for (; !state.lane(lane).condemned(kStep); ++more) state.lane(lane).AddBlame(1, kStep, 1);
+  for (; !OperationIsRefused(state.lane(lane), kStep); ++more)
+    state.lane(lane).AddBlame(1, kStep, 1);
   return kBlameLimit - more;
 }
 
@@ -100,11 +101,11 @@ TEST_CASE("A query on many threads takes the blame of one death once") {
   BlameDeath(state, 0, Death::kKilled);
   MarkQuery(state, 0, 16, 77);
   BlameDeath(state, 0, Death::kFrozen);
-  REQUIRE_FALSE(IsRequestCondemned(state.session(2), 77));
+  REQUIRE_FALSE(RequestIsRefused(state.session(2), 77));
   MarkQuery(state, 0, 16, 77);
   BlameDeath(state, 0, Death::kFrozen);
-  REQUIRE(IsRequestCondemned(state.session(2), 77));
-  REQUIRE_FALSE(IsRequestCondemned(state.session(2), 78));
+  REQUIRE(RequestIsRefused(state.session(2), 77));
+  REQUIRE_FALSE(RequestIsRefused(state.session(2), 78));
 }
 
 TEST_CASE("Several requests of a session are blamed side by side") {
@@ -114,8 +115,8 @@ TEST_CASE("Several requests of a session are blamed side by side") {
     MarkQuery(state, 2, 4, 78);
     BlameDeath(state, 0, Death::kFrozen);
   }
-  REQUIRE(IsRequestCondemned(state.session(2), 77));
-  REQUIRE(IsRequestCondemned(state.session(2), 78));
+  REQUIRE(RequestIsRefused(state.session(2), 77));
+  REQUIRE(RequestIsRefused(state.session(2), 78));
 }
 
 TEST_CASE("The building of a session is blamed for a crash, and never for kills from outside") {

@@ -4,6 +4,8 @@
 #include <cstring>
 #include <memory>
 
+#include "server/shared_memory/blame.h"
+
 namespace b4mrl {
 namespace {
 
@@ -87,46 +89,47 @@ TEST_CASE("A damaged record is told from a whole one") {
   }
 }
 
-TEST_CASE("Two crashes condemn an operation, and the next one is innocent") {
+TEST_CASE("Two crashes have an operation refused, and the next one is innocent") {
   const auto memory = NewMemory();
   LaneSlot slot = NewSlot(memory.get());
   slot.AddBlame(1, kStep, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned(kStep));
+  REQUIRE_FALSE(OperationIsRefused(slot, kStep));
   slot.AddBlame(1, kStep, kCrashBlame);
-  REQUIRE(slot.condemned(kStep));
+  REQUIRE(OperationIsRefused(slot, kStep));
   Fill(slot.idle_buffer(), 2);
   slot.Commit(Operation::kStep, kSize);
-  REQUIRE_FALSE(slot.condemned(kStep));
+  REQUIRE_FALSE(OperationIsRefused(slot, kStep));
   slot.AddBlame(2, kStep, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned(kStep));
+  REQUIRE_FALSE(OperationIsRefused(slot, kStep));
 }
 
-TEST_CASE("A condemned operation may be done in another way, and is abandoned after two more") {
+TEST_CASE(
+    "A refused operation may be done in another way; after two more its replacement is refused") {
   const auto memory = NewMemory();
   LaneSlot slot = NewSlot(memory.get());
   const uint64_t reset = AttemptKey(Operation::kReset, 7);
   for (int crash = 0; crash < 2; ++crash) slot.AddBlame(1, reset, kCrashBlame);
-  REQUIRE(slot.condemned(reset));
-  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kReset, 8)));
-  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kReset)));
-  REQUIRE_FALSE(slot.condemned(AttemptKey(Operation::kRestore)));
-  REQUIRE_FALSE(slot.abandoned(reset));
+  REQUIRE(OperationIsRefused(slot, reset));
+  REQUIRE_FALSE(OperationIsRefused(slot, AttemptKey(Operation::kReset, 8)));
+  REQUIRE_FALSE(OperationIsRefused(slot, AttemptKey(Operation::kReset)));
+  REQUIRE_FALSE(OperationIsRefused(slot, AttemptKey(Operation::kRestore)));
+  REQUIRE_FALSE(TruncationIsRefused(slot, reset));
   for (int crash = 0; crash < 2; ++crash) slot.AddBlame(1, reset, kCrashBlame);
-  REQUIRE(slot.abandoned(reset));
+  REQUIRE(TruncationIsRefused(slot, reset));
 }
 
 TEST_CASE(
-    "Kills from outside condemn nothing until they are many, and committed operations are not "
+    "Kills from outside have nothing refused until they are many, and committed operations are not "
     "blamed") {
   const auto memory = NewMemory();
   LaneSlot slot = NewSlot(memory.get());
   for (uint32_t kills = 0; kills < 7; ++kills) slot.AddBlame(1, kStep, kKillBlame);
-  REQUIRE_FALSE(slot.condemned(kStep));
+  REQUIRE_FALSE(OperationIsRefused(slot, kStep));
   slot.AddBlame(0, kStep, kCrashBlame);
   slot.AddBlame(2, kStep, kCrashBlame);
-  REQUIRE_FALSE(slot.condemned(kStep));
+  REQUIRE_FALSE(OperationIsRefused(slot, kStep));
   slot.AddBlame(1, kStep, kKillBlame);
-  REQUIRE(slot.condemned(kStep));
+  REQUIRE(OperationIsRefused(slot, kStep));
 }
 
 }  // namespace

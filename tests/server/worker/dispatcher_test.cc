@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "server/shared_memory/blame.h"
 #include "tests/server/worker/worker_fixture.h"
 
 namespace b4mrl {
