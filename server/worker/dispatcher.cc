@@ -231,10 +231,10 @@ Status Dispatcher::Admit(const Session& session, const pb::Request& request,
         StatusCode::kLimitExceeded,
         fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
   }
-  if (request.has_render() && patient_jobs_ >= limits::kMaxRenderRequests) {
+  if (request.has_render() && painter_jobs_ >= limits::kMaxRenderRequests) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("the worker has {} requests for pictures waiting, at most {}",
-                              patient_jobs_, limits::kMaxRenderRequests));
+                              painter_jobs_, limits::kMaxRenderRequests));
   }
   return Status();
 }
@@ -244,7 +244,7 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
   Session& session = job->owner();
   jobs_[job] = std::move(owned);
   queued_bytes_ += job->payload().size();
-  if (job->patient()) ++patient_jobs_;
+  if (job->waits_for_painter()) ++painter_jobs_;
   session.in_flight()[job->request_id()] = job;
   for (const uint32_t lane : job->busy_lanes()) session.lane(lane).busy = job;
   const bool short_work =
@@ -306,7 +306,7 @@ void Dispatcher::Finish(RequestJob* job) {
     replies_.Reply({job->sender, job->request_id()}, reply.status());
   }
   queued_bytes_ -= job->payload().size();
-  if (job->patient()) --patient_jobs_;
+  if (job->waits_for_painter()) --painter_jobs_;
   jobs_.erase(job);
   if (!session.pending_closes.empty() && session.in_flight().empty()) EndSession(&session);
 }

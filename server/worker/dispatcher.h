@@ -74,7 +74,7 @@ class Dispatcher {
   std::unordered_map<std::string, std::unique_ptr<Session>> sessions_;  // by token
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
-  uint32_t patient_jobs_ = 0;
+  uint32_t painter_jobs_ = 0;
   // When EndExpired looked at all jobs, and when it has to again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();

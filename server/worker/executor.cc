@@ -14,7 +14,7 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<in
     : marks_(marks),
       cores_(std::move(cores)),
       queue_(threads),
-      patient_queue_(1),
+      painter_queue_(1),
       socket_thread_mark_(&marks_[0]),
       completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   socket_thread_.mark = &marks_[0];
@@ -22,14 +22,14 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<in
     pool_.emplace_back(&Executor::ThreadMain, this, i, &WorkQueue::Take);
   }
   pool_.emplace_back(&Executor::ThreadMain, this, pool_.size() + 1, &WorkQueue::TakeInstead);
-  patient_thread_ = std::thread(&Executor::PatientThreadMain, this);
+  painter_thread_ = std::thread(&Executor::PainterThreadMain, this);
 }
 
 Executor::~Executor() {
   queue_.Stop();
-  patient_queue_.Stop();
+  painter_queue_.Stop();
   for (std::thread& thread : pool_) thread.join();
-  patient_thread_.join();
+  painter_thread_.join();
   close(completion_fd_);
 }
 
@@ -45,17 +45,17 @@ void Executor::ThreadMain(uint32_t index, TakeFunction take) {
   }
 }
 
-void Executor::PatientThreadMain() {
+void Executor::PainterThreadMain() {
   // Its process inherits the choice of cores; all of this worker's are better than the first.
   if (!cores_.empty()) PinThisThread(cores_);
   PainterProcess painter;
   WorkerThread self;
   self.painter = &painter;
-  while (const std::optional<Piece> piece = patient_queue_.Take()) Execute(*piece, self);
+  while (const std::optional<Piece> piece = painter_queue_.Take()) Execute(*piece, self);
 }
 
 void Executor::Submit(RequestJob* job) {
-  QueueOf(*job).Push(job, /*caller_helps=*/!job->patient());
+  QueueOf(*job).Push(job, /*caller_helps=*/!job->waits_for_painter());
 }
 
 void Executor::EndExpired(RequestJob* job) {

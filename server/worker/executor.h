@@ -56,15 +56,17 @@ class Executor {
   using TakeFunction = std::optional<Piece> (WorkQueue::*)();
   // Thread `index`, which has that mark and core.
   void ThreadMain(uint32_t index, TakeFunction take);
-  void PatientThreadMain();
-  WorkQueue& QueueOf(const RequestJob& job) { return job.patient() ? patient_queue_ : queue_; }
+  void PainterThreadMain();
+  WorkQueue& QueueOf(const RequestJob& job) {
+    return job.waits_for_painter() ? painter_queue_ : queue_;
+  }
   // Executes a piece and hands its job on if that was its last one.
   void Execute(const Piece& piece, WorkerThread& thread);
 
   std::span<ThreadMark> marks_;
   std::vector<int> cores_;
   WorkQueue queue_;
-  WorkQueue patient_queue_;
+  WorkQueue painter_queue_;
   std::atomic<uint32_t> busy_threads_{0};  // of the pool
   WorkerThread socket_thread_;
   MarkedThread socket_thread_mark_;
@@ -75,7 +77,7 @@ class Executor {
   int completion_fd_ = -1;
   // Last, as they use everything above.
   std::vector<std::thread> pool_;  // the last one is the stand-in
-  std::thread patient_thread_;
+  std::thread painter_thread_;
 };
 
 }  // namespace b4mrl

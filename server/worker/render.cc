@@ -23,7 +23,7 @@ class RenderJob : public RequestJob {
     ends_at_deadline = true;
   }
   Status Prepare(const pb::Request& request);
-  bool patient() const override { return true; }
+  bool waits_for_painter() const override { return true; }
 
  protected:
   void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;

@@ -26,8 +26,8 @@ class PainterProcess;
 
 // What a thread that executes items has for itself.
 struct WorkerThread {
-  ThreadMark* mark = nullptr;         // none of the patient thread
-  PainterProcess* painter = nullptr;  // of the patient thread alone
+  ThreadMark* mark = nullptr;         // none of the painter thread
+  PainterProcess* painter = nullptr;  // of the painter thread alone
   std::vector<double> observation;    // scratch
   std::vector<double> action;
 };
@@ -62,7 +62,7 @@ class RequestJob : public QueuedWork {
 
   // Whether its items wait for another process instead of computing. They are executed by a thread
   // that does nothing else, one at a time.
-  virtual bool patient() const { return false; }
+  virtual bool waits_for_painter() const { return false; }
   // What the job adds to its worker's counters.
   virtual uint64_t steps_done() const { return 0; }
   virtual uint64_t rows_done() const { return 0; }
