@@ -53,9 +53,7 @@ class ColumnCache {
   // Reads everything once: kDataLoss when a column's bytes are not those that were written.
   Status Verify() const;
 
-  const std::string& folder() const { return folder_; }
   const CacheProperties& properties() const { return properties_; }
-  const std::vector<CachedColumn>& columns() const { return columns_; }
   uint64_t bytes() const;  // of all columns
   // kDataLoss when there is no such column or its type, rows or width differ.
   template <typename T>

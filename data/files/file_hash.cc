@@ -88,4 +88,8 @@ std::string StreamHash::Hex() const {
   return Hexadecimal(canonical.digest);
 }
 
+bool IsHash128(std::string_view text) {
+  return text.size() == 32 && text.find_first_not_of("0123456789abcdef") == text.npos;
+}
+
 }  // namespace b4mrl

@@ -23,6 +23,10 @@ Result<std::string> Sha256OfDescriptor(
     const std::function<Status()>& go_on = [] { return Status(); });
 std::string Sha256OfText(std::string_view text);
 
+// Whether `text` is 32 lower-case hexadecimal digits, as the names of column caches and compiled
+// models are.
+bool IsHash128(std::string_view text);
+
 // Lower-case hexadecimal, 32 characters. One thread at a time.
 class StreamHash {
  public:

@@ -16,6 +16,7 @@
 
 #include "data/columns/column_cache.h"
 #include "data/files/cache_root.h"
+#include "data/files/file_hash.h"
 #include "data/files/stored_bytes.h"
 #include "proto/base/unique_fd.h"
 
@@ -45,10 +46,6 @@ uint64_t FolderBytes(const fs::path& folder) {
 void TouchPath(const std::string& folder) { utimensat(AT_FDCWD, folder.c_str(), nullptr, 0); }
 
 }  // namespace
-
-bool IsFingerprint(const std::string& text) {
-  return text.size() == 32 && text.find_first_not_of("0123456789abcdef") == std::string::npos;
-}
 
 ImportFolder::~ImportFolder() {
   if (!path_.empty()) RemoveCache(path_);
@@ -88,7 +85,7 @@ Status CacheFolder::MakeRoom() const {
   std::vector<Cache> caches;
   uint64_t total = 0;
   for (const fs::path& path : EntriesOf(root_)) {
-    if (!IsFingerprint(path.filename().string())) continue;
+    if (!IsHash128(path.filename().string())) continue;
     std::error_code error;
     caches.push_back({fs::last_write_time(path, error), path, FolderBytes(path)});
     total += caches.back().bytes;

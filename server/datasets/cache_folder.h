@@ -15,9 +15,6 @@
 
 namespace b4mrl {
 
-// 32 lower-case hexadecimal digits.
-bool IsFingerprint(const std::string& text);
-
 // A folder inside the cache's, for one import; it goes with this object.
 class ImportFolder {
  public:

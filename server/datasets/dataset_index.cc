@@ -55,7 +55,7 @@ std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
                            NumberOf(json, "inode")};
   ImportedFile imported{file, StringOf(json, "sha256"), StringOf(json, "fingerprint"),
                         StringOf(json, "behaviour_policy"), NumberOf(json, "rows")};
-  if (known != file || !IsFingerprint(imported.fingerprint)) return std::nullopt;
+  if (known != file || !IsHash128(imported.fingerprint)) return std::nullopt;
   return imported;
 }
 

@@ -193,7 +193,7 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
 }
 
 Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& fingerprint) {
-  if (!IsFingerprint(fingerprint)) {
+  if (!IsHash128(fingerprint)) {
     return Status(StatusCode::kUnknownName, "a fingerprint is 32 hexadecimal digits");
   }
   cache_.Touch(fingerprint);

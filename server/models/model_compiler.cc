@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/environments/mujoco/compiled_model.h"
@@ -29,10 +30,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 constexpr int kTrialSteps = 100;
-
-bool IsModelHash(const std::string& text) {
-  return text.size() == 32 && text.find_first_not_of("0123456789abcdef") == std::string::npos;
-}
 
 // Of a process; a killed one leaves it to its parent.
 std::string TrialPath(const std::string& cache_folder, pid_t process_id) {
@@ -141,7 +138,7 @@ Result<std::string> CompileModelInChild(const std::string& program,
   const std::string context = "model=" + options.file_name;
   if (!answer.json.ok()) return answer.json.status().WithContext(context);
   const Json hash = Json::parse(*answer.json, nullptr, false).value("hash", Json());
-  if (hash.is_string() && IsModelHash(hash.get<std::string>())) return hash.get<std::string>();
+  if (hash.is_string() && IsHash128(hash.get<std::string>())) return hash.get<std::string>();
   return Status(StatusCode::kDataLoss, context + ": the model compiler gave no usable answer");
 }
 
