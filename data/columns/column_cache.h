@@ -1,14 +1,15 @@
 // A folder with one raw file per column and a manifest: the form in which datasets are served.
 //
-//   <folder>/manifest.json   schema, properties, and name, dtype, rows, width and hash of each
-//   column <folder>/<column>.raw    rows x width elements, row-major, little-endian, nothing else
+//   <folder>/manifest.json   schema and properties; of each column name, dtype, rows, width, hash
+//   <folder>/<column>.raw    rows x width elements, row-major, little-endian, nothing else
 //
-// The folder appears complete or not at all: it is made under a temporary name and renamed. It and
-// its files are as open to others as the folder that it lies in, whatever the umask. Mapping checks
-// the manifest's own hash and every file's size; verification reads every column against its XXH3
-// hash. What is mapped is locked against RemoveUnusedCache of any process. Thread rule: a
-// ColumnCache is immutable and may be read by any thread; a writer belongs to one. Errors:
-// kUnknownName (no such cache), kIoError, kDataLoss (damaged), kVersionMismatch (another schema).
+// The folder appears complete or not at all: it is made under a temporary name and renamed. The
+// folder and its files get the permissions of the folder around them, whatever the umask. Mapping
+// checks the manifest's own hash and the size of every file; Verify compares every column with its
+// XXH3 hash. While a cache is mapped, RemoveUnusedCache of any process leaves it alone. Thread
+// rule: a ColumnCache is immutable and may be read by any thread; a writer belongs to one thread.
+// Errors: kUnknownName (no such cache), kIoError, kDataLoss (damaged), kVersionMismatch (another
+// schema).
 #pragma once
 
 #include <sys/types.h>
@@ -50,7 +51,7 @@ class ColumnCache {
   ColumnCache(const ColumnCache&) = delete;
   ColumnCache& operator=(const ColumnCache&) = delete;
 
-  // Reads everything once: kDataLoss when a column's bytes are not those that were written.
+  // Reads all columns once: kDataLoss when the bytes of a column are not those that were written.
   Status Verify() const;
 
   const CacheProperties& properties() const { return properties_; }
@@ -84,11 +85,11 @@ class ColumnCache {
 
 class ColumnCacheWriter {
  public:
-  // Works in a fresh folder beside `folder`, which must have an existing parent.
+  // Writes into a temporary folder beside `folder`, whose parent folder must exist.
   static Result<ColumnCacheWriter> Create(const std::string& folder);
   ColumnCacheWriter(ColumnCacheWriter&&) noexcept;
   ColumnCacheWriter& operator=(ColumnCacheWriter&&) = delete;
-  ~ColumnCacheWriter();  // removes what was not committed
+  ~ColumnCacheWriter();  // removes the temporary folder unless it was committed
 
   // Names are [a-z_]+. A column is written from its start to its end; several may be open.
   Result<size_t> AddColumn(std::string_view name, DType dtype, uint64_t width);
@@ -98,7 +99,8 @@ class ColumnCacheWriter {
     return Append(column, std::as_bytes(values));
   }
   void SetProperty(std::string_view name, std::string_view value);
-  // Makes the folder appear. When another process made the same folder meanwhile, that one stays.
+  // Renames the folder into place. If another process has made the same cache meanwhile, that one
+  // stays.
   Status Commit();
 
  private:
@@ -117,12 +119,12 @@ class ColumnCacheWriter {
   CacheProperties properties_;
 };
 
-// Gives a finished cache folder its place; where that is taken by a cache of that name, both stay.
+// Renames the finished cache `made` to `folder`. If a cache of that name exists already, both stay.
 Status PlaceCache(const std::string& made, const std::string& folder);
-// Removes a cache folder, at once for everybody else; what is mapped stays readable. Nothing
-// happens if there is none.
+// Removes a cache folder if it exists. Other processes see it whole or not at all; those that have
+// it mapped can still read it.
 void RemoveCache(const std::string& folder);
-// The same unless a process has it mapped; then false.
+// Removes the cache unless a process has it mapped. Returns whether it was removed.
 bool RemoveUnusedCache(const std::string& folder);
 // The prefix of the names of folders that are being written.
 inline constexpr std::string_view kUnfinishedCachePrefix = "unfinished-";

@@ -16,7 +16,7 @@
 
 namespace b4mrl {
 
-// Views of all columns, or of a block of rows; sizes agree with each other.
+// Views of all columns, or of a block of their rows. The views' sizes agree with each other.
 struct TransitionColumns {
   uint64_t rows = 0;
   uint32_t observation_size = 0;
@@ -24,7 +24,7 @@ struct TransitionColumns {
   std::span<const float> observations, actions, rewards, next_observations;
   std::span<const uint8_t> terminals, timeouts;
 
-  // The `count` rows from `first` on.
+  // The `count` rows from `first` on; all columns must be there.
   TransitionColumns Rows(uint64_t first, uint64_t count) const;
 };
 
@@ -67,7 +67,7 @@ Status VisitColumns(const std::tuple<Columns...>& table, const Visit& visit) {
 
 class Dataset {
  public:
-  // Maps a cache folder. Sizes are checked; call cache().Verify() where contents must be too.
+  // Maps a cache folder and checks sizes; cache().Verify() checks the contents as well.
   static Result<std::shared_ptr<const Dataset>> Open(const std::string& folder);
 
   const TransitionColumns& columns() const { return columns_; }

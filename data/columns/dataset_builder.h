@@ -1,6 +1,6 @@
 // Streams transitions into a column cache that Dataset::Open reads, and computes the statistics on
-// the way. Used by the importer and by whatever derives one dataset from another. One thread.
-// Errors: as column_cache.h.
+// the way. Imports use it, and so do derivations of one dataset from another. Thread rule: one
+// thread. Errors: as column_cache.h.
 #pragma once
 
 #include <optional>
@@ -20,21 +20,23 @@ class DatasetBuilder {
   static Result<DatasetBuilder> Create(const std::string& folder, uint32_t observation_size,
                                        uint32_t action_size);
 
-  // Rows in order, in blocks of any size.
+  // Appends rows, in blocks of any size.
   Status Append(const TransitionColumns& block);
-  // Appends those rows of the block that TransitionRule::kD4rl keeps. The flags are those of the
-  // whole data, of which the block starts at `first_row`; its own next_observations are not read.
-  // `following_observation` is that of the row after the block, or empty at the end of the data.
+  // Appends the rows of the block that TransitionRule::kD4rl keeps. `all_terminals` and
+  // `all_timeouts` are columns of the whole data, in which the block begins at row `first_row`. The
+  // block's flags and next_observations are not read. `following_observation` is the observation of
+  // the row after the block, or empty at the end of the data.
   Status AppendD4rl(const TransitionColumns& block, uint64_t first_row,
                     std::span<const uint8_t> all_terminals, std::span<const uint8_t> all_timeouts,
                     std::span<const float> following_observation);
 
-  // Returns and rewards of other rows than those appended: the file's, when a rule drops some.
+  // Computes the statistics of rewards and returns from these rows instead of the appended rows:
+  // from all rows of the file where a rule drops some of them.
   void AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
                   std::span<const uint8_t> timeouts);
   void SetProperty(std::string_view name, std::string_view value);
   uint64_t rows() const { return rows_; }
-  // Makes the folder appear; refuses an empty dataset.
+  // Puts the cache into place; kInvalidArgument if no row was appended.
   Status Commit();
 
  private:

@@ -1,7 +1,7 @@
 // Copies scattered rows of several columns into contiguous arrays, near the speed of memory.
 //
-// Rows are visited once, all columns of a row together; the rows some way ahead are prefetched,
-// because a batch of random rows of a large dataset misses every cache. Any thread.
+// Rows are visited once, all columns of a row together. The rows some way ahead are prefetched,
+// because random rows of a large dataset are in no cache of the processor. Any thread.
 #pragma once
 
 #include <cstddef>
@@ -17,8 +17,8 @@ struct GatherColumn {
   std::byte* destination = nullptr;  // rows.size() * row_bytes; does not overlap the source
 };
 
-// destination row i = source row rows[i]; the caller has checked that every row exists. Calls
-// `alive` every 32 rows.
+// Copies source row rows[i] to destination row i; the caller has checked that every row exists.
+// Calls `alive` every 32 rows.
 void GatherRows(
     std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
     const std::function<void()>& alive = [] {});

@@ -1,5 +1,6 @@
-// What a dataset's rows amount to: moments of observations, returns of episodes. Computed once,
-// while the rows stream into a cache, and stored with it. One thread at a time; results are values.
+// Statistics of a dataset: moments of its observations, returns of its episodes. They are computed
+// once, while the rows stream into a cache, and stored with the cache. One thread at a time;
+// results are values.
 #pragma once
 
 #include <cstdint>
@@ -12,18 +13,18 @@
 namespace b4mrl {
 
 struct DatasetStatistics {
-  // Per observation dimension, over `observations`; population standard deviation. NaN wherever the
-  // data has one.
+  // Of each observation dimension, over the column `observations`: mean and population standard
+  // deviation. NaN for a dimension whose data holds a NaN.
   std::vector<double> observation_mean, observation_std;
-  uint64_t episodes = 0;  // the last one counts even when the data ends before it does
-  // Undiscounted returns of complete episodes, population standard deviation; NaN if there are
-  // none.
+  uint64_t episodes = 0;  // including a last episode that is not complete
+  // Of the undiscounted returns of complete episodes; population standard deviation. NaN if there
+  // is no complete episode.
   double mean_return = 0, std_return = 0, min_return = 0, max_return = 0;
   double min_reward = 0, max_reward = 0;  // NaN without rows
 };
 
-// Mean, deviation and range of a stream of numbers, by Welford's method: one pass, in order, so
-// equal streams give equal bits; NaN in, NaN out.
+// Mean, standard deviation and range of a stream of numbers, by Welford's method: one pass in
+// order, so equal streams give equal bits. A NaN among the numbers makes all results NaN.
 class Moments {
  public:
   void Add(double value);
@@ -55,7 +56,7 @@ class StatisticsAccumulator {
   uint64_t episodes_ = 0;
 };
 
-// Statistics as properties of a cache, without loss.
+// Writes statistics into a cache's properties, and reads them back without loss.
 void StoreStatistics(const DatasetStatistics& statistics, ColumnCacheWriter* cache);
 Result<DatasetStatistics> LoadStatistics(const CacheProperties& properties);
 

@@ -1,23 +1,23 @@
-// An agent: a policy network with all that is needed to act with it, and where it came from.
+// An agent: a policy network, all that is needed to act with it, and its provenance.
 //
 // File layout, D4RL's for a behaviour policy, extended:
 //   metadata/algorithm, metadata/environment, ...        provenance strings and numbers
 //   metadata/policy/nonlinearity                         "relu" or "tanh"
 //   metadata/policy/output_distribution                  "tanh_gaussian" or "tanh"
-//   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/{weight (outputs, inputs),bias
-//   (outputs)}
+//   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/weight   (outputs, inputs)
+//   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/bias     (outputs)
 //   metadata/policy/{history_length,observation_mask,observation_mean,observation_std,action_scale}
-// A D4RL file lacks the last line's entries; then they take the defaults below. Strings may have
-// fixed or variable length.
+// D4RL's files lack the entries of the last line, which then take the defaults below. Strings may
+// have fixed or variable length.
 //
-// How an agent acts: each of the last `history_length` observations (oldest first, an episode's
-// first one repeated after a reset) is masked (masked dimensions become 0), then normalised (o -
-// observation_mean) / observation_std, then zeroed again where masked; they are concatenated and
-// passed through the hidden layers. "tanh": action = action_scale * tanh(last_fc). "tanh_gaussian":
-// action = action_scale * tanh(mean + exp(log_std) * normal), the mean alone when deterministic;
-// log_std is clamped to [-20, 2] as in rlkit.
-// Value types; no thread rule. Errors of reading: as hdf5_file.h, and kInvalidArgument when layer
-// sizes do not fit each other or a weight is not finite.
+// How an agent acts: the input is the last `history_length` observations, oldest first; after a
+// reset the episode's first observation is repeated. Each observation is masked (masked dimensions
+// become 0), normalised, (o - observation_mean) / observation_std, and masked again. The
+// observations are concatenated and passed through the hidden layers. "tanh": action = action_scale
+// * tanh(last_fc). "tanh_gaussian": action = action_scale * tanh(mean + exp(log_std) * normal), the
+// mean alone when deterministic; log_std is clamped to [-20, 2] as in rlkit. Value types; no thread
+// rule. Errors while reading: as hdf5_file.h, and kInvalidArgument when sizes of layers do not fit
+// each other or a weight is not finite.
 #pragma once
 
 #include <cstdint>
@@ -45,13 +45,13 @@ enum class OutputDistribution { kTanhGaussian, kTanh };
 enum class Nonlinearity { kRelu, kTanh };
 
 struct AgentProvenance {
-  std::string environment;  // "HalfCheetah": where it is meant to act
+  std::string environment;  // "HalfCheetah": the task that the agent is meant for
   std::string algorithm;    // "SAC" in D4RL's files
   uint64_t seed = 0;
   uint64_t updates = 0;        // D4RL's metadata/iteration when absent
-  std::string command;         // the command line that made it
-  std::string simulator;       // perturbations of the simulator it trained in; "" for none
-  std::string dataset;         // the dataset it trained on; "" for none
+  std::string command;         // the command line that trained the agent
+  std::string simulator;       // perturbations of the simulator of the training; "" for none
+  std::string dataset;         // the dataset of the training; "" for none
   std::string dataset_sha256;  // of that dataset's file
   std::string corruption;      // corruptions of that dataset; "" for none
 };
@@ -72,17 +72,17 @@ struct Agent {
   std::vector<float> action_scale;  // one per action dimension; empty means all 1
   AgentProvenance provenance;
 
-  // Sizes consistent, weights finite, within proto/base/limits.h.
+  // Whether sizes are consistent and within limits, and weights are finite.
   Status Validate() const;
   // Replaces empty mask, mean, std and scale by their defaults.
   void FillDefaults();
 };
 
-// Atomic (atomic_file.h), and equal agents give equal bytes.
+// Writes an agent file, complete or not at all (atomic_file.h). Equal agents give equal bytes.
 Status WriteAgent(const std::string& path, const Agent& agent);
-// A D4RL dataset file with a metadata/policy group is also accepted.
+// Reads an agent file, or a D4RL dataset file with a group metadata/policy.
 Result<Agent> ReadAgent(const std::string& path);
-// The same entries inside a file that holds other things too.
+// Read and write the same entries in a file that holds other entries as well.
 Result<Agent> ReadAgentFrom(const Hdf5Reader& file);
 Status WriteAgentInto(Hdf5Writer& file, const Agent& agent);
 

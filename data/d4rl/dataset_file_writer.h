@@ -35,7 +35,7 @@ struct DatasetWriterOptions {
   int compression_level = 1;      // deflate 0..9; D4RL's own files use 4
 };
 
-// Consecutive rows. Every array is row-major and must have `rows` rows; optional ones that the
+// Consecutive rows. Every array is row-major and must have `rows` rows. Optional arrays that the
 // options leave out must be empty.
 struct DatasetRows {
   size_t rows = 0;

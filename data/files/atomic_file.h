@@ -22,7 +22,7 @@ namespace b4mrl {
 
 class AtomicFile {
  public:
-  // The file gets `mode`, whatever the umask; without one, what the umask leaves of 0644.
+  // The file gets `mode`, whatever the umask; without a mode, 0644 less the umask.
   static Result<AtomicFile> Create(const std::string& path, std::optional<mode_t> mode = {});
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
@@ -50,14 +50,15 @@ Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view pat
 Status SyncFolder(const std::string& folder);
 // The folder part of a path: "." when it has none.
 std::string FolderOf(const std::string& path);
-// The mode of what is made in `folder`: its own without the umask's say, set-group-ID included.
+// The mode for a folder that is made in `folder`: the same as its own, set-group-ID included,
+// whatever the umask.
 mode_t ModeInside(const std::string& folder);
-// A whole file, as above.
+// Writes a whole file by an AtomicFile.
 Status WriteSmallFile(const std::string& path, std::string_view text,
                       std::optional<mode_t> mode = {});
 Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
                       std::optional<mode_t> mode = {});
-// The whole file, refused when longer than `max_bytes`.
+// Reads a whole file; an error if it is longer than `max_bytes`.
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
 
 }  // namespace b4mrl

@@ -1,6 +1,7 @@
-// DATA/.cache, where the daemon's processes keep what they can make again, and who may look into
-// it: its user alone, or, where DATA can be written by its group, everybody whom DATA lets in, for
-// then the group's daemons share their caches. The umask has no say. Any thread.
+// The folder DATA/.cache, where the daemon's processes keep files that they can make again, and its
+// permissions: its user alone may read it. If the group may write to DATA, DATA/.cache has the
+// permissions of DATA, as the daemons of the group's members share their caches. The umask does not
+// matter. Any thread.
 #pragma once
 
 #include <string>
@@ -10,9 +11,9 @@
 namespace b4mrl {
 
 std::string CacheRoot(const std::string& data_folder);
-// Makes it, or gives the one that is there its mode. kIoError.
+// Makes the folder if it is missing, and sets its mode. kIoError.
 Status MakeCacheRoot(const std::string& data_folder);
-// Makes a folder as open as the one that it lies in; content with one that is there. kIoError.
+// Makes a folder with the permissions of the folder around it; OK if it exists already. kIoError.
 Status MakeFolderInside(const std::string& folder);
 
 }  // namespace b4mrl

@@ -16,8 +16,8 @@ namespace b4mrl {
 
 // Lower-case hexadecimal, 64 characters.
 Result<std::string> Sha256OfFile(const std::string& path);
-// `fd` is read from its start to its end by position; `path` is for the message. Between blocks of
-// 1 MiB `go_on` is asked, and an error of it returned.
+// Reads `fd` from start to end without moving its position; `path` is for messages. Calls `go_on`
+// between blocks of 1 MiB, and ends with its error if it returns one.
 Result<std::string> Sha256OfDescriptor(
     int fd, const std::string& path,
     const std::function<Status()>& go_on = [] { return Status(); });

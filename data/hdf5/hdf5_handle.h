@@ -1,9 +1,9 @@
 // Internal to hdf5_*.cc: scoped HDF5 identifiers and the project's file driver.
 //
-// The driver hands the library a descriptor that this project opened. It never fails a write: the
-// first error is remembered and later writes are dropped, because HDF5 1.10 crashes at exit when it
-// cannot flush what it holds. The owner looks at `error_number` before it renames the file into
-// place.
+// The driver gives the library a descriptor that this project opened. Writes never fail for the
+// library: the driver remembers the first error and drops later writes, because HDF5 1.10 crashes
+// at exit when it cannot flush its data. The owner looks at `error_number` before it renames the
+// file into place.
 #pragma once
 
 #include <hdf5.h>
@@ -52,8 +52,7 @@ struct Hdf5DriverState {
 
 // Silences the library's error stack, forbids plugins, registers the driver; once per process.
 void InitialiseHdf5();
-// A file access list that makes H5Fopen or H5Fcreate use `state`; whatever name they get is
-// ignored.
+// A file access list that makes H5Fopen and H5Fcreate use `state` and ignore the file's name.
 Hdf5Handle Hdf5DriverAccess(Hdf5DriverState* state);
 
 }  // namespace b4mrl

@@ -1,8 +1,8 @@
-// What large payloads hold of a server's memory until their receivers have read them.
+// Counts the memory of large payloads that a server has sent until their receivers have read them.
 //
-// ZeroMQ bounds the messages that wait for a peer by number alone: a thousand of the longest are
-// 64 GB. So a ROUTER counts the bytes of payloads from limits::kCountedPayloadBytes on, from
-// sending to the moment ZeroMQ lets go of them, and refuses what is too much.
+// ZeroMQ limits the messages that wait for a peer by their number alone: a thousand of the longest
+// take 64 GB. So a ROUTER counts the bytes of payloads of limits::kCountedPayloadBytes or more,
+// from sending to the moment when ZeroMQ releases them, and refuses to send beyond a limit.
 #pragma once
 
 #include <atomic>
@@ -30,12 +30,12 @@ class UnreadBytes {
 
  private:
   using Counter = std::atomic<size_t>;
-  struct Counted;  // what goes with a frame
+  struct Counted;  // travels with a frame and says whose bytes to uncount
   static void Release(void* data, void* counted);
   std::shared_ptr<Counter>& CounterOf(const std::string& receiver);
 
   std::shared_ptr<Counter> all_ = std::make_shared<Counter>(0);
-  // Receivers that hold something, and some that did.
+  // By receiver, including some whose count is 0 by now.
   std::unordered_map<std::string, std::shared_ptr<Counter>> receivers_;
 };
 

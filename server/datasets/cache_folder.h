@@ -1,8 +1,8 @@
-// The column caches of a data folder: where they lie, which go when there are too many, and what a
-// killed process leaves behind.
+// The folder of a data folder's column caches: where caches lie, which are removed when they take
+// too much room, and how the remains of killed processes are removed.
 //
-//   DATA/.cache/<fingerprint>/               a column cache: of a file, or derived from one
-//   DATA/.cache/unfinished-<process id>-*/   in the making, or on its way out
+//   DATA/.cache/<fingerprint>/               a column cache: of a file, or derived from another
+//   cache DATA/.cache/unfinished-<process id>-*/   a cache that is being written or removed
 //
 // Several daemons may share a data folder. Any thread.
 #pragma once
@@ -15,7 +15,7 @@
 
 namespace b4mrl {
 
-// A folder inside the cache's, for one import; it goes with this object.
+// A folder inside DATA/.cache for one import. The destructor removes it.
 class ImportFolder {
  public:
   explicit ImportFolder(std::string path) : path_(std::move(path)) {}
@@ -30,21 +30,22 @@ class ImportFolder {
 
 class CacheFolder {
  public:
-  // `max_bytes`: of disk that all caches may take together.
+  // `max_bytes`: bytes of disk that all caches may take together.
   CacheFolder(std::string data_folder, uint64_t max_bytes);
 
   uint64_t max_bytes() const { return max_bytes_; }
   std::string PathOf(const std::string& fingerprint) const;
   std::string IndexFolder() const;
-  // Makes the folders, where they are missing.
+  // Makes the folders that are missing. kIoError.
   Status Make() const;
   Result<ImportFolder> MakeImportFolder() const;
-  // A cache's time stamp is when it was last used.
+  // Sets the time stamp of a cache to now: it says when the cache was last used.
   void Touch(const std::string& fingerprint) const;
-  // Removes those that were used longest ago until the rest take at most max_bytes, but none that a
-  // process has mapped: hold what is not to go. kLimitExceeded if that is not enough.
+  // Removes the caches that were used longest ago until the rest take at most max_bytes. A cache
+  // that a process has mapped stays, so callers hold the caches that they need. kLimitExceeded if
+  // those alone take more.
   Status MakeRoom() const;
-  // Removes what dead processes left half-made.
+  // Removes the unfinished caches of dead processes.
   void RemoveUnfinished() const;
 
  private:

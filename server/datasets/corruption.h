@@ -1,12 +1,13 @@
 // Corrupted datasets: the perturbations of observations, applied to recorded data.
 //
-// Row i of the result is a pure function of (file hash, corruptions, seed): observation i is
-// perturbed as row i of the dataset's one noise matrix, and so is the next observation of row i - 1
-// where both belong to one episode, so that a state looks the same from both sides. The next
-// observation of an episode's last row has no such partner and is perturbed as row i of a second
-// matrix. Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns. The
-// matrix is the file's own: its hash names the stream. Rewards, actions and flags stay; infos are
-// never served with a corruption. Numbers that are not finite pass. Any thread.
+// Row i of the result is a pure function of (file hash, corruptions, seed). Observation i gets the
+// noise of row i of the dataset's noise matrix, and so does the next observation of row i - 1 if
+// both rows belong to one episode: a state looks the same in both columns. The next observation of
+// an episode's last row i is in no other row; it gets the noise of row i of a second matrix. Noise
+// is drawn once and scaled by its level; hidden dimensions are 0 in both columns. Every file has
+// its own matrix: the file's hash names the random stream. Rewards, actions and flags do not
+// change; infos are never served with a corruption. Numbers that are not finite pass unchanged. Any
+// thread.
 #pragma once
 
 #include <atomic>
@@ -22,7 +23,7 @@
 namespace b4mrl {
 
 // The environment that a dataset's name belongs to, "HalfCheetah" for "HalfCheetah/medium" and
-// "d4rl/halfcheetah-medium-v2"; "" if it is none that is known.
+// "d4rl/halfcheetah-medium-v2"; "" if no known environment has that name.
 std::string EnvironmentOfName(const std::string& name);
 
 // The specification of that environment; for any other name, one with unnamed dimensions.
@@ -37,7 +38,8 @@ struct Corruption {
 
   bool empty() const { return items.empty(); }
 };
-// Resolves presets and builds the set; refuses what is unknown or cannot corrupt data.
+// Resolves presets and builds the set; refuses perturbations that are unknown or cannot corrupt
+// data.
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec);
 
@@ -46,7 +48,7 @@ Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
 Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
                        uint64_t matrix, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder);
-// kUnavailable.
+// kUnavailable, with the text that the work was cancelled.
 Status Cancelled();
 // The first 64 bits of a SHA-256 in hexadecimal; 0 for anything else.
 uint64_t MatrixOfFile(const std::string& sha256);

@@ -1,6 +1,6 @@
-// What is known of dataset files without reading them: what an import found out, kept on disk, and
-// which imports failed, kept in memory. Both hold for a file as long as its size, time and inode
-// stay what they were.
+// Remembers the results of imports, so that files need not be read again: facts about imported
+// files on disk, failures in memory. An entry holds as long as the file's size, time of change and
+// inode stay the same.
 //
 //   DATA/.cache/index/<hash of the name>.json
 //
@@ -23,7 +23,7 @@ struct FileIdentity {
   uint64_t modified_ns = 0;
   uint64_t inode = 0;
 
-  // kIoError when it is not there.
+  // Of the file at `path`; kIoError when there is none.
   static Result<FileIdentity> Of(const std::string& path);
   bool operator==(const FileIdentity&) const = default;
 };
@@ -41,12 +41,13 @@ class DatasetIndex {
   explicit DatasetIndex(std::string folder) : folder_(std::move(folder)) {}
 
   std::optional<ImportedFile> Find(const std::string& name, const FileIdentity& file) const;
-  // The folder exists. kIoError, kBusy.
+  // The index's folder must exist. kIoError, kBusy.
   Status Add(const std::string& name, const ImportedFile& imported) const;
 
-  // Why the file cannot be imported, for ten minutes: what failed for want of memory or time may
-  // work later. Of more than 256 failures the oldest are forgotten.
+  // Why the file cannot be imported. Kept for ten minutes, as an import that failed for want of
+  // memory or time may work later, and for the latest 256 failures.
   void AddFailure(const std::string& name, const FileIdentity& file, Status failure);
+  // The failure that is kept for the file, or OK.
   Status FindFailure(const std::string& name, const FileIdentity& file) const;
 
  private:

@@ -1,5 +1,5 @@
-// The replies that describe datasets: a page of their list, and one that was opened. What a file
-// says about itself is cut and made printable here. Pure functions; any thread.
+// The replies to ListDatasets and OpenDataset. Texts that come from a file are cut to a length and
+// made printable here. Pure functions; any thread.
 #pragma once
 
 #include <vector>
@@ -12,7 +12,7 @@ namespace b4mrl {
 // The datasets from number `first` on, as many as fit an envelope.
 void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first, pb::ListDatasetsReply* out);
 
-// `opened.dataset` is not null.
+// Describes an opened dataset; `opened.dataset` is not null.
 void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out);
 
 }  // namespace b4mrl

@@ -1,9 +1,9 @@
-// The datasets of a data folder and their caches: finds files, has them imported, derives what
-// corruptions and transition rules ask for, and maps the results.
+// The datasets of a data folder and their caches: finds files, has them imported, derives datasets
+// under corruptions and transition rules, and maps the results.
 //
-// Thread rule: any threads; two imports of one file at once do the work twice. The Datasets that
-// are returned are immutable and may be read by any. Errors: kUnknownName, those of the importer,
-// kIoError, kLimitExceeded (more than the caches may take), kUnavailable (cancelled).
+// Thread rule: any thread; two imports of one file at once do the work twice. The Datasets that are
+// returned are immutable; any thread may read them. Errors: kUnknownName, those of the importer,
+// kIoError, kLimitExceeded (more bytes than the caches may take), kUnavailable (cancelled).
 #pragma once
 
 #include <atomic>
@@ -28,7 +28,7 @@ namespace b4mrl {
 struct DatasetFileInfo {
   std::string name;
   uint64_t file_bytes = 0;
-  // Known once the file has been imported.
+  // 0 or "" until the file has been imported.
   uint64_t rows = 0;
   std::string sha256;
   std::string behaviour_policy;
@@ -47,9 +47,9 @@ struct OpenedDataset {
   std::string environment;                  // as the file says, else as its name; "" if neither
   std::vector<NamedArgument> corruptions;   // parametric forms
   std::vector<uint32_t> hidden_dimensions;  // sorted
-  std::shared_ptr<const Dataset> dataset;   // null when something is missing
+  std::shared_ptr<const Dataset> dataset;   // null unless `missing` is kNothing
 
-  // What has to be made first, and how much data it is made from.
+  // The step that has to be done first, and how many bytes it reads.
   enum class Missing { kNothing, kImport, kDerivation } missing = Missing::kNothing;
   uint64_t source_bytes = 0;
 };
@@ -66,19 +66,22 @@ class DatasetStore {
   // Sorted by name. kIoError when the data folder cannot be read.
   Result<std::vector<DatasetFileInfo>> List() const;
 
-  // What the caches hold; where it is not enough, `missing` says what to call first. Milliseconds,
-  // but for a cache that nobody has mapped: it is read once.
+  // Opens a dataset from the caches; where they lack it, `missing` says whether Import or Derive
+  // has to be called first. Takes milliseconds, but a cache that nobody has mapped is read whole
+  // once.
   Result<OpenedDataset> Open(const DatasetRequest& request);
-  // Imports the file of that name; takes as long as that does. Of the result, only `fingerprint`
-  // and `dataset` are set. A failure that lies in the file is remembered, and then Open's answer.
-  // Ends soon after `cancelled` turned true.
+  // Imports the file of that name, which may take minutes. Of the result, only `fingerprint` and
+  // `dataset` are set. A failure that lies in the file is remembered, and Open returns it from then
+  // on. Returns soon after `cancelled` turned true.
   Result<OpenedDataset> Import(const std::string& name, const std::atomic<bool>& cancelled);
-  // Open, and derives what an imported file lacks.
+  // Opens a dataset and derives it if it is missing; its file must have been imported.
   Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
 
-  // A dataset that was made earlier, perhaps by another process. kUnknownName if it is no more.
+  // Maps a dataset that was made earlier, perhaps by another process. kUnknownName if its cache is
+  // gone.
   Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
-  // At the start: gives the caches their mode, removes what killed processes left half-made.
+  // To be called at the start: sets the caches' modes and removes unfinished caches of dead
+  // processes.
   void TidyUp();
 
  private:
@@ -90,24 +93,24 @@ class DatasetStore {
 
   Result<std::vector<File>> FindFiles() const;
   Result<File> FindFile(const std::string& name) const;
-  // `cancelled` is null where nothing may be derived.
+  // Both derive what is missing unless `cancelled` is null.
   Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
                                      DatasetPointer dataset, const std::atomic<bool>* cancelled);
   Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,
                                     const std::atomic<bool>* cancelled);
   Result<ImportedFile> ImportFile(const File& file, const std::atomic<bool>& cancelled);
-  // Replaces `*dataset` by the one of `fingerprint`: from the cache, or made by `derive`. Null if
-  // it is not there and must not be made.
+  // Replaces `*dataset` by the dataset of `fingerprint`: from the cache or, if `make`, made by
+  // `derive`; else null.
   Status Replace(DatasetPointer* dataset, const std::string& fingerprint, bool make,
                  const std::function<Status(DatasetBuilder*)>& derive);
-  // Maps what was just made and makes room for it, or else removes it again.
+  // Maps a cache that was just made and makes room for it. Removes the new cache if there is none.
   Result<DatasetPointer> Admit(const std::string& fingerprint);
 
   Options options_;
   CacheFolder cache_;
   DatasetIndex index_;
   std::mutex mutex_;
-  // What somebody still holds need not be mapped and verified again. Under mutex_.
+  // Datasets that a caller still holds need not be mapped and verified again. Under mutex_.
   std::map<std::string, std::weak_ptr<const Dataset>> mapped_;
 };
 

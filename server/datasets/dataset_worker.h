@@ -1,17 +1,17 @@
-// The process that serves datasets: List, Open, Stats, Sample and Read over the protocol.
+// The process that serves datasets: ListDatasets, OpenDataset, DatasetStats, Sample and Read.
 //
-// It never opens HDF5: a file is turned into a column cache by a short-lived importer process
-// (importer.h), and only such caches are mapped, read-only. A corrupted dataset is another column
+// It never opens HDF5: a short-lived importer process (importer.h) turns a file into a column
+// cache, and the dataset worker maps such caches, read-only. A corrupted dataset is another column
 // cache, a pure function of (file hash, corruptions, seed). Both live in DATA/.cache/<fingerprint>,
-// and Sample, Read and Stats name the fingerprint, so a worker that was killed and started again
-// serves them with no other state.
+// and Sample, Read and DatasetStats name the fingerprint, so a worker that was killed and started
+// again serves them with no other state.
 //
-// One thread receives, gathers straight into the reply's frame and sends. Another one lists and
-// maps what is prepared, so that one client's Open does not hold up another's batches, not even
-// where a replaced worker has to map their dataset again. Imports and derivations run side by side
-// in two queues (preparation_queue.h), so that neither waits for the other, nor a small one for
-// large ones. Requests for a dataset that is still being prepared wait for it, each at most its own
-// deadline: wherever they wait, kDeadlineExceeded comes within 0.2 s of it.
+// One thread receives messages, gathers rows straight into the reply's frame and sends. A second
+// thread lists files and maps finished caches, so that one client's Open does not hold up another
+// client's batches, not even where a replaced worker has to map their dataset again. Imports and
+// derivations run side by side in two queues (preparation_queue.h), so that neither waits for the
+// other, nor a small one for a large one. A request for a dataset that is being prepared waits for
+// it: kDeadlineExceeded comes within 0.2 s of the request's deadline.
 //
 // Datasets are DATA/<Environment>/<level>.h5, named "<Environment>/<level>", and
 // DATA/d4rl/<name>.hdf5, named "d4rl/<name>".

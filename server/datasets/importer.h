@@ -4,13 +4,13 @@
 // The process first gives up what it does not need: no core files, bounded memory, processor time,
 // file size and descriptors, no new privileges, and (Linux 5.13 or later, Landlock) no access to
 // the file system beyond reading the one file and writing into the one folder that was made for
-// this import. What it may spend is measured by what the file stores, without its holes. It prints
-// one JSON line on stdout:
+// this import. Its limits on time and size follow the bytes that the file stores, without its
+// holes. It prints one JSON line on stdout:
 //   {"ok": true, "rows": 1000000}
 //   {"ok": false, "code": 12, "message": "..."}
-// What the file is (its hash, and so the cache's name) is not asked of a process that has parsed
-// it. Thread rule: RunImporter is a process's main function; ImportInChild may be called by any
-// thread.
+// The file's hash, which names the cache, is not taken from this process: a crafted file may
+// control it. Thread rule: RunImporter is a process's main function; ImportInChild may be called by
+// any thread.
 #pragma once
 
 #include <atomic>
@@ -37,7 +37,7 @@ int RunImporter(const ImporterOptions& options);
 // Starts `program --role importer ...`, waits for it and returns the number of rows. A crash, a
 // silent exit or a missed deadline (the child is killed) becomes a kDataLoss that names the file;
 // asking again would not help. When `cancelled` (may be null) turns true, the child is killed
-// within 100 ms: kUnavailable. What a failed import leaves in the folder is the caller's to remove.
+// within 100 ms: kUnavailable. The caller removes what a failed import leaves in the folder.
 Result<uint64_t> ImportInChild(const std::string& program, const ImporterOptions& options,
                                const Deadline& deadline,
                                const std::atomic<bool>* cancelled = nullptr);

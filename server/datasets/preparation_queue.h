@@ -1,12 +1,12 @@
-// Slow work that several clients of the dataset worker want at once: imports, or derivations.
+// A queue for slow work of the dataset worker's clients: of imports, or of derivations.
 //
-// A job starts in one of the places for short work, with a turn of kShortMs. After it the job
-// counts as long: it goes on where a place for long work is free, or while nobody waits for its
-// own; else it is cancelled, and starts anew in such a place with a turn of four times the length,
-// after which the same holds. So whoever wants little waits for seconds at most, whatever others
-// want, and even a job that was slow because the machine is busy waits for nobody's end. Of the
-// jobs that wait, those whose clients have the fewest running go first, of these the smallest, of
-// these the oldest. Requests for the same thing share a job.
+// A job starts in a place for short work, with a turn of kShortMs. A job that is not done by then
+// counts as long: it goes on if a place for long work is free, or while no job waits for its place.
+// Otherwise it is cancelled and later starts anew in a place for long work, with a turn four times
+// as long, after which the same rule holds. So a short job waits for seconds at most, whatever
+// other clients want, and no job has to wait for the end of a long one. Of the waiting jobs, those
+// go first whose clients have the fewest running jobs, of these the smallest, of these the oldest.
+// Requests for the same dataset share a job.
 //
 // Thread rule: all members belong to the loop's thread; the work runs on the queue's threads.
 // Destruction cancels what runs, waits for its end, and drops the rest.
@@ -32,23 +32,23 @@ class PreparationQueue {
  public:
   static constexpr int64_t kShortMs = 2000;
 
-  // Ends soon after `cancelled` turned true.
+  // Runs on a thread of the queue; returns soon after `cancelled` turned true.
   using Work = std::function<Result<OpenedDataset>(const std::atomic<bool>& cancelled)>;
   using Done = std::function<void(const Result<OpenedDataset>&)>;  // on the loop's thread
 
   PreparationQueue(size_t short_places, size_t long_places, int64_t short_ms = kShortMs);
   ~PreparationQueue();
 
-  // `key` names what is wanted: a later request's `work` is dropped where a job has it already.
-  // `bytes` is how much data the work goes through.
+  // `key` names the result: if a job of that key waits or runs, the request joins it and `work` is
+  // dropped. `bytes`: how much data the work reads.
   void Submit(const std::string& key, const RoutingId& client, uint64_t bytes, Work work,
               Done done);
-  // Requests whose `done` was not called.
+  // The number of requests whose `done` was not called yet.
   size_t backlog() const { return backlog_; }
-  // Adds descriptors of which one is readable while finished work waits for Run; none while nothing
-  // runs, for they are looked at before every message.
+  // Adds descriptors of which one is readable while finished work waits for Run. Adds none while no
+  // job runs, because the loop looks at all descriptors before every message.
   void AddDescriptors(std::vector<int>* fds) const;
-  // Calls what is done, starts what may start. At least every 100 ms.
+  // Calls `done` of finished jobs and starts waiting jobs. To be called at least every 100 ms.
   void Run();
 
  private:
@@ -68,7 +68,7 @@ class PreparationQueue {
 
   size_t CountRunning(bool is_long) const;
   size_t CountRunningOf(const Job& job) const;
-  // The next of those that wait; null if there is none.
+  // The waiting job that goes first; null if there is none.
   Job* NextWaiting(bool is_long);
   void Start(Job* job);
   void Finish(uint64_t number, const Result<OpenedDataset>& result);

@@ -1,5 +1,6 @@
-// The datasets that a dataset worker has mapped for its clients. What nobody uses is let go: while
-// it is mapped its cache must stay, though others may need the room. One thread.
+// The datasets that a dataset worker has mapped for its clients. A dataset that no client uses is
+// unmapped, because a mapped cache cannot be removed when other caches need the room. Thread rule:
+// one thread.
 #pragma once
 
 #include <cstdint>
@@ -14,18 +15,18 @@ namespace b4mrl {
 
 class ServedDatasets {
  public:
-  // Null if it is not among them.
+  // Null if no dataset of that fingerprint is mapped here. Counts as a use.
   std::shared_ptr<const Dataset> Find(const std::string& fingerprint);
-  // Lets go the one that was used longest ago when there are more than limits::kMaxMappedDatasets.
+  // Above limits::kMaxMappedDatasets, drops the dataset that was used longest ago.
   void Add(const std::string& fingerprint, std::shared_ptr<const Dataset> dataset);
-  // Lets go what nobody has used for five minutes; looks once a minute at most.
+  // Drops the datasets that were not used for five minutes. Looks at most once a minute.
   void ReleaseIdle();
 
  private:
   struct Served {
     std::shared_ptr<const Dataset> dataset;
-    uint64_t last_use = 0;  // in the order of uses
-    Clock::time_point used;
+    uint64_t last_use = 0;   // number of its last use, in the order of all uses
+    Clock::time_point used;  // time of its last use
   };
   std::map<std::string, Served> served_;
   uint64_t uses_ = 0;

@@ -1,13 +1,14 @@
-// What the server is, and what it has opened, as protocol messages. Pure functions; any thread.
+// The replies to Hello and Open. Pure functions; any thread.
 #pragma once
 
 #include "proto/b4mrl.pb.h"
 
 namespace b4mrl {
 
-// Versions, capabilities and limits: a Hello but for the ports.
+// Fills in versions, capabilities and limits: all of a HelloReply but the dataset worker's port.
 void DescribeServer(int64_t lease_ms, pb::HelloReply* out);
-// An OpenReply but for the port, from the completed request and what the worker said.
+// Fills in all of an OpenReply but the worker's port, from the completed request and the worker's
+// reply to Attach.
 void DescribeOpen(const pb::OpenRequest& request, const pb::AttachReply& session,
                   pb::OpenReply* out);
 

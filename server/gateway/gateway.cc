@@ -1,6 +1,6 @@
-// The gateway: Hello, the catalogue, opening of sessions and the daemon's status. It keeps nothing
-// that it could not read from shared memory again, and no step passes through it but those of
-// clients that reach no other port (server/gateway/relay.h).
+// The gateway's main loop: answers Hello, Catalogue, ServerStatus and Open. Its replacement reads
+// all that it needs from shared memory. Steps pass through the gateway only when their client
+// reaches no other port (server/gateway/relay.h).
 #include <chrono>
 #include <optional>
 #include <string>
@@ -20,13 +20,14 @@
 namespace b4mrl {
 namespace {
 
-// What a child sent before it ended may take so long to arrive here.
+// Messages that a child sent before it ended may take so long to arrive here.
 constexpr int64_t kLastWordsMs = 100;
-// The end of a process, for which the drain waits, and its replacement, to which the relay sends
-// again, show on no socket that is waited on.
+// The drain waits for processes to end, and the relay sends again once a process was replaced; no
+// socket becomes readable at either, so the gateway looks this often.
 constexpr int64_t kWatchfulMs = 5;
-// Taken from clients before workers and relays have their turn. ZeroMQ hands out the messages of
-// all connections in turn, so that a flood costs the others one of its requests for each of theirs.
+// At most so many messages of clients are handled before workers and relays have their turn. ZeroMQ
+// hands out the messages of all connections in turn, so one client's flood delays the others by one
+// request for each of theirs.
 constexpr int kReceiveBurst = 64;
 constexpr auto kReceiveBurstTime = std::chrono::milliseconds(1);
 
@@ -68,10 +69,10 @@ class Gateway {
   void HandleCatalogue(const Asker& from);
   void HandleStatus(const Asker& from);
   void HandleOpen(const Asker& from);
-  // Passes on what another process answers.
+  // Relays a request that another process answers.
   void HandleForeign(const Asker& from, Message message);
   void Wait();
-  // While draining: all others have ended, whose clients are told so here.
+  // While draining: whether all other children have ended and all their replies were passed on.
   bool MayLeave();
 
   void ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened);
@@ -83,7 +84,7 @@ class Gateway {
   Catalogue catalogue_;
   Openings openings_;
   Relay relay_;
-  std::optional<Deadline> last_words_;  // set once all other children have ended
+  std::optional<Deadline> last_words_;  // kLastWordsMs after all other children have ended
   pb::Request request_;                 // reused
 };
 

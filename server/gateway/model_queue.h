@@ -1,11 +1,11 @@
-// Which of the users' models that Opens wait for is compiled next, so that quick ones do not wait
-// for slow ones and no connection keeps the others waiting.
+// Chooses which of the users' models that Opens wait for is compiled next, so that quick models do
+// not wait for slow ones and no connection keeps the others waiting.
 //
-// Up to limits::kModelCompilers are compiled at once, one of each connection and one of each file,
-// the rest in the order in which they came. When all compilers are busy, a newcomer takes the place
-// of the one that began last among those that have had limits::kQuickModelMs; that one begins again
-// when no newcomer waits. The one that has been compiled for longest stays, so that the slow come
-// to an end as well.
+// Up to limits::kModelCompilers models are compiled at once, one of each connection and one of each
+// file; the others wait in the order in which they came. When all compilers are busy, a newcomer
+// takes the place of a model that has been compiled for limits::kQuickModelMs or more: of the one
+// that began last, which begins again when no newcomer waits. The model that has been compiled for
+// longest keeps its place, so that slow models are finished as well.
 //
 // Thread rule: the gateway's main thread, which calls Pump in every turn of its loop and at once
 // when one of the descriptors is readable. Destruction ends the running compilations.
@@ -34,20 +34,20 @@ class ModelQueue {
   explicit ModelQueue(ModelStore::Options options) : store_(std::move(options)) {}
   ~ModelQueue();
 
-  // Runs in Pump; the path of the compiled model.
+  // Called by Pump with the path of the compiled model or an error.
   using Completion = std::function<void(const Result<std::string>&)>;
   struct Wish {
-    uint64_t number = 0;  // the caller's, for Forget
-    RoutingId peer;       // who asks
+    uint64_t number = 0;  // chosen by the caller, for Forget
+    RoutingId peer;       // the connection that asks
     std::string environment;
     std::string file;
     Completion done;
   };
-  // An error is told at once: unknown environments, names that no file can have, kLimitExceeded
-  // when limits::kMaxPendingModels (or kMaxPendingModelsOfPeer of this peer) wait.
+  // Errors are returned at once: unknown environments, names that no model file can have, and
+  // kLimitExceeded when limits::kMaxPendingModels (kMaxPendingModelsOfPeer of this peer) wait.
   Status Add(Wish wish);
-  // Nobody waits for that model any more. What is being compiled already is compiled to its end,
-  // for the next one who asks.
+  // Takes a wish back. A compilation that has begun goes on, and its result is kept for later
+  // Opens.
   void Forget(uint64_t number);
   void Pump();
   void AppendDescriptors(std::vector<int>* fds) const;
@@ -62,16 +62,17 @@ class ModelQueue {
   Status Admit(const Wish& wish) const;
   void Start(Compiler& compiler, Wish wish);
   void Finish(Compiler& compiler, const Result<std::string>& path);
-  // Whether `wish` may be compiled beside what is.
+  // Whether no running compilation is of the same connection or file.
   bool MayStart(const Wish& wish) const;
-  // Starts what can be started of `queue`. Returns how many more could be if compilers were free.
+  // Starts the wishes of `queue` that may start while compilers are free. Returns how many more
+  // could start if more compilers were free.
   size_t StartFrom(std::list<Wish>& queue);
   // Ends slow compilations until `count` compilers are free or about to be.
   void MakeRoomFor(size_t count);
 
   ModelStore store_;
   std::list<Wish> newcomers_;
-  std::list<Wish> slow_;                                     // which made room for others
+  std::list<Wish> slow_;                                     // those that made room for newcomers
   std::array<Compiler, limits::kModelCompilers> compilers_;  // use the store on their threads
 };
 

@@ -1,9 +1,9 @@
 // The compiled models of users (model=FILE.xml): has files compiled by sandboxed processes, and
-// remembers what came of it while a file's content stays as it is, whether it was taken or refused.
+// remembers the compiled model or the error for as long as the file's content does not change.
 //
 //   DATA/.cache/models/<hash>.mjb   compiled models, named by content, at most kMaxCompiledModels;
-//                                   a session remembers its hash, so a later change of FILE.xml
-//                                   changes no running session
+//                                   a session remembers its model's hash, so a later change of
+//                                   FILE.xml changes no running session
 //
 // Any thread. Which file is compiled when is decided by server/gateway/model_queue.h.
 #pragma once
@@ -32,9 +32,9 @@ class ModelStore {
   };
   explicit ModelStore(Options options);
 
-  // The path of FILE's compiled model for an environment. Waits for a process of at most
-  // limits::kModelCompilerMs, unless the answer is known. `cancelled` turning true ends it within
-  // 100 ms with kUnavailable. Errors as in CompileModelInChild.
+  // The path of the compiled model of `file` for `environment`. Where it is not known yet, waits
+  // for a process that compiles it, at most limits::kModelCompilerMs. When `cancelled` turns true,
+  // the process is ended within 100 ms: kUnavailable. Errors as in CompileModelInChild.
   Result<std::string> Compile(const std::string& environment, const std::string& file,
                               const std::atomic<bool>& cancelled);
 

@@ -1,5 +1,4 @@
-// What an Open says before any simulator is asked. Pure functions but for the drawn seed; any
-// thread.
+// Checks of an Open that need no simulator. Pure functions but for the drawn seed; any thread.
 #pragma once
 
 #include <string>
@@ -10,10 +9,11 @@
 
 namespace b4mrl {
 
-// Checks what needs no simulator and fills in what was left out.
+// Checks token, lanes, modes and sizes, and fills in what the client left out: the seed, which is
+// drawn, and the dtype of observations.
 Status CompleteOpen(const std::string& token, pb::OpenRequest* open);
 
-// FILE.xml of a model=FILE.xml among the perturbations; "" if there is none.
+// The file that a perturbation model=FILE.xml names; "" if there is no such perturbation.
 std::string ModelFileOf(const pb::OpenRequest& open);
 
 }  // namespace b4mrl

@@ -1,12 +1,13 @@
-// How a session comes to be: an Open is checked, its model compiled where a user wrote one
+// How sessions are opened: an Open is checked, its model compiled if it names a user's model
 // (server/gateway/model_queue.h), a record allocated, and the record's worker asked to attach
-// itself to it.
+// itself to the record.
 //
-// Every Open is answered exactly once: with its session, with what was wrong, or at its deadline. A
-// copy of one that is under way joins it. However many Opens of one token wait, the worker is asked
-// once, and asked again when it was replaced, so that what is under way towards workers is bounded
-// by limits::kMaxSessions; Opens by limits::kMaxPendingOpens and kMaxPendingOpensOfPeer. Whoever
-// replaces a dead gateway reads the records from shared memory; clients send their Opens again.
+// Every Open is answered exactly once: with its session, with an error, or at its deadline. A
+// second copy of an Open that waits joins the first. However many Opens of one token wait, the
+// worker is asked once, and asked again when it was replaced. So limits::kMaxSessions bounds the
+// requests to workers, limits::kMaxPendingOpens and kMaxPendingOpensOfPeer the Opens. The
+// replacement of a dead gateway reads the records from shared memory, and clients send their Opens
+// again.
 //
 // Thread rule: the gateway's main thread, which calls Pump in every turn of its loop and at once
 // when one of the sockets or descriptors is readable, and waits no longer than wait_ms().
@@ -36,26 +37,27 @@ class Openings {
  public:
   struct Options {
     ModelStore::Options models;
-    std::vector<ChildOptions::Port> worker_ports;  // that clients are told
+    std::vector<ChildOptions::Port> worker_ports;  // as clients are told them
   };
   using ReplyFunction = std::function<void(const Asker& to, const Result<pb::OpenReply>&)>;
 
-  // `workers` are connections to the environment workers. Replies leave through `reply`. Everything
+  // `workers` are connections to the environment workers. Replies leave through `reply`. What is
   // passed by reference outlives the openings.
   Openings(SharedState& shared, std::vector<DealerSocket> workers, Options options,
            ReplyFunction reply);
 
   // `request` is an Open.
   void Open(const Asker& from, const pb::Request& request);
-  // Goes on with all that workers and compilers have done, and with what is past its deadline.
+  // Goes on with the Opens for which a worker or compiler has answered, and ends those whose
+  // deadline has passed.
   void Pump();
-  // About once a second: gives back the records of closed sessions, and of openings that nobody
-  // asks about any more.
+  // About once a second: frees the records of closed sessions, and of openings whose Open no client
+  // repeats.
   void Reap();
 
-  // Nobody waits.
+  // Whether no Open waits.
   bool empty() const { return waiting_.empty(); }
-  // Until the next deadline, at most `longest_ms`.
+  // Milliseconds until the next deadline, at most `longest_ms`.
   int64_t wait_ms(int64_t longest_ms) const;
   void AppendSockets(std::vector<void*>* sockets) const;
   void AppendDescriptors(std::vector<int>* fds) const { models_.AppendDescriptors(fds); }
@@ -65,11 +67,11 @@ class Openings {
   struct Waiting {
     Asker from;
     std::string token;
-    Clock::time_point end;    // of its deadline
-    uint64_t generation = 0;  // of the record; 0 while there is none
+    Clock::time_point end;    // the deadline
+    uint64_t generation = 0;  // of the record; 0 while it has no record
   };
-  // A worker that is asked to attach itself to a record. It lasts until the worker answers, even if
-  // nobody waits any more: another Open of that token must not ask a second time.
+  // The request to a worker to attach itself to a record. It is kept until the worker answers, even
+  // when no Open waits any more, so that another Open of that token does not ask a second time.
   struct Attach {
     uint32_t session_index = 0;
     uint32_t worker = 0;
@@ -82,10 +84,11 @@ class Openings {
   };
 
   Status Admit(const Asker& from) const;
-  // Whether `from` has asked that already and is still waiting.
+  // Whether an Open with this id of `from` waits already. kInvalidArgument if it is of another
+  // token.
   Result<bool> IsCopy(const Asker& from, const std::string& token) const;
   uint64_t Enter(const Asker& from, const pb::Request& request);
-  // The next step of Open `number`; an error ends it.
+  // The next steps of Open `number`; an error ends the Open.
   Status CompileModel(uint64_t number, const pb::Request& request, const std::string& file);
   Status AskWorker(uint64_t number, const pb::OpenRequest& open, const std::string& compiled_model);
   Result<uint32_t> FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
@@ -96,7 +99,7 @@ class Openings {
   void Finish(Attaches::iterator attach, const pb::Reply& answer);
   Result<pb::OpenReply> Conclude(uint64_t generation, const Attach& attach,
                                  const pb::Reply& answer);
-  // The end of Open `number`.
+  // Ends Open `number` with its reply.
   void Leave(uint64_t number, const Result<pb::OpenReply>& reply);
 
   SharedState& shared_;
@@ -107,9 +110,9 @@ class Openings {
   std::unordered_map<uint64_t, Waiting> waiting_;  // by number
   uint64_t next_number_ = 1;
   std::unordered_map<RoutingId, std::map<uint64_t, uint64_t>> peers_;  // request id to number
-  std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // and the numbers
+  std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // with numbers of Opens
   Attaches attaches_;                                                  // by the record's generation
-  std::set<uint64_t> unsent_;                                          // of them, generations
+  std::set<uint64_t> unsent_;                                          // generations of attaches_
   ModelQueue models_;
 };
 

@@ -1,16 +1,17 @@
-// The gateway's second task: carrying the requests of clients that reach only its port to the
-// process that answers them, and the replies back.
+// Carries the requests of clients that reach only the gateway's port to the process that answers
+// them, and the replies back.
 //
-// A client that sends a Step, Sample or the like to the gateway gets a route: a connection of its
-// own to its session's worker, which is found by the token, or to the dataset worker. There it is a
-// client like any other, so that request ids, lane numbers, deadlines and limits mean what they
-// mean on the direct way, and no reply can reach anybody else. The relay keeps each request until
-// it is answered or its deadline has passed, and sends it again when the process at the other end
-// was replaced, which the client cannot see. It holds nothing that a dead gateway would be missed
-// for: clients see their connection to it break and send again.
+// A client that sends the gateway a Step, a Sample or another request that the gateway does not
+// answer gets a route: a connection of its own from the gateway to its session's worker, which is
+// found by the token, or to the dataset worker. That process sees a client like any other, so
+// request ids, lane numbers, deadlines and limits mean the same as without the relay, and a reply
+// reaches its own client only. The relay keeps each request until it is answered or its deadline
+// has passed, and sends it again when the process at the other end was replaced, because the client
+// cannot see that. The relay's state need not survive the gateway: clients see their connection
+// break and send again.
 //
-// Nothing here waits, so that no client can hold up the gateway; every queue is bounded by
-// limits::kMaxRequestsInFlight and limits::kMaxRelay*. Thread rule: the gateway's main thread.
+// No call waits, so no client can hold up the gateway; limits::kMaxRequestsInFlight and
+// limits::kMaxRelay* bound every queue. Thread rule: the gateway's main thread.
 #pragma once
 
 #include <cstdint>
@@ -34,41 +35,42 @@ namespace b4mrl {
 class Relay {
  public:
   using SendFunction = std::function<Status(const RoutingId& client, Message reply)>;
-  // Where the processes listen; the dataset worker is the last one of the list that routes index.
+  // Where the processes listen.
   struct Addresses {
     std::vector<std::string> workers;
     std::string dataset_worker;
   };
 
-  // Replies leave through `send`. Everything passed by reference outlives the relay.
+  // Replies leave through `send`. What is passed by reference outlives the relay.
   Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
         size_t max_routes = limits::kMaxRelayRoutes);
 
-  // Sends `message`, whose envelope says `request`, on its way. An error says why it was not sent:
-  // kSessionLost when the token names no session, kLimitExceeded, kIoError.
+  // Sends `message`, whose parsed envelope is `request`, to the process that answers it. An error
+  // says why it was not sent: kSessionLost when the token names no session, kLimitExceeded,
+  // kIoError.
   Status Forward(const RoutingId& client, const pb::Request& request, Message message);
-  // Hands back the replies that have come, sends again what a dead process held, and forgets what
-  // nobody waits for any more.
+  // Hands back the replies that have come, sends the requests of a replaced process again, and
+  // drops requests whose deadline has passed and routes that are idle.
   void Pump();
 
-  // Requests that are neither answered nor past their deadline.
+  // The number of requests that are neither answered nor past their deadline.
   size_t in_flight() const { return in_flight_; }
   // Adds the sockets on which replies may come.
   void AppendSockets(std::vector<void*>* sockets) const;
 
  private:
   struct Carried {
-    Message message;  // shares its bytes with what was sent
+    Message message;  // shares its bytes with the message that was sent
     Deadline deadline;
-    size_t bytes;  // of all copies that were sent
+    size_t bytes;  // of all copies of the request that were sent
   };
   struct Route {
     RoutingId client;
     uint32_t process;  // index into addresses_
-    uint32_t session;  // index of its record; none for the dataset worker
+    uint32_t session;  // index of the session's record; kMaxSessions for the dataset worker
     DealerSocket socket;
     uint32_t connections = 0;
-    size_t bytes = 0;  // carried
+    size_t bytes = 0;  // of all requests in `carried`
     Clock::time_point last_use;
     std::map<uint64_t, Carried> carried;  // by request id
   };
@@ -78,7 +80,7 @@ class Relay {
   Result<Route*> FindOrMakeRoute(const RoutingId& client, const pb::Request& request);
   Result<Route*> MakeRoute(const std::string& key, const RoutingId& client, uint32_t process,
                            uint32_t session);
-  // Makes room for one more route: kLimitExceeded when all of them carry something.
+  // Makes room for one more route: kLimitExceeded when every route has a request in flight.
   Status EvictIdleRoute();
   Status Admit(const Route& route, const Message& message, bool is_copy) const;
   // False when the client has gone.
@@ -91,7 +93,7 @@ class Relay {
   Context& sockets_;
   SharedState& shared_;
   SessionTable table_;
-  std::vector<std::string> addresses_;
+  std::vector<std::string> addresses_;  // of the workers, then of the dataset worker
   SendFunction send_;
   size_t max_routes_;
   Routes routes_;  // by client and token

@@ -1,4 +1,5 @@
-// What `b4mrl status` shows, read from shared memory by the gateway. Main thread.
+// The reply to ServerStatus, which `b4mrl status` shows: counters of all processes and the
+// sessions, read from shared memory. Thread rule: the gateway's main thread.
 #pragma once
 
 #include <string>
@@ -13,7 +14,7 @@ class StatusReport {
  public:
   StatusReport(SharedState& shared, const std::string& data_folder);
 
-  // About once a second: takes the step counts that rates are computed from.
+  // To be called about once a second: notes the step counts that rates are computed from.
   void Sample();
   void Fill(pb::ServerStatusReply* out) const;
 

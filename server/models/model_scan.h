@@ -1,7 +1,8 @@
-// What an MJCF file refers to, before MuJoCo is let loose on it: a message with a line for every
-// file that lies outside the models folder, and no dependence on what the kernel can confine.
+// Checks which files an MJCF file refers to before MuJoCo parses it. So a reference to a file
+// outside the models folder is refused with its line, and also where the kernel cannot confine the
+// process.
 //
-// Reads the file and all that it includes. Still to be called in a sandbox: it parses XML.
+// Reads the file and all files that it includes. Since it parses XML, it is called in the sandbox.
 #pragma once
 
 #include <string>

@@ -1,9 +1,9 @@
-// A thread that runs slow work for an event loop that must not wait: the loop submits a task, and
-// is handed back what the task returned to run it on its own thread.
+// A thread that runs slow tasks for an event loop that must not wait: the loop submits a task, and
+// the completion that the task returned runs on the loop's thread.
 //
-// Thread rule: all members belong to the loop's thread; tasks run on the other one, one after
-// another. Destruction waits for the running task and drops the rest. The loop bounds what it
-// submits by backlog().
+// Thread rule: all members belong to the loop's thread; tasks run on the background thread, one
+// after another. The destructor waits for the running task and drops the others. The caller limits
+// the number of tasks by backlog().
 #pragma once
 
 #include <condition_variable>
@@ -29,11 +29,11 @@ class BackgroundThread {
   BackgroundThread& operator=(const BackgroundThread&) = delete;
 
   void Submit(Task task);
-  // Tasks submitted whose completions have not run.
+  // The number of submitted tasks whose completions have not run.
   size_t backlog() const { return backlog_; }
-  // Readable while completions wait.
+  // A descriptor that is readable while completions wait.
   int fd() const { return wake_.get(); }
-  // Runs the completions that have arrived.
+  // Runs the completions of the tasks that have ended.
   void RunCompletions();
 
  private:

@@ -1,5 +1,5 @@
-// What every child process of the daemon is given and owes: its listening sockets, the shared
-// memory, a heartbeat, and an ear for the drain. Built by main from the supervisor's arguments;
+// What every child process of the daemon has: its options with the listening sockets, the shared
+// memory, its heartbeat and the sign of the drain. Built by main from the supervisor's arguments;
 // lives as long as the process. Thread rule: the child's main thread, unless a method says
 // otherwise.
 #pragma once
@@ -25,7 +25,7 @@ struct ChildOptions {
   std::string role;      // "gateway", "worker", "dataset-worker"
   uint32_t index = 0;    // of an environment worker
   uint32_t threads = 1;  // of an environment worker
-  bool pin = false;      // those threads to cores
+  bool pin = false;      // an environment worker keeps each thread on one core
   std::string data_folder;
   std::string models_folder;  // "" for the default
   std::vector<ListeningEndpoint> endpoints;
@@ -36,7 +36,7 @@ struct ChildOptions {
   };
   std::vector<Port> worker_ports;
   Port dataset_port;
-  // Where the gateway reaches them.
+  // Where the gateway reaches each environment worker and the dataset worker.
   std::vector<std::string> worker_addresses;
   std::string dataset_address;
 };
@@ -47,15 +47,15 @@ class ChildContext {
 
   const ChildOptions& options() const { return options_; }
   SharedState& shared() { return shared_; }
-  // This process's line of the child table. Its counters may be bumped by any thread.
+  // This process's line of the child table. Any thread may increase its counters.
   ChildRecord& record() { return shared_.child(child_index_); }
 
-  // Tells the supervisor that the main loop goes round. The first call also reports readiness, so
-  // it comes after the sockets are open. At least every 200 ms; silence for limits::kFrozenChildMs
-  // gets the process replaced.
+  // The heartbeat: tells the supervisor that the main loop goes round. To be called at least every
+  // 200 ms; the process is replaced after limits::kFrozenChildMs without. The first call reports
+  // that the process is ready, so it comes after the sockets are open.
   void Beat() { ++record().heartbeat; }
-  // True once the daemon stops: finish what is under way, answer what is new with kUnavailable, let
-  // replies leave (RouterSocket::LingerOnClose) and return.
+  // True once the daemon stops. The process then finishes the requests under way, answers new
+  // requests with kUnavailable, lets replies leave (RouterSocket::LingerOnClose) and returns.
   bool draining() const { return shared_.header().draining.load(std::memory_order_relaxed); }
 
  private:
@@ -64,8 +64,8 @@ class ChildContext {
   uint32_t child_index_;
 };
 
-// The roles' main functions. They return OK after a drain; another status ends the process with a
-// message and, if it came before the first Beat, the whole daemon.
+// The main functions of the roles "gateway" and "worker". They return OK after a drain. Another
+// status ends the process with a message and, before the first Beat, the whole daemon.
 Status RunGateway(ChildContext& context);
 Status RunWorker(ChildContext& context);
 

@@ -10,7 +10,7 @@
 
 namespace b4mrl {
 
-// What the commands of the project exit with.
+// Exit codes of all commands of the project.
 inline constexpr int kExitDone = 0;
 inline constexpr int kExitBadUsage = 2;
 inline constexpr int kExitBadInput = 3;
@@ -19,8 +19,8 @@ struct ServeOptions {
   std::vector<std::string> binds;  // "tcp://HOST:PORT" or "ipc://PATH"; port 0 picks a free one
   uint32_t workers = 0;
   uint32_t threads = 0;        // of each worker
-  bool pin = false;            // those threads to cores
-  uint32_t lease_seconds = 0;  // of a session without requests; 0: by who can connect
+  bool pin = false;            // keep each thread on one core
+  uint32_t lease_seconds = 0;  // a session without requests ends after this; 0: the default
   std::string data_folder;     // exists
   std::string models_folder;   // exists, or "" for the default
   bool insecure = false;       // allow addresses that other machines can reach
@@ -33,16 +33,16 @@ struct CommandLine {
   bool is_child = false;
   int shared_memory_fd = -1;
   ChildOptions child;
-  // Of the roles that read untrusted files: `importer`, which the dataset worker starts, and
-  // `model-compiler`, which the gateway starts.
+  // Options of the roles that read untrusted files: `importer`, which the dataset worker starts,
+  // and `model-compiler`, which the gateway starts.
   std::string untrusted_file;
   std::string cache_folder;
   uint64_t cache_bytes = 0;
   std::string environment;
 };
 
-// Parses and completes. Errors, help and version are printed here; then the exit code is in
-// `exit_code` and nothing is returned.
+// Parses the command line and fills in defaults. After an error, --help or --version, whose text it
+// prints, returns nothing and sets `*exit_code`.
 std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_code);
 
 // The arguments with which the supervisor starts a child; ParseCommandLine is their inverse.

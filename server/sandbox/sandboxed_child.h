@@ -24,19 +24,19 @@ struct SandboxedChild {
 };
 
 struct ChildAnswer {
-  pid_t process_id = -1;     // whose unfinished files may be left; -1: it did not start
-  bool ended_well = false;   // it exited with code 0
+  pid_t process_id = -1;     // of the child, which may leave unfinished files; -1: it did not start
+  bool ended_well = false;   // the child exited with code 0
   Result<std::string> json;  // of an answer with "ok": true
 };
 
-// Waits for the child's answer and its exit. An answer with "ok": false becomes its Status; a
-// death, silence or too long an answer kDataLoss. A missed deadline (kDeadlineExceeded), or
-// `cancelled` (may be null) turning true (kUnavailable), ends the child within 100 ms. Messages do
-// not name the file: the caller adds it.
+// Waits for the child's answer and its exit. An answer with "ok": false becomes the Status that it
+// names; a death, no answer or too long an answer becomes kDataLoss. The child is ended within 100
+// ms of a missed deadline (kDeadlineExceeded) and of `cancelled` (may be null) turning true
+// (kUnavailable). The messages do not name the file, which the caller adds.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 
-// For the child's side: the answer of an error.
+// For the child: the answer that tells an error.
 std::string ErrorAnswer(const Status& error);
 
 }  // namespace b4mrl

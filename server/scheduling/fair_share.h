@@ -1,8 +1,8 @@
-// Who goes next among those that want something: whoever has had least of it.
+// Chooses who is served next: of the accounts that wait, the one that has been served least so far.
 //
-// Accounts are small numbers and exist as soon as they are named. One that wanted nothing for a
-// while has saved nothing up: it comes back with at least what the last one served had had before.
-// Not thread-safe.
+// Accounts are small numbers and exist as soon as they are named. An account that did not wait for
+// a while has saved nothing up: when it comes back, its sum is raised to what the last account
+// served had before it was served. Not thread-safe.
 #pragma once
 
 #include <cstdint>
@@ -13,14 +13,14 @@ namespace b4mrl {
 
 class FairShare {
  public:
-  // The account wants something from now on, or until now. Each once, in turns.
+  // The account waits from now on, or no longer. Enter and Leave alternate.
   void Enter(uint32_t account);
   void Leave(uint32_t account);
-  // Whether nobody wants anything.
+  // Whether no account waits.
   bool empty() const { return waiting_.empty(); }
 
-  // Whoever has had least of those whom `admits` (account -> bool) admits; of equals the one that
-  // has been waiting longest.
+  // Of the waiting accounts that `admits` (account -> bool) accepts, the one that has been served
+  // least; of equal ones, the one that has waited longest.
   template <typename Admits>
   std::optional<uint32_t> Next(Admits admits) const {
     std::optional<uint32_t> next;
@@ -31,17 +31,17 @@ class FairShare {
     return next;
   }
 
-  // It gets `amount`, about which it may have come to the front of the queue.
+  // The account, which waits, is served `amount`.
   void Serve(uint32_t account, double amount);
-  // What it got turned out to be `amount` more, or less, than Serve said.
+  // The account was served `amount` more than Serve said; less where it is negative.
   void Correct(uint32_t account, double amount);
 
  private:
   double& Had(uint32_t account);
 
-  std::vector<double> had_;        // by account
-  std::vector<uint32_t> waiting_;  // in the order in which they came
-  double level_ = 0;               // what the last one served had had before
+  std::vector<double> had_;        // what each account was served, by account
+  std::vector<uint32_t> waiting_;  // accounts, in the order in which they began to wait
+  double level_ = 0;               // what the last account served had before
 };
 
 }  // namespace b4mrl

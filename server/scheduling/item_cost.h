@@ -1,4 +1,4 @@
-// Average time of one item of work, learnt while working. Any thread.
+// The average time of one item of work, learnt from the items that were executed. Any thread.
 #pragma once
 
 #include <atomic>
@@ -8,22 +8,22 @@ namespace b4mrl {
 
 class ItemCost {
  public:
-  // Until the first item was measured, each is taken alone.
+  // Items took so many microseconds each.
   void Observe(double us_per_item);
-  // What `items` will probably take; 0 until one was measured.
+  // The microseconds that `items` will probably take; 0 before the first Observe.
   double Expect(uint32_t items) const;
-  // How many of `items` make one piece: at most half a millisecond of work, and small enough for
-  // all `threads` to get some.
+  // How many of `items` make one piece: at most 0.5 ms of work, and few enough for each of
+  // `threads` to get a piece. 1 before the first Observe.
   uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
-  // Those of a bite: a tenth of a millisecond, the longest that a message waits.
+  // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
-  // Whether one item alone would keep messages waiting for longer than half a millisecond.
+  // Whether one item alone would keep messages waiting for longer than 0.5 ms.
   bool too_long_for_bites() const;
 
  private:
   uint32_t ItemsIn(double duration_us) const;
 
-  std::atomic<float> us_{0};  // 0: none was measured yet
+  std::atomic<float> us_{0};  // 0 before the first Observe
 };
 
 }  // namespace b4mrl

@@ -1,17 +1,20 @@
-// The work of one environment worker: requests cut into pieces, shared out by the time they take.
+// The work of one environment worker: requests are cut into pieces, and threads take the pieces so
+// that each kind of work and each session gets its share of time.
 //
 // The next piece is of the kind of work that has had the least time, where a step's time counts a
-// quarter, and there of the session that has had the least time (fair_share.h); within these in the
-// order of arrival. So steps have two thirds of a busy worker or more, nothing waits
-// for ever, and costly requests hold up only those who sent them. A piece is cut when it is taken,
-// by what items of its kind took lately, so a long request never blocks the others for more than
-// one piece per thread.
+// quarter, and of the session that has had the least time in that kind (fair_share.h). Requests of
+// one session and kind keep their order of arrival. So steps have two thirds of a busy worker or
+// more, no request waits for ever, and costly requests hold up only the session that sent them. A
+// piece is cut when it is taken, by the time that items of its kind took lately, so a long request
+// never blocks the others for more than one piece a thread.
 //
-// Threads of the pool cut from the end of a request, the socket's thread from its front: where a
-// session sends the same lanes again and again, each finds its own in its core's cache. Items that
-// would keep the socket's thread from its messages are none of its business: while it finds no
-// others, a stand-in takes its place. Thread-safe. The queue owns nothing: a QueuedWork lives until
-// its last piece was executed, which its owner learns by itself.
+// The socket's thread takes small pieces, bites, from the front of a request, the threads of the
+// pool take theirs from its end: when a session sends the same lanes again and again, each thread
+// finds its lanes in its core's cache. Items that take too long for a bite are left to a stand-in,
+// one thread more, which works while the socket's thread finds nothing but such items.
+//
+// Thread-safe. The queue owns nothing: the owner of a QueuedWork keeps it until its last piece was
+// executed, and finds that out by itself.
 #pragma once
 
 #include <array>
@@ -34,17 +37,17 @@ inline constexpr size_t kWorkKinds = 3;
 struct QueuedWork {
   virtual ~QueuedWork() = default;
 
-  uint32_t session = 0;  // whose time it takes; a small number
+  uint32_t session = 0;  // the account that its time is charged to; a small number
   WorkKind work_kind = WorkKind::kOther;
   uint32_t items = 0;        // at least 1
-  ItemCost* cost = nullptr;  // of such items; outlives the work
+  ItemCost* cost = nullptr;  // of items of this session and request; outlives the work
   Deadline deadline = Deadline::AfterMs(0);
-  // Nothing of it counts before all of it is done, so its deadline ends it even when it has begun.
+  // The result counts only as a whole, so the deadline ends the work even after it has begun.
   bool ends_at_deadline = false;
 
  private:
   friend class WorkQueue;
-  // What nobody has taken yet: items front_ to items - taken_from_end_.
+  // Items that no thread has taken yet: front_ to items - taken_from_end_.
   uint32_t left() const { return items - front_ - taken_from_end_; }
   uint32_t front_ = 0;
   uint32_t taken_from_end_ = 0;
@@ -54,31 +57,32 @@ struct Piece {
   QueuedWork* work = nullptr;
   uint32_t first = 0;
   uint32_t count = 0;
-  // The deadline has passed: these are all items that are left, and none is to be executed.
+  // True: the deadline has passed. The piece holds all items that are left, not to be executed.
   bool expired = false;
   double expected_us = 0;
 };
 
 class WorkQueue {
  public:
-  // For so many threads, the socket's included.
+  // `threads` includes the socket's thread, but not the stand-in.
   explicit WorkQueue(uint32_t threads) : threads_(threads) {}
 
-  // A caller that helps takes bites itself, or its stand-in does, so one piece alone wakes nobody.
+  // `caller_helps`: the caller or the stand-in takes pieces too, so a single piece wakes no thread
+  // of the pool.
   void Push(QueuedWork* work, bool caller_helps = true);
-  // Waits for a piece; nothing once Stop was called.
+  // For threads of the pool: waits for a piece; nothing once Stop was called.
   std::optional<Piece> Take();
-  // A bite from the front, if there is work for bites.
+  // For the socket's thread: a bite, if any work has items that are short enough.
   std::optional<Piece> TryTakeBite();
-  // Waits until TryTakeBite has left all there is, then takes a piece of that; nothing once Stop
-  // was called.
+  // For the stand-in: waits until TryTakeBite has found nothing but items that are too long, then
+  // takes a piece of them; nothing once Stop was called.
   std::optional<Piece> TakeInstead();
   // The rest of `work`, which is in the queue, if its deadline has passed and may end it.
   std::optional<Piece> TakeExpired(QueuedWork* work);
-  // What a piece took, in microseconds; before its work may end.
+  // Charges the microseconds that a piece took; to be called before the piece's work may end.
   void Settle(const Piece& piece, double us);
 
-  // Lets every Take return; pieces that were not taken stay where they are.
+  // Lets every Take and TakeInstead return nothing. Work that is left stays in the queue.
   void Stop();
   bool empty() const;
 
@@ -89,10 +93,10 @@ class WorkQueue {
     std::vector<std::vector<QueuedWork*>> work;  // by session, in the order of arrival
   };
   Line& LineOf(const QueuedWork& work) { return lines_[static_cast<size_t>(work.work_kind)]; }
-  // Of any work, or of what is for bites.
+  // A piece of any work, or a bite of work whose items are short enough.
   std::optional<Piece> TakeLocked(bool bite);
   Piece Cut(QueuedWork* work, bool bite);
-  // After a cut: out of the line if nothing is left.
+  // After a cut: takes the work out of its line if no item is left.
   void RemoveIfTaken(QueuedWork* work);
   void Serve(const QueuedWork& work, double us);
 
@@ -103,8 +107,8 @@ class WorkQueue {
   FairShare kinds_;
   std::array<Line, kWorkKinds> lines_;
   bool stopped_ = false;
-  uint32_t sleeping_ = 0;       // in Take
-  bool bites_left_it_ = false;  // TryTakeBite found work, but none for bites
+  uint32_t sleeping_ = 0;       // threads that wait in Take
+  bool bites_left_it_ = false;  // the last TryTakeBite found only items that are too long
 };
 
 }  // namespace b4mrl

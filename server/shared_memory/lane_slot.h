@@ -2,12 +2,13 @@
 //
 // Operation N (a step, reset or restore) is computed straight into buffer N & 1, sealed with its
 // size and a checksum, and published by one release store of N. A process killed anywhere leaves
-// the last committed record whole, so that a replacement has nothing to recover. Readers that check
-// nothing are in the process that wrote; a replacement calls Verify first, because a dying process
-// may have written anywhere.
+// the last committed record whole, so that a replacement has nothing to recover. The process that
+// wrote a record reads it without a check; a replacement calls Verify first, because a dying
+// process may have written anywhere.
 //
-// Thread rule: at most one thread works on a lane (its request is the only one in flight); the
-// supervisor touches the blame alone, while no worker has the lane. A LaneSlot is a view.
+// Thread rule: at most one thread works on a lane, as a lane has at most one request in flight. The
+// supervisor touches nothing but the blame, and only while no worker has the lane. A LaneSlot is a
+// view of memory that it does not own.
 #pragma once
 
 #include <array>

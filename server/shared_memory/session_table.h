@@ -1,7 +1,6 @@
-// The session records as a table: which exist, which lanes are free, which worker has room.
-//
-// All of its state lies in shared memory, so a replaced gateway goes on where the dead one was.
-// Thread rule: the gateway's main thread; what is const, anywhere.
+// The session records as a table: which sessions exist, which lanes are free, which worker has the
+// fewest. All of its state lies in shared memory, so a replaced gateway goes on where the dead
+// gateway was. Thread rule: the gateway's main thread; const members, any thread.
 #pragma once
 
 #include <optional>
@@ -18,9 +17,9 @@ class SessionTable {
  public:
   explicit SessionTable(SharedState& shared) : shared_(shared) {}
 
-  // The record of a session that is opening or live.
+  // The index of the record of the session with this token, if it is opening or live.
   std::optional<uint32_t> Find(std::string_view token) const;
-  // Whether record `index` is such a session's, which is quicker to answer. Any index.
+  // Whether Find(token) would return `index`; one comparison instead of a search. Any index.
   bool Holds(uint32_t index, std::string_view token) const;
 
   struct NewSession {
@@ -34,9 +33,10 @@ class SessionTable {
   Result<uint32_t> Allocate(const NewSession& session);
   // kOpening to kLive: the worker has acknowledged. False if it has closed the session meanwhile.
   bool MakeLive(uint32_t index);
-  // A record that no worker holds.
+  // Only for a record that no worker holds.
   void Free(uint32_t index);
-  // Frees what workers have closed, and openings that nobody has asked about for `abandoned_ms`.
+  // Frees the sessions that workers have closed, and those whose Open no client has repeated for
+  // `abandoned_ms` while they were opening.
   void Reap(int64_t abandoned_ms);
 
  private:

@@ -2,11 +2,21 @@
 // last did. The supervisor creates it (an anonymous, sparse memfd) and passes its descriptor on;
 // every child maps all of it.
 //
-// Who writes what: the supervisor the children's process ids and restarts and the lanes' blame; the
-// gateway a session's record, but for what its worker says of it: its lanes, its activity and that
-// it is closed; each thread its own mark. Numbers that several processes touch are atomics.
-// Whatever a process reads that another wrote is checked before it is used as an index or a length:
-// the writer may have died of a wild pointer.
+//   field                               writer
+//   ChildRecord: process_id, restarts   the supervisor
+//     all others                        the child itself
+//   ThreadMark                          its thread; of a worker that it kills, the supervisor
+//   SessionRecord: steps,               the session's worker, while the session is opening or live
+//     closed_generation, simulator_hash
+//     last_activity_ms, build_deaths    the gateway and the session's worker
+//     all others                        the gateway
+//   LaneSlot                            the session's worker
+//   points of blame: in LaneSlot,       the supervisor, while the worker is dead
+//     request_blames, build_deaths
+//
+// Numbers that several processes touch are atomics. A process checks a number that another process
+// wrote before it uses the number as an index or a length: the writer may have died of a wild
+// pointer.
 #pragma once
 
 #include <array>
@@ -44,7 +54,7 @@ struct alignas(64) ChildRecord {
   std::atomic<uint64_t> errors;
 };
 
-// What one thread of a worker is executing, so that a death can be blamed on somebody.
+// What one thread of a worker is executing, so that a death can be blamed on it (blame.h).
 enum class MarkKind : uint32_t {
   kIdle = 0,
   kLane = 1,     // an operation of a lane
@@ -53,13 +63,13 @@ enum class MarkKind : uint32_t {
 };
 struct alignas(64) ThreadMark {
   std::atomic<MarkKind> kind;      // stored last when work begins, first when it ends
-  std::atomic<uint32_t> guilty;    // it raised the deadly signal, or the supervisor saw it frozen
+  std::atomic<uint32_t> guilty;    // 1: the thread raised the deadly signal, or stood still
   std::atomic<uint32_t> lane;      // kLane: index into SharedState::lane
-  std::atomic<uint32_t> session;   // the others: index into SharedState::session
-  std::atomic<uint64_t> number;    // the operation, the request's id, the session's generation
+  std::atomic<uint32_t> session;   // kRequest, kSession: index into SharedState::session
+  std::atomic<uint64_t> number;    // the operation's number, request's id or session's generation
   std::atomic<uint64_t> attempt;   // kLane: its AttemptKey
-  std::atomic<int64_t> since_ms;   // MonotonicMs() when it began
-  std::atomic<int32_t> thread_id;  // the system's
+  std::atomic<int64_t> since_ms;   // MonotonicMs() when the work began
+  std::atomic<int32_t> thread_id;  // of the operating system
 };
 inline constexpr uint32_t kMarksPerWorker =
     limits::kMaxThreads + 1;  // the socket's thread is mark 0
@@ -71,36 +81,37 @@ enum class SessionState : uint32_t {
   kClosed = 3,   // the worker is done with it; the gateway frees it
 };
 
-// Blame for a request, by its id, as a lane slot has it for an operation. 0: nobody's.
+// Points of blame for a request (blame.h). An entry without points is free.
 struct RequestBlame {
   std::atomic<uint64_t> request_id;
   std::atomic<uint32_t> blame;
 };
 
 struct alignas(64) SessionRecord {
-  std::atomic<SessionState> granted;  // by the gateway: kFree, kOpening or kLive; state() holds
+  std::atomic<SessionState> granted;  // by the gateway: kFree, kOpening or kLive; see state()
   std::atomic<uint32_t> worker;
   std::atomic<uint32_t> first_lane;
   std::atomic<uint32_t> lane_count;
   std::atomic<uint64_t> generation;         // never repeats; its lanes carry it too
-  std::atomic<uint64_t> closed_generation;  // the last one that its worker was done with
+  std::atomic<uint64_t> closed_generation;  // the last generation that its worker was done with
   std::atomic<int64_t> last_activity_ms;    // MonotonicMs()
   std::atomic<uint64_t> steps;
-  std::atomic<uint32_t> build_deaths;    // of workers while they built it, one after the other
-  std::atomic<uint64_t> simulator_hash;  // of what the lanes were made with
-  std::array<RequestBlame, 4> request_blames;  // the most blamed ones
+  std::atomic<uint32_t> build_deaths;    // workers in a row that died while they built the session
+  std::atomic<uint64_t> simulator_hash;  // of the simulator that wrote the lanes' records
+  std::array<RequestBlame, 4> request_blames;  // of the requests with the most points
   std::array<uint8_t, limits::kTokenBytes> token;
-  uint64_t request_hash;  // of the OpenRequest as it came, for the same token again
+  uint64_t request_hash;  // of the OpenRequest as it came, to compare with a second one
   // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and
   // the lane range.
   uint64_t checksum;
   uint32_t open_size;
   std::array<std::byte, limits::kMaxOpenRequestBytes> open;
 
+  // kClosed once the worker has closed this generation, else what the gateway granted.
   SessionState state() const;
-  // Its worker: done with the session of that generation, whether the gateway has acknowledged it
-  // or not. A session that got the record since is not touched: gateway and worker decide at the
-  // same time, but neither overwrites what the other says.
+  // Called by the session's worker, whether the gateway has acknowledged the session or not. If the
+  // record belongs to another session by now, that session stays open: gateway and worker decide at
+  // the same time, but neither overwrites the other's field.
   void Close(uint64_t its_generation) {
     closed_generation.store(its_generation, std::memory_order_release);
   }
@@ -125,8 +136,8 @@ struct SharedMemory {
 };
 static_assert(std::atomic<uint64_t>::is_always_lock_free);
 
-// Milliseconds of the clock that all processes of the machine share, exact to a few of them: every
-// lane of every step asks.
+// Milliseconds of the clock that all processes of the machine share, exact to a few milliseconds,
+// because it is asked for every lane of every step and must be cheap.
 int64_t MonotonicMs();
 
 // A mapping of the shared memory. Movable; unmaps on destruction. Any thread.

@@ -17,7 +17,7 @@ namespace b4mrl {
 
 class ChildProcess {
  public:
-  // `child` is the index in the child table; `options` goes to every generation.
+  // `child` is the index in the child table; every process of this child gets `options`.
   ChildProcess(uint32_t child, ChildOptions options, SharedState* shared);
 
   // Forks and execs. The process dies with the supervisor, has no stdin, ignores SIGINT, SIGTERM
@@ -25,15 +25,16 @@ class ChildProcess {
   // memory alone.
   Status Start();
   bool running() const { return process_id_ > 0; }
-  // The time of the next Start of a dead child: at once, but backing off while it dies young again
-  // and again. One that somebody else kills has not died of youth.
+  // The time at which to Start a dead child again: at once, or later and later while the child
+  // keeps dying within 250 ms of its start. A kill from outside the daemon does not count.
   int64_t restart_at_ms() const { return restart_at_ms_; }
 
-  // Reaps the process if it has ended; says how.
+  // Reaps the process if it has ended, and says how it ended.
   std::optional<Death> Reap();
-  // Kills it if its heartbeat is silent or a thread at one piece of work for too long, and not for
-  // want of a processor; the thread is blamed if it was its own doing. `paused` says that the
-  // supervisor itself was not running for a while, so that silence means nothing.
+  // Kills the process when it has had no heartbeat, or one of its threads has been at one piece of
+  // work, for limits::kFrozenChildMs (20 s while it starts). Time in which a thread waits for a
+  // processor is not counted. A thread that stands still by itself is marked as guilty. `paused`:
+  // the supervisor itself did not run for a while, so silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);
   void Kill();
 
@@ -46,11 +47,12 @@ class ChildProcess {
  private:
   void ScheduleRestart(Death death);
   void RestartWatches(int64_t now_ms);
-  // Whether the main loop goes round too slowly; accuses what its thread executes if that is why.
+  // Whether the main loop has had no heartbeat for `limit_ms`; marks its thread as guilty if it
+  // stands still by itself.
   bool MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms);
-  // Whether threads of an environment worker stand still at what they execute; accuses them.
+  // Whether threads of an environment worker stand still at their work; marks them as guilty.
   bool WorkIsStuck(int64_t now_ms, int64_t limit_ms);
-  std::span<ThreadMark> marks() const;  // none but an environment worker's
+  std::span<ThreadMark> marks() const;  // of an environment worker; empty for other children
 
   uint32_t child_;
   ChildOptions options_;
@@ -60,7 +62,7 @@ class ChildProcess {
   uint64_t beat_at_start_ = 0;
   ThreadWatch main_loop_;
   std::vector<ThreadWatch> work_;   // by thread of an environment worker
-  bool starvation_logged_ = false;  // since it last had no reason
+  bool starvation_logged_ = false;  // since the last heartbeat
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
   uint32_t young_deaths_ = 0;  // in a row

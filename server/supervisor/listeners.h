@@ -1,11 +1,11 @@
 // The daemon's listening sockets: made once by the supervisor, inherited by every generation of
 // children, so that clients' connections wait in the backlog while a child is replaced.
 //
-// The gateway listens on the addresses of --bind. Environment worker i gets the port after the
-// first tcp address's plus i, and the dataset worker the one after the last worker's, on every tcp
-// host; all of them get free ports if that first port is 0. With ipc they get PATH.worker-i and
-// PATH.dataset beside the first ipc PATH. With a single port they get nothing but such ipc sockets,
-// in a private folder where --bind has no ipc PATH, and clients are not told of them.
+// The gateway listens on the addresses of --bind. Let P be the port of the first tcp address: on
+// every tcp host, environment worker i listens on port P + 1 + i and the dataset worker on the port
+// after the last worker's; if P is 0, they all get free ports. Beside the first ipc PATH they
+// listen on PATH.worker-i and PATH.dataset. With --single-port, workers have only such ipc sockets,
+// in a private folder if --bind names no ipc PATH, and clients are not told of them.
 #pragma once
 
 #include <string>
@@ -21,11 +21,11 @@ struct Listeners {
   std::vector<ListeningEndpoint> gateway;
   std::vector<std::vector<ListeningEndpoint>> workers;
   std::vector<ListeningEndpoint> dataset;
-  // What clients are told.
+  // The ports that clients are told.
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;
   bool loopback_only = true;
-  std::string private_folder;  // of a single port's ipc sockets; "" if there is none
+  std::string private_folder;  // holds the ipc sockets of --single-port; "" if there is none
 };
 
 // Malformed addresses are kInvalidArgument; addresses in use, missing folders and the like

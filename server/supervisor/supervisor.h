@@ -8,7 +8,7 @@
 
 namespace b4mrl {
 
-// What a line of a running daemon's log begins with, for spdlog.
+// The time at the beginning of each line of the daemon's log, as a pattern of spdlog.
 inline constexpr char kLogTime[] = "%Y-%m-%d %H:%M:%S.%e ";
 
 // Runs until SIGTERM, SIGINT or SIGHUP; returns the process's exit code. Prints "ready ADDRESS" on

@@ -1,4 +1,5 @@
-// What a client is told of its session when it is opened. Any thread.
+// The worker's description of a session, which the gateway passes on in the reply to Open. Any
+// thread.
 #pragma once
 
 #include "proto/b4mrl.pb.h"

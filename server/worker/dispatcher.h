@@ -1,5 +1,5 @@
-// What an environment worker does with each message: finds the session, applies the rules of
-// exactly once and the limits, has the work executed, and answers every request exactly once.
+// What an environment worker does with each message: it finds the session, applies the limits and
+// the rules of exactly once, has the work executed, and answers every request exactly once.
 //
 // Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
 #pragma once
@@ -25,16 +25,17 @@ class Dispatcher {
              Responder::SendFunction send);
   ~Dispatcher();
 
-  // Takes over this worker's sessions that it does not hold, which an earlier process of it has
-  // left. Before the first message, and again from time to time.
+  // Takes over the sessions of this worker that an earlier process of it has left. To be called
+  // before the first message, and again about once a second.
   void AdoptSessions();
-  // `more_waiting`: other messages are there already, so the work goes to the pool at once.
+  // `more_waiting`: other messages have arrived already, so the request's work goes to the pool
+  // instead of being executed at once.
   void Handle(IncomingMessage incoming, bool more_waiting);
-  // Ends requests whose deadline has passed; FinishCompleted answers them.
+  // Ends the requests whose deadline has passed; FinishCompleted answers them.
   void EndExpired();
   // How long the caller may wait before it calls EndExpired again.
   int64_t MsToNextDeadline() const;
-  // Answers what the pool has finished.
+  // Answers the requests that the pool has finished.
   void FinishCompleted();
   // Ends sessions whose lease has run out.
   void ReapIdleSessions();
@@ -48,12 +49,13 @@ class Dispatcher {
   Result<pb::Reply> HandleAttach(const pb::Request& request);
   // Builds the session that has record `index` in this generation, or finds it built.
   Result<Session*> Attach(uint32_t index, uint64_t generation);
-  // Of the socket's thread.
+  // The mark of the socket's thread.
   ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
-  // Forgets `session` without a word if its record is not its own any more; true if it did.
+  // Forgets `session` if its record belongs to another session by now and none of its requests is
+  // in flight. Returns whether it did.
   bool ForgetIfDisowned(Session* session);
   void HandleClose(const Asker& from, const std::string& token);
-  // Of a session that is not here: its Attach may be on its way, and is refused then.
+  // Closes a session that was not attached here; an Attach of it that is on its way is refused.
   Result<pb::Reply> CloseUnattached(const std::string& token);
   // An error is the reply; otherwise the job that it starts will reply.
   Status HandleSessionRequest(const Asker& from, const pb::Request& request, Frame payload,
@@ -75,7 +77,7 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
-  // When EndExpired looked at all jobs, and when it has to again.
+  // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();
 };

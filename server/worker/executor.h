@@ -1,14 +1,16 @@
-// The threads of an environment worker that execute jobs, and the way back for finished ones.
+// The threads of an environment worker that execute jobs, and the way back for finished jobs.
 //
 // The socket's thread is one of them: it submits jobs, executes small bites of the queue between
-// looks at the socket, and takes completed jobs. A step costs about as much as two wake-ups of a
-// thread, so every wake-up that this saves counts. Jobs are owned by whoever submitted them.
+// two looks at the socket, and takes completed jobs. A step costs about as much as waking a thread
+// twice, so work that the socket's thread does itself saves time. The caller that submits a job
+// owns it.
 //
-// Work whose single items would keep the socket's thread from its messages is left to a stand-in, a
-// thread more, which works while the socket's thread finds nothing else (work_queue.h).
+// Items that would keep the socket's thread from its messages for too long are left to a stand-in,
+// one thread more, which works while the socket's thread finds no shorter items (work_queue.h).
 //
-// Patient jobs (pictures, which another process draws) have a thread and a queue of their own,
-// since a thread that waits 30 ms for each item would hold up everybody's steps.
+// Jobs that wait for the painter (pictures, which another process draws) have a thread and a queue
+// of their own, since a thread that waits 30 ms for each item would hold up the steps of all
+// sessions.
 #pragma once
 
 #include <atomic>
@@ -26,41 +28,40 @@ namespace b4mrl {
 
 class Executor {
  public:
-  // `threads` counts the socket's thread, which is the one that constructs this and calls all of
-  // its methods. `marks` has a place for each thread and the stand-in, and outlives this
-  // object. Thread i of the pool stays on cores[i % size], the stand-in on that of the socket's
-  // thread; with none they go where the kernel puts them.
+  // `threads` includes the socket's thread, which constructs the executor and calls all of its
+  // methods. `marks` has a place for each thread and the stand-in, and outlives the executor.
+  // Thread i of the pool stays on cores[i % size], the stand-in on the core of the socket's thread;
+  // if `cores` is empty, the kernel chooses.
   Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores = {});
-  // Waits for pieces under way; jobs that were not taken are dropped.
+  // Waits for pieces that are being executed; the rest of the queue is dropped.
   ~Executor();
 
   void Submit(RequestJob* job);
   bool idle() const { return queue_.empty() && busy_threads_.load() == 0; }
-  // Executes all of `job` now and completes it; it is not among those of TakeCompleted.
+  // Executes all of `job` now and completes it; TakeCompleted does not return it.
   void RunHere(RequestJob* job);
-  // Ends what `job`, which was submitted, has left to do, if its deadline has passed and may end
-  // it.
+  // Ends what is left of `job`, which was submitted, if its deadline has passed and may end it.
   void EndExpired(RequestJob* job);
-  // Executes a bite of what is queued; false if nothing is.
+  // Executes a bite of the queue; false if there is none.
   bool RunBite();
 
   // Jobs completed since the last call.
   std::vector<RequestJob*> TakeCompleted();
-  // Between these two the caller may wait for completion_fd, which becomes readable when a job is
-  // completed meanwhile. False: there are completed jobs already, so do not wait.
+  // Between BeginWait and EndWait the caller may wait for completion_fd, which becomes readable
+  // when a job is completed. BeginWait returns false when there are completed jobs already.
   bool BeginWait();
   void EndWait();
   int completion_fd() const { return completion_fd_; }
 
  private:
   using TakeFunction = std::optional<Piece> (WorkQueue::*)();
-  // Thread `index`, which has that mark and core.
+  // The main function of thread `index`, which has the mark and core of that index.
   void ThreadMain(uint32_t index, TakeFunction take);
   void PainterThreadMain();
   WorkQueue& QueueOf(const RequestJob& job) {
     return job.waits_for_painter() ? painter_queue_ : queue_;
   }
-  // Executes a piece and hands its job on if that was its last one.
+  // Executes a piece; after a job's last piece, completes the job and hands it back.
   void Execute(const Piece& piece, WorkerThread& thread);
 
   std::span<ThreadMark> marks_;
@@ -75,7 +76,7 @@ class Executor {
   std::atomic<bool> any_completed_{false};
   std::atomic<bool> waiting_{false};  // the socket's thread sleeps or is about to
   int completion_fd_ = -1;
-  // Last, as they use everything above.
+  // Last: these threads use all members above.
   std::vector<std::thread> pool_;  // the last one is the stand-in
   std::thread painter_thread_;
 };

@@ -1,5 +1,6 @@
-// Places where a test may break the process. In production the hook is null and a point costs one
-// load of a pointer. tests/integration builds a server that sets it from an environment variable.
+// Places where a test may break the worker's process. In production the hook is null, and a fault
+// point costs one load of a pointer. tests/integration builds a server that sets the hook from an
+// environment variable.
 #pragma once
 
 #include <cstdint>
@@ -8,18 +9,18 @@
 namespace b4mrl {
 
 enum class FaultPoint : uint8_t {
-  kBeforeAttach,     // nothing was built of the session; `lane` is its number of lanes
-  kBeforeOperation,  // the lane is marked as running; nothing was computed
-  kSlotHalfWritten,  // the idle buffer holds the new record without its seal
-  kAfterCommit,      // committed, not answered
-  kBeforeQueryRow,   // `lane` is the row of the request
+  kBeforeAttach,     // before a session is built; `lane` is its number of lanes
+  kBeforeOperation,  // the lane is marked, and nothing of its operation was computed
+  kSlotHalfWritten,  // the lane's idle buffer holds the new record without its seal
+  kAfterCommit,      // the lane's operation is committed, and not answered
+  kBeforeQueryRow,   // before a row of a query; `lane` is the row's number in the request
 };
 
-// `idle_buffer` is the buffer being written, empty where there is none. May never return.
+// `idle_buffer` is the buffer that is being written, or empty. The hook need not return.
 using FaultHook = void (*)(FaultPoint point, uint32_t lane, uint64_t number,
                            std::span<std::byte> idle_buffer);
 
-// Set before threads start and never again.
+// To be set before threads start, and never again.
 inline FaultHook fault_hook = nullptr;
 
 inline void ReachFaultPoint(FaultPoint point, uint32_t lane, uint64_t number,

@@ -1,8 +1,9 @@
-// One factory for each kind of request that works on a session. A factory validates everything that
-// the request says before anything is executed, and returns a job that can only fail for reasons of
-// the simulator, or the typed error that is the reply. Socket's thread.
+// One factory for each kind of request that works on a session. A factory validates all that the
+// request says before anything is executed. It returns a job, which can fail only for reasons of
+// the simulator, or the typed error to reply with. Socket's thread.
 //
-// A job may have no items: everything was answered from the slots, and only Complete is due.
+// A job without items needs no execution, as all its lanes are answered from their slots; it only
+// has to be completed.
 #pragma once
 
 #include <memory>

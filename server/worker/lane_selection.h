@@ -1,4 +1,4 @@
-// Which lanes a request names and what is to be done for each. Pure checks; socket's thread.
+// Which lanes a request names, and which of them it executes. Pure functions; socket's thread.
 #pragma once
 
 #include <cstdint>
@@ -18,11 +18,12 @@ struct LaneSelection {
 // The array `lanes`, or all lanes where it is absent. Refuses sessions without lanes, lanes out of
 // range and repeated ones.
 Result<std::vector<uint32_t>> ReadLanes(const ArrayReader& arrays, const Session& session);
-// The array `numbers`, judged for `operation` on every one of `lanes`; the first lane that is
-// refused refuses the request.
+// Reads the arrays `lanes` and `numbers` and judges `operation` for each lane (JudgeLane). If a
+// lane is refused, so is the whole request, with the first such lane's error.
 Result<LaneSelection> SelectLanes(const ArrayReader& arrays, Session& session, Operation operation);
 
-// Writes doubles to position `index` of rows of `values.size()` elements, as float32 or float64.
+// Writes `values` as row `index` of the float32 or float64 array that begins at `offset` of the
+// payload and has values.size() elements a row.
 void WriteRow(Frame& payload, size_t offset, DType dtype, size_t index,
               std::span<const double> values);
 

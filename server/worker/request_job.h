@@ -1,8 +1,9 @@
 // A request of a session that is being executed, from its validation to its reply.
 //
-// A handler (handlers.h) builds it on the socket's thread, fully validated; threads of the pool
-// execute its items; whichever ends the last one completes the reply. Items write their results
-// straight into the reply's payload, at places of their own, so they need no lock.
+// A factory (handlers.h) validates the request and builds the job on the socket's thread; threads
+// of the executor execute its items; the thread that ends the last item completes the reply. Each
+// item writes its results straight into the reply's payload, at a place of its own, so without a
+// lock.
 #pragma once
 
 #include <google/protobuf/arena.h>
@@ -24,18 +25,17 @@ namespace b4mrl {
 
 class PainterProcess;
 
-// What a thread that executes items has for itself.
+// What each thread that executes items has for itself.
 struct WorkerThread {
-  ThreadMark* mark = nullptr;         // none of the painter thread
-  PainterProcess* painter = nullptr;  // of the painter thread alone
+  ThreadMark* mark = nullptr;         // null for the painter's thread
+  PainterProcess* painter = nullptr;  // null for all but the painter's thread
   std::vector<double> observation;    // scratch
   std::vector<double> action;
 };
 
 class RequestJob : public QueuedWork {
  public:
-  // `owner` outlives the job. `frame` is the request's payload, kept for as long as views into it
-  // live.
+  // `owner` outlives the job. `frame` is the request's payload, which the job's views point into.
   RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id, Frame frame);
   ~RequestJob() override = default;
 
@@ -43,27 +43,27 @@ class RequestJob : public QueuedWork {
   pb::Request::PayloadCase kind() const { return kind_; }
   uint64_t request_id() const { return request_id_; }
   const Frame& payload() const { return payload_; }
-  // Where the reply goes; a resent request moves it (socket's thread).
+  // Where the reply goes: to the sender of the request's latest copy. Socket's thread.
   RoutingId sender;
   Clock::time_point received;
   // The lanes that are busy with this job.
   const std::vector<uint32_t>& busy_lanes() const { return busy_lanes_; }
 
-  // Executes a piece; the microseconds that it took.
+  // Executes a piece and returns the microseconds that it took.
   double RunPiece(const Piece& piece, WorkerThread& thread);
-  // The piece counts as done. True for the thread that ended the job's last one, which then calls
-  // Complete; for all others the job may be gone.
+  // Counts the piece as done. True: it was the job's last piece, and the calling thread completes
+  // the job. False: another thread may complete and destroy the job at any moment.
   bool EndPiece(const Piece& piece);
-  // Fills in the rest of the reply. Once, after all items.
+  // Fills in the rest of the reply. To be called once, after all items.
   void Complete();
-  // The finished reply; once, after Complete.
+  // The finished reply. To be called once, after Complete.
   Result<Message> TakeReply();
   bool failed() const { return failed_.load(std::memory_order_relaxed); }
 
-  // Whether its items wait for another process instead of computing. They are executed by a thread
-  // that does nothing else, one at a time.
+  // Whether its items wait for the painter's process instead of computing. A thread that does
+  // nothing else executes such items, one after another.
   virtual bool waits_for_painter() const { return false; }
-  // What the job adds to its worker's counters.
+  // What the job adds to the counters of its worker: steps of lanes, rows of queries.
   virtual uint64_t steps_done() const { return 0; }
   virtual uint64_t rows_done() const { return 0; }
 
@@ -74,7 +74,7 @@ class RequestJob : public QueuedWork {
 
  protected:
   virtual void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) = 0;
-  // After all items and no error: arrays that could not be planned beforehand.
+  // Called after all items if there was no error: adds the arrays whose shape depends on them.
   virtual void FinishReply() {}
   // The first error becomes the reply. Any thread.
   void Fail(Status status);
@@ -89,7 +89,7 @@ class RequestJob : public QueuedWork {
   uint64_t request_id_;
   Frame payload_;
   std::atomic<uint32_t> items_done_{0};
-  std::atomic<int64_t> started_us_{-1};  // after `received`
+  std::atomic<int64_t> started_us_{-1};  // microseconds from `received` to the first piece
   std::atomic<bool> failed_{false};
   std::mutex error_mutex_;
   Status error_;

@@ -1,4 +1,4 @@
-// A session in the worker that hosts it: its simulator, its lanes' numbers, what is under way.
+// A session in the worker that hosts it: its simulator, its lanes' numbers, its requests in flight.
 //
 // Built from the session's record in shared memory, for a new session as well as by the replacement
 // of a dead worker. Thread rule: the socket's thread, except for what the pool reads: the stepper,
@@ -23,12 +23,12 @@ namespace b4mrl {
 
 class RequestJob;
 
-// What the socket's thread knows of a lane without touching its slot.
+// What the socket's thread knows of a lane without reading the lane's slot.
 struct LaneStatus {
-  uint64_t committed = 0;
-  Operation operation = Operation::kNone;  // that made `committed`
-  bool fresh = true;                       // never reset or restored
-  const RequestJob* busy = nullptr;        // executes this lane now
+  uint64_t committed = 0;                  // number of the last committed operation
+  Operation operation = Operation::kNone;  // kind of that operation
+  bool fresh = true;                       // the lane was never reset or restored
+  const RequestJob* busy = nullptr;        // the job that executes the lane now
 };
 
 enum class LaneVerdict { kExecute, kAnswerFromSlot };
@@ -40,9 +40,9 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
 
 class Session {
  public:
-  // Reads record `index`. A record that is kOpening gets fresh lanes; one that is kLive has its
-  // lanes verified and taken over as they are. kSessionLost if the record is not of `generation`
-  // all the while; other errors name what is wrong with the request or the record.
+  // Reads record `index`. The lanes of a session that is kOpening are made anew; those of a session
+  // that is kLive are verified and taken over. kSessionLost if the record does not have
+  // `generation` throughout; other errors name what is wrong with the request or the record.
   static Result<std::unique_ptr<Session>> Build(SharedState& shared, uint32_t index,
                                                 uint64_t generation);
 
@@ -50,26 +50,27 @@ class Session {
   const std::string& token() const { return token_; }
   uint64_t generation() const { return generation_; }
   SessionRecord& record() const { return shared_.session(index_); }
-  // The record's; kFree where it is another session's by now.
+  // The state of the record; kFree if the record belongs to another session by now.
   SessionState state() const;
-  // The gateway takes back a record that never became live.
+  // False once the session is closed or the gateway has taken its record back.
   bool owns_record() const {
     return state() == SessionState::kOpening || state() == SessionState::kLive;
   }
-  // Whether the gateway has told the client of the session. Only then is it served.
+  // Whether the gateway has acknowledged the session. Only then are its requests served.
   bool live() const { return state() == SessionState::kLive; }
   // What the client asked for, with the seed filled in.
   const pb::OpenRequest& request() const { return request_; }
   const Simulator& simulator() const { return stepper_.simulator(); }
   const LaneStepper& stepper() const { return stepper_; }
-  // What simulator() was opened from, for another process to open the same.
+  // What simulator() was opened with, so that the painter's process can open the same simulator.
   const SimulatorRequest& simulator_request() const { return simulator_request_; }
   const LaneLayout& layout() const { return stepper_.layout(); }
   // kFloat32 or kFloat64.
   DType observation_dtype() const { return observation_dtype_; }
   // Columns of `infos` in the replies to Step and Reset; 0 unless the client asked for them.
   size_t reported_infos() const { return request_.with_infos() ? layout().info_size : 0; }
-  // Names the numbers: environment, model, perturbations, settings, seed, lanes, engine version.
+  // A hash of all that decides the session's numbers: environment, model, perturbations, settings,
+  // seed, lanes and engine version.
   const std::string& experiment_id() const { return experiment_id_; }
 
   uint32_t lane_count() const { return static_cast<uint32_t>(lanes_.size()); }
@@ -82,13 +83,13 @@ class Session {
   // Brings lane(i) up to date with its slot after an operation.
   void RefreshLane(uint32_t lane);
 
-  // By request id.
+  // The jobs under way, by request id.
   std::unordered_map<uint64_t, RequestJob*>& in_flight() { return in_flight_; }
   size_t requests_in_flight() const { return in_flight_.size(); }
-  // Of one item of such a request.
+  // The cost of one item of this session's requests of that kind.
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
 
-  // Closes that wait until nothing is under way; each is answered.
+  // Senders of Close requests, to be answered once no other request is in flight.
   std::vector<Asker> pending_closes;
 
  private:

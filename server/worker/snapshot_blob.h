@@ -1,6 +1,7 @@
-// A lane's snapshot as it travels: 64 bytes that say what it is of, then the lane's record as it
-// stands in its slot. Exact, mid-episode, with the names of all random streams; refused by another
-// simulator or engine version. Value types; any thread.
+// A lane's snapshot as it travels: a header of 64 bytes that names the simulator, then the lane's
+// record as it stands in its slot. Snapshots are exact, can be taken within an episode and hold the
+// numbers that random draws are addressed by. Another simulator or engine version refuses them.
+// Value types; any thread.
 #pragma once
 
 #include <cstddef>
@@ -28,9 +29,9 @@ inline size_t SnapshotBytes(const LaneLayout& layout) {
 }
 // Writes SnapshotBytes(layout) bytes.
 void WriteSnapshot(uint64_t simulator_hash, ConstLaneRecord record, std::span<std::byte> out);
-// The record inside, copied to `record` (layout.bytes() long, 8-byte aligned) after every check.
-// kVersionMismatch if it is another simulator's, engine's or format's; kInvalidArgument if it is
-// damaged.
+// Checks a snapshot and copies its record to `record` (layout.bytes() long, 8-byte aligned).
+// kVersionMismatch if the snapshot is of another simulator, engine or format; kInvalidArgument if
+// it is damaged.
 Status ReadSnapshot(uint64_t simulator_hash, const LaneLayout& layout,
                     std::span<const std::byte> snapshot, std::span<std::byte> record);
 
