@@ -2,14 +2,15 @@
 
     import b4mrl
 
-    with b4mrl.serve() as endpoint:  # or a daemon that runs already
+    with b4mrl.serve() as endpoint:  # a private daemon; connect takes a running one's address, too
         client = b4mrl.connect(endpoint)
         env = client.make("HalfCheetah", simulator="gravity")
         observation, info = env.reset(seed=1)
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-`Client` says what there is; b4mrl.errors what can go wrong; b4mrl.sb3 adapts to Stable-Baselines3.
-Thread rule: every client, environment and dataset is for one thread at a time.
+`Client` lists and opens environments and datasets; b4mrl.errors has the exceptions; b4mrl.sb3
+adapts batches of environments to Stable-Baselines3. Thread rule: one thread at a time may use a
+client, an environment or a dataset.
 """
 
 from b4mrl.agent import Policy, load_agent

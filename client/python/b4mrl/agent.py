@@ -1,8 +1,8 @@
-"""Agents: policies that `b4mrl train` and D4RL wrote, as functions from observations to actions.
+"""Agents: policies from files of `b4mrl train` or D4RL, as functions from observations to actions.
 
-An agent file is HDF5 with D4RL's layout of a behaviour policy under `metadata/policy`, extended by
-what it takes to act: how many observations it looks at, which dimensions it does not see, and how
-they are normalised.
+An agent file is HDF5 with D4RL's layout of a behaviour policy under `metadata/policy`. B4MRL's
+files also hold the length of the observation history, the mask of observed dimensions, and the
+normalisation of observations.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias 
 class Policy(Shown):
     """A deterministic policy: `action = policy(observation)`.
 
-    `observation` is (observation size,) or a batch (n, observation size), float32 or float64, any
-    shape with that many numbers a row included; `action` is float32 of (action size,) or
-    (n, action size). Numbers agree with the C++ learners' to rounding, not bit for bit.
+    `observation` is one observation or a batch of n, float32 or float64, of any shape with
+    observation_size numbers for each; `action` is float32 of shape (action_size,) or
+    (n, action_size). Actions agree with the C++ learners' to rounding, not bit for bit.
 
-    A policy with a history remembers the last observations: call `reset` when an episode starts. Of
-    a batch, rows keep their places, and `reset(rows)` starts some of them anew. Thread rule: one
-    thread at a time.
+    A policy with a history remembers the last observations: call `reset` when an episode starts. In
+    a batch, each row has its own history, and `reset(rows)` clears those of some rows. Thread rule:
+    one thread at a time.
 
     Attributes:
-        observation_size, action_size, history_length: of the policy's input and output.
-        environment, algorithm: where it is meant to act, and what trained it; "" if not recorded.
+        observation_size, action_size: numbers of an observation and of an action.
+        history_length: number of latest observations that the policy looks at; 1 for no history.
+        environment: name of the environment that the policy was trained for; "" if not recorded.
+        algorithm: name of the algorithm that trained the policy; "" if not recorded.
     """
 
     def __init__(self, metadata: Any) -> None:
@@ -77,7 +79,7 @@ class Policy(Shown):
         }
 
     def reset(self, rows: ArrayLike | None = None) -> None:
-        """The next observations of `rows` (numbers or a bool mask; all of them) start episodes."""
+        """Starts new episodes for `rows`, numbers or a bool mask; None: for all rows."""
         if rows is None or self._history is None:
             self._history = None
         else:
@@ -114,9 +116,9 @@ class Policy(Shown):
 
 
 def load_agent(path: str | os.PathLike[str]) -> Policy:
-    """Reads an agent file, or a D4RL file that carries its behaviour policy.
+    """Reads an agent file, or the behaviour policy in a dataset file of D4RL.
 
-    OSError: it cannot be read. DataLossError: it holds no agent, or an inconsistent one.
+    OSError: the file cannot be read. DataLossError: it holds no agent, or a malformed one.
     """
     import h5py  # only here: HDF5 is slow to import
 

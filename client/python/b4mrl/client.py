@@ -1,4 +1,4 @@
-"""The entrance to a daemon: says Hello, lists what there is, opens environments and datasets."""
+"""The connection to a daemon: lists and opens its environments and datasets."""
 
 from __future__ import annotations
 
@@ -30,26 +30,27 @@ from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import Session
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
-_REACH_MS = 10_000  # for the first connection, where nobody names a deadline
-_MAX_QUERY_SESSIONS = 16  # kept open for further queries; the longest unused one goes first
-_OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a file imports it
+_REACH_MS = 10_000  # wait for the first connection if the caller gives no deadline
+_MAX_QUERY_SESSIONS = 16  # kept open for further queries; the least recently used is closed first
+_OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a dataset imports its file
 
 
 class Client(Shown):
     """A connection to a daemon. Also a context manager.
 
-    Environments and datasets that it made are independent of it and of each other, each for one
-    thread at a time. It may be pickled and sent to another process, which then connects anew.
-    Where only the gateway's port can be reached, requests go through it, which is slower; the first
-    time that this happens, a RuntimeWarning says so.
+    Environments and datasets made by a client are independent of the client and of each other;
+    each may be used by one thread at a time. A client may be pickled and sent to another process,
+    where it connects anew. If only the gateway's port can be reached, all requests go through the
+    gateway, which is slower; the first time, a RuntimeWarning says so.
 
     Args:
-        endpoint: "tcp://HOST:PORT" or "ipc://PATH".
-        deadline_ms: of each request. None: two minutes, and ten seconds to reach the daemon.
+        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway.
+        deadline_ms: time limit of each request, in milliseconds. None: two minutes, but ten seconds
+            for the first connection.
 
     Raises:
-        UnavailableError: nobody answers at `endpoint`.
-        VersionMismatchError: it speaks another version of the protocol.
+        UnavailableError: no daemon answers at `endpoint`.
+        VersionMismatchError: the daemon speaks another version of the protocol.
     """
 
     def __init__(self, endpoint: str, deadline_ms: float | None = None) -> None:
@@ -91,7 +92,7 @@ class Client(Shown):
             )
 
     def _leave_parent(self) -> None:
-        """After a fork, the child gets connections of its own."""
+        """Connects anew in a forked child, which cannot use its parent's connections."""
         if os.getpid() != self._process_id:
             self._process_id = os.getpid()
             self._query_sessions.clear()
@@ -102,15 +103,15 @@ class Client(Shown):
         return self._gateway.call(request, bytearray(), self.deadline_ms).reply
 
     def environments(self) -> dict[str, EnvironmentSpec]:
-        """The environments of the catalogue by name, each with its default configuration."""
+        """Name -> specification of every environment, under its default settings."""
         return Table((info.name, spec_of(info)) for info in self._catalogue().environments)
 
     def perturbations(self) -> list[Perturbation]:
-        """The perturbations of the catalogue, each with its presets."""
+        """All kinds of perturbations, each with its presets."""
         return Listing(map(descriptions.read, self._catalogue().perturbations))
 
     def server_status(self) -> ServerStatus:
-        """Uptime, processes and sessions."""
+        """The daemon's uptime, processes and sessions."""
         request = Request()
         request.server_status.SetInParent()
         status: ServerStatus = descriptions.read(self._ask_gateway(request).server_status)
@@ -133,20 +134,24 @@ class Client(Shown):
         """One environment as a gymnasium.Env.
 
         Args:
-            environment: a name of the catalogue, "HalfCheetah".
-            simulator: perturbations, applied in order: "gravity=1.5,action-delay=2", the same as
-                {"gravity": 1.5, "action-delay": 2} or ["gravity=1.5", "action-delay=2"]. None: the
-                true environment.
-            seed: of the first episodes, until `reset(seed=...)`. None: the daemon draws one.
-            dtype: of observations, "float32" or "float64". It is computed in float64.
-            config: the environment's settings under the names that its original uses.
-            max_episode_steps: after which an episode is truncated. None: the environment's own.
-            render_mode: None or "rgb_array"; then of `width` x `height` pixels, where 0 is the
-                environment's default.
-            deadline_ms: of each request. None: the client's.
+            environment: a name from `environments()`, such as "HalfCheetah".
+            simulator: perturbations in the order in which they apply: "gravity=1.5,action-delay=2",
+                or {"gravity": 1.5, "action-delay": 2}, or ["gravity=1.5", "action-delay=2"]. None:
+                the true environment.
+            seed: the environment's seed until `reset(seed=...)` sets another one. None: the daemon
+                draws one.
+            dtype: type of the returned observations, "float32" or "float64". The simulation runs
+                in float64.
+            config: settings under the names that Gymnasium or highway-env give them.
+            max_episode_steps: number of steps after which an episode is truncated. None: the
+                environment's own limit.
+            render_mode: None, or "rgb_array" for pictures of `width` x `height` pixels; 0 means the
+                environment's default size.
+            deadline_ms: time limit of each request, in milliseconds. None: the client's.
 
         Raises:
-            UnknownNameError, InvalidArgumentError, UnsupportedError: with the server's reason.
+            UnknownNameError, InvalidArgumentError, UnsupportedError: the daemon refused an
+                argument; the message has its reason.
         """
         asked: dict[str, Any] = {
             "environment": environment,
@@ -181,10 +186,11 @@ class Client(Shown):
         """`num_envs` environments as a gymnasium.vector.VectorEnv; environment i has seed + i.
 
         Args:
-            autoreset_mode: "next_step", "same_step", "disabled", or Gymnasium's AutoresetMode.
-            step_past_end: in mode "disabled", finished environments may be stepped on.
+            autoreset_mode: when a finished environment is reset: "next_step", "same_step",
+                "disabled", or one of Gymnasium's AutoresetMode.
+            step_past_end: allows stepping finished environments in mode "disabled".
 
-        The others and what is raised: see make.
+        All other arguments, and the exceptions, are those of `make`.
         """
         if num_envs == 0:
             raise errors.InvalidArgumentError("num_envs is 0, allowed: at least 1")
@@ -220,21 +226,22 @@ class Client(Shown):
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
     ) -> tuple[arrays.Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """What one step of a simulator makes of arbitrary observations and actions (T_sim).
+        """Simulates one step from each of the given observations and actions.
 
         Noise of row i is a function of the simulator and (seed, draw, first_row + i) alone, so a
-        long query may be cut anywhere.
+        long query may be split into several.
 
         Args:
-            observations, actions: (rows, *shape). Computed, and returned, in float64 if
-                `observations` are float64, else returned in float32.
+            observations, actions: (rows, *shape) of the environment's spaces. float64 observations
+                give float64 next observations, others float32 ones. The simulation runs in float64.
 
         Returns:
             next_observations (rows, *shape), rewards (rows,), terminated (rows,), valid (rows,). A
-            row that is not valid was not finite or made the engine warn; it holds zeros.
+            row is not valid, and all zeros, if one of its numbers is not finite or the physics
+            engine gave a warning.
 
         Raises:
-            UnsupportedError: the simulator remembers something between steps (action-delay).
+            UnsupportedError: a perturbation depends on earlier steps (action-delay).
         """
         rows = query.Rows.of(observations, actions)
         perturbed = simulators.text_of(simulators.parse(simulator))
@@ -248,7 +255,7 @@ class Client(Shown):
             return query.run(session, rows, seed, draw, first_row)
 
     def datasets(self) -> list[DatasetInfo]:
-        """The datasets that the daemon has."""
+        """The datasets in the daemon's data folder."""
         found: list[DatasetInfo] = Listing()
         connection = self._connect_datasets()
         try:
@@ -273,14 +280,17 @@ class Client(Shown):
         open_deadline_ms: float = _OPEN_DATASET_DEADLINE_MS,
         deadline_ms: float | None = None,
     ) -> Dataset:
-        """Opens a dataset, "HalfCheetah/medium"; the first opening of a file imports it.
+        """Opens a dataset. The first opening of a dataset imports its file, which can take minutes.
 
         Args:
-            corruption: as `simulator` of make: "obs-noise-high", "hidden=9+10".
-            seed: of the corruption's noise.
-            transition_rule: "stored" or "d4rl" (the next row is the next observation).
-            open_deadline_ms: of the opening. deadline_ms: of each further request. None: the
-                client's.
+            name: a name from `datasets()`, such as "HalfCheetah/medium".
+            corruption: perturbations of the data, written like `simulator` of `make`:
+                "obs-noise-high", "hidden=9+10". None: the data as recorded.
+            seed: seed of the corruption's noise.
+            transition_rule: "stored" for the file's next observations, "d4rl" for the next row's
+                observations, without the rows that end by time-out.
+            open_deadline_ms: time limit of the opening, in milliseconds.
+            deadline_ms: time limit of each later request, in milliseconds. None: the client's.
         """
         asked: dict[str, Any] = {
             "name": name,
@@ -312,7 +322,7 @@ class Client(Shown):
             raise
 
     def close(self) -> None:
-        """Closes the connection and the sessions of queries. Environments stay open."""
+        """Closes the connection and its query sessions; environments and datasets stay open."""
         while self._query_sessions:
             self._query_sessions.popitem()[1].close()
         self._gateway.close()
@@ -371,7 +381,7 @@ def _entries(catalogue: Any) -> int:
 def open_environment(
     endpoint: str, client_deadline_ms: float | None, **arguments: Any
 ) -> Environment:
-    """Client.make by a client of its own."""
+    """What Client.make returns, made by a client of its own, which is closed again."""
     with Client(endpoint, client_deadline_ms) as client:
         return client.make(**arguments)
 
@@ -379,13 +389,13 @@ def open_environment(
 def open_vector_environment(
     endpoint: str, client_deadline_ms: float | None, **arguments: Any
 ) -> VectorEnvironment:
-    """Client.make_vec by a client of its own."""
+    """What Client.make_vec returns, made by a client of its own, which is closed again."""
     with Client(endpoint, client_deadline_ms) as client:
         return client.make_vec(**arguments)
 
 
 def open_dataset(endpoint: str, client_deadline_ms: float | None, **arguments: Any) -> Dataset:
-    """Client.dataset by a client of its own."""
+    """What Client.dataset returns, opened by a client of its own, which is closed again."""
     with Client(endpoint, client_deadline_ms) as client:
         return client.dataset(**arguments)
 

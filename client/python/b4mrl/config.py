@@ -1,4 +1,4 @@
-"""An environment's settings as the JSON text that travels."""
+"""Converts an environment's settings to the JSON text of the Open request."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from b4mrl.errors import InvalidArgumentError
 
 
 def to_json(config: Mapping[str, Any] | None) -> str:
-    """The JSON object of `config`; "" for none.
+    """`config` as a JSON object; "" if it is None or empty.
 
-    Values may be numbers, strings, booleans, None, and lists, tuples, arrays or dicts of them. An
-    infinite number, as in `healthy_z_range=(0.7, inf)`, becomes null, which the server takes for an
-    open end. InvalidArgumentError: anything else, NaN included.
+    Values may be numbers, strings, booleans, None, and lists, tuples, arrays or dicts of these. An
+    infinite number, as in `healthy_z_range=(0.7, inf)`, becomes null, which the daemon reads as an
+    unbounded end of the range. InvalidArgumentError: another type of value, or NaN.
     """
     return json.dumps(_plain(config, "config"), allow_nan=False) if config else ""
 
@@ -28,15 +28,16 @@ def with_limit(
     in_force: Mapping[str, Any],
     step_seconds: float,
 ) -> dict[str, Any]:
-    """`config` with the setting that ends an episode after `steps`, under the task's own name.
+    """`config` with an episode limit of `steps`, under the environment's own name for the setting.
 
     Args:
-        in_force: all settings of the environment; those of some have a duration in seconds.
-        step_seconds: simulated time of one step.
+        steps: number of steps after which an episode is truncated.
+        in_force: all settings of the environment; Highway's limit is a `duration` in seconds.
+        step_seconds: simulated seconds of one step.
     """
     value: float
     name, value = "max_episode_steps", steps
-    if "duration" in in_force:  # which is over with the first step that reaches it
+    if "duration" in in_force:  # the first step whose end reaches the duration ends the episode
         name, value = "duration", (steps - 0.5) * step_seconds
     given = dict(config or {})
     if name in given:

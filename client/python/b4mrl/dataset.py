@@ -1,4 +1,4 @@
-"""A dataset, possibly corrupted, as the daemon serves it: statistics, random batches, rows."""
+"""A dataset of the daemon, possibly corrupted: its statistics, random batches and rows."""
 
 from __future__ import annotations
 
@@ -25,18 +25,20 @@ from b4mrl.wire.session import Session
 
 Batch = dict[str, Array]
 
-_READS_IN_FLIGHT = 2  # of one long read: the next one travels while this one is copied
+_READS_IN_FLIGHT = 2  # requests of one long read: one reply travels while another one is copied
 
 
 @dataclass(frozen=True, repr=False)
 class DatasetStats(Record):
-    """Of the data as served.
+    """Statistics of a dataset.
 
     Attributes:
-        observation_mean, observation_std: (observation size,) float64; population.
-        rows, episodes: counts.
-        mean_return, std_return, min_return, max_return: of complete episodes, undiscounted.
-        min_reward, max_reward: of all rows.
+        observation_mean, observation_std: (observation size,) float64, of the rows as served; the
+            standard deviation is the population's.
+        rows, episodes: numbers of rows and of episodes.
+        mean_return, std_return, min_return, max_return: undiscounted returns of the file's complete
+            episodes.
+        min_reward, max_reward: over all rows of the file.
     """
 
     observation_mean: NDArray[np.float64]
@@ -52,29 +54,34 @@ class DatasetStats(Record):
 
 
 class Dataset(Shown):
-    """What Client.dataset returns. A context manager; or close it.
+    """A dataset of the daemon; Client.dataset returns it. Use as a context manager, or close it.
 
     A batch is a dict of arrays with equal first axes, under D4RL's names: `observations` (rows,
     observation size), `actions` (rows, action size), `rewards` (rows,), `next_observations`, all
-    float32, and `terminals` (rows,) bool. Rows that are read in order have `timeouts` (rows,) bool,
-    too. NaN and infinity in a file are served as they are.
+    float32, and `terminals` (rows,) bool. Rows that are read in order also have `timeouts` (rows,)
+    bool. NaN and infinity in a file are served as they are.
 
-    Batch b of a seed holds the same rows whoever asks and however often: uniform with replacement,
-    a function of (seed, b, number of rows). Thread rule: one thread at a time. In a forked child it
-    gets a connection of its own; pickle and copy give a new one, opened by the same arguments.
+    Rows of random batches are drawn uniformly with replacement, as a function of (seed, number of
+    the batch, rows of a batch) alone: every client gets the same rows, however often it asks.
+
+    Thread rule: one thread at a time. In a forked child, a dataset connects anew. pickle and copy
+    give a new dataset, opened with the same arguments.
 
     Args:
-        connection: to the dataset worker; owned by the dataset.
-        origin: the arguments that it was opened by.
-        deadline_ms: of each request.
-        connect: makes another such connection.
+        connection: a connection to the dataset worker; owned by the dataset.
+        in_force: the daemon's reply to the opening.
+        origin: the arguments with which the dataset was opened.
+        deadline_ms: time limit of each request, in milliseconds.
+        connect: makes another connection to the dataset worker.
         open_queries: opens a session for queries of (environment, simulator); used by pair.
 
     Attributes:
-        name, rows, observation_size, action_size: of the dataset under its transition rule.
-        environment: that it was recorded in; "" if neither the file nor its name tells.
-        fingerprint: stands for the file's contents, the corruptions and the transition rule.
-        in_force: what the daemon has in force.
+        name, rows, observation_size, action_size: name and sizes; `rows` counts the rows that the
+            transition rule leaves.
+        environment: the environment in which the dataset was recorded; "" if neither the file nor
+            its name says.
+        fingerprint: hash of the file's contents, the corruptions and the transition rule.
+        in_force: the daemon's reply to the opening, with all corruptions in parametric form.
     """
 
     def __init__(
@@ -124,7 +131,7 @@ class Dataset(Shown):
         return self.rows
 
     def __getitem__(self, rows: slice) -> Batch:
-        """Rows in the file's order, as a list would give them: dataset[:1000], dataset[-100:]."""
+        """The rows of a slice, in the file's order: dataset[:1000], dataset[-100:]."""
         if not isinstance(rows, slice) or rows.step not in (None, 1):
             raise errors.InvalidArgumentError(
                 f"the index is {rows!r}, allowed: a slice of rows without a step, dataset[5:6]; "
@@ -134,7 +141,7 @@ class Dataset(Shown):
         return self._gather(first, max(end - first, 0))
 
     def stats(self) -> DatasetStats:
-        """Statistics of the data as served, for normalisers and scores."""
+        """Statistics of the dataset, computed by the daemon."""
         request = Request()
         request.dataset_stats.fingerprint = self.fingerprint
         delivery = self._connection.call(request, bytearray(), self._deadline_ms)
@@ -159,7 +166,8 @@ class Dataset(Shown):
         """One batch of `rows` random rows.
 
         Args:
-            batch: its number. None: the one after that of the last call.
+            seed: seed of the random choice.
+            batch: number of the batch. None: the number after that of the last call, from 0 on.
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
         number = self._next_batch if batch is None else checks.unsigned("batch", batch)
@@ -169,7 +177,7 @@ class Dataset(Shown):
         return result
 
     def read(self, first_row: int, rows: int) -> Batch:
-        """The rows from `first_row` on in the file's order, fewer than `rows` at the end."""
+        """`rows` rows from `first_row` on in the file's order; fewer at the end of the dataset."""
         first_row = checks.unsigned("first_row", first_row)
         if not 0 < checks.unsigned("rows", rows) or first_row >= self.rows:
             raise errors.InvalidArgumentError(
@@ -179,18 +187,18 @@ class Dataset(Shown):
         return self._gather(first_row, min(rows, self.rows - first_row))
 
     def load(self) -> Batch:
-        """All rows in the file's order, as D4RL's `qlearning_dataset` has them.
+        """All rows in the file's order, in the layout of D4RL's `qlearning_dataset`.
 
-        It takes `4 * (2 * observation_size + action_size + 1) + 2` bytes a row.
+        A row takes `4 * (2 * observation_size + action_size + 1) + 2` bytes of memory.
         """
         return self._gather(0, self.rows)
 
     def episodes(self) -> Iterator[Batch]:
-        """The episodes in the file's order: the rows up to each end, `terminals` or `timeouts`.
+        """The episodes in the file's order, each with the rows up to a `terminals` or `timeouts`.
 
-        The last one may be unfinished: then its last row has neither.
+        The last episode may be unfinished: its last row then has neither flag.
         """
-        rest: list[Batch] = []  # the beginning of the episode that the next part goes on with
+        rest: list[Batch] = []  # rows of an episode whose end is in a later part
         for _, part in self._parts(0, self.rows):
             ends = np.flatnonzero(part["terminals"] | part["timeouts"]) + 1
             first = 0
@@ -213,14 +221,16 @@ class Dataset(Shown):
         pair_with: Simulator = None,
         pair_seed: int = 0,
     ) -> Iterator[Batch]:
-        """Batches first_batch, first_batch + 1, ... without end.
+        """Random batches with the numbers first_batch, first_batch + 1, ..., without end.
 
         Args:
-            credits: batches that are asked for ahead, so that the next one is usually here before
-                it is wanted.
-            pair_with: a simulator, as in Client.make. Each batch then also has what that simulator
-                makes of its observations and actions: see pair.
-            pair_seed: of the simulator's noise.
+            rows: rows of each batch.
+            seed: seed of the random choice.
+            credits: number of batches requested ahead, so that the next one has usually arrived
+                when it is needed.
+            pair_with: a simulator, written as in Client.make. Each batch then also has that
+                simulator's columns for its rows: see pair.
+            pair_seed: seed of the simulator's noise.
         """
         pairs = None if pair_with is None else self.pair(pair_with, seed=pair_seed)
         connection = self._connection
@@ -242,15 +252,16 @@ class Dataset(Shown):
                 connection.abandon(request_id)
 
     def pair(self, simulator: Simulator, *, seed: int = 0) -> Batch:
-        """What a simulator makes of every row's observation and action, in the dataset's order.
+        """Simulates one step from every row's observation and action; columns in the file's order.
 
-        `simulator_next_observations` (rows, observation size) float32, `simulator_rewards` (rows,)
-        float64, `simulator_terminals` and `simulator_valid` (rows,) bool; a row that is not valid
-        holds zeros. The simulator sees the observations as served, so nothing that a corruption
-        hides leaks. Noise of row i is that of (seed, draw 0, i). Computed once, at the simulator's
-        speed, and kept: 4 bytes a number.
+        The columns are `simulator_next_observations` (rows, observation size) float32,
+        `simulator_rewards` (rows,) float64, `simulator_terminals` and `simulator_valid` (rows,)
+        bool; a row that is not valid holds zeros. The simulator starts from the observations as
+        served, so it reveals nothing that a corruption hides. The noise of row i is that of
+        Client.query with `seed`, draw 0 and row number i. The first call simulates all rows; the
+        dataset keeps the columns.
 
-        FailedPreconditionError: it is not known in which environment the dataset was recorded.
+        FailedPreconditionError: the environment in which the dataset was recorded is not known.
         """
         text = simulators.text_of(simulators.parse(simulator))
         key = (text, checks.unsigned("seed", seed))
@@ -259,7 +270,7 @@ class Dataset(Shown):
         return self._pairs[key]
 
     def close(self) -> None:
-        """Closes the connection; streams end with an error."""
+        """Closes the connection; streams that are still read raise an error."""
         self._own_connection.close()
 
     def __enter__(self) -> Dataset:
@@ -271,8 +282,8 @@ class Dataset(Shown):
     def _compute_pairs(self, simulator: str, seed: int) -> Batch:
         if not self.environment:
             raise errors.FailedPreconditionError(
-                f"neither the file of the dataset {self.name!r} nor its name tells in which "
-                "environment it was recorded; Client.query takes one by name"
+                f"neither the file of the dataset {self.name!r} nor its name says in which "
+                "environment it was recorded; use Client.query, which takes the environment's name"
             )
         pairs: Batch = {}
         with self._open_queries(self.environment, simulator) as session:
@@ -286,14 +297,14 @@ class Dataset(Shown):
 
     @functools.cached_property
     def _rows_per_read(self) -> int:
-        """As many as fit one reply."""
+        """The largest number of rows that fits one reply."""
         row_bytes = 4 * (2 * self.observation_size + self.action_size + 1) + 2
         padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
         fitting = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
         return min(limits.MAX_ROWS_PER_BATCH, fitting)
 
     def _parts(self, first_row: int, rows: int) -> Iterator[tuple[int, Batch]]:
-        """(number of its first row, part) of `rows` rows that are there, in order."""
+        """Yields the `rows` existing rows in order, in parts: (number of its first row, part)."""
         end = first_row + rows
         connection = self._connection
         under_way: deque[tuple[int, int, int]] = deque()
@@ -364,7 +375,7 @@ class Dataset(Shown):
 
 
 def _put(whole: Batch, part: Batch, position: int, rows: int) -> None:
-    """Copies `part` to `position` of `whole`, which gets its columns of `rows` rows by the first."""
+    """Copies the rows of `part` to `position` of `whole`; makes missing columns of `rows` rows."""
     for name, column in part.items():
         if name not in whole:
             whole[name] = np.empty((rows, *column.shape[1:]), column.dtype)

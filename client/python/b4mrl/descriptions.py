@@ -1,4 +1,4 @@
-"""What the daemon says of itself, of what it has, and of what it has in force."""
+"""Descriptions that the daemon sends: its catalogue and status, and settings in force."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, repr=False)
 class Preset(Record):
-    """A named strength of a perturbation, as the paper has it: "gravity" of HalfCheetah is 2."""
+    """A perturbation with the paper's value for one environment: "gravity" of HalfCheetah is 2."""
 
     name: str
     environment: str
@@ -29,13 +29,13 @@ class Perturbation(Record):
     """A kind of perturbation.
 
     Attributes:
-        name: of the parametric form, "gravity".
-        parameter, type: what its argument is: "factor", a "number", "integer", "dimensions" or
-            "file".
-        low, high: the argument's range.
-        corrupts_datasets: whether it may be a dataset's corruption too.
-        environments: that can be perturbed so.
-        files: of type "file": what lies in the models folder.
+        name: name of the parametric form, such as "gravity".
+        parameter: name of the argument, such as "factor".
+        type: type of the argument: "number", "integer", "dimensions" or "file".
+        low, high: range of the argument.
+        corrupts_datasets: whether datasets can be corrupted by it, too.
+        environments: names of the environments to which it applies.
+        files: allowed arguments of type "file": the files in the daemon's models folder.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Perturbation(Record):
 
 @dataclass(frozen=True, repr=False)
 class WorkerStatus(Record):
-    """A process of the daemon. Counts are since the daemon's start, rates of the last second."""
+    """A process of the daemon. Counts are since the daemon's start, rates over the last second."""
 
     role: str
     process_id: int
@@ -67,7 +67,7 @@ class WorkerStatus(Record):
 
 @dataclass(frozen=True, repr=False)
 class SessionStatus(Record):
-    """A session of any client."""
+    """An open session of any client; `idle_ms` are milliseconds since its last request."""
 
     environment: str
     perturbations: str
@@ -79,7 +79,7 @@ class SessionStatus(Record):
 
 @dataclass(frozen=True, repr=False)
 class ServerStatus(Record):
-    """The daemon. Of its `session_count` sessions, `sessions` has the first 256."""
+    """The daemon's processes and sessions; `sessions` has the first 256 of `session_count`."""
 
     uptime_ms: int
     workers: tuple[WorkerStatus, ...]
@@ -92,8 +92,8 @@ class DatasetInfo(Record):
     """A dataset's file.
 
     Attributes:
-        rows, sha256: 0 and "" while it has not been imported.
-        behaviour_policy: what recorded it, in the file's words.
+        rows, sha256: number of rows and hash of the file; 0 and "" while it has not been imported.
+        behaviour_policy: the policy that recorded the dataset, in the file's words.
     """
 
     name: str
@@ -105,14 +105,15 @@ class DatasetInfo(Record):
 
 @dataclass(frozen=True, repr=False)
 class SessionInForce(Record):
-    """What a session runs with.
+    """Everything that determines a session's numbers, as the daemon has it in force.
 
     Attributes:
-        perturbations: presets resolved to their parametric form.
-        seed: of environment 0; environment i has seed + i.
+        perturbations: in the order in which they apply; presets in their parametric form.
+        seed: seed of environment 0; environment i has seed + i.
         autoreset_mode: "next_step", "same_step" or "disabled".
-        config: all settings of the environment, those that nobody gave included.
-        experiment_id: equal ids mean equal numbers.
+        config: all settings of the environment, with defaults for those that were not given.
+        experiment_id: sessions with equal ids give equal numbers for equal actions.
+        with_infos: whether steps and resets report infos.
     """
 
     environment: str
@@ -127,13 +128,15 @@ class SessionInForce(Record):
 
 @dataclass(frozen=True, repr=False)
 class DatasetInForce(Record):
-    """What a dataset is served with.
+    """How a dataset is served.
 
     Attributes:
-        fingerprint: stands for the file's contents, the corruptions and the transition rule.
-        rows: under the transition rule.
-        corruptions: presets resolved to their parametric form.
-        environment: that the dataset was recorded in; "" if neither the file nor its name tells.
+        fingerprint: hash of the file's contents, the corruptions and the transition rule.
+        rows: number of rows that the transition rule leaves.
+        corruptions: in the order in which they apply; presets in their parametric form.
+        hidden_dimensions: indices of observations that the corruptions set to 0.
+        environment: the environment in which the dataset was recorded; "" if neither the file nor
+            its name says.
     """
 
     fingerprint: str
@@ -164,7 +167,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 
 
 def read(message: Any) -> Any:
-    """The description that a message of b4mrl.proto holds. InternalError: it makes no sense."""
+    """The description in a message of b4mrl.proto. InternalError: the message makes no sense."""
     try:
         return _read(message)
     except (KeyError, ValueError) as error:

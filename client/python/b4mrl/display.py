@@ -1,4 +1,4 @@
-"""How things show themselves: one line at a prompt, a table in a notebook."""
+"""How objects are displayed: as one line at a prompt, as a table in a notebook."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ T = TypeVar("T")
 
 
 class Shown:
-    """A thing with facts: `<Name fact='value', ...>` as a line, a row a fact as a table."""
+    """An object displayed by its facts: as `<Class fact='value', ...>`, or a table row for each."""
 
     def _facts(self) -> Mapping[str, Any]:
-        """What tells this thing from another of its kind, in few words. Asks no server."""
+        """Name -> value of what tells this object from others. Must not ask the daemon."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -33,21 +33,21 @@ class Record(Shown):
 
 
 class Listing(list[T]):
-    """A list of dataclasses."""
+    """A list of Shown objects; a notebook shows a table with a row for each."""
 
     def _repr_html_(self) -> str:
         return _rows(self)
 
 
 class Table(dict[str, T]):
-    """Dataclasses by name."""
+    """Shown objects by name; a notebook shows a table with a row for each."""
 
     def _repr_html_(self) -> str:
         return _rows(self.values())
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """An HTML table, whatever the cells hold."""
+    """An HTML table; all texts are escaped."""
     head = "".join(f"<th>{html.escape(name)}</th>" for name in header)
     body = "".join(
         f"<tr>{''.join(f'<td>{_cell(value)}</td>' for value in row)}</tr>" for row in rows

@@ -20,26 +20,27 @@ from b4mrl.wire.session import Session
 
 
 class Environment(Hosted, gym.Env[Array, Array]):
-    """What Client.make returns.
+    """One environment of the daemon; Client.make returns it.
 
-    Observations are arrays of the space's shape in the dtype that make was given. Actions may be
-    float32 or float64; values beyond the action space follow the task's own rule. As with
-    Gymnasium's own tasks, an environment whose episode has ended may be stepped on. `info` has what
-    the original reports and, when the episode ended, `cause`: "unhealthy", "limit", "crash" or
-    "numerical_error".
+    Observations are arrays of the observation space's shape, in the `dtype` of Client.make. Actions
+    may be float32 or float64; the task's own rule treats values outside the action space. As with
+    Gymnasium's own tasks, an environment whose episode has ended may be stepped on. `info` has the
+    numbers of the original task's info and, when the episode ended, `cause`: "unhealthy", "limit",
+    "crash" or "numerical_error".
 
-    Thread rule: one thread at a time. Errors are those of b4mrl.errors. Ctrl-C in a call: see
-    b4mrl.wire.operations. pickle and copy give a new environment, opened by the same arguments.
+    Thread rule: one thread at a time. Raises the errors of b4mrl.errors. b4mrl.wire.operations says
+    what Ctrl-C during a call does. pickle and copy give a new environment, opened with the same
+    arguments.
 
     Args:
-        session: of one lane; owned by the environment.
-        origin: the arguments that it was opened by.
+        session: a session of one lane; owned by the environment.
+        origin: the arguments with which the session was opened.
 
     Attributes:
-        session: the layer underneath; `session.in_force` repeats everything that the daemon has
-            in force.
-        digest: a rolling hash of the actions and outcomes since the last seeded reset; equal
-            digests mean equal trajectories.
+        session: the session underneath; `session.in_force` has all settings and perturbations with
+            their values.
+        digest: rolling hash of the actions and outcomes since the last seeded reset; equal digests
+            mean equal trajectories.
     """
 
     def __init__(
@@ -59,9 +60,9 @@ class Environment(Hosted, gym.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Starts the next episode, or with `seed` the environment anew. No options are known."""
+        """Starts the next episode, or with `seed` the first one of that seed. Takes no options."""
         number = None if seed is None else checks.unsigned("seed", seed)
-        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
+        # Gymnasium's base class seeds only its `np_random`; the request below seeds the daemon.
         super().reset(seed=number)
         seeds = None if number is None else np.array([number], np.uint64)
         return self.session.reset(None, seeds, self._begin_episode)
@@ -76,9 +77,9 @@ class Environment(Hosted, gym.Env[Array, Array]):
         return read_states(self.session.snapshot(), [self._has_ended])[0]
 
     def set_state(self, state: State) -> Array:
-        """Continues from `state`; returns its observation.
+        """Lets the environment continue from `state`; returns the state's observation.
 
-        VersionMismatchError: its snapshot is of another simulator or engine.
+        VersionMismatchError: the state's snapshot is of another simulator or engine version.
         """
         (restoration,) = write_states([state])
         observation: Array = self.session.restore(restoration.parts)[0]
@@ -86,13 +87,13 @@ class Environment(Hosted, gym.Env[Array, Array]):
         return observation.reshape(self._shape)
 
     def render(self) -> Array | None:
-        """The picture of the present state, uint8 (height, width, 3); None without render_mode."""
+        """A picture of the current state, uint8 (height, width, 3); None without render_mode."""
         if self.render_mode is None:
             return None
         return self.session.render(*self._frame_size)[0]
 
     def close(self) -> None:
-        """Gives the session back. May be called again."""
+        """Closes the session. May be called again."""
         self.session.close()
 
     def _begin_episode(self, outcome: Outcome) -> tuple[Array, dict[str, Any]]:

@@ -1,8 +1,8 @@
-"""What goes wrong, as exceptions: one class for each status code of the protocol.
+"""The exceptions of the package: one class for each status code of the protocol.
 
-All derive from B4mrlError. Where Python has a word for the same thing, the class is that too, so
-`except TimeoutError`, `except ConnectionError` and `except ValueError` work as expected. The text
-is the server's own: it names the offending thing, its value and what is allowed.
+All derive from B4mrlError. Where Python has a matching exception, the class derives from it, too:
+`except TimeoutError`, `except ConnectionError` and `except ValueError` work as expected. The
+message is the daemon's: it names the argument, its value and the allowed range.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from typing import Any
 
 
 class B4mrlError(Exception):
-    """An error of the daemon, or on the way to it.
+    """An error that the daemon answered, or that kept a request from being answered.
 
     Attributes:
         code: the status code of the protocol, 1 to 15.
-        recoverable: the same request may succeed later, unchanged.
-        executed_unknown: the operation may have been executed or not, so that the lanes it was for
-            are of no more use.
-        env_ids: the lanes of the failed request where `recv` raises it; else None.
+        recoverable: whether the same request may succeed later, unchanged.
+        executed_unknown: whether the operation may have been executed or not; its environments
+            cannot be used any more then.
+        env_ids: the environments of the failed send if `recv` raised the error; else None.
     """
 
     code = 15
@@ -37,13 +37,13 @@ class InvalidArgumentError(B4mrlError, ValueError):
 
 
 class UnknownNameError(B4mrlError, LookupError):
-    """No such environment, perturbation or dataset; the nearest known name is in the text."""
+    """There is no such environment, perturbation or dataset; the message has the nearest name."""
 
     code = 2
 
 
 class UnsupportedError(B4mrlError):
-    """Known, but not in this combination or not by this server."""
+    """The request is known, but not in this combination or not to this daemon."""
 
     code = 3
 
@@ -55,45 +55,45 @@ class BusyError(B4mrlError):
 
 
 class StaleError(B4mrlError):
-    """A step number below the lane's last one: two programs share a session."""
+    """A step's number is below the lane's last one: two programs share a session."""
 
     code = 5
     executed_unknown = True
 
 
 class GapError(B4mrlError):
-    """A step number beyond the lane's next one: two programs share a session."""
+    """A step's number is beyond the lane's next one: two programs share a session."""
 
     code = 6
     executed_unknown = True
 
 
 class LimitExceededError(B4mrlError):
-    """A documented limit, named in the text."""
+    """A limit of proto/PROTOCOL.md, named in the message, is reached."""
 
     code = 7
 
 
 class DeadlineExceededError(B4mrlError, TimeoutError):
-    """No answer in time, or the server did not get to the request in time."""
+    """The reply did not come in time, or the daemon did not start the request in time."""
 
     code = 8
 
 
 class UnavailableError(B4mrlError, ConnectionError):
-    """The server cannot be reached, or is stopping."""
+    """The daemon cannot be reached, or is stopping."""
 
     code = 9
 
 
 class VersionMismatchError(B4mrlError):
-    """Two versions of the protocol, or a state of another engine version; both are in the text."""
+    """The protocol's or an engine's versions differ; the message has both of them."""
 
     code = 10
 
 
 class SessionLostError(B4mrlError):
-    """The session was closed, was idle for longer than the server's lease, or never was."""
+    """The session was closed, was idle for longer than the daemon's lease, or never existed."""
 
     code = 11
     executed_unknown = True
@@ -107,20 +107,20 @@ class DataLossError(B4mrlError):
 
 
 class ServerIoError(B4mrlError, OSError):
-    """The server's operating system refused a read or a write."""
+    """The daemon's operating system refused a read or a write."""
 
     code = 13
     executed_unknown = True
 
 
 class FailedPreconditionError(B4mrlError):
-    """The call does not fit the state it meets, such as a step before the first reset."""
+    """The call does not fit the environment's state, such as a step before the first reset."""
 
     code = 14
 
 
 class InternalError(B4mrlError):
-    """A mistake of the server, or a reply that cannot be understood."""
+    """A fault of the daemon, or a malformed reply."""
 
     code = 15
     executed_unknown = True
@@ -130,5 +130,5 @@ _BY_CODE: dict[int, type[B4mrlError]] = {kind.code: kind for kind in B4mrlError.
 
 
 def error_of(code: int, message: str, recoverable: bool) -> B4mrlError:
-    """The exception for a status of the wire; an unknown code counts as InternalError."""
+    """The exception for a status of a reply; an unknown code becomes an InternalError."""
     return _BY_CODE.get(code, InternalError)(message, recoverable=recoverable)

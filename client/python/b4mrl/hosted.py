@@ -1,4 +1,4 @@
-"""What a single environment and a batch of environments have in common."""
+"""The common base of single environments and batches of environments."""
 
 from __future__ import annotations
 
@@ -79,5 +79,5 @@ class Hosted(Shown):
 
     @property
     def _shape(self) -> tuple[int, ...]:
-        """Of one observation."""
+        """The shape of one observation."""
         return self.session.spec.observation.shape

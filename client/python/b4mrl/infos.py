@@ -1,9 +1,9 @@
-"""Gymnasium's info dictionaries from the columns of numbers that the wire has.
+"""Makes Gymnasium's info dictionaries from the columns of numbers in replies.
 
-A column's name says where its number belongs: "x_position"; "tendon_length[1]" is the second entry
-of an array; "rewards.collision_reward" is an entry of a dictionary within the dictionary. For a
-batch, as Gymnasium's vector environments have it, every key `k` is an array with one entry an
-environment and comes with a boolean mask `_k` of the environments that reported it.
+A column's name says where its number belongs: "x_position" is a key; "tendon_length[1]" is the
+second entry of an array; "rewards.collision_reward" is an entry of a dictionary in the dictionary.
+As in Gymnasium's vector environments, the dictionary of a batch has for every key `k` an array with
+one entry for each environment, and a boolean mask `_k` of the environments that reported it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ Mask = NDArray[np.bool_]
 CAUSE_NAMES = {value.number: value.name.lower() for value in CAUSES.values}
 _ENTRY = re.compile(r"(.*)\[\d+\]")
 
-# A key, and what it holds: one column, the columns of an array, or the items of a dictionary.
+# Key -> number of its column, numbers of an array's columns, or items of a dictionary.
 _Items = dict[str, "int | list[int] | _Items"]
 
 
 class InfoLayout:
-    """Where the columns go.
+    """Where each column's number belongs in the dictionary.
 
     Args:
-        names: of the columns.
-        reset_names: those that a reset reports; the others are absent from its dictionary.
+        names: names of the columns.
+        reset_names: names of the columns that a reset reports; its dictionary lacks the others.
     """
 
     def __init__(self, names: Iterable[str], reset_names: Iterable[str]) -> None:
@@ -57,7 +57,7 @@ class InfoLayout:
 
 
 def add_causes(infos: dict[str, Any], causes: NDArray[np.uint8]) -> None:
-    """Adds why episodes ended, as text, for the environments whose episode did."""
+    """Adds the key "cause": why an episode ended, as a word, for environments whose episode did."""
     ended = causes != 0
     if ended.any():
         infos["cause"] = np.array(
@@ -67,12 +67,15 @@ def add_causes(infos: dict[str, Any], causes: NDArray[np.uint8]) -> None:
 
 
 def cause_name(cause: int) -> str:
-    """Why an episode ended, as a word; the number itself if this client has no word for it."""
+    """The word for a cause of an episode's end; its number if this client knows no word for it."""
     return str(CAUSE_NAMES.get(int(cause), int(cause)))
 
 
 def scatter(infos: dict[str, Any], positions: NDArray[np.uint32], count: int) -> dict[str, Any]:
-    """A batch of m as a batch of `count`, entry i at positions[i] and the others zero or absent."""
+    """Spreads the infos of m environments over `count`: entry i moves to positions[i].
+
+    The other entries are zero or None, and their masks False.
+    """
     wide: dict[str, Any] = {}
     for key, value in infos.items():
         if isinstance(value, dict):
@@ -85,7 +88,7 @@ def scatter(infos: dict[str, Any], positions: NDArray[np.uint32], count: int) ->
 
 
 def row_of(infos: dict[str, Any], position: int) -> dict[str, Any]:
-    """The dictionary of one environment out of a batch's; the inverse of batching."""
+    """The dictionary of the environment at `position` in a batch."""
     row = {}
     for key, value in infos.items():
         mask = infos.get("_" + key)
@@ -125,7 +128,7 @@ def _read(items: _Items, row: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _merge(infos: dict[str, Any], items: _Items, rows: NDArray[np.float64], reported: Mask) -> None:
-    """Adds the columns of the environments that `reported` them."""
+    """Adds columns to `infos`, with numbers of the environments in the mask `reported` alone."""
     for key, place in items.items():
         if isinstance(place, dict):
             _merge(infos.setdefault(key, {}), place, rows, reported)

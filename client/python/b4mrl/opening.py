@@ -1,4 +1,4 @@
-"""The opening of sessions: what is asked of the gateway, and the way to the worker it names."""
+"""The opening of sessions: sends Open to the gateway and connects to the worker that it names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from b4mrl.wire.session import Session
 
 @dataclass(frozen=True)
 class Opening:
-    """What Client.make and make_vec describe; `num_envs` 0 is a session for queries alone."""
+    """The arguments of Client.make or make_vec; `num_envs` 0 opens a session for queries alone."""
 
     environment: str
     simulator: simulators.Simulator = None
@@ -35,7 +35,7 @@ class Opening:
     deadline_ms: float | None = None
 
     def request(self) -> Any:
-        """The Request that asks for it. InvalidArgumentError: something in it cannot be."""
+        """The Open request. InvalidArgumentError: an argument is malformed or out of range."""
         request = Request()
         request.open.environment = self.environment
         for item in simulators.parse(self.simulator):
@@ -51,14 +51,14 @@ class Opening:
 
 
 def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: float) -> Session:
-    """Opens what is described; `deadline_ms` is that of the opening and of the session."""
+    """Opens a session; `deadline_ms` limits the opening and each later request of the session."""
     steps = opening.max_episode_steps
     if steps is not None:
         steps = checks.unsigned("max_episode_steps", steps, bits=32)
     session = _open(endpoint, routes, opening.request(), deadline_ms)
     if steps is None or steps == session.spec.max_episode_steps:
         return session
-    # Which of its settings ends an episode, the task itself has said now.
+    # The first session's configuration says which setting ends an episode; a second one sets it.
     with session:
         in_force, step_seconds = session.in_force.config, session.spec.step_seconds
         limited = config.with_limit(opening.config, steps, in_force, step_seconds)
@@ -66,7 +66,7 @@ def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: f
 
 
 def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Session:
-    # The token goes with Open, which the gateway answers, and with all that the worker answers.
+    # Open to the gateway and all requests to the session's worker carry the same token.
     token = secrets.token_bytes(limits.TOKEN_BYTES)
     opener = Connection(endpoint, token)
     asked = request.open
@@ -77,7 +77,7 @@ def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Se
         in_force, spec = descriptions.read(reply), spec_of(reply.info)
         worker = routes.reach(reply.port, token)
     except BaseException:
-        opener.farewell(close_request())  # it is open, or may still be, and of no use
+        opener.farewell(close_request())  # the daemon may have opened the session already
         raise
     opener.close()
     dtype = arrays.dtype_of(reply.observation_dtype)

@@ -1,4 +1,4 @@
-"""How something of the daemon was opened, so that it can be opened again."""
+"""How an environment or a dataset was opened, so that pickle and copy can open it again."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from gymnasium.envs.registration import EnvSpec
 
 @dataclass(frozen=True)
 class Origin:
-    """What pickle and copy keep of an environment or a dataset, as Gymnasium's EzPickle does.
+    """The arguments of an environment or a dataset, kept by pickle and copy instead of its state.
 
-    What they give is a new one, opened with the same arguments; the state of the old one stays
-    where it is.
+    The copy is a new environment or dataset, opened with the same arguments, as with Gymnasium's
+    EzPickle.
 
     Attributes:
-        opener: takes endpoint, deadline_ms and the arguments; a function of a module.
-        endpoint, deadline_ms: of the client.
+        opener: function of a module, called with endpoint, deadline_ms and the arguments.
+        endpoint, deadline_ms: of the client that opened the environment or dataset.
+        arguments: of Client.make, make_vec or dataset, by name.
     """
 
     opener: Callable[..., Any]
@@ -30,7 +31,7 @@ class Origin:
         return self.opener(self.endpoint, self.deadline_ms, **self.arguments)
 
     def gym_spec(self) -> EnvSpec:
-        """The spec by which gym.make and gym.make_vec make the same."""
+        """The spec from which gym.make or gym.make_vec makes the same environment."""
         given = dict(self.arguments)
         return EnvSpec(
             id=f"b4mrl/{given['environment']}-v0",

@@ -1,4 +1,4 @@
-"""Queries of a simulator: any number of rows, in requests of which several are in flight."""
+"""Queries of a simulator with any number of rows, split into requests."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from b4mrl.wire import limits
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.session import Session
 
-# Enough to keep every thread of a worker busy while one answer is copied out, and few enough rows
-# that all of them are done within a deadline where the costliest ones take milliseconds each.
+# Several requests keep every thread of a worker busy while one reply is copied out. Small requests
+# are done within their deadline even if a row takes milliseconds.
 _REQUESTS_IN_FLIGHT = 6
 _ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
 
@@ -24,7 +24,7 @@ Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Rows:
-    """Observations and actions as the caller gave them, first axes of equal length."""
+    """Observations and actions, (rows, ...) each, of one dtype: float32 or float64."""
 
     observations: Array
     actions: Array
@@ -35,7 +35,7 @@ class Rows:
 
     @classmethod
     def of(cls, observations: ArrayLike, actions: ArrayLike) -> Rows:
-        """InvalidArgumentError: they are no rows, or not equally many."""
+        """Reads a caller's arrays. InvalidArgumentError: their numbers of rows differ."""
         given = np.asarray(observations)
         dtype = np.float64 if given.dtype == np.float64 else np.float32
         states, controls = given.astype(dtype, copy=False), np.asarray(actions, dtype)
@@ -47,7 +47,7 @@ class Rows:
         return cls(states, controls)
 
     def flat(self, observation_size: int, action_size: int) -> Rows:
-        """The same as (rows, size) each. InvalidArgumentError: they have other sizes."""
+        """The same numbers as (rows, size). InvalidArgumentError: a row has another size."""
         rows = len(self.observations)
         sizes = self.observations.size, self.actions.size
         if sizes != (rows * observation_size, rows * action_size):
@@ -62,7 +62,7 @@ class Rows:
 
 
 def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> Answer:
-    """Asks `session` for all rows and returns what Client.query does."""
+    """Sends all rows to `session`, which has the dtype of `rows`; returns as Client.query does."""
     flat = rows.flat(session.spec.observation.size, session.spec.action.size)
     count = len(flat.observations)
     at_once = _rows_at_once(flat)
@@ -92,10 +92,10 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> A
 
 
 def _rows_at_once(rows: Rows) -> int:
-    """As many as fit one request and its reply."""
+    """The largest number of rows of a request that fits the request and its reply."""
     (_, observation), (_, action) = rows.observations.shape, rows.actions.shape
     itemsize = rows.dtype.itemsize
-    # Asked with the action, answered with the reward and two flags.
+    # Beside the observation, a request has the action, a reply the reward and two flags.
     row_bytes = itemsize * observation + max(itemsize * action, 8 + 2)
     padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
     fitting: int = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes

@@ -1,8 +1,7 @@
-"""Gymnasium's registry: `gym.make("b4mrl:b4mrl/HalfCheetah-v0", simulator="gravity")`.
+"""Entries in Gymnasium's registry: `gym.make("b4mrl:b4mrl/HalfCheetah-v0", simulator="gravity")`.
 
-Importing b4mrl registers the five environments that the daemon is known for; `register` adds
-others, such as those of a daemon with environments of its own. An id is looked up in the daemon
-only when it is made.
+Importing b4mrl registers the names below; `register` adds names of other environments that a daemon
+has. Whether the daemon has an environment shows only in gym.make.
 """
 
 from __future__ import annotations
@@ -22,10 +21,11 @@ _KNOWN = ("HalfCheetah", "Hopper", "Walker2d", "Humanoid", "Highway")
 
 
 def register(names: Iterable[str] = _KNOWN) -> None:
-    """Registers "b4mrl/NAME-v0" for every name that is not registered yet.
+    """Registers "b4mrl/NAME-v0" for every NAME that is not registered yet.
 
-    `gym.make` then takes the arguments of Client.make, `gym.make_vec` those of Client.make_vec, and
-    both `endpoint`: None for $B4MRL_ENDPOINT, or for a private daemon that the process shares.
+    `gym.make` then takes the arguments of Client.make, `gym.make_vec` those of Client.make_vec.
+    Both also take `endpoint`, the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon
+    for all environments of the process.
     """
     for name in names:
         environment_id = f"b4mrl/{name}-v0"
@@ -39,7 +39,7 @@ def register(names: Iterable[str] = _KNOWN) -> None:
 
 
 def make(environment: str, endpoint: str | None = None, **options: Any) -> Environment:
-    """The entry point of gym.make."""
+    """The entry point that gym.make calls for a registered name."""
     limit = _limit_of_the_caller()
     if limit is not None:
         options["max_episode_steps"] = limit
@@ -49,7 +49,7 @@ def make(environment: str, endpoint: str | None = None, **options: Any) -> Envir
 def make_vec(
     environment: str, num_envs: int, endpoint: str | None = None, **options: Any
 ) -> VectorEnvironment:
-    """The entry point of gym.make_vec."""
+    """The entry point that gym.make_vec calls for a registered name."""
     return open_vector_environment(
         _endpoint(endpoint), None, environment=environment, num_envs=num_envs, **options
     )
@@ -59,13 +59,14 @@ def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Cl
     """Connects to a daemon.
 
     Args:
-        endpoint: "tcp://HOST:PORT" or "ipc://PATH". None: $B4MRL_ENDPOINT, or a private daemon that
-            this process shares.
-        deadline_ms: of each request. None: two minutes, and ten seconds to reach the daemon.
+        endpoint: "tcp://HOST:PORT" or "ipc://PATH" of the daemon's gateway. None: $B4MRL_ENDPOINT,
+            else one private daemon for all clients of this process.
+        deadline_ms: time limit of each request, in milliseconds. None: two minutes, but ten seconds
+            for the first connection.
 
     Raises:
-        UnavailableError: nobody answers there.
-        VersionMismatchError: it speaks another version of the protocol.
+        UnavailableError: no daemon answers at `endpoint`.
+        VersionMismatchError: the daemon speaks another version of the protocol.
     """
     return Client(_endpoint(endpoint), deadline_ms)
 
@@ -91,6 +92,6 @@ def _limit_of_the_caller() -> int | None:
     if caller is None or caller.f_code is not gym.make.__code__:
         return None
     asked = caller.f_locals.get("max_episode_steps")
-    if asked is None:  # it may be that of a spec, as in gym.make(env.spec)
+    if asked is None:  # gym.make(env.spec) takes the limit from the spec
         asked = getattr(caller.f_locals.get("env_spec"), "max_episode_steps", None)
-    return None if asked == -1 else asked  # which means: no TimeLimit
+    return None if asked == -1 else asked  # -1 asks gym.make for no TimeLimit

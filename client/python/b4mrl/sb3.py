@@ -1,4 +1,4 @@
-"""A batch of environments as Stable-Baselines3's VecEnv. Needs stable-baselines3."""
+"""Adapts a batch of environments to Stable-Baselines3's VecEnv. Needs stable-baselines3."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Indices = int | Iterable[int] | None
 
 
 class StableBaselinesVecEnv(VecEnv):
-    """What DummyVecEnv is over single environments, in one session.
+    """A VecEnv over one session; it returns the same as DummyVecEnv over single environments.
 
-    Flags are merged into `dones`; the last observation of an episode is in its
-    `info["terminal_observation"]`, and `info["TimeLimit.truncated"]` is true where it was cut. The
-    environments have no objects of their own, so attributes are those of the whole batch, and
-    `env_method` knows `get_state` and `set_state`.
+    `dones` is true for terminated and for truncated episodes. The last observation of an episode is
+    `info["terminal_observation"]`, and `info["TimeLimit.truncated"]` is true if the episode was
+    truncated. There is no Python object for a single environment: attributes are those of the whole
+    batch, and `env_method` supports `get_state` and `set_state` only.
 
     Args:
         batch: made by Client.make_vec with autoreset_mode="same_step"; owned by this object.
@@ -32,8 +32,8 @@ class StableBaselinesVecEnv(VecEnv):
     def __init__(self, batch: VectorEnvironment) -> None:
         if not isinstance(batch, VectorEnvironment):
             raise errors.InvalidArgumentError(
-                f"batch is {batch!r}, allowed: what Client.make_vec(..., autoreset_mode='same_step') "
-                "returns; Stable-Baselines3 takes what Client.make returns as it is"
+                f"batch is {batch!r}, allowed: a batch of Client.make_vec(..., "
+                "autoreset_mode='same_step'); an environment of Client.make needs no adapter"
             )
         if batch.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise errors.InvalidArgumentError(
@@ -44,7 +44,7 @@ class StableBaselinesVecEnv(VecEnv):
         super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
 
     def reset(self) -> Array:
-        # SB3 has options for each environment; ours know none.
+        # Stable-Baselines3 keeps reset options for each environment; these environments take none.
         observations, info = self.batch.reset(seed=self._seeds)
         self.reset_infos = [infos.row_of(info, i) for i in range(self.num_envs)]
         self._reset_seeds()
@@ -79,15 +79,20 @@ class StableBaselinesVecEnv(VecEnv):
         return [getattr(self.batch, attr_name)] * len(self._lanes(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """UnsupportedError for a part of the environments: they share their attributes."""
+        """Sets an attribute of the batch. UnsupportedError: `indices` names only some of it."""
         if len(self._lanes(indices)) < self.num_envs:
-            raise errors.UnsupportedError("attributes are those of all environments together")
+            raise errors.UnsupportedError(
+                "indices names some environments, allowed: all, which share their attributes"
+            )
         setattr(self.batch, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """`get_state()`, or `set_state(state)` of the same state for each. Others: Unsupported."""
+        """`get_state()`, or `set_state(state)` with one state for all chosen environments.
+
+        UnsupportedError: another method.
+        """
         lanes = self._lanes(indices)
         if method_name == "get_state":
             return self.batch.get_state(lanes)

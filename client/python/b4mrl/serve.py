@@ -1,4 +1,4 @@
-"""A daemon of one's own: started for one program, stopped with it. Linux only."""
+"""Private daemons: started by a program for itself and stopped when it ends. Linux only."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from b4mrl.errors import UnavailableError
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
 
-# Runs in a fresh interpreter between this process and the daemon: the kernel shall end the daemon
-# when this process dies (PR_SET_PDEATHSIG is 1), and no other code may run between fork and exec
-# in a process that may have threads.
+# A fresh interpreter runs this text and then becomes the daemon. It asks the kernel to end the
+# daemon when this process dies (PR_SET_PDEATHSIG, option 1 of prctl). This process cannot do that
+# between fork and exec, where a program with threads must not run Python code.
 _LAUNCHER = """
 import ctypes, os, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGTERM)
@@ -33,11 +33,11 @@ if os.getppid() == int(sys.argv[1]):
 
 
 class PrivateDaemon(Shown):
-    """What serve returns: `with b4mrl.serve() as endpoint: ...`, or `endpoint` and `stop()`.
+    """A private daemon, which serve starts: `with b4mrl.serve() as endpoint: ...`.
 
     Attributes:
-        endpoint: where clients connect.
-        process_id: of the supervisor.
+        endpoint: the address for b4mrl.connect.
+        process_id: of the daemon's supervisor.
     """
 
     def __init__(self, command: Sequence[str], folder: str | None, ready_seconds: float) -> None:
@@ -45,7 +45,7 @@ class PrivateDaemon(Shown):
         self._process, keeper = _start([*launcher, *command])
         self.process_id = self._process.pid
         self._owner = os.getpid()
-        # Also when the object is collected, or the program ends.
+        # The finalizer stops the daemon when this object is collected and when the program ends.
         self._stop = weakref.finalize(self, _stop, self._process, keeper, folder, os.getpid())
         try:
             self.endpoint = self._await_ready(command[0], time.monotonic() + ready_seconds)
@@ -55,13 +55,13 @@ class PrivateDaemon(Shown):
 
     @property
     def is_running(self) -> bool:
-        """False once the daemon has ended. A forked child cannot tell, and believes that it runs."""
+        """False once the daemon has ended. A forked child cannot tell and always gets True."""
         return os.getpid() != self._owner or self._process.poll() is None
 
     def stop(self) -> int:
-        """Ends the daemon with SIGTERM, after ten seconds with SIGKILL; returns its exit status.
+        """Ends the daemon by SIGTERM, or by SIGKILL ten seconds later; returns its exit status.
 
-        May be called again. In a forked child it does nothing.
+        May be called again. In a forked child, it does nothing.
         """
         self._stop()
         return self._process.returncode or 0
@@ -76,7 +76,7 @@ class PrivateDaemon(Shown):
         self.stop()
 
     def _await_ready(self, binary: str, deadline: float) -> str:
-        """Reads the daemon's output up to "ready ENDPOINT"; the rest goes nowhere."""
+        """Reads the daemon's output up to "ready ENDPOINT" and returns ENDPOINT."""
         assert self._process.stdout is not None
         descriptor, text = self._process.stdout.fileno(), b""
         while (left := deadline - time.monotonic()) > 0 and len(text) < 4096:
@@ -95,17 +95,18 @@ class PrivateDaemon(Shown):
 
 
 def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.Event]:
-    """The process of `command`, and what to set when it is not wanted any more.
+    """Starts `command`; returns its process, and an event to set after the process was stopped.
 
-    The kernel ties the process to the thread that starts it, and the caller's may be one of a
-    pool's: a thread of its own starts it and stays.
+    The kernel ends the process when the thread that started it ends, and the caller's thread may be
+    a short-lived one of a pool. So a new thread starts the process and waits for the event.
     """
     started: queue.SimpleQueue[subprocess.Popen[bytes] | OSError] = queue.SimpleQueue()
     unwanted = threading.Event()
 
     def start_and_stay() -> None:
         try:
-            # A session of its own: a terminal's Ctrl-C is for this program, which ends the daemon.
+            # In a session of its own, the daemon does not get a terminal's Ctrl-C: that is for this
+            # program, which then stops the daemon.
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -156,13 +157,15 @@ def serve(
 ) -> PrivateDaemon:
     """Starts a private daemon and waits until it is ready.
 
-    The program is $B4MRL_SERVER, else `b4mrl-serve` or `b4mrl` in PATH, else in `build/release` of
-    the checkout that this package or the working folder lies in.
+    The daemon's program is the one that $B4MRL_SERVER names, else `b4mrl-serve` or `b4mrl` in PATH,
+    else `build/release/b4mrl-serve` in the checkout that holds this package or the working folder.
 
     Args:
-        tcp: listen on loopback with free ports; otherwise on an ipc socket in a private folder.
-        data, models, workers, threads: the options of `b4mrl serve`. None: its defaults.
+        tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder.
+        data, models, workers, threads: the options of `b4mrl serve` with these names. None: its
+            defaults.
         arguments: further options of `b4mrl serve`.
+        ready_seconds: time within which the daemon must be ready.
 
     Raises:
         UnavailableError: the program is not found, or not ready in time.
@@ -181,7 +184,7 @@ def serve(
 
 
 def find_server() -> list[str]:
-    """The command that runs the daemon, without its options. UnavailableError: there is none."""
+    """The daemon's command without options. UnavailableError: the program is not found."""
     for candidate in _candidates():
         if candidate and os.access(candidate, os.X_OK) and not os.path.isdir(candidate):
             path = os.path.abspath(candidate)
@@ -195,7 +198,7 @@ def find_server() -> list[str]:
 def _candidates() -> Iterator[str | None]:
     if named := os.environ.get("B4MRL_SERVER"):
         if not os.access(named, os.X_OK):
-            raise UnavailableError(f"B4MRL_SERVER is {named!r}, which is no program")
+            raise UnavailableError(f"B4MRL_SERVER is {named!r}, allowed: an executable program")
         yield named
     yield shutil.which("b4mrl-serve")
     yield shutil.which("b4mrl")
@@ -209,7 +212,7 @@ _shared_daemon: PrivateDaemon | None = None
 
 
 def default_endpoint() -> str:
-    """$B4MRL_ENDPOINT, or a private daemon that this process shares and stops when it ends."""
+    """$B4MRL_ENDPOINT, else the address of this process's one private daemon, started if needed."""
     if named := os.environ.get("B4MRL_ENDPOINT"):
         return named
     global _shared_daemon

@@ -1,4 +1,4 @@
-"""What perturbs a simulator or corrupts a dataset, as users write it and as it travels."""
+"""Parses perturbations of a simulator, or corruptions of a dataset, from how users write them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class NamedArgument:
     """A perturbation or corruption; str() is its text, "gravity=1.5".
 
     Attributes:
-        name: of the catalogue, a preset's or the parametric form's.
-        argument: of the parametric form; "" for none.
+        name: name of a preset or of a parametric form.
+        argument: argument of the parametric form; "" for a preset.
     """
 
     name: str
@@ -36,11 +36,11 @@ class NamedArgument:
 
 
 def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
-    """The perturbations of `simulator` in their order. The server checks names and values.
+    """The perturbations of `simulator`, in their order. The daemon checks their names and values.
 
-    A text joins them by commas. A dict has a name and its value for each: a number, a text, or a
-    list of dimensions; None or True for a preset, which needs no value. A list has a text, a pair
-    or a dict for each. InvalidArgumentError: it is none of these.
+    `simulator` is a text with commas between perturbations; or a dict from names to values, where a
+    value is a number, a text, a list of dimensions, or None or True for a preset; or a list of
+    texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form.
     """
     if simulator is None:
         return ()
@@ -54,7 +54,7 @@ def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
 
 
 def text_of(items: Iterable[NamedArgument]) -> str:
-    """ "gravity=1.5,obs-noise-low"."""
+    """The perturbations as one text, "gravity=1.5,obs-noise-low"."""
     return ",".join(map(str, items))
 
 
@@ -96,5 +96,5 @@ def _named(name: Any, value: Any) -> NamedArgument:
     if isinstance(value, list | tuple) and value and all(type(item) is int for item in value):
         return NamedArgument(name, "+".join(map(str, value)))
     raise InvalidArgumentError(
-        f"{name} is {value!r}, allowed: a number, a text, a list of dimensions, or None for a preset"
+        f"{name} is {value!r}, allowed: a number, text, list of dimensions, or None for a preset"
     )

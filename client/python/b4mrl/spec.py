@@ -1,4 +1,4 @@
-"""What an environment is: its spaces, reward, limits and infos, as the daemon describes it."""
+"""The daemon's description of an environment: its spaces, reward, limits and infos."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from b4mrl.wire import limits
 
 @dataclass(frozen=True, repr=False)
 class SpaceSpec(Shown):
-    """A box.
+    """A box of observations or actions.
 
     Attributes:
-        shape: extents; their product is the number of dimensions.
-        names, units: of every dimension in row-major order; a unit may be "".
-        low, high: (dimensions,) float64, possibly infinite.
+        shape: extents of an array in the space; their product is the number of dimensions.
+        names, units: name and unit of every dimension in row-major order; a unit may be "".
+        low, high: (dimensions,) float64, bounds of every dimension, possibly infinite.
     """
 
     shape: tuple[int, ...]
@@ -44,7 +44,7 @@ class SpaceSpec(Shown):
         return table(("", "name", "unit", "low", "high"), rows)
 
     def box(self, dtype: DTypeLike) -> spaces.Box:
-        """Gymnasium's space; its bounds are rounded to `dtype`, as Gymnasium's tasks do."""
+        """This space as Gymnasium's; bounds are rounded to `dtype`, as in Gymnasium's tasks."""
         kind = np.dtype(dtype)
         low, high = (bound.astype(kind).reshape(self.shape) for bound in (self.low, self.high))
         return spaces.Box(low, high, dtype=kind.type)
@@ -55,14 +55,14 @@ class EnvironmentSpec(Shown):
     """The specification of one environment under one configuration.
 
     Attributes:
-        reward: the formula, in words.
-        max_episode_steps: steps after which an episode is truncated; 0 for no limit.
-        step_seconds: simulated time of one step.
+        reward: the reward's formula, in words.
+        max_episode_steps: number of steps after which an episode is truncated; 0 for no limit.
+        step_seconds: simulated seconds of one step.
         reference_min, reference_max: returns that D4RL's normalised score maps to 0 and 100; None
             for environments that D4RL lacks.
-        info_names, reset_info_names: the columns of infos (proto/PROTOCOL.md, section 8), and
-            those of them that a reset reports too.
-        picture_width, picture_height: pixels of a picture that asks for no size.
+        info_names: names of a step's infos (proto/PROTOCOL.md, section 8).
+        reset_info_names: those of `info_names` that a reset reports, too.
+        picture_width, picture_height: default size of pictures, in pixels.
     """
 
     name: str
@@ -89,7 +89,7 @@ class EnvironmentSpec(Shown):
         }
 
     def normalised_score(self, episode_return: float) -> float | None:
-        """100 (return - min) / (max - min), or None without references."""
+        """D4RL's 100 (return - reference_min) / (reference_max - reference_min); None without."""
         if self.reference_min is None or self.reference_max is None:
             return None
         span = self.reference_max - self.reference_min

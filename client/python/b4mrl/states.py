@@ -1,12 +1,12 @@
-"""States of environments as dictionaries: what get_state returns and set_state takes.
+"""States of environments as dictionaries, which get_state returns and set_state takes.
 
-A MuJoCo state has `time`, `qpos`, `qvel` and `qacc_warmstart`; a Highway state has `time` and
-`vehicles`, a list of dictionaries with the ego first. Beside these, `snapshot` holds all that an
-exact continuation needs: random streams, delayed actions, the step within the episode.
+A MuJoCo state has the parts `time`, `qpos`, `qvel` and `qacc_warmstart`; a Highway state has `time`
+and `vehicles`, a list of dictionaries with the ego first. In addition, `snapshot` holds everything
+for an exact continuation: random streams, delayed actions, the step within the episode.
 
-set_state continues exactly while the readable parts are still those that came with the snapshot,
-and otherwise goes by the parts: changing `qpos` changes the state. Of the parts, MuJoCo needs
-`qpos` and `qvel`, Highway `vehicles`. A dictionary with `snapshot` alone is exact, too.
+If the parts are those that came with the snapshot, or missing, set_state uses the snapshot and
+continues exactly. If a part was changed, set_state uses the parts and ignores the snapshot. MuJoCo
+needs at least `qpos` and `qvel`, Highway `vehicles`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from b4mrl.wire.arrays import Array
 
 State = dict[str, Any]
 
-# Columns of `vehicles` on the wire, one row a vehicle.
+# Columns of `vehicles` in messages, which have one row for each vehicle.
 VEHICLE_COLUMNS = (
     "x",
     "y",
@@ -44,20 +44,20 @@ VEHICLE_COLUMNS = (
 _WHOLE_NUMBERS = {"lane": int, "target_lane": int, "crashed": bool, "impact_pending": bool}
 
 _SNAPSHOT = "snapshot"
-# In front of the server's bytes: a check of the readable parts that they came with, and a byte that
-# is 1 where the episode had ended.
+# `snapshot` begins with a hash of the parts that came with it, and a byte that is 1 if the episode
+# had ended; the server's bytes follow.
 _CHECK_BYTES = 16
 _HEAD_BYTES = _CHECK_BYTES + 1
 
 
 @dataclass(frozen=True)
 class Restoration:
-    """The arrays of one Restore.
+    """The arrays of one Restore request.
 
     Attributes:
-        positions: of its states in the list that was given.
-        parts: what Session.restore takes, first axes the positions.
-        ended: for each, whether it continues behind the end of its episode.
+        positions: of the restored states in the list given to write_states; k of them.
+        parts: arrays for Session.restore, with first axis k.
+        ended: for each state, whether its episode had ended.
     """
 
     positions: list[int]
@@ -66,7 +66,10 @@ class Restoration:
 
 
 def read_states(found: Mapping[str, Array], ended: Sequence[bool]) -> list[State]:
-    """One state a lane from the arrays of a Snapshot; first axes the lanes, like `ended`."""
+    """One state for each lane, from the arrays of a Snapshot reply; their first axis is the lanes.
+
+    `ended` says for each lane whether its episode has ended.
+    """
     states = []
     for lane, is_ended in enumerate(ended):
         parts = {name: rows[lane] for name, rows in found.items() if name != _SNAPSHOT}
@@ -78,10 +81,9 @@ def read_states(found: Mapping[str, Array], ended: Sequence[bool]) -> list[State
 
 
 def write_states(states: Sequence[Mapping[str, Any]]) -> list[Restoration]:
-    """The Restores that `states` need.
+    """The Restore requests for `states`: one for each set of array names and sizes among them.
 
-    States that continue exactly and states by parts travel apart, and so do states with different
-    parts. InvalidArgumentError: a state is malformed.
+    InvalidArgumentError: a state is malformed.
     """
     rows = [_row_of(state) for state in states]
     groups: dict[tuple[tuple[str, int], ...], list[int]] = {}
@@ -108,7 +110,7 @@ def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:
     if snapshot is None:
         return parts
     if not isinstance(snapshot, bytes) or len(snapshot) <= _HEAD_BYTES:
-        raise InvalidArgumentError("snapshot is not what get_state returned, allowed: those bytes")
+        raise InvalidArgumentError("snapshot is malformed, allowed: bytes that get_state returned")
     if not parts or _fingerprint(parts) == snapshot[:_CHECK_BYTES]:
         return {_SNAPSHOT: np.frombuffer(snapshot, np.uint8, offset=_HEAD_BYTES)}
     return parts
@@ -134,7 +136,7 @@ def _readable(name: str, values: Array) -> Any:
 
 
 def _numbers(name: str, value: Any) -> Array:
-    """The float64 (size,) of one part."""
+    """One part as float64 (size,)."""
     try:
         if name == "vehicles":
             value = [[vehicle[column] for column in VEHICLE_COLUMNS] for vehicle in value]
@@ -142,5 +144,5 @@ def _numbers(name: str, value: Any) -> Array:
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidArgumentError(
             f"{name} of the state cannot be read ({type(error).__name__}: {error}), "
-            "allowed: what get_state returns"
+            "allowed: a part as get_state returns it"
         ) from None

@@ -25,33 +25,35 @@ StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.boo
 
 
 class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
-    """What Client.make_vec returns.
+    """A batch of environments of the daemon; Client.make_vec returns it.
 
-    Step by step, it gives what SyncVectorEnv gives over single environments of seeds s, s+1, ...,
-    in each of the three modes (`metadata["autoreset_mode"]`), infos and their masks included:
+    Every step returns the same as Gymnasium's SyncVectorEnv over single environments with seeds s,
+    s+1, ..., infos and their masks included, in each of three modes (`metadata["autoreset_mode"]`):
 
-    - next_step: the step after an end ignores its action and returns the new episode's first
-      observation, reward 0 and no flag;
-    - same_step: the ending step returns the new episode's first observation; the last one and its
-      info are in `final_obs` and `final_info`;
+    - next_step: an environment's step after the end of its episode ignores the action and returns
+      the new episode's first observation, reward 0 and no flag;
+    - same_step: the step that ends an episode returns the new episode's first observation; the old
+      episode's last observation and info are in `final_obs` and `final_info`;
     - disabled: finished environments are reset by `reset(options={"reset_mask": mask})`. Stepping
       them raises FailedPreconditionError, unless `step_past_end` was given.
 
-    `send` and `recv` are the two halves of a step, for any environments: several sends for
+    `send` and `recv` are the two halves of a step of some of the environments: several sends for
     different environments may be under way at once.
 
-    Shapes: n environments; observations (n, *shape) in the dtype that make_vec was given, rewards
-    (n,) float64, flags (n,) bool. Returned arrays are the caller's. Thread rule: one thread at a
-    time. Errors are those of b4mrl.errors. Ctrl-C in a call: see b4mrl.wire.operations. pickle and copy
-    give new environments, opened by the same arguments.
+    Shapes: n environments; observations (n, *shape) in the `dtype` of Client.make_vec, rewards (n,)
+    float64, flags (n,) bool. Returned arrays belong to the caller.
+
+    Thread rule: one thread at a time. Raises the errors of b4mrl.errors. b4mrl.wire.operations says
+    what Ctrl-C during a call does. pickle and copy give new environments, opened with the same
+    arguments.
 
     Args:
-        session: owned by the environments.
-        origin: the arguments that they were opened by.
+        session: the environments' session; owned by this object.
+        origin: the arguments with which the session was opened.
 
     Attributes:
-        session: the layer underneath; `session.in_force` repeats everything that the daemon has
-            in force.
+        session: the session underneath; `session.in_force` has all settings and perturbations with
+            their values.
         digests: (n,) uint64, a rolling hash of each environment's actions and outcomes since its
             last seeded reset; equal digests mean equal trajectories.
     """
@@ -92,15 +94,16 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         """Starts new episodes.
 
         Args:
-            seed: s gives environment i the seed s + i; a sequence has one for each, where None
-                means its next episode; None means that for all.
-            options: `reset_mask`, bool (n,): only these are reset, the others' observations are
-                their latest ones. No other option is known.
+            seed: a number s gives environment i the seed s + i; a sequence has one seed for each
+                environment, where None starts that environment's next episode; None starts the
+                next episode of all.
+            options: `reset_mask`, bool (n,), chooses the environments that are reset; the other
+                rows of the returned observations are the latest ones. Other options are ignored.
         """
         chosen = self._reset_lanes((options or {}).get("reset_mask"))
         seed = seed.tolist() if isinstance(seed, np.ndarray) else seed
         seeds = self._seeds(seed)
-        # The seed decides nothing here; Gymnasium's base class keeps it for `np_random`.
+        # Gymnasium's base class seeds only its `np_random`; the request below seeds the daemon.
         super().reset(seed=None if isinstance(seed, Sequence) else seeds[0])
         given = np.array([s is not None for s in seeds])[chosen]
         outcomes = []
@@ -142,10 +145,11 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         self.session.send_step(rows, lanes)
 
     def recv(self) -> StepResult:
-        """What step returns, of whichever send is done first.
+        """The result of the first send that is answered, as `step` returns it.
 
-        The arrays have one entry for each of its environments, in the order in which they were
-        sent; `info["env_id"]` (k,) names them. An error has them in its `env_ids`.
+        The arrays have one entry for each environment of that send, in the order of its `env_ids`;
+        `info["env_id"]` (k,) names the environments. If the send failed, the raised error has the
+        environments in its attribute `env_ids`.
         """
         return self.session.receive_step(self._part)
 
@@ -162,10 +166,10 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         return [read_states(part, [flag])[0] for part, flag in zip(parts, ended)]
 
     def set_state(self, states: Sequence[State], env_ids: EnvIds = None) -> Array:
-        """Lets the environments `env_ids`, or all, continue from `states`, one for each.
+        """Lets the environments `env_ids`, or all, continue from `states`, one state for each.
 
-        Returns their observations (k, *shape). VersionMismatchError: a snapshot is of another
-        simulator or engine; the environments restored before it stay so.
+        Returns the states' observations (k, *shape). VersionMismatchError: a snapshot is of another
+        simulator or engine version; environments whose states came before it stay restored.
         """
         lanes = self._lanes(env_ids)
         targets = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
@@ -181,13 +185,13 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         return self._observations[targets]
 
     def render(self) -> tuple[Array, ...] | None:
-        """One picture for each environment, uint8 (height, width, 3); None without render_mode."""
+        """A picture of each environment, uint8 (height, width, 3); None without render_mode."""
         if self.render_mode is None:
             return None
         return tuple(self.session.render(*self._frame_size))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Gives the session back; called by close."""
+        """Closes the session; called by close."""
         self.session.close()
 
     def __enter__(self) -> VectorEnvironment:
@@ -243,7 +247,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             )
 
     def _keep(self, outcome: Outcome, ended: bool | NDArray[np.bool_]) -> Array:
-        """Remembers the latest of what an outcome says; returns its shaped observations."""
+        """Keeps an outcome's observations and digests as the latest; returns the observations."""
         chosen = slice(None) if outcome.lanes is None else outcome.lanes
         observations = outcome.observations.reshape(-1, *self._shape)
         self._observations[chosen] = observations
@@ -279,7 +283,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         return observations, rewards, terminated, truncated, info
 
     def _final_info(self, outcome: StepOutcome, ended: Ended) -> dict[str, Any]:
-        """`final_obs` and `final_info` of the episodes that a step in mode same_step ended."""
+        """`final_obs` and `final_info` of the episodes that ended in a step in mode same_step."""
         count = len(outcome.rewards)
         observations = np.full(count, None, object)
         for i, position in enumerate(ended.positions):

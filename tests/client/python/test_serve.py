@@ -67,7 +67,8 @@ def test_it_dies_with_the_program_that_started_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("variable", "complaint"), [("/does/not/exist", "no program"), ("/bin/false", "not get ready")]
+    ("variable", "complaint"),
+    [("/does/not/exist", "executable program"), ("/bin/false", "not get ready")],
 )
 def test_a_program_that_does_not_serve_is_named(
     monkeypatch: pytest.MonkeyPatch, variable: str, complaint: str

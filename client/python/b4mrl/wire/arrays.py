@@ -1,7 +1,7 @@
-"""The arrays of a message: raw little-endian numbers in its second frame, listed in its first.
+"""The arrays of a message: raw little-endian numbers in its second frame, the payload.
 
-Shapes are row-major. Nothing here trusts the bytes of a peer: a table that does not fit its payload
-is an InternalError.
+The first frame has a table with each array's name, dtype, shape and offset in the payload. Arrays
+are row-major. A received table that does not fit its payload raises an InternalError.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from b4mrl.wire import limits
 
 Array = NDArray[Any]
 
-# Numbers of the wire's DType (b4mrl.proto).
+# Number of DType in b4mrl.proto -> numpy dtype.
 _DTYPES: dict[int, np.dtype[Any]] = {
     1: np.dtype("<f4"),
     2: np.dtype("<f8"),
@@ -32,20 +32,20 @@ _NUMBERS = {dtype: number for number, dtype in _DTYPES.items()}
 
 
 def dtype_number(dtype: np.dtype[Any]) -> int:
-    """The wire's number of a numpy dtype. KeyError: it cannot travel."""
+    """The DType number of a numpy dtype. KeyError: messages cannot have this dtype."""
     return _NUMBERS[dtype]
 
 
 def dtype_of(number: int) -> np.dtype[Any]:
-    """The numpy dtype of a number of the wire that dtype_number gave."""
+    """The numpy dtype of a DType number that dtype_number returned."""
     return _DTYPES[number]
 
 
 def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
-    """The payload that holds `arrays`; their entries are appended to `table` (Request.arrays).
+    """Returns a payload with `arrays` and appends their entries to `table` (Request.arrays).
 
-    Arrays may have any memory order, and a dtype that the wire knows.
-    LimitExceededError: more than 64 MiB.
+    Arrays may have any memory order, and a dtype that DType has. LimitExceededError: the arrays
+    take more than 64 MiB.
     """
     offsets = []
     end = 0
@@ -65,7 +65,7 @@ def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
 
 
 def unpack(table: Sequence[Any], payload: bytearray) -> dict[str, Array]:
-    """The arrays that `table` (Reply.arrays) lists, as writable views into `payload`."""
+    """The arrays in `table` (Reply.arrays), as writable views of `payload`."""
     arrays = {}
     for entry in table:
         dtype = _DTYPES.get(entry.dtype)
@@ -90,9 +90,9 @@ def require(
     dtype: str | np.dtype[Any],
     shape: tuple[int | None, ...],
 ) -> Array:
-    """The array `name`, which must have `dtype` and `shape`; None in a shape fits any extent.
+    """The array `name`, which must have `dtype` and `shape`; None in `shape` fits any extent.
 
-    InternalError: the reply has none like that.
+    InternalError: the reply lacks the array, or it has another dtype or shape.
     """
     array = arrays.get(name)
     if array is None:

@@ -1,4 +1,4 @@
-"""Checks of arguments, with errors in the words of the server's own."""
+"""Checks of arguments that travel to the daemon; errors name the value and the allowed range."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from b4mrl.wire.arrays import Array
 
 
 def unsigned(name: str, value: Any, bits: int = 64) -> int:
-    """`value` as an int of 0..2**bits - 1."""
+    """`value` as an int. InvalidArgumentError: it is not an integer of 0..2**bits - 1."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -26,7 +26,10 @@ def unsigned(name: str, value: Any, bits: int = 64) -> int:
 
 
 def deadline_ms(value: Any, default: float) -> float:
-    """`value` as milliseconds of a deadline, or `default` for None."""
+    """A deadline's milliseconds: `value`, or `default` for None.
+
+    InvalidArgumentError: `value` is not a positive finite number.
+    """
     if value is None:
         return default
     is_number = isinstance(value, int | float | np.integer | np.floating)
@@ -36,12 +39,12 @@ def deadline_ms(value: Any, default: float) -> float:
 
 
 def action_row(action: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The action of one environment as (1, size)."""
+    """One environment's action as (1, size), float32 if it is float32 and float64 otherwise."""
     return _actions("action", action, shape).reshape(1, -1)
 
 
 def action_rows(actions: ArrayLike, count: int, shape: tuple[int, ...]) -> Array:
-    """Actions of `count` lanes as (count, size), float32 if they are that and float64 otherwise."""
+    """The actions of `count` lanes as (count, size), float32 if they are and float64 otherwise."""
     return _actions("actions", actions, (count, *shape)).reshape(count, -1)
 
 

@@ -1,18 +1,17 @@
-"""One connection to one server process: requests out, replies in, whatever happens to the server.
+"""A connection to one process of the daemon, which outlives a replacement of the process.
 
-A request carries an id, and stays here, payload included, until its reply has come or its deadline
-has passed. It is sent again, unchanged but for the deadline,
+The connection keeps every request, payload included, until the reply has come or the deadline has
+passed. It sends the request again, with the same id and contents and the time that is left,
 
-- after a reconnection: the process behind it may be a replacement, and what the old one held is
-  gone. Once, it then has an eighth of its deadline again, for the caller may have been busy
-  elsewhere all the while;
-- when an eighth of its deadline has passed without any reply to anything.
+- after a reconnection: the process may be a replacement, which has none of the old one's requests.
+  At the first reconnection, a request gets at least an eighth of its deadline, since the caller may
+  not have read replies for a while;
+- when no reply to any request has come for an eighth of the request's deadline.
 
-The server executes a numbered step once, however often it arrives; replies that come twice, or
-after their request was given up, are dropped.
+The daemon executes a numbered step once, however often it arrives. The connection drops replies
+that come twice, or after their request was given up.
 
-Thread rule: one thread at a time. A connection does not survive a fork: the child's calls are
-refused.
+Thread rule: one thread at a time. In a forked child, calls raise FailedPreconditionError.
 """
 
 from __future__ import annotations
@@ -35,10 +34,9 @@ from b4mrl.wire import limits, sockets
 from b4mrl.wire.deliveries import Delivery, Pending, read_reply
 from b4mrl.wire.messages import Reply, Request
 
-# Of a request, unless its caller has another. A machine that is busy with other things must not end
-# what runs for hours.
+# A request's default deadline: long, so that a busy machine does not end a training of hours.
 DEADLINE_MS = 120_000
-FAREWELL_MS = 500  # for a last request, when everything may be gone already
+FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have ended
 
 _all: weakref.WeakSet[Connection] = weakref.WeakSet()
 
@@ -47,11 +45,11 @@ class Connection:
     """Requests to, and replies from, the process that listens on `address`.
 
     Args:
-        address: "tcp://HOST:PORT" or "ipc://PATH". The first request waits for the connection.
-        token: the session's 16 bytes, or b"" where no session is meant.
+        address: "tcp://HOST:PORT" or "ipc://PATH". Requests wait until the connection is made.
+        token: the session's 16 bytes, or b"" for requests that belong to no session.
 
     Raises:
-        InvalidArgumentError: `address` is none.
+        InvalidArgumentError: `address` is malformed.
         UnavailableError: the system has no more sockets.
 
     Attributes:
@@ -69,51 +67,51 @@ class Connection:
         self._arrived: dict[int, Delivery] = {}
         self._link = sockets.open_link(address)
         self._socket = self._link.socket
-        self._close_link = weakref.finalize(self, self._link.close)  # also when it is collected
-        self._close_link.atexit = False  # close_all does it
+        self._close_link = weakref.finalize(self, self._link.close)  # also when self is collected
+        self._close_link.atexit = False  # close_all closes the link when the program ends
         _all.add(self)
 
     @property
     def is_usable(self) -> bool:
-        """Whether it was neither closed nor made before a fork."""
+        """Whether requests may be sent: False after close, and in a forked child."""
         return self._close_link.alive and self._link.process_id == os.getpid()
 
     @property
     def is_free(self) -> bool:
-        """Whether it is not another thread's, which may be in the middle of a call."""
+        """Whether no other running thread has used the connection last, so none is in a call."""
         others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
         return self._user not in others
 
     @property
     def is_foreign(self) -> bool:
-        """Whether it was made before a fork, in the parent, and not closed there."""
+        """Whether this process is a forked child and the parent had the connection open."""
         return self._close_link.alive and self._link.process_id != os.getpid()
 
     def close(self, linger_ms: int = 0) -> None:
-        """Closes the socket; requests that are not answered yet are given up.
+        """Closes the socket and gives up unanswered requests.
 
-        What was sent may leave for up to `linger_ms`, in the background.
+        ZeroMQ goes on sending queued requests for up to `linger_ms`, in the background.
         """
         self._pending.clear()
         if self._close_link.detach() is not None:
             self._link.close(linger_ms)
 
     def farewell(self, request: Any) -> None:
-        """Sends a last request, whose reply nobody waits for, and closes."""
+        """Sends a last request without waiting for its reply, and closes the connection."""
         if self.is_usable:
-            self.abandon_all()  # as many as may be in flight must not keep the last one back
+            self.abandon_all()  # makes room for one more, if as many as allowed are in flight
             with contextlib.suppress(errors.B4mrlError):
                 self.send(request, bytearray(), FAREWELL_MS)
         self.close(linger_ms=FAREWELL_MS)
 
     @property
     def handshakes(self) -> int:
-        """How often the connection was made; above 1 after the server was replaced."""
+        """How often the connection was made; more than once if the process was replaced."""
         self._handshakes += self._link.take_handshakes()
         return self._handshakes
 
     def await_handshake(self, timeout_ms: float) -> bool:
-        """Waits until the connection is made for the first time; False if it is not by then."""
+        """Waits for the first connection, at most `timeout_ms`; returns whether it was made."""
         finish = time.monotonic() + timeout_ms / 1000
         while self.handshakes == 0:
             wait_ms = math.ceil((finish - time.monotonic()) * 1000)
@@ -124,32 +122,34 @@ class Connection:
 
     @property
     def next_id(self) -> int:
-        """What the next send returns."""
+        """The request id that the next send will return."""
         return self._next_id
 
     def is_in_flight(self, request_id: int) -> bool:
-        """Whether receive has, or will have, something for a request."""
+        """Whether a request waits for its reply, or the reply waits to be received."""
         return request_id in self._pending or request_id in self._arrived
 
     def send(self, request: Any, payload: bytearray, deadline_ms: float) -> int:
         """Sends a request and returns its id.
 
         Args:
-            request: a Request with its payload and its table of arrays; version, token, id and
-                deadline are filled in here.
-            payload: the arrays' bytes; empty for none. It is kept, so nobody may change it.
+            request: a Request with one of the requests in `payload`, and its table of arrays; send
+                adds version, token, id and deadline.
+            payload: the arrays' bytes; empty without arrays. The connection keeps this object, so
+                the caller must not change it.
+            deadline_ms: time limit for the reply, in milliseconds.
 
         Raises:
             LimitExceededError: too many requests are in flight, or the envelope is too long.
-            UnavailableError: the queue towards the server is full.
+            UnavailableError: the queue towards the daemon is full.
             FailedPreconditionError: the connection was closed, or made before a fork.
         """
         self._user = threading.get_ident()
         if not self._close_link.alive:
-            raise errors.FailedPreconditionError("closed; make a new one")
+            raise errors.FailedPreconditionError("the connection is closed; make a new one")
         if self.is_foreign:
             raise errors.FailedPreconditionError(
-                "made in another process; connect again in this one (after a fork)"
+                "the connection was made before a fork, in another process; connect again here"
             )
         if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
             raise errors.LimitExceededError(
@@ -164,29 +164,29 @@ class Connection:
         request_id = self._next_id
         pending = Pending(envelope, payload)
         pending.set_deadline(deadline_ms)
-        # Kept before it is sent: were Ctrl-C to come in between, it must not be forgotten.
+        # The request is kept before it is sent, so that Ctrl-C in between does not lose it.
         self._next_id += 1
         self._pending[request_id] = pending
         if not self._transmit(request_id, pending):
             del self._pending[request_id]
-            raise errors.UnavailableError("the queue towards the server is full")
+            raise errors.UnavailableError("the queue of requests to the daemon is full")
         return request_id
 
     def receive(self, request_id: int) -> Delivery:
-        """Waits for what becomes of a request, at most until its deadline."""
+        """Waits for a request's reply, at most until its deadline, and returns reply or error."""
         return self.receive_any((request_id,))
 
     def receive_any(self, request_ids: Iterable[int]) -> Delivery:
-        """Waits for whichever of the requests is settled first.
+        """Waits until the first of the requests has a reply or an error, and returns that.
 
-        FailedPreconditionError: none of them is in flight.
+        FailedPreconditionError: none of the requests is in flight.
         """
         delivery = self.await_any(request_ids)
         del self._arrived[delivery.request_id]
         return delivery
 
     def await_any(self, request_ids: Iterable[int]) -> Delivery:
-        """What receive_any returns, and would return again, until it is abandoned."""
+        """As receive_any, but keeps the delivery: the next call returns it again until abandon."""
         while True:
             for request_id in request_ids:
                 if request_id in self._arrived:
@@ -196,21 +196,21 @@ class Connection:
             self._pump()
 
     def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
-        """Sends a request and waits for its reply. Raises what the server answers."""
+        """Sends a request, waits for its reply and returns it. Raises the daemon's error."""
         request_id = self.send(request, payload, deadline_ms)
         try:
             delivery = self.receive(request_id)
         finally:
-            self.abandon(request_id)  # after Ctrl-C nobody else would receive it
+            self.abandon(request_id)  # after Ctrl-C, no other call would receive the reply
         if delivery.error is not None:
             raise delivery.error
         return delivery
 
     def ask_again(self, request_id: int, deadline_ms: float) -> None:
-        """Sends a request once more, by its old id, unless its outcome is here already.
+        """Sends a request again, with its old id and a new deadline, unless it has its outcome.
 
-        There may be none because nobody waited for it, because Ctrl-C took a part of its reply
-        along, or because its deadline has passed; it has a new one then.
+        The outcome may be missing because the reply was not waited for, because Ctrl-C interrupted
+        its reading, or because the deadline has passed.
         """
         delivery = self._arrived.get(request_id)
         if delivery is not None and delivery.unsettled is not None:
@@ -222,12 +222,12 @@ class Connection:
             pending.sent = 0
 
     def abandon(self, request_id: int) -> None:
-        """The reply is not wanted any more. The server may execute the request all the same."""
+        """Drops a request and its reply. The daemon may execute the request all the same."""
         self._pending.pop(request_id, None)
         self._arrived.pop(request_id, None)
 
     def abandon_all(self) -> None:
-        """Abandons everything in flight."""
+        """Drops all requests in flight and their replies."""
         self._pending.clear()
         self._arrived.clear()
 
@@ -240,9 +240,9 @@ class Connection:
             request_id=request_id,
             deadline_ms=min(max(remaining_ms, 1), limits.MAX_DEADLINE_MS),
         )
-        # Before the first handshake a message waits in the queue of connection 1 and is not lost.
+        # A message that is sent before the first handshake goes over connection 1.
         pending.connection = max(self._handshakes, 1)
-        # Two serialised messages after one another are their union.
+        # Protobuf reads two concatenated messages as one message with the fields of both.
         frames = [head.SerializeToString() + pending.envelope]
         if pending.payload:
             frames.append(pending.payload)
@@ -257,11 +257,12 @@ class Connection:
         return True
 
     def _pump(self) -> None:
-        """Takes one message off the socket, or waits for one and does what is due meanwhile."""
+        """Waits for one message and accepts it, or resends and gives up requests that are due."""
         frames = self._read()
         if frames is None:
             self._resend()
-        # Nothing expires while its reply may still be in the queue, unless that is full of noise.
+        # No request expires while the queue may still hold its reply: only when the queue is empty,
+        # or held a message that answers no request.
         if frames is None or not self._accept(frames):
             self._expire()
 
@@ -280,7 +281,7 @@ class Connection:
         return errors.UnavailableError(f"the socket towards {self.address} failed: {error}")
 
     def _next_wake(self) -> float:
-        """When the first pending request is to be sent again or given up."""
+        """The time at which the first pending request is sent again or given up."""
         return min(
             min(pending.deadline, self._resend_time(pending)) for pending in self._pending.values()
         )
@@ -291,7 +292,7 @@ class Connection:
         return max(pending.sent, self._last_reply) + pending.patience
 
     def _accept(self, frames: list[zmq.Frame]) -> bool:
-        """Settles the request that a message answers; False if it answers none."""
+        """Keeps a message as the reply to its request; False if it answers no pending request."""
         try:
             reply = Reply.FromString(frames[0].bytes)
         except DecodeError:
@@ -303,7 +304,7 @@ class Connection:
         delivery = read_reply(reply, frames)
         error = delivery.error
         if error is not None and error.recoverable and pending.resent:
-            # One copy was turned away; another may still be executed.
+            # The daemon refused one copy of the request; another copy may still be executed.
             delivery.executed, delivery.unsettled = None, pending
         self._arrived[reply.request_id] = delivery
         return True
@@ -311,7 +312,7 @@ class Connection:
     def _resend(self) -> None:
         handshakes = self.handshakes
         if handshakes == 0:
-            return  # all of it is still queued for the first connection
+            return  # all requests are still queued for the first connection
         now = time.monotonic()
         for request_id, pending in self._pending.items():
             is_reconnected = pending.connection < handshakes
@@ -320,7 +321,7 @@ class Connection:
                 pending.deadline = max(pending.deadline, now + pending.patience)
             if is_reconnected or self._resend_time(pending) <= now:
                 pending.resent = True
-                # A full queue is no loss: the next silence, reconnection or deadline settles it.
+                # With a full queue, the request is sent again later, or given up in the end.
                 self._transmit(request_id, pending)
 
     def _expire(self) -> None:
@@ -333,7 +334,7 @@ class Connection:
             )
 
     def _give_up(self, pending: Pending) -> errors.B4mrlError:
-        """Why a request has no answer, with all that its sender may want to change."""
+        """The error of a request without a reply: it names what the caller may change."""
         name = Request.FromString(pending.envelope).WhichOneof("payload")
         within = f"within {pending.deadline_ms / 1000:g} s (deadline_ms={pending.deadline_ms:g})"
         if self.handshakes == 0:
@@ -348,7 +349,7 @@ class Connection:
 
 @atexit.register
 def close_all() -> None:
-    """When the program ends: closes the connections of this thread and of those that have ended."""
+    """Closes, at the program's end, the connections that no other running thread has used last."""
     for connection in list(_all):
         if connection.is_free:
             connection.close()

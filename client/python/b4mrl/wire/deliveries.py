@@ -1,4 +1,4 @@
-"""Requests on their way, and what becomes of them."""
+"""Pending requests, and their outcomes: replies or errors."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ import zmq
 from b4mrl import errors
 from b4mrl.wire import arrays
 
-_PATIENCE_FRACTION = 8  # of a deadline, in silence, before a request is sent again
+_PATIENCE_FRACTION = 8  # a request is sent again after 1/8 of its deadline without any reply
 
 
 @dataclass(slots=True)
 class Delivery:
-    """What became of one request: a reply, or an error.
+    """The outcome of one request: a reply, or an error.
 
     Attributes:
         reply: the Reply, whose status is OK; None with an error.
         arrays: the reply's arrays, writable.
-        executed: True, False, or None when that is not known.
-        unsettled: what ask_again needs where the next answer may tell.
+        error: the daemon's error, or one of this client; None with a reply.
+        executed: whether the daemon executed the request; None if that is not known.
+        unsettled: the request, if sending it again can tell whether it was executed.
     """
 
     request_id: int
@@ -35,17 +36,17 @@ class Delivery:
 
 @dataclass(slots=True)
 class Pending:
-    """A request that has not been answered. Times are seconds of time.monotonic()."""
+    """A request without a reply. Times are seconds of time.monotonic()."""
 
     envelope: bytes  # without version, token, id and deadline
     payload: bytearray
     deadline_ms: float = 0.0  # as the caller gave it
     deadline: float = 0.0
-    patience: float = 0.0
-    connection: int = 0  # the number of the connection that it was last sent over
-    sent: float = 0.0  # 0: not yet, or to be sent again at once
-    resent: bool = False
-    renewed: bool = False  # its deadline, after a reconnection
+    patience: float = 0.0  # seconds without any reply after which the request is sent again
+    connection: int = 0  # number of the connection over which it was last sent, from 1
+    sent: float = 0.0  # time of the last sending; 0: send at once
+    resent: bool = False  # it was sent more than once
+    renewed: bool = False  # its deadline was extended after a reconnection
 
     def set_deadline(self, deadline_ms: float) -> None:
         seconds = deadline_ms / 1000
@@ -56,7 +57,7 @@ class Pending:
 
 
 def read_reply(reply: Any, frames: list[zmq.Frame]) -> Delivery:
-    """The delivery that a Reply and its message of at most two frames are."""
+    """The outcome in a Reply; `frames` are the one or two frames of its message."""
     status = reply.status
     if status.code != 0:
         error = errors.error_of(status.code, status.message, status.recoverable)

@@ -1,6 +1,6 @@
-"""Sessions that nobody closed are given back: when they are collected, and when the program ends.
+"""Closes sessions that the program did not close: when Python collects them, and when it ends.
 
-What ends a program without asking it (SIGKILL, os._exit) leaves them to the server's lease.
+If a program is ended by SIGKILL or os._exit, its sessions stay until the daemon's lease runs out.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from b4mrl import errors
 from b4mrl.wire.connection import FAREWELL_MS, Connection
 from b4mrl.wire.messages import Request
 
-_open: dict[int, Connection] = {}  # of the sessions that were not closed, by id()
-_watched_process = 0  # whose end is watched
+_open: dict[int, Connection] = {}  # connections of the open sessions, by id()
+_watched_process = 0  # id of the process in which _watch_the_end was called
 
 
 def close_request() -> Any:
@@ -30,24 +30,27 @@ def close_request() -> Any:
 
 
 class Farewell:
-    """Owned by a session, whose connection it closes: by `take_leave`, or by itself."""
+    """Closes a session and its connection: in `take_leave`, or when the session is collected.
+
+    Owned by the session, which is otherwise not referred to.
+    """
 
     def __init__(self, session: object, connection: Connection) -> None:
         self._connection = connection
         _open[id(connection)] = connection
         self._when_collected = weakref.finalize(session, _leave_in_passing, connection)
-        self._when_collected.atexit = False  # give_back_all does it for all of them at once
+        self._when_collected.atexit = False  # give_back_all closes all sessions at once
         _watch_the_end()
 
     @property
     def is_due(self) -> bool:
-        """False once it was taken."""
+        """Whether the session is open: False after take_leave."""
         return self._when_collected.alive
 
     def take_leave(self, deadline_ms: float) -> None:
-        """Closes the session at the server and then the connection. May be called again.
+        """Closes the session at the daemon, then the connection. May be called again.
 
-        The server's errors are of no use any more.
+        Errors of the daemon are ignored.
         """
         if self._when_collected.detach() is None:
             return
@@ -56,9 +59,9 @@ class Farewell:
 
 
 def give_back_all() -> None:
-    """Closes every session of this process that is still open, within half a second in all.
+    """Closes the open sessions of this process, within half a second in all.
 
-    Except those of other threads that run on: a connection is for one thread at a time.
+    Sessions that another running thread has used last stay open: that thread may be in a call.
     """
     _leave([each for each in list(_open.values()) if each.is_usable and each.is_free], FAREWELL_MS)
 
@@ -67,7 +70,7 @@ def _leave(connections: list[Connection], deadline_ms: float) -> None:
     asked: list[tuple[Connection, int]] = []
     try:
         for connection in connections:
-            connection.abandon_all()  # as many as may be in flight must not keep this one back
+            connection.abandon_all()  # makes room for one more, if as many as allowed are in flight
             with contextlib.suppress(errors.B4mrlError):
                 asked.append(
                     (connection, connection.send(close_request(), bytearray(), deadline_ms))
@@ -81,17 +84,17 @@ def _leave(connections: list[Connection], deadline_ms: float) -> None:
 
 
 def _leave_in_passing(connection: Connection) -> None:
-    """Where the collector must not be kept waiting."""
+    """Closes a collected session without waiting for the daemon's reply."""
     _open.pop(id(connection), None)
     connection.farewell(close_request())
 
 
 def _watch_the_end() -> None:
-    """Once a process: a forked child has an end of its own.
+    """Has give_back_all called when this process ends. Works once for each process.
 
     Children of multiprocessing, such as the workers of AsyncVectorEnv and SubprocVecEnv, skip
-    atexit before Python 3.13 and run finalizers of multiprocessing's own instead; daemonic ones are
-    ended by SIGTERM when their parent ends.
+    atexit before Python 3.13 and run multiprocessing's finalizers instead. Daemonic children get
+    SIGTERM when their parent ends.
     """
     global _watched_process
     if _watched_process == os.getpid():

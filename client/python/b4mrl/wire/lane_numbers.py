@@ -1,10 +1,10 @@
-"""The numbers by which steps happen exactly once, as the client counts them.
+"""The client's counters of each lane's operations, by which the daemon executes each of them once.
 
-Each lane (one environment of a session) numbers its operations (Step, Reset, Restore) 1, 2, 3, ...;
-a request carries the next number of every lane that it names, and a lane has at most one request
-under way. A refused request has changed nothing, so its numbers are used again. When no answer
-came, or one that leaves open what was executed, the lane is lost: a number that may be taken must
-not be given to another operation. Lanes are 0-based; None means all of them, in order.
+The operations (Step, Reset, Restore) of a lane (one environment of a session) are numbered from 1.
+A request carries the next number of every lane that it names, and a lane has at most one request
+under way. A refused request has changed nothing, so its numbers are used again. If no reply came,
+or an error that does not say whether the operation was executed, the lane is lost: its number may
+be taken and must not be given to another operation. Lanes are 0-based; None means all lanes.
 
 Thread rule: one thread at a time.
 """
@@ -36,7 +36,10 @@ class LaneNumbers:
         return len(self._last) if lanes is None else len(lanes)
 
     def check_range(self, lanes: Lanes | None) -> None:
-        """Raises FailedPreconditionError without lanes, InvalidArgumentError for a wrong one."""
+        """Checks that the lanes exist and that each is named once.
+
+        FailedPreconditionError: the session has no lanes. InvalidArgumentError: a lane is wrong.
+        """
         if len(self._last) == 0:
             raise FailedPreconditionError("the session has no lanes: it was opened for queries")
         if lanes is None:
@@ -46,12 +49,13 @@ class LaneNumbers:
         if lanes.max() >= len(self._last):
             raise InvalidArgumentError(f"lane is {lanes.max()}, allowed: 0..{len(self._last) - 1}")
         if len(np.unique(lanes)) < len(lanes):
-            raise InvalidArgumentError("a lane is named twice, allowed: each once")
+            raise InvalidArgumentError("a lane is named twice, allowed: each lane once")
 
     def next_of(self, lanes: Lanes | None) -> NDArray[np.uint64]:
         """The numbers of the lanes' next operation.
 
-        Raises what check_range does, BusyError, or FailedPreconditionError for a lost lane.
+        BusyError: a lane has a request under way. FailedPreconditionError: a lane is lost. Also
+        raises the errors of check_range.
         """
         self.check_range(lanes)
         chosen = slice(None) if lanes is None else lanes
@@ -60,22 +64,22 @@ class LaneNumbers:
             position = int(np.flatnonzero(state)[0])
             lane = position if lanes is None else lanes[position]
             if state[position] == _BUSY:
-                raise BusyError(f"lane {lane} has a request under way; one at a time")
+                raise BusyError(f"lane {lane} has a request under way, allowed: one at a time")
             raise FailedPreconditionError(
-                f"the state of lane {lane} is not known since a request for it was not answered; "
-                "open a new session"
+                f"the state of lane {lane} is unknown since a request about it was not answered; "
+                "make the environment anew"
             )
         numbers: NDArray[np.uint64] = self._last[chosen] + np.uint64(1)
         return numbers
 
     def begin(self, lanes: Lanes | None) -> None:
-        """Marks lanes busy that next_of has numbers for."""
+        """Marks lanes as busy, after next_of returned their numbers."""
         self._state[slice(None) if lanes is None else lanes] = _BUSY
 
     def end(self, lanes: Lanes | None, numbers: NDArray[np.uint64], executed: bool | None) -> None:
-        """Ends the operation `numbers` of `lanes`; None: not known whether it was executed.
+        """Ends the operation `numbers` of `lanes`. `executed` is None if that is not known.
 
-        Ctrl-C may come between any two lines, so a second call does what the first one did.
+        A second call with the same arguments has no effect, as Ctrl-C may interrupt the first one.
         """
         chosen = slice(None) if lanes is None else lanes
         if executed:

@@ -1,4 +1,4 @@
-"""Bounds and times of the protocol, the same as in proto/base/limits.h (a test compares them)."""
+"""Limits and times of the protocol, equal to those of proto/base/limits.h; a test compares them."""
 
 PROTOCOL_VERSION = 1
 
@@ -22,7 +22,7 @@ MAX_ACTION_DIMENSIONS = 1024
 # Time.
 MAX_DEADLINE_MS = 3_600_000
 HANDSHAKE_MS = 3_000
-DIRECT_CONNECT_MS = 1_000  # then requests go through the gateway
+DIRECT_CONNECT_MS = 1_000  # without a connection by then, requests go through the gateway
 HEARTBEAT_INTERVAL_MS = 2_000
 HEARTBEAT_TIMEOUT_MS = 6_000
 HEARTBEAT_TTL_MS = 10_000

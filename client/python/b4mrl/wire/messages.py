@@ -1,4 +1,4 @@
-"""The messages of the wire: classes of b4mrl.proto, which the package carries.
+"""The classes of the protocol's messages, made from b4mrl.proto, which the package carries.
 
 `Request` and `Reply` are the two envelopes; proto/PROTOCOL.md says what their fields mean.
 """
@@ -23,8 +23,8 @@ CAUSES = Request.DESCRIPTOR.file.enum_types_by_name["Cause"]
 
 if api_implementation.Type() == "python":
     warnings.warn(
-        "protobuf runs without its compiled part here: a message takes about 30 us to read instead "
-        "of 1 us. Installing protobuf's binary wheel mends that.",
+        "protobuf runs without its compiled part here, so that reading a message takes about 30 us "
+        "instead of 1 us. To have the compiled part, install protobuf's binary wheel.",
         RuntimeWarning,
         stacklevel=2,
     )

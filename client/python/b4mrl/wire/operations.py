@@ -1,13 +1,14 @@
-"""Steps, resets and restores of a session: each executed once, and none lost to Ctrl-C.
+"""Steps, resets and restores of a session: each is executed once, and Ctrl-C loses none.
 
-KeyboardInterrupt may come between any two lines. An operation that it leaves without a caller stays
-here with its outcome, and one that got no answer within its deadline stays to be asked for again.
-What follows settles it first:
+KeyboardInterrupt may come between any two lines of this module. An operation whose call was
+interrupted is kept with its outcome, and so is an operation that got no reply within its deadline.
+The next call about its lanes first finds out whether the daemon executed it:
 
-- the call that repeats it, with the same lanes and numbers, gets this outcome, so that interrupting
-  a call and making it again is as if nothing had happened;
-- a reset or a restore of its lanes goes on behind it, since nothing is left of what it did;
-- so does a step of its lanes, and a RuntimeWarning says that one outcome was passed over.
+- a call of the same kind with the same lanes and arrays returns the kept outcome, so that an
+  interrupted call and its repetition have the effect of one call;
+- a reset or restore follows the kept operation, whose effect it replaces;
+- a step with other actions follows the kept operation, too, and a RuntimeWarning says that the
+  caller never got its outcome.
 
 Thread rule: one thread at a time.
 """
@@ -41,15 +42,15 @@ class _Operation:
     lanes: Lanes | None
     numbers: NDArray[np.uint64]
     payload: bytearray
-    is_interrupted: bool = True  # nobody would receive it if Ctrl-C came now
+    is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
 
 
 class Operations:
-    """Those of one session.
+    """The operations of one session.
 
     Args:
-        connection: to the session's worker; not owned.
-        numbers: of its lanes; owned.
+        connection: a connection to the session's worker; not owned.
+        numbers: counters of the session's lanes; owned.
     """
 
     def __init__(self, connection: Connection, numbers: LaneNumbers) -> None:
@@ -65,9 +66,9 @@ class Operations:
         deadline_ms: float,
         read: Read[T],
     ) -> T:
-        """Executes a Step, Reset or Restore and returns what `read` makes of its outcome.
+        """Executes a Step, Reset or Restore and returns `read(reply's arrays, lanes)`.
 
-        Ctrl-C before `read` is done counts as one before the outcome has come.
+        If Ctrl-C comes before `read` is done, the operation counts as interrupted.
         """
         request_id = self._begin(kind, lanes, columns, deadline_ms)
         return self._take(self._connection.await_any((request_id,)), read)
@@ -80,13 +81,15 @@ class Operations:
         self._under_way[request_id].is_interrupted = False
 
     def receive_step(self, read: Read[T]) -> T:
-        """The second half: of whichever sent step is answered first.
+        """The second half of a step: `read` of the sent step that is answered first.
 
-        Its error, if that is what came, has the lanes in `env_ids`.
+        An error of the daemon has the step's lanes in `env_ids`.
         """
         steps = [each for each, it in self._under_way.items() if not it.is_interrupted]
         if not steps:
-            raise errors.FailedPreconditionError("nothing was sent that could be received")
+            raise errors.FailedPreconditionError(
+                "there is no sent step to receive; call send first"
+            )
         delivery = self._connection.await_any(steps)
         if delivery.error is not None:
             lanes = self._under_way[delivery.request_id].lanes
@@ -94,14 +97,14 @@ class Operations:
         return self._take(delivery, read)
 
     def await_interrupted(self, deadline_ms: float) -> None:
-        """Waits until the lanes stand behind what was interrupted; the outcomes stay here."""
+        """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
         for request_id in self._interrupted():
             self._settle(request_id, deadline_ms)
 
     def _settle(self, request_id: int, deadline_ms: float) -> Delivery:
-        """What became of an interrupted operation. Raises what leaves that open."""
+        """The outcome of an interrupted operation. Raises the error if it is still unknown."""
         if not self._connection.is_in_flight(request_id):
-            return Delivery(request_id, executed=False)  # it was never sent
+            return Delivery(request_id, executed=False)  # the operation was never sent
         self._connection.ask_again(request_id, deadline_ms)
         delivery = self._connection.await_any((request_id,))
         if delivery.error is not None and delivery.unsettled is not None:
@@ -114,9 +117,9 @@ class Operations:
     def _begin(
         self, kind: str, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float
     ) -> int:
-        """Sends an operation, or finds the interrupted one that it repeats; returns its id.
+        """Sends an operation, or finds the interrupted one that it repeats; returns the request id.
 
-        It counts as interrupted until it is taken, or somebody is to receive it.
+        The operation counts as interrupted until _take reads its outcome or send_step returns.
         """
         if self._under_way:
             for request_id in self._interrupted():
@@ -151,7 +154,7 @@ class Operations:
         return bool(request == operation.request and payload == operation.payload)
 
     def _pass_over(self, kind: str, lanes: Lanes | None, deadline_ms: float) -> None:
-        """Ends the interrupted operations of `lanes`, which another one of `kind` is to follow."""
+        """Ends the interrupted operations of `lanes`, before another operation of `kind`."""
         for request_id in self._interrupted():
             operation = self._under_way[request_id]
             if not _overlap(lanes, operation.lanes):
@@ -160,9 +163,9 @@ class Operations:
             self._end(delivery)
             if kind == "step" and delivery.executed:
                 warnings.warn(
-                    f"the {operation.kind} that was interrupted (operation "
-                    f"{operation.numbers[0]} of its environment) was executed, and its outcome is "
-                    "passed over; calling it again first, with the same arguments, returns it",
+                    f"the interrupted {operation.kind} (operation {operation.numbers[0]} of its "
+                    "environment) was executed and its outcome is dropped; to get the outcome, "
+                    "repeat an interrupted call with the same arguments first",
                     RuntimeWarning,
                     stacklevel=7,
                 )

@@ -1,4 +1,4 @@
-"""What operations on lanes give: replies as arrays.
+"""Outcomes of operations on lanes, read from the arrays of replies.
 
 Shapes: n lanes of a request, observations (n, observation size).
 """
@@ -19,13 +19,14 @@ from b4mrl.wire.lane_numbers import Lanes
 
 @dataclass(slots=True)
 class Ended:
-    """The episodes that ended in a step; m of them.
+    """The m episodes that ended in a step.
 
     Attributes:
-        positions: (m,) in the request's lanes.
-        observations: (m, observation size), their last ones.
-        infos: (m, infos) or None.
-        returns, lengths: (m,), undiscounted and in steps.
+        positions: (m,) positions of the episodes' lanes among the request's lanes.
+        observations: (m, observation size), the last observation of each episode.
+        infos: (m, infos), the last infos of each episode, or None if the environment has none.
+        returns: (m,) undiscounted returns.
+        lengths: (m,) numbers of steps.
     """
 
     positions: NDArray[np.uint32]
@@ -37,12 +38,12 @@ class Ended:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a Reset gave; first axes are the request's lanes.
+    """The outcome of a Reset; first axes are the request's lanes.
 
     Attributes:
-        lanes: of the request; None for all.
+        lanes: the request's lanes; None for all lanes.
         observations: (n, observation size) in the session's dtype.
-        digests: (n,) rolling hash of each lane's trajectory since its last seeded reset.
+        digests: (n,) rolling hashes of each lane's trajectory since its last seeded reset.
         infos: (n, infos), or None if the environment has none.
     """
 
@@ -54,11 +55,12 @@ class Outcome:
 
 @dataclass(slots=True)
 class StepOutcome(Outcome):
-    """What a Step gave.
+    """The outcome of a Step; first axes are the request's lanes.
 
     Attributes:
-        rewards, terminated, truncated, causes: (n,).
-        ended: None if no episode ended.
+        rewards, terminated, truncated: (n,) as in Gymnasium.
+        causes: (n,) numbers of Cause in b4mrl.proto; 0 if the episode goes on.
+        ended: the episodes that ended in this step; None if none did.
     """
 
     rewards: NDArray[np.float64]
@@ -70,12 +72,12 @@ class StepOutcome(Outcome):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reads replies of one session. InternalError: a reply is not as it should be.
+    """Reads replies of one session. InternalError: a reply is malformed.
 
     Attributes:
-        dtype: of observations.
-        size: of an observation.
-        infos: columns of infos; 0 for none.
+        dtype: dtype of observations.
+        size: number of dimensions of an observation.
+        infos: number of columns of infos; 0 if the environment has none.
     """
 
     dtype: np.dtype[Any]
@@ -113,7 +115,7 @@ class OutcomeReader:
         positions = require(found, "final_lanes", "uint32", (None,))
         if np.any(positions >= count):
             raise errors.InternalError(
-                "unreadable reply: final_lanes names a lane that is not there"
+                f"unreadable reply: final_lanes has a position outside 0..{count - 1}"
             )
         m = len(positions)
         return Ended(

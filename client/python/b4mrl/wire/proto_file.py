@@ -1,12 +1,12 @@
 """Makes message classes from the text of a .proto file, without protoc.
 
-The package carries b4mrl.proto itself and reads it when it is imported. There is then no generated
-module to keep in step with the installed protobuf runtime (a contract that holds within one major
-version only), no protoc to install, and one description of the messages for every language.
+The package carries b4mrl.proto and reads it when it is imported. So it needs neither protoc nor a
+generated module, which would work with one major version of protobuf's runtime only, and all
+languages share one description of the messages.
 
-Understood is the part of proto3 that b4mrl.proto uses: top-level messages and enums, scalar fields,
-`optional`, `repeated`, `oneof`; `option` and `reserved` are skipped. Anything else is refused with
-its line. A test compares the result with protoc's own reading.
+This module understands the part of proto3 that b4mrl.proto uses: top-level messages and enums,
+scalar fields, `optional`, `repeated`, `oneof`; it skips `option` and `reserved`. Anything else is a
+ValueError with the line. A test compares the result with protoc's.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Tokens:
         return self._items[self._next][0]
 
     def take(self, expected: str | None = None) -> str:
-        """Moves past the next token and returns it; it must be `expected`, if that is given."""
+        """Takes the next token and returns it; ValueError if it is not `expected`."""
         token = self.peek()
         if not token or (expected is not None and token != expected):
             self.refuse(f"{token or 'the end'!r} where {expected or 'more'!r} belongs")
@@ -66,7 +66,7 @@ class _Tokens:
 
 
 def parse(text: str, name: str) -> descriptor_pb2.FileDescriptorProto:
-    """The descriptor of the .proto file `text`. ValueError: it is beyond what is understood."""
+    """The descriptor of the .proto file `text`. ValueError: the file uses other syntax."""
     tokens = _Tokens(text)
     file = descriptor_pb2.FileDescriptorProto(name=name, syntax="proto3")
     while keyword := tokens.peek():
@@ -130,7 +130,7 @@ def _parse_message(tokens: _Tokens, message: descriptor_pb2.DescriptorProto) -> 
             if field.proto3_optional:
                 optional_fields.append(field)
     tokens.take("}")
-    # A proto3 optional field is, to the runtime, a oneof of its own, behind the written ones.
+    # Protobuf represents a proto3 optional field as a oneof of its own, after the written oneofs.
     for field in optional_fields:
         field.oneof_index = len(message.oneof_decl)
         message.oneof_decl.add(name="_" + field.name)
@@ -159,7 +159,7 @@ def _parse_field(
     if kind in _SCALARS:
         field.type = _SCALARS[kind]
     else:
-        field.type_name = kind  # of a message or an enum: _resolve_types
+        field.type_name = kind  # a message or an enum; _resolve_types finds out which
     field.name = tokens.take()
     tokens.take("=")
     field.number = tokens.take_number()

@@ -1,4 +1,4 @@
-"""The ways to the processes of a daemon: each on its own port, or through the gateway."""
+"""Connects to the processes of a daemon: to each on its own port, or through the gateway."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from b4mrl.wire.connection import Connection
 
 
 class Routes:
-    """Connects to what the gateway's replies name.
+    """Connects to the ports that the gateway's replies name.
 
-    Where a port cannot be reached and the daemon has a relay, requests go through the gateway,
-    which is slower; the first time that this happens, a RuntimeWarning says so.
+    If a port cannot be reached and the daemon has a relay, requests go through the gateway, which
+    is slower; the first time, a RuntimeWarning says so.
 
     Args:
-        endpoint: the gateway's.
-        capabilities: of its Hello.
+        endpoint: the gateway's address.
+        capabilities: the daemon's capabilities, from the reply to Hello.
     """
 
     def __init__(self, endpoint: str, capabilities: Sequence[str]) -> None:
@@ -29,27 +29,27 @@ class Routes:
         self._has_warned = False
 
     def reach(self, port: Any, token: bytes = b"") -> Connection:
-        """A connection to the process behind a Port.
+        """A connection to the process that listens on a Port of b4mrl.proto.
 
-        UnavailableError: it does not listen, and there is no relay.
+        UnavailableError: the process does not listen, and the daemon has no relay.
         """
         address = self._address_of(port)
         if address and address not in self._unreachable:
             direct = Connection(address, token)
-            # Without a relay, the first request waits as long as its deadline allows.
+            # Without a relay, the first request waits for the connection until its deadline.
             if not self._can_relay or direct.await_handshake(limits.DIRECT_CONNECT_MS):
                 return direct
             direct.close()
             self._unreachable.add(address)
         if not self._can_relay:
             raise errors.UnavailableError(
-                "the server offers no port for this; is that part of it running?"
+                "the daemon offers no port for this request; is its dataset worker running?"
             )
         self._warn(address)
         return Connection(self._endpoint, token)
 
     def _address_of(self, port: Any) -> str:
-        """On the host by which the gateway was reached; "" if the process does not listen there."""
+        """The address of a Port, on the gateway's host; "" if the process does not listen there."""
         kind, _, place = self._endpoint.partition("://")
         if kind == "ipc":
             return f"ipc://{port.ipc}" if port.ipc else ""
@@ -62,10 +62,10 @@ class Routes:
         reason = (
             f"{address} does not answer within {limits.DIRECT_CONNECT_MS} ms"
             if address
-            else "the server has no port of its own for this"
+            else "the daemon's other processes have no port of their own"
         )
         warnings.warn(
-            f"{reason}; requests go through {self._endpoint}, which makes each of them slower",
+            f"{reason}; requests go through {self._endpoint}, which makes each request slower",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -2,9 +2,9 @@
 
 This is the layer under `Environment` and `VectorEnvironment`: requests and replies as arrays, with
 every step executed exactly once. Shapes: n lanes, observations (n, observation size), actions
-(n, action size). Calls take all lanes, in order (None), or an array of them. A refused request has
-changed nothing. After an error whose `executed_unknown` is set, or no answer at all, the lanes of
-that request are of no more use.
+(n, action size). `lanes` is an array of lane numbers, or None for all lanes in order. A refused
+request has changed nothing. After an error whose `executed_unknown` is set, the lanes of the
+request cannot be used any more.
 
 Thread rule: one thread at a time.
 """
@@ -33,17 +33,18 @@ if TYPE_CHECKING:  # kept for whoever holds the session, who read them from the 
 
 T = TypeVar("T")
 
-_PICTURES_AT_ONCE = 16  # of one request, so that it is done well within its deadline
+_PICTURES_AT_ONCE = 16  # pictures of one request, so that it is done well within its deadline
 
 
 class Session:
-    """What Client opens. Use as a context manager, or close it.
+    """A session that Client opened. Use as a context manager, or close it.
 
     Args:
-        connection: to the worker, with the session's token; owned by the session.
-        in_force: what the daemon has in force.
-        dtype: of observations.
-        deadline_ms: of each request.
+        connection: a connection to the worker, with the session's token; owned by the session.
+        in_force: the daemon's reply to Open: settings and perturbations with their values.
+        spec: the environment's description under these settings.
+        dtype: dtype of observations.
+        deadline_ms: time limit of each request, in milliseconds.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class Session:
 
     @property
     def num_envs(self) -> int:
-        """Lanes; 0 in a session for queries alone."""
+        """The number of lanes; 0 in a session for queries alone."""
         return self.in_force.num_envs
 
     def reset(
@@ -76,9 +77,10 @@ class Session:
         seeds: NDArray[np.uint64] | None,
         read: Callable[[Outcome], T],
     ) -> T:
-        """Starts the next episode, or with `seeds` (n,) the lanes anew at their episode 0.
+        """Starts the next episode of each lane, or with `seeds` (n,) episode 0 of each seed.
 
-        `read` of this and other operations: b4mrl.wire.operations.
+        Returns `read(outcome)`; if Ctrl-C comes before `read` is done, the reset counts as
+        interrupted (b4mrl.wire.operations). The same holds for the other operations.
         """
         columns = {} if seeds is None else {"seeds": seeds}
         return self._call("reset", lanes, columns, lambda *it: read(self._outcome(*it)))
@@ -94,14 +96,14 @@ class Session:
         self._operations.send_step(lanes, {"actions": actions}, self.deadline_ms)
 
     def receive_step(self, read: Callable[[StepOutcome], T]) -> T:
-        """The second half: whichever sent step is answered first.
+        """The second half of step: `read` of the sent step that is answered first.
 
-        Its error, if that is what came, has the lanes in `env_ids`.
+        An error of the daemon has the step's lanes in `env_ids`.
         """
         return self._operations.receive_step(lambda *it: read(self._step_outcome(*it)))
 
     def snapshot(self, lanes: Lanes | None = None) -> dict[str, Array]:
-        """`snapshot` uint8 (n, bytes), exact, and readable parts, float64 (n, size)."""
+        """The lanes' states: `snapshot` uint8 (n, bytes) and readable parts, float64 (n, size)."""
         self._operations.await_interrupted(self.deadline_ms)
         self._numbers.check_range(lanes)
         request = Request()
@@ -115,7 +117,7 @@ class Session:
         return delivery.arrays
 
     def restore(self, parts: Mapping[str, Array], lanes: Lanes | None = None) -> Array:
-        """Writes states: either `snapshot` alone, or readable parts. Returns the observations."""
+        """Sets the lanes' states, from `snapshot` or readable parts; returns the observations."""
         count = self._numbers.count_of(lanes)
         return self._call(
             "restore", lanes, parts, lambda found, _: self._reader.observations(found, count)
@@ -124,12 +126,11 @@ class Session:
     def render(
         self, width: int = 0, height: int = 0, lanes: Lanes | None = None
     ) -> list[NDArray[np.uint8]]:
-        """Pictures of lanes as they stand, uint8 (height, width, 3) each; 0: the default size.
+        """Pictures of the lanes' current states, an array uint8 (height, width, 3) for each lane.
 
-        Each is an array of its own.
-
-        It takes tens of milliseconds a lane. FailedPreconditionError: a lane was never reset.
-        UnsupportedError: the server cannot draw.
+        `width` and `height` are pixels; 0 means the environment's default size. A picture takes
+        tens of milliseconds. FailedPreconditionError: a lane was never reset. UnsupportedError: the
+        daemon cannot draw.
         """
         self._operations.await_interrupted(self.deadline_ms)
         width = checks.unsigned("width", width, bits=32) or self.spec.picture_width
@@ -153,7 +154,7 @@ class Session:
     def send_query(
         self, observations: Array, actions: Array, seed: int, draw: int, first_row: int
     ) -> int:
-        """Asks for at most limits.MAX_QUERY_ROWS rows of T_sim; receive_query has the answer."""
+        """Sends a query of at most limits.MAX_QUERY_ROWS rows; returns the id for receive_query."""
         request = Request()
         request.query.seed = checks.unsigned("seed", seed)
         request.query.draw = checks.unsigned("draw", draw)
@@ -176,11 +177,11 @@ class Session:
         )
 
     def abandon(self, request_id: int) -> None:
-        """The answer to a query is not wanted any more."""
+        """Drops a query of send_query and its answer."""
         self._connection.abandon(request_id)
 
     def close(self) -> None:
-        """Gives the session back to the daemon. May be called again."""
+        """Closes the session at the daemon. May be called again."""
         self._farewell.take_leave(self.deadline_ms)
 
     def __enter__(self) -> Session:

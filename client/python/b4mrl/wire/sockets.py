@@ -1,4 +1,4 @@
-"""ZeroMQ sockets of this process: one towards a server, and one that tells of its connections."""
+"""Pairs of ZeroMQ sockets: one to a server, and a monitor that reports its connections."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from zmq.utils.monitor import recv_monitor_message
 from b4mrl import errors
 from b4mrl.wire import limits
 
-LONGEST_BLOCK_MS = 20  # of one wait for a message, after which reconnections are looked for
+LONGEST_BLOCK_MS = 20  # longest wait for a message before the monitor is read
 
-# Of monitors' addresses. pyzmq would take the descriptor's number, which the next socket may have
-# before the last one's address is free again.
+# Numbers in the monitors' addresses. pyzmq's own choice, the socket's file descriptor, may belong
+# to a new socket before the address of the closed one is free again.
 _numbers = itertools.count()
 
 
 @functools.cache
 def _context_of(process_id: int) -> zmq.Context[zmq.Socket[bytes]]:
-    """ZeroMQ's context of this process; a forked child gets its own."""
+    """The ZeroMQ context of this process; a forked child gets one of its own."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     context.set(zmq.MAX_SOCKETS, 65535)
     return context
@@ -30,9 +30,9 @@ def _context_of(process_id: int) -> zmq.Context[zmq.Socket[bytes]]:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A socket and its monitor, which has one event for every handshake. Whoever opens it closes it.
+    """A socket and its monitor, which reports every handshake; closed by the owner.
 
-    Thread rule: one thread at a time. It is of no use in a forked child, where close does nothing.
+    Thread rule: one thread at a time. A forked child cannot use it, and close does nothing there.
     """
 
     socket: zmq.Socket[bytes]
@@ -40,14 +40,14 @@ class Link:
     process_id: int
 
     def close(self, linger_ms: int = 0) -> None:
-        """What was sent may leave for up to `linger_ms`, in the background."""
+        """Closes both sockets; ZeroMQ goes on sending queued messages for up to `linger_ms`."""
         if self.process_id == os.getpid() and not self.socket.closed:
             self.socket.disable_monitor()
             self.monitor.close(linger=0)
             self.socket.close(linger=linger_ms)
 
     def take_handshakes(self) -> int:
-        """How many there were since the last call."""
+        """The number of handshakes since the last call."""
         count = 0
         while self.monitor.poll(0):
             recv_monitor_message(self.monitor)
@@ -56,9 +56,9 @@ class Link:
 
 
 def open_link(address: str) -> Link:
-    """A link to the server that listens on `address`; nothing has been sent yet.
+    """A link to the server that listens on `address`; does not wait for the connection.
 
-    InvalidArgumentError: `address` is none. UnavailableError: the system has no more sockets.
+    InvalidArgumentError: `address` is malformed. UnavailableError: the system has no more sockets.
     """
     allowed = "allowed: tcp://HOST:PORT or ipc://PATH"
     if not isinstance(address, str):
@@ -86,8 +86,8 @@ def open_link(address: str) -> Link:
 
 def _no_socket(address: str, error: zmq.ZMQError) -> errors.B4mrlError:
     return errors.UnavailableError(
-        f"no socket for {address} ({error}); close clients, environments and datasets that are "
-        "done, or raise `ulimit -n`"
+        f"the system has no socket for {address} ({error}); close clients, environments and "
+        "datasets that are not used any more, or raise `ulimit -n`"
     )
 
 
