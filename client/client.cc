@@ -89,6 +89,12 @@ EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
   spec.reset_info_names.assign(info.reset_info_names().begin(), info.reset_info_names().end());
   spec.picture_width = info.picture_width();
   spec.picture_height = info.picture_height();
+  if (!info.has_termination()) return spec;
+  spec.termination.emplace();
+  for (const pb::DimensionBounds& bounds : info.termination().bounds()) {
+    spec.termination->push_back(
+        {bounds.dimension(), bounds.low(), bounds.high(), bounds.inclusive()});
+  }
   return spec;
 }
 

@@ -56,6 +56,7 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
                {"type", info.type()},
                {"low", info.low()},
                {"high", info.high()},
+               {"takes_range", info.takes_range()},
                {"corrupts_datasets", info.corrupts_datasets()},
                {"environments", Json::array()},
                {"files", Json::array()},
@@ -70,7 +71,8 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
   return item;
 }
 
-// "gravity=<factor> in 0..10", "model=<file>: heavy.xml light.xml".
+// "gravity=<factor> in -10..10, or LOW..HIGH: drawn anew for each episode",
+// "model=<file>: heavy.xml light.xml".
 std::string ParametricForm(const Json& item) {
   std::string form =
       fmt::format("{}=<{}>", item["name"].get<std::string>(), item["parameter"].get<std::string>());
@@ -78,6 +80,7 @@ std::string ParametricForm(const Json& item) {
   if (type == "number" || type == "integer") {
     form += fmt::format(" in {}..{}", item["low"].get<double>(), item["high"].get<double>());
   }
+  if (item["takes_range"]) form += ", or LOW..HIGH: drawn anew for each episode";
   if (type != "file") return form;
   form += item["files"].empty() ? ": the folder has none" : ":";
   for (const Json& file : item["files"]) form += " " + file.get<std::string>();

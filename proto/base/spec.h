@@ -38,6 +38,15 @@ struct SpaceSpec {
   Result<std::vector<uint32_t>> FindDimensions(std::string_view index_name_or_feature) const;
 };
 
+// What a number of an observation lies in while the episode goes on. Numbers that are not finite
+// are outside, even of a bound that is infinite.
+struct DimensionBounds {
+  uint32_t dimension = 0;
+  double low = 0;
+  double high = 0;
+  bool inclusive = false;  // low and high themselves are inside
+};
+
 struct EnvironmentSpec {
   std::string name;  // "HalfCheetah"
   SpaceSpec observation;
@@ -45,7 +54,8 @@ struct EnvironmentSpec {
   std::string reward;  // the formula, in words
   uint32_t max_episode_steps = 0;
   double step_seconds = 0;  // simulated time of one step
-  bool has_model = true;    // runs on a compiled MuJoCo model, which perturbations may change
+  // What perturbations may need of an environment: "a MuJoCo model", "lower legs", "other cars".
+  std::vector<std::string> features;
   // Returns that D4RL's normalised score maps to 0 and 100; none for environments D4RL lacks.
   std::optional<double> reference_min;
   std::optional<double> reference_max;
@@ -53,6 +63,9 @@ struct EnvironmentSpec {
   // second entry of an array; "rewards.collision_reward" for a dictionary within the dictionary.
   std::vector<std::string> info_names;
   std::vector<std::string> reset_info_names;  // those of them that a reset reports too
+  // How a predicted observation tells that its episode ends: it is outside some bounds. Empty: the
+  // episode never ends before its time. None: an observation does not tell.
+  std::optional<std::vector<DimensionBounds>> termination;
   // Pixels of a picture when none are asked for.
   uint32_t picture_width = 480;
   uint32_t picture_height = 480;

@@ -49,7 +49,7 @@ class RowPerturber {
   void Apply(DrawContext::Kind kind, uint64_t row, std::span<float> observation) {
     std::copy(observation.begin(), observation.end(), before_.begin());
     after_ = before_;
-    set_.OnObservation({kind, seed_, matrix_, row}, after_);
+    set_.OnObservation({kind, seed_, matrix_, row}, {}, after_);
     for (size_t i = 0; i < observation.size(); ++i) {
       if (std::bit_cast<uint64_t>(after_[i]) != std::bit_cast<uint64_t>(before_[i])) {
         observation[i] = static_cast<float>(after_[i]);

@@ -13,6 +13,7 @@
 // are checked before).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -52,6 +53,12 @@ class Environment {
   virtual const EnvironmentSpec& spec() const = 0;
   // Doubles that SaveState writes.
   virtual size_t state_size() const = 0;
+
+  // Brings into force the numbers that perturbations draw anew for each episode, before its start,
+  // steps or query (EnvironmentSetup::parameters has those at the opening). Cheap if they are in
+  // force already. After an error none are, and the object must not be used before a success.
+  Status SetParameters(std::span<const double> parameters);
+  std::span<const double> parameters() const { return parameters_; }
 
   // Starts an episode with noise from `rng`. Fails only if the engine cannot hold the state.
   virtual Status Reset(Rng& rng) = 0;
@@ -98,7 +105,22 @@ class Environment {
   virtual Status Draw(Canvas& /*canvas*/) {
     return Status(StatusCode::kUnsupported, spec().name + " cannot be drawn");
   }
+
+ private:
+  // Changes settings or model to what they are under `parameters`. Afterwards the object holds no
+  // meaningful state until the next LoadState, Reset or Query.
+  virtual Status ApplyParameters(std::span<const double> /*parameters*/) { return Status(); }
+
+  std::vector<double> parameters_;
 };
+
+inline Status Environment::SetParameters(std::span<const double> parameters) {
+  if (std::ranges::equal(parameters, parameters_)) return Status();
+  parameters_.clear();
+  B4MRL_RETURN_IF_ERROR(ApplyParameters(parameters));
+  parameters_.assign(parameters.begin(), parameters.end());
+  return Status();
+}
 
 // What the Environments of one task, configuration and set of perturbations share: the compiled
 // model. Immutable; any thread.

@@ -38,10 +38,19 @@ bool AllReasonable(std::span<const double> values) {
   return std::ranges::all_of(values, [](double x) { return std::abs(x) <= kLargestValue; });
 }
 
+using ConfigUnder = std::function<Config(std::span<const double> parameters)>;
+
 class Highway final : public Environment {
  public:
-  Highway(const EnvironmentSpec& spec, const HighwaySettings& settings)
-      : spec_(spec), settings_(settings), simulation_(settings, Capacity(settings)) {}
+  // `spec` and `config_under` (EnvironmentSetup's) outlive the object. There is room for as many
+  // cars as `settings` has.
+  Highway(const EnvironmentSpec& spec, const HighwaySettings& settings,
+          const ConfigUnder& config_under)
+      : spec_(spec),
+        config_under_(config_under),
+        settings_(settings),
+        simulation_(settings_, Capacity(settings)) {}
+  Highway(const Highway&) = delete;  // simulation_ refers to settings_
 
   const EnvironmentSpec& spec() const override { return spec_; }
   // The time, then the cars.
@@ -74,7 +83,8 @@ class Highway final : public Environment {
   Status CheckVehicles(std::span<const double> vehicles) const;
 
   const EnvironmentSpec& spec_;
-  const HighwaySettings& settings_;
+  const ConfigUnder& config_under_;
+  HighwaySettings settings_;
   HighwaySimulation simulation_;
   // For Infos.
   HighwayOutcome outcome_;
@@ -87,6 +97,8 @@ void Highway::Settle() {
 }
 
 Status Highway::StartEpisode(uint64_t lane_seed, uint64_t episode) {
+  // What perturbations vary, the number of cars, counts at the start alone; reading costs 10 us.
+  if (!parameters().empty()) settings_ = ReadHighwaySettings(config_under_(parameters()));
   simulation_.Reset(lane_seed, episode);
   Settle();
   return Status();
@@ -261,7 +273,7 @@ EnvironmentSpec Describe(const Config& config) {
   const HighwaySettings settings = ReadHighwaySettings(config);
   EnvironmentSpec spec;
   spec.name = "Highway";
-  spec.has_model = false;
+  spec.features.emplace_back(kOtherCars);
   spec.observation = ObservationSpace(settings.observation);
   if (settings.action.longitudinal) spec.action.dimensions.push_back({"throttle", "", -1, 1});
   if (settings.action.lateral) spec.action.dimensions.push_back({"steering", "", -1, 1});
@@ -289,8 +301,10 @@ EnvironmentSpec Describe(const Config& config) {
 
 class HighwayModel final : public EnvironmentModel {
  public:
-  explicit HighwayModel(const Config& config)
-      : spec_(Describe(config)), settings_(ReadHighwaySettings(config)) {}
+  explicit HighwayModel(const EnvironmentSetup& setup)
+      : spec_(Describe(setup.config)),
+        settings_(ReadHighwaySettings(setup.config)),
+        config_under_(setup.config_under) {}
 
   const EnvironmentSpec& spec() const override { return spec_; }
   std::string Identity() const override { return "highway-env 1.12"; }
@@ -301,16 +315,17 @@ class HighwayModel final : public EnvironmentModel {
                   "query starts from");
   }
   Result<std::unique_ptr<Environment>> NewEnvironment() const override {
-    return std::unique_ptr<Environment>(std::make_unique<Highway>(spec_, settings_));
+    return std::unique_ptr<Environment>(std::make_unique<Highway>(spec_, settings_, config_under_));
   }
 
  private:
   EnvironmentSpec spec_;
   HighwaySettings settings_;
+  ConfigUnder config_under_;
 };
 
 Result<std::shared_ptr<const EnvironmentModel>> Open(const EnvironmentSetup& setup) {
-  return std::shared_ptr<const EnvironmentModel>(std::make_shared<HighwayModel>(setup.config));
+  return std::shared_ptr<const EnvironmentModel>(std::make_shared<HighwayModel>(setup));
 }
 
 }  // namespace

@@ -1,21 +1,27 @@
 #include "server/environments/list.h"
 
-#include <array>
 #include <nlohmann/json.hpp>
 
 #include "proto/base/folders.h"
 
 namespace b4mrl {
 
-// Each is defined in the environment's own file.
-extern const EnvironmentEntry kHalfCheetah;
-extern const EnvironmentEntry kHopper;
-extern const EnvironmentEntry kWalker2d;
-extern const EnvironmentEntry kHumanoid;
-extern const EnvironmentEntry kHighway;
+// One line for each environment: the name of the entry that its own file defines.
+#define B4MRL_ENVIRONMENTS(ENTRY) \
+  ENTRY(kHalfCheetah)             \
+  ENTRY(kHopper)                  \
+  ENTRY(kWalker2d)                \
+  ENTRY(kHumanoid)                \
+  ENTRY(kHighway)
+
+#define DECLARE(name) extern const EnvironmentEntry name;
+B4MRL_ENVIRONMENTS(DECLARE)
+#undef DECLARE
 
 std::span<const EnvironmentEntry> EnvironmentList() {
-  static const std::array kList = {kHalfCheetah, kHopper, kWalker2d, kHumanoid, kHighway};
+#define NAME_WITH_COMMA(name) name,
+  static const EnvironmentEntry kList[] = {B4MRL_ENVIRONMENTS(NAME_WITH_COMMA)};
+#undef NAME_WITH_COMMA
   return kList;
 }
 

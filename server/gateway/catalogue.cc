@@ -28,11 +28,12 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
   out->set_high(entry.high);
   out->set_description(std::string(entry.description));
   out->set_corrupts_datasets(entry.corrupts_datasets);
+  out->set_takes_range(entry.takes_range);
   for (const EnvironmentEntry& environment : EnvironmentList()) {
     const Result<EnvironmentSpec> spec = DescribeEnvironment(environment.name);
     if (spec.ok() && Applies(entry, *spec)) out->add_environments(spec->name);
   }
-  for (const PerturbationPreset& preset : PresetList()) {
+  for (const Preset& preset : PresetList()) {
     if (preset.parametric != entry.name) continue;
     pb::PresetInfo* target = out->add_presets();
     target->set_name(std::string(preset.name));

@@ -38,6 +38,13 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
   return std::unique_ptr<Perturbation>(std::make_unique<ActionDelay>(steps));
 }
 
+// The paper gives no number of steps; 2 is ours.
+constexpr Preset kPresets[] = {{"action-delay", "HalfCheetah", "action-delay", "2"},
+                               {"action-delay", "Hopper", "action-delay", "2"},
+                               {"action-delay", "Walker2d", "action-delay", "2"},
+                               {"action-delay", "Humanoid", "action-delay", "2"},
+                               {"action-delay", "Highway", "action-delay", "2"}};
+
 }  // namespace
 
 extern const PerturbationEntry kActionDelay;  // its line in list.cc
@@ -49,6 +56,7 @@ constinit const PerturbationEntry kActionDelay = {
     .high = kHighSteps,
     .description = "executes each action a number of steps late; zeros before the first",
     .corrupts_datasets = false,
+    .presets = kPresets,
     .make = Make};
 
 }  // namespace b4mrl

@@ -49,6 +49,15 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
       std::make_unique<ActionNoise>(std, input.occurrence, input.spec->action));
 }
 
+constexpr Preset kPresets[] = {{"action-noise-low", "HalfCheetah", "action-noise", "0.2"},
+                               {"action-noise-low", "Hopper", "action-noise", "0.5"},
+                               {"action-noise-low", "Walker2d", "action-noise", "0.2"},
+                               {"action-noise-low", "Highway", "action-noise", "0.5"},
+                               {"action-noise-high", "HalfCheetah", "action-noise", "0.5"},
+                               {"action-noise-high", "Hopper", "action-noise", "1"},
+                               {"action-noise-high", "Walker2d", "action-noise", "0.5"},
+                               {"action-noise-high", "Highway", "action-noise", "1"}};
+
 }  // namespace
 
 extern const PerturbationEntry kActionNoise;  // its line in list.cc
@@ -60,6 +69,7 @@ constinit const PerturbationEntry kActionNoise = {
     .high = kHigh,
     .description = "adds independent normal noise to the executed action, clipped to its bounds",
     .corrupts_datasets = false,
+    .presets = kPresets,
     .make = Make};
 
 }  // namespace b4mrl

@@ -1,7 +1,5 @@
 // cars=COUNT: how many other cars share the road with the ego. Preset: 15 (the paper's simulator;
 // its real environment has 3).
-#include <fmt/format.h>
-
 #include <nlohmann/json.hpp>
 
 #include "server/highway/settings.h"
@@ -10,40 +8,31 @@
 namespace b4mrl {
 namespace {
 
-constexpr const char* kName = "cars";
-constexpr uint64_t kHigh = kMaxVehicles - 1;
-
-class Cars final : public Perturbation {
+class Cars final : public NumberPerturbation {
  public:
-  explicit Cars(uint64_t count) : count_(count) {}
+  using NumberPerturbation::NumberPerturbation;
 
-  NamedArgument ToNamedArgument() const override { return {kName, fmt::format("{}", count_)}; }
-
-  void OnOptions(Config& config) const override { config["vehicles_count"] = count_; }
-
- private:
-  uint64_t count_;
+  void OnOptions(Config& config, double count) const override {
+    config["vehicles_count"] = static_cast<uint64_t>(count);
+  }
 };
 
-bool HasCars(const EnvironmentSpec& spec) { return spec.name == "Highway"; }
-
-Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
-  B4MRL_ASSIGN_OR_RETURN(const uint64_t count, ParseUnsigned(kName, input.argument, 0, kHigh));
-  return std::unique_ptr<Perturbation>(std::make_unique<Cars>(count));
-}
+constexpr Preset kPresets[] = {{"cars", "Highway", "cars", "15"}};
 
 }  // namespace
 
 extern const PerturbationEntry kCars;  // its line in list.cc
 constinit const PerturbationEntry kCars = {
-    .name = kName,
+    .name = "cars",
     .parameter = "count",
     .type = "integer",
     .low = 0,
-    .high = kHigh,
+    .high = kMaxVehicles - 1,
+    .takes_range = true,
     .description = "sets the number of other cars on the road",
     .corrupts_datasets = false,
-    .applies = HasCars,
-    .make = Make};
+    .needs = kOtherCars,
+    .presets = kPresets,
+    .make = MakeNumberPerturbation<Cars>};
 
 }  // namespace b4mrl

@@ -1,6 +1,5 @@
 // friction=FACTOR: all three friction coefficients of every geom of the compiled model times a
 // factor, the floor's included, because MuJoCo takes the larger of a pair's. Preset: 0.3.
-#include <fmt/format.h>
 #include <mujoco/mujoco.h>
 
 #include "server/perturbations/list.h"
@@ -8,30 +7,18 @@
 namespace b4mrl {
 namespace {
 
-constexpr double kLow = 0;  // MuJoCo itself never goes below 1e-5 in a contact
-constexpr double kHigh = 100;
-
-class Friction final : public Perturbation {
+class Friction final : public NumberPerturbation {
  public:
-  explicit Friction(double factor) : factor_(factor) {}
+  using NumberPerturbation::NumberPerturbation;
 
-  NamedArgument ToNamedArgument() const override {
-    return {"friction", fmt::format("{}", factor_)};
-  }
-
-  Status OnModel(mjModel* model) const override {
-    for (int i = 0; i < 3 * model->ngeom; ++i) model->geom_friction[i] *= factor_;
+  Status OnModel(mjModel* model, double factor) const override {
+    for (int i = 0; i < 3 * model->ngeom; ++i) model->geom_friction[i] *= factor;
     return Status();
   }
-
- private:
-  double factor_;
 };
 
-Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
-  B4MRL_ASSIGN_OR_RETURN(const double factor, ParseFinite("friction", input.argument, kLow, kHigh));
-  return std::unique_ptr<Perturbation>(std::make_unique<Friction>(factor));
-}
+constexpr Preset kPresets[] = {{"friction", "HalfCheetah", "friction", "0.3"},
+                               {"friction", "Walker2d", "friction", "0.3"}};
 
 }  // namespace
 
@@ -40,11 +27,13 @@ constinit const PerturbationEntry kFriction = {
     .name = "friction",
     .parameter = "factor",
     .type = "number",
-    .low = kLow,
-    .high = kHigh,
+    .low = 0,  // MuJoCo itself never goes below 1e-5 in a contact
+    .high = 100,
+    .takes_range = true,
     .description = "multiplies the friction of every geom of the simulator, the floor included",
     .corrupts_datasets = false,
-    .applies = HasModel,
-    .make = Make};
+    .needs = kMujocoModel,
+    .presets = kPresets,
+    .make = MakeNumberPerturbation<Friction>};
 
 }  // namespace b4mrl

@@ -1,5 +1,4 @@
 // gravity=FACTOR: the compiled model's gravity vector times a factor. Preset: 2 (the paper's 2 g).
-#include <fmt/format.h>
 #include <mujoco/mujoco.h>
 
 #include "server/perturbations/list.h"
@@ -7,28 +6,19 @@
 namespace b4mrl {
 namespace {
 
-constexpr double kLow = -10;  // upwards
-constexpr double kHigh = 10;
-
-class Gravity final : public Perturbation {
+class Gravity final : public NumberPerturbation {
  public:
-  explicit Gravity(double factor) : factor_(factor) {}
+  using NumberPerturbation::NumberPerturbation;
 
-  NamedArgument ToNamedArgument() const override { return {"gravity", fmt::format("{}", factor_)}; }
-
-  Status OnModel(mjModel* model) const override {
-    for (mjtNum& component : model->opt.gravity) component *= factor_;
+  Status OnModel(mjModel* model, double factor) const override {
+    for (mjtNum& component : model->opt.gravity) component *= factor;
     return Status();
   }
-
- private:
-  double factor_;
 };
 
-Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
-  B4MRL_ASSIGN_OR_RETURN(const double factor, ParseFinite("gravity", input.argument, kLow, kHigh));
-  return std::unique_ptr<Perturbation>(std::make_unique<Gravity>(factor));
-}
+constexpr Preset kPresets[] = {{"gravity", "HalfCheetah", "gravity", "2"},
+                               {"gravity", "Hopper", "gravity", "2"},
+                               {"gravity", "Walker2d", "gravity", "2"}};
 
 }  // namespace
 
@@ -37,11 +27,13 @@ constinit const PerturbationEntry kGravity = {
     .name = "gravity",
     .parameter = "factor",
     .type = "number",
-    .low = kLow,
-    .high = kHigh,
+    .low = -10,  // upwards
+    .high = 10,
+    .takes_range = true,
     .description = "multiplies the gravity of the simulator",
     .corrupts_datasets = false,
-    .applies = HasModel,
-    .make = Make};
+    .needs = kMujocoModel,
+    .presets = kPresets,
+    .make = MakeNumberPerturbation<Gravity>};
 
 }  // namespace b4mrl

@@ -20,7 +20,8 @@ class HiddenDimensionsPerturbation final : public Perturbation {
     return {"hidden", argument};
   }
 
-  void OnObservation(const DrawContext& /*context*/, std::span<double> observation) const override {
+  void OnObservation(const DrawContext& /*context*/, std::span<double> /*state*/,
+                     std::span<double> observation) const override {
     for (const uint32_t dimension : dimensions_) observation[dimension] = 0;
   }
 
@@ -34,6 +35,12 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
   return std::unique_ptr<Perturbation>(
       std::make_unique<HiddenDimensionsPerturbation>(std::move(dimensions)));
 }
+
+constexpr Preset kPresets[] = {
+    {"hidden-low", "HalfCheetah", "hidden", "16"}, {"hidden-low", "Hopper", "hidden", "9"},
+    {"hidden-low", "Walker2d", "hidden", "16"},    {"hidden-low", "Highway", "hidden", "vx+vy"},
+    {"hidden-high", "HalfCheetah", "hidden", "9"}, {"hidden-high", "Hopper", "hidden", "10"},
+    {"hidden-high", "Walker2d", "hidden", "9"},    {"hidden-high", "Highway", "hidden", "y+vx+vy"}};
 
 }  // namespace
 
@@ -60,6 +67,7 @@ constinit const PerturbationEntry kHiddenDimensions = {
     .type = "dimensions",
     .description = "sets dimensions of observations to 0; indices, names or features joined by +",
     .corrupts_datasets = true,
+    .presets = kPresets,
     .make = Make};
 
 }  // namespace b4mrl

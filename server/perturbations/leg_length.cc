@@ -23,9 +23,6 @@
 namespace b4mrl {
 namespace {
 
-constexpr const char* kName = "leg";
-constexpr double kLow = 0.25;  // then the torso starts at 0.875 m; the Walker2d falls below 0.8 m
-constexpr double kHigh = 2;
 constexpr double kDensity = 1000;  // kg/m^3, MuJoCo's default, which both models keep
 
 // To 1e-12 m; through decimal text, for 3e11 * 1e-12 is not the double nearest to 0.3.
@@ -52,19 +49,17 @@ void SetCapsuleInertia(double radius, double half_length, double* mass, double* 
   inertia[2] = cylinder * radius * radius / 2 + ends_inertia;
 }
 
-class LegLength final : public Perturbation {
+class LegLength final : public NumberPerturbation {
  public:
-  explicit LegLength(double factor) : factor_(factor) {}
+  using NumberPerturbation::NumberPerturbation;
 
-  NamedArgument ToNamedArgument() const override { return {kName, fmt::format("{}", factor_)}; }
-
-  Status OnModel(mjModel* model) const override {
-    if (factor_ == 1) return Status();
+  Status OnModel(mjModel* model, double factor) const override {
+    if (factor == 1) return Status();
     double shortened = 0;
     for (const char* suffix : {"", "_left"}) {
       Leg leg{};
       B4MRL_ASSIGN_OR_RETURN(const bool found, FindLeg(*model, suffix, &leg));
-      if (found) shortened = Resize(leg, model);
+      if (found) shortened = Resize(leg, factor, model);
     }
     B4MRL_RETURN_IF_ERROR(LowerTorso(shortened, model));
     return Derive(model);
@@ -93,10 +88,10 @@ class LegLength final : public Perturbation {
   }
 
   // Returns by how much the distance from knee to ankle shrinks.
-  double Resize(const Leg& leg, mjModel* model) const {
+  static double Resize(const Leg& leg, double factor, mjModel* model) {
     double* size = model->geom_size + 3 * leg.geom;
     const double before = size[1];
-    const double after = Rounded(before * factor_);
+    const double after = Rounded(before * factor);
     size[1] = after;
     model->geom_rbound[leg.geom] = size[0] + after;
     SetCapsuleInertia(size[0], after, model->body_mass + leg.body,
@@ -142,31 +137,24 @@ class LegLength final : public Perturbation {
     return Status(StatusCode::kUnsupported,
                   fmt::format("leg does not fit this model: {}", LastMujocoError()));
   }
-
-  double factor_;
 };
 
-Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
-  B4MRL_ASSIGN_OR_RETURN(const double factor, ParseFinite(kName, input.argument, kLow, kHigh));
-  return std::unique_ptr<Perturbation>(std::make_unique<LegLength>(factor));
-}
-
-bool HasLowerLegs(const EnvironmentSpec& spec) {
-  return spec.name == "Hopper" || spec.name == "Walker2d";
-}
+constexpr Preset kPresets[] = {{"leg", "Hopper", "leg", "0.8"}};
 
 }  // namespace
 
 extern const PerturbationEntry kLegLength;  // its line in list.cc
 constinit const PerturbationEntry kLegLength = {
-    .name = kName,
+    .name = "leg",
     .parameter = "factor",
     .type = "number",
-    .low = kLow,
-    .high = kHigh,
+    .low = 0.25,  // then the torso starts at 0.875 m; the Walker2d falls below 0.8 m
+    .high = 2,
+    .takes_range = true,
     .description = "multiplies the length of the lower legs; the torso starts as much lower",
     .corrupts_datasets = false,
-    .applies = HasLowerLegs,
-    .make = Make};
+    .needs = kLowerLegs,
+    .presets = kPresets,
+    .make = MakeNumberPerturbation<LegLength>};
 
 }  // namespace b4mrl

@@ -3,101 +3,56 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <map>
 #include <set>
 
 #include "proto/base/limits.h"
-#include "server/environments/list.h"
 #include "server/perturbations/hidden_dimensions.h"
 
 namespace b4mrl {
 
-// Each is defined in the perturbation's own file.
-extern const PerturbationEntry kGravity;
-extern const PerturbationEntry kFriction;
-extern const PerturbationEntry kLegLength;
-extern const PerturbationEntry kUsersModel;
-extern const PerturbationEntry kCars;
-extern const PerturbationEntry kObservationNoise;
-extern const PerturbationEntry kHiddenDimensions;
-extern const PerturbationEntry kActionNoise;
-extern const PerturbationEntry kActionDelay;
+// One line for each perturbation: the name of the entry that its own file defines.
+#define B4MRL_PERTURBATIONS(ENTRY) \
+  ENTRY(kGravity)                  \
+  ENTRY(kFriction)                 \
+  ENTRY(kLegLength)                \
+  ENTRY(kUsersModel)               \
+  ENTRY(kCars)                     \
+  ENTRY(kObservationNoise)         \
+  ENTRY(kHiddenDimensions)         \
+  ENTRY(kActionNoise)              \
+  ENTRY(kActionDelay)
+
+#define DECLARE(name) extern const PerturbationEntry name;
+B4MRL_PERTURBATIONS(DECLARE)
+#undef DECLARE
 
 std::span<const PerturbationEntry> PerturbationList() {
-  static const std::array kList = {kGravity,          kFriction,    kLegLength,
-                                   kUsersModel,        kCars,        kObservationNoise,
-                                   kHiddenDimensions, kActionNoise, kActionDelay};
+#define NAME_WITH_COMMA(name) name,
+  static const PerturbationEntry kList[] = {B4MRL_PERTURBATIONS(NAME_WITH_COMMA)};
+#undef NAME_WITH_COMMA
   return kList;
 }
 
-std::span<const PerturbationPreset> PresetList() {
-  // The paper's values; the delay is ours, for it gives none.
-  static constexpr PerturbationPreset kPresets[] = {
-      {"gravity", "HalfCheetah", "gravity", "2"},
-      {"gravity", "Hopper", "gravity", "2"},
-      {"gravity", "Walker2d", "gravity", "2"},
-      {"friction", "HalfCheetah", "friction", "0.3"},
-      {"friction", "Walker2d", "friction", "0.3"},
-      {"leg", "Hopper", "leg", "0.8"},
-      {"cars", "Highway", "cars", "15"},
-      {"obs-noise-low", "HalfCheetah", "obs-noise", "0.01"},
-      {"obs-noise-low", "Hopper", "obs-noise", "0.001"},
-      {"obs-noise-low", "Walker2d", "obs-noise", "0.01"},
-      {"obs-noise-low", "Highway", "obs-noise", "0.5"},
-      {"obs-noise-high", "HalfCheetah", "obs-noise", "0.05"},
-      {"obs-noise-high", "Hopper", "obs-noise", "0.02"},
-      {"obs-noise-high", "Walker2d", "obs-noise", "0.03"},
-      {"obs-noise-high", "Highway", "obs-noise", "1"},
-      {"hidden-low", "HalfCheetah", "hidden", "16"},
-      {"hidden-low", "Hopper", "hidden", "9"},
-      {"hidden-low", "Walker2d", "hidden", "16"},
-      {"hidden-low", "Highway", "hidden", "vx+vy"},
-      {"hidden-high", "HalfCheetah", "hidden", "9"},
-      {"hidden-high", "Hopper", "hidden", "10"},
-      {"hidden-high", "Walker2d", "hidden", "9"},
-      {"hidden-high", "Highway", "hidden", "y+vx+vy"},
-      {"action-noise-low", "HalfCheetah", "action-noise", "0.2"},
-      {"action-noise-low", "Hopper", "action-noise", "0.5"},
-      {"action-noise-low", "Walker2d", "action-noise", "0.2"},
-      {"action-noise-low", "Highway", "action-noise", "0.5"},
-      {"action-noise-high", "HalfCheetah", "action-noise", "0.5"},
-      {"action-noise-high", "Hopper", "action-noise", "1"},
-      {"action-noise-high", "Walker2d", "action-noise", "0.5"},
-      {"action-noise-high", "Highway", "action-noise", "1"},
-      {"action-delay", "HalfCheetah", "action-delay", "2"},
-      {"action-delay", "Hopper", "action-delay", "2"},
-      {"action-delay", "Walker2d", "action-delay", "2"},
-      {"action-delay", "Humanoid", "action-delay", "2"},
-      {"action-delay", "Highway", "action-delay", "2"},
-  };
-  return kPresets;
+const std::vector<Preset>& PresetList() {
+  static const std::vector<Preset> presets = [] {
+    std::vector<Preset> all;
+    for (const PerturbationEntry& entry : PerturbationList()) {
+      all.insert(all.end(), entry.presets.begin(), entry.presets.end());
+    }
+    for (const EnvironmentEntry& entry : EnvironmentList()) {
+      all.insert(all.end(), entry.presets.begin(), entry.presets.end());
+    }
+    return all;
+  }();
+  return presets;
 }
 
 bool Applies(const PerturbationEntry& entry, const EnvironmentSpec& spec) {
-  return entry.applies == nullptr || entry.applies(spec);
+  return entry.needs.empty() || std::ranges::count(spec.features, entry.needs) > 0;
 }
-
-bool HasModel(const EnvironmentSpec& spec) { return spec.has_model; }
 
 namespace {
-
-// The first that fits is told.
-std::span<const MissingPreset> MissingPresets() {
-  static constexpr std::string_view kNoModel = "the cars of Highway are not a MuJoCo model";
-  static constexpr std::string_view kNoLeg = "the paper shortens the leg of the Hopper alone";
-  static constexpr std::string_view kNoCars = "only Highway has other cars";
-  static constexpr std::string_view kNoHumanoid = "the paper has no such error of the Humanoid";
-  static constexpr MissingPreset kMissing[] = {
-      {"gravity", "Highway", kNoModel},
-      {"friction", "Highway", kNoModel},
-      {"friction", "Hopper", "the paper changes the Hopper's gravity and leg"},
-      {"leg", "", kNoLeg},
-      {"cars", "", kNoCars},
-      {"", "Humanoid", kNoHumanoid},
-  };
-  return kMissing;
-}
 
 const PerturbationEntry* FindEntry(std::string_view name) {
   for (const PerturbationEntry& entry : PerturbationList()) {
@@ -119,7 +74,7 @@ std::string ParametricForms(std::string_view environment) {
 
 // The parametric form of a preset of any environment, or the form of that name; null if neither.
 const PerturbationEntry* FindForm(std::string_view name) {
-  for (const PerturbationPreset& preset : PresetList()) {
+  for (const Preset& preset : PresetList()) {
     if (preset.name == name) return FindEntry(preset.parametric);
   }
   return FindEntry(name);
@@ -139,37 +94,75 @@ Status RefusePreset(std::string_view name, std::string_view environment) {
                                 name));
     }
     std::set<std::string_view> known;
-    for (const PerturbationPreset& preset : PresetList()) known.insert(preset.name);
+    for (const Preset& preset : PresetList()) known.insert(preset.name);
     for (const PerturbationEntry& entry : PerturbationList()) known.insert(entry.name);
     return UnknownName("perturbation", name, known);
   }
-  std::string reason;
-  for (const MissingPreset& missing : MissingPresets()) {
-    const bool fits = (missing.name.empty() || missing.name == name) &&
-                      (missing.environment.empty() || missing.environment == environment);
-    if (fits && reason.empty()) reason = fmt::format(" ({})", missing.reason);
-  }
+  const bool lacks = spec.ok() && !Applies(*form, *spec);
+  const std::string reason =
+      lacks ? fmt::format("it does not have {}", form->needs) : "the paper gives none";
   const std::string instead =
-      spec.ok() && !Applies(*form, *spec)
-          ? fmt::format("it takes {}", ParametricForms(environment))
-          : fmt::format("give a value: {}=<{}>", form->name, form->parameter);
+      lacks ? fmt::format("it takes {}", ParametricForms(environment))
+            : fmt::format("give a value: {}=<{}>", form->name, form->parameter);
   return Status(StatusCode::kUnsupported,
-                fmt::format("{} has no preset '{}'{}; {}", environment, name, reason, instead));
+                fmt::format("{} has no preset '{}' ({}); {}", environment, name, reason, instead));
+}
+
+// One end of a range, or a number.
+Result<double> ParseEnd(const PerturbationEntry& entry, const std::string& what,
+                        std::string_view text) {
+  if (entry.type == "number") return ParseFinite(what, text, entry.low, entry.high);
+  B4MRL_ASSIGN_OR_RETURN(const uint64_t value,
+                         ParseUnsigned(what, text, static_cast<uint64_t>(entry.low),
+                                       static_cast<uint64_t>(entry.high)));
+  return static_cast<double>(value);
+}
+
+// `info` names a drawn number by its perturbation, so that another one of that name would hide it.
+Status CheckRangesAreAlone(const PerturbationSet& set) {
+  for (const std::string& name : set.parameter_names()) {
+    const auto items = set.items();
+    if (std::ranges::count(items, name, &NamedArgument::name) == 1) continue;
+    return InvalidArgument("number of " + name + " perturbations", "more",
+                           fmt::format("1 where {} is a range", name));
+  }
+  return Status();
 }
 
 }  // namespace
 
+Result<NumberArgument> ParseNumber(const PerturbationInput& input) {
+  const PerturbationEntry& entry = *input.entry;
+  const std::string name(entry.name);
+  NumberArgument number = {.whole = entry.type == "integer"};
+  const size_t dots = entry.takes_range ? input.argument.find("..") : std::string_view::npos;
+  if (dots == std::string_view::npos) {
+    B4MRL_ASSIGN_OR_RETURN(number.low, ParseEnd(entry, name, input.argument));
+    number.high = number.low;
+    return number;
+  }
+  number.is_range = true;
+  B4MRL_ASSIGN_OR_RETURN(number.low,
+                         ParseEnd(entry, "lower end of " + name, input.argument.substr(0, dots)));
+  B4MRL_ASSIGN_OR_RETURN(number.high,
+                         ParseEnd(entry, "upper end of " + name, input.argument.substr(dots + 2)));
+  if (number.low <= number.high) return number;
+  return InvalidArgument(
+      name, input.argument,
+      fmt::format("LOW..HIGH with LOW <= HIGH, both in {}..{}", entry.low, entry.high));
+}
+
 Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string_view environment) {
   if (!item.argument.empty()) {
     if (FindEntry(item.name) != nullptr) return item;
-    for (const PerturbationPreset& preset : PresetList()) {
+    for (const Preset& preset : PresetList()) {
       if (preset.name != item.name) continue;
       return InvalidArgument(fmt::format("argument of preset '{}'", item.name), item.argument,
                              fmt::format("none, or {}={}", preset.parametric, item.argument));
     }
     return RefusePreset(item.name, environment);
   }
-  for (const PerturbationPreset& preset : PresetList()) {
+  for (const Preset& preset : PresetList()) {
     if (preset.name == item.name && preset.environment == environment) {
       return NamedArgument{std::string(preset.parametric), std::string(preset.argument)};
     }
@@ -194,15 +187,18 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
           fmt::format("'{}' changes a simulator and cannot corrupt a dataset", written.ToString()));
     }
     if (!Applies(entry, spec)) {
-      return Status(StatusCode::kUnsupported,
-                    fmt::format("'{}' cannot be applied to {}; it takes {}", written.ToString(),
-                                spec.name, ParametricForms(spec.name)));
+      return Status(
+          StatusCode::kUnsupported,
+          fmt::format("'{}' cannot be applied to {}, which does not have {}; it takes {}",
+                      written.ToString(), spec.name, entry.needs, ParametricForms(spec.name)));
     }
-    const PerturbationInput input = {&spec, item.argument, occurrences[item.name]++};
+    const PerturbationInput input = {&entry, &spec, item.argument, occurrences[item.name]++};
     B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Perturbation> member, entry.make(input));
     members.push_back(std::move(member));
   }
-  return PerturbationSet(spec, std::move(members));
+  PerturbationSet set(spec, std::move(members));
+  B4MRL_RETURN_IF_ERROR(CheckRangesAreAlone(set));
+  return set;
 }
 
 Result<std::vector<uint32_t>> HiddenDimensions(std::span<const NamedArgument> items,

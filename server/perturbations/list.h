@@ -1,6 +1,6 @@
-// The table of perturbations, the paper's presets, and how their text becomes objects. Adding one
-// is a .cc file, a line in list.cc, and its presets' lines. No physics engine is needed to build a
-// set. Any thread.
+// The table of perturbations and their presets, and how their text becomes objects. Adding a
+// perturbation is a .cc file and a line in list.cc. No physics engine is needed to build a set. Any
+// thread.
 #pragma once
 
 #include <memory>
@@ -11,6 +11,7 @@
 
 #include "proto/base/spec.h"
 #include "proto/base/status.h"
+#include "server/environments/list.h"
 #include "server/perturbations/perturbation.h"
 
 namespace b4mrl {
@@ -18,7 +19,10 @@ namespace b4mrl {
 // What a set is built for.
 enum class PerturbationUse { kSimulator, kDataset };
 
+struct PerturbationEntry;
+
 struct PerturbationInput {
+  const PerturbationEntry* entry = nullptr;
   const EnvironmentSpec* spec = nullptr;
   std::string_view argument;  // as written after '='; never empty
   uint64_t occurrence = 0;    // how many of the same name stand before it
@@ -28,44 +32,43 @@ struct PerturbationEntry {
   std::string_view name;       // of the parametric form: "gravity"
   std::string_view parameter;  // "factor", "dimensions"
   std::string_view type;       // "number", "integer", "dimensions" or "file"
-  double low = 0;              // of a number
+  double low = 0;              // least and greatest value of a number or integer
   double high = 0;
+  bool takes_range = false;      // LOW..HIGH, drawn anew at each episode
   std::string_view description;  // one line
   bool corrupts_datasets = false;
-  // Whether an environment can be perturbed so; null: any can.
-  bool (*applies)(const EnvironmentSpec& spec) = nullptr;
+  // What the environment must have: one of EnvironmentSpec::features; "" for nothing.
+  std::string_view needs;
+  std::span<const Preset> presets;  // of all environments: the paper's values
   Result<std::unique_ptr<Perturbation>> (*make)(const PerturbationInput& input);
 };
 
-struct PerturbationPreset {
-  std::string_view name;         // "obs-noise-low"; "gravity" without an argument is a preset too
-  std::string_view environment;  // "HalfCheetah"
-  std::string_view parametric;   // the name of the parametric form: "obs-noise"
-  std::string_view argument;     // "0.01"
-};
+// The argument as a number, or as a range where the entry takes one. kInvalidArgument names what is
+// allowed for what is no number or not within the entry's bounds, and for a range upside down.
+Result<NumberArgument> ParseNumber(const PerturbationInput& input);
 
-// A preset that an environment does not have, and why. "" stands for every preset or environment.
-struct MissingPreset {
-  std::string_view name;
-  std::string_view environment;
-  std::string_view reason;
-};
+// PerturbationEntry::make of a NumberPerturbation.
+template <typename Kind>
+Result<std::unique_ptr<Perturbation>> MakeNumberPerturbation(const PerturbationInput& input) {
+  B4MRL_ASSIGN_OR_RETURN(const NumberArgument number, ParseNumber(input));
+  return std::unique_ptr<Perturbation>(std::make_unique<Kind>(input.entry->name, number));
+}
 
 std::span<const PerturbationEntry> PerturbationList();
 bool Applies(const PerturbationEntry& entry, const EnvironmentSpec& spec);
-// For PerturbationEntry::applies: environments on a compiled MuJoCo model.
-bool HasModel(const EnvironmentSpec& spec);
 // What model=FILE.xml accepts: a plain name without folders.
 bool IsModelFileName(std::string_view name);
-std::span<const PerturbationPreset> PresetList();
+// Those of all perturbations and environments.
+const std::vector<Preset>& PresetList();
 
 // A preset becomes its parametric form; a parametric form stays. Unknown names and missing presets
 // are kUnknownName and kUnsupported with the nearest name or the reason.
 Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string_view environment);
 
 // Builds all of `items` in order for an environment or dataset with `spec`. Refuses more than
-// limits::kMaxPerturbations, arguments out of bounds, unknown dimensions, what cannot be applied to
-// the environment and, for datasets, whatever changes a simulator rather than data.
+// limits::kMaxPerturbations, arguments out of bounds, unknown dimensions, a name with a range
+// beside the same name, what cannot be applied to the environment and, for datasets, whatever
+// changes a simulator rather than data.
 Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
                                           const EnvironmentSpec& spec, PerturbationUse use);
 

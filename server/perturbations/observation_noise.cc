@@ -29,7 +29,8 @@ class ObservationNoise final : public Perturbation {
 
   NamedArgument ToNamedArgument() const override { return {kName, fmt::format("{}", std_)}; }
 
-  void OnObservation(const DrawContext& context, std::span<double> observation) const override {
+  void OnObservation(const DrawContext& context, std::span<double> /*state*/,
+                     std::span<double> observation) const override {
     Rng rng = RowRng(context, kName, occurrence_, observation.size());
     for (size_t row = 0; row + row_size_ <= observation.size() && row_size_ > 0; row += row_size_) {
       AddTo(observation.subspan(row, row_size_), std::span(flags_).subspan(row, row_size_), &rng);
@@ -59,6 +60,15 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
       std::make_unique<ObservationNoise>(std, input.occurrence, input.spec->observation));
 }
 
+constexpr Preset kPresets[] = {{"obs-noise-low", "HalfCheetah", "obs-noise", "0.01"},
+                               {"obs-noise-low", "Hopper", "obs-noise", "0.001"},
+                               {"obs-noise-low", "Walker2d", "obs-noise", "0.01"},
+                               {"obs-noise-low", "Highway", "obs-noise", "0.5"},
+                               {"obs-noise-high", "HalfCheetah", "obs-noise", "0.05"},
+                               {"obs-noise-high", "Hopper", "obs-noise", "0.02"},
+                               {"obs-noise-high", "Walker2d", "obs-noise", "0.03"},
+                               {"obs-noise-high", "Highway", "obs-noise", "1"}};
+
 }  // namespace
 
 extern const PerturbationEntry kObservationNoise;  // its line in list.cc
@@ -70,6 +80,7 @@ constinit const PerturbationEntry kObservationNoise = {
     .high = kHigh,
     .description = "adds independent normal noise to every dimension of observations",
     .corrupts_datasets = true,
+    .presets = kPresets,
     .make = Make};
 
 }  // namespace b4mrl

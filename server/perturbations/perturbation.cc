@@ -1,5 +1,7 @@
 #include "server/perturbations/perturbation.h"
 
+#include <fmt/format.h>
+
 #include <string_view>
 
 namespace b4mrl {
@@ -19,7 +21,21 @@ std::string_view KindName(DrawContext::Kind kind) {
   return "";
 }
 
+bool HasRange(const Perturbation& perturbation) {
+  return perturbation.number() != nullptr && perturbation.number()->is_range;
+}
+
 }  // namespace
+
+double NumberArgument::Draw(const DrawContext& context, std::string_view purpose) const {
+  Rng rng = RowRng(context, purpose, /*occurrence=*/0, /*per_row=*/1);
+  if (!whole) return rng.Uniform(low, high);
+  return low + static_cast<double>(rng.Below(static_cast<uint64_t>(high - low) + 1));
+}
+
+std::string NumberArgument::ToString() const {
+  return is_range ? fmt::format("{}..{}", low, high) : fmt::format("{}", low);
+}
 
 Rng RowRng(const DrawContext& context, std::string_view purpose, uint64_t occurrence,
            uint64_t per_row) {
@@ -36,6 +52,7 @@ PerturbationSet::PerturbationSet(const EnvironmentSpec& spec,
   for (const auto& member : members_) {
     state_sizes_.push_back(member->state_size(spec));
     state_size_ += state_sizes_.back();
+    if (HasRange(*member)) parameter_names_.push_back(member->ToNamedArgument().name);
   }
 }
 
@@ -51,8 +68,39 @@ std::vector<const Perturbation*> PerturbationSet::members() const {
   return pointers;
 }
 
-void PerturbationSet::OnOptions(Config& config) const {
-  for (const auto& member : members_) member->OnOptions(config);
+std::vector<double> PerturbationSet::LargestParameters() const {
+  std::vector<double> parameters;
+  for (const auto& member : members_) {
+    if (HasRange(*member)) parameters.push_back(member->number()->high);
+  }
+  return parameters;
+}
+
+void PerturbationSet::DrawParameters(const DrawContext& context,
+                                     std::span<double> parameters) const {
+  DrawContext drawn = context;
+  if (context.kind == DrawContext::Kind::kEpisode) drawn.minor = 0;  // the same for all its steps
+  size_t at = 0;
+  for (const auto& member : members_) {
+    if (!HasRange(*member)) continue;
+    parameters[at] = member->number()->Draw(drawn, parameter_names_[at]);
+    ++at;
+  }
+}
+
+std::vector<double> PerturbationSet::NumbersInForce(std::span<const double> parameters) const {
+  std::vector<double> numbers;
+  size_t at = 0;
+  for (const auto& member : members_) {
+    const double fixed = member->number() == nullptr ? 0 : member->number()->low;
+    numbers.push_back(HasRange(*member) ? parameters[at++] : fixed);
+  }
+  return numbers;
+}
+
+void PerturbationSet::OnOptions(std::span<const double> parameters, Config& config) const {
+  const std::vector<double> numbers = NumbersInForce(parameters);
+  for (size_t i = 0; i < members_.size(); ++i) members_[i]->OnOptions(config, numbers[i]);
 }
 
 std::string PerturbationSet::model_file() const {
@@ -63,23 +111,42 @@ std::string PerturbationSet::model_file() const {
   return file;
 }
 
-Status PerturbationSet::OnModel(mjModel_* model) const {
-  for (const auto& member : members_) B4MRL_RETURN_IF_ERROR(member->OnModel(model));
+Status PerturbationSet::OnModel(std::span<const double> parameters, mjModel_* model) const {
+  const std::vector<double> numbers = NumbersInForce(parameters);
+  for (size_t i = 0; i < members_.size(); ++i) {
+    B4MRL_RETURN_IF_ERROR(members_[i]->OnModel(model, numbers[i]));
+  }
   return Status();
 }
 
-void PerturbationSet::OnAction(const DrawContext& context, std::span<double> state,
-                               std::span<double> action) const {
+template <typename Function>
+void PerturbationSet::ForEach(std::span<double> state, Function function) const {
   size_t offset = 0;
   for (size_t i = 0; i < members_.size(); ++i) {
-    members_[i]->OnAction(context, state.subspan(offset, state_sizes_[i]), action);
+    function(*members_[i], state.subspan(offset, state_sizes_[i]));
     offset += state_sizes_[i];
   }
 }
 
-void PerturbationSet::OnObservation(const DrawContext& context,
+void PerturbationSet::OnAction(const DrawContext& context, std::span<double> state,
+                               std::span<double> action) const {
+  ForEach(state, [&](const Perturbation& member, std::span<double> part) {
+    member.OnAction(context, part, action);
+  });
+}
+
+void PerturbationSet::OnReward(const DrawContext& context, std::span<double> state,
+                               double& reward) const {
+  ForEach(state, [&](const Perturbation& member, std::span<double> part) {
+    member.OnReward(context, part, reward);
+  });
+}
+
+void PerturbationSet::OnObservation(const DrawContext& context, std::span<double> state,
                                     std::span<double> observation) const {
-  for (const auto& member : members_) member->OnObservation(context, observation);
+  ForEach(state, [&](const Perturbation& member, std::span<double> part) {
+    member.OnObservation(context, part, observation);
+  });
 }
 
 }  // namespace b4mrl

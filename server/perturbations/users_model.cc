@@ -53,7 +53,7 @@ constinit const PerturbationEntry kUsersModel = {
     .type = "file",
     .description = "takes a MuJoCo model of the user's from the models folder",
     .corrupts_datasets = false,
-    .applies = HasModel,
+    .needs = kMujocoModel,
     .make = Make};
 
 }  // namespace b4mrl

@@ -28,6 +28,8 @@ struct RequestHeader {
   uint32_t height;
   uint32_t state_doubles;
   uint64_t identity;
+  uint64_t lane_seed;
+  uint64_t episode;
   std::array<uint64_t, kTexts> text_bytes;  // of SimulatorTexts, which follow one after another
 };
 
@@ -97,9 +99,14 @@ Status CheckHeader(const RequestHeader& header) {
 
 Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& deadline) {
   const SimulatorTexts texts = ToTexts(request.simulator);
-  RequestHeader header = {kRequestMagic,    request.width,
-                          request.height,   static_cast<uint32_t>(request.state.size()),
-                          request.identity, {}};
+  RequestHeader header = {.magic = kRequestMagic,
+                          .width = request.width,
+                          .height = request.height,
+                          .state_doubles = static_cast<uint32_t>(request.state.size()),
+                          .identity = request.identity,
+                          .lane_seed = request.lane_seed,
+                          .episode = request.episode,
+                          .text_bytes = {}};
   static_assert(std::has_unique_object_representations_v<RequestHeader>);
   for (size_t i = 0; i < kTexts; ++i) {
     header.text_bytes[i] = texts[i].size();
@@ -143,6 +150,8 @@ Result<PaintRequest> ReceivePaintRequest(int fd, const Deadline& idle) {
   request.width = header.width;
   request.height = header.height;
   request.identity = header.identity;
+  request.lane_seed = header.lane_seed;
+  request.episode = header.episode;
   B4MRL_RETURN_IF_ERROR(ReceiveInto(fd, header.state_doubles, deadline, &request.state));
   return request;
 }

@@ -25,6 +25,8 @@ struct PaintRequest {
   uint64_t identity = 0;
   uint32_t width = 0;  // pixels; limits::kMinPictureSide to limits::kMaxPictureSide
   uint32_t height = 0;
+  uint64_t lane_seed = 0;  // with the episode, for Simulator::EnterEpisode
+  uint64_t episode = 0;
   std::vector<double> state;  // for Environment::LoadState
 };
 

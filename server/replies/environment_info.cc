@@ -30,6 +30,15 @@ void FillEnvironmentInfo(const EnvironmentSpec& spec, pb::EnvironmentInfo* out) 
   for (const std::string& name : spec.reset_info_names) out->add_reset_info_names(name);
   out->set_picture_width(spec.picture_width);
   out->set_picture_height(spec.picture_height);
+  if (!spec.termination) return;
+  pb::TerminationRule* rule = out->mutable_termination();
+  for (const DimensionBounds& bounds : *spec.termination) {
+    pb::DimensionBounds* target = rule->add_bounds();
+    target->set_dimension(bounds.dimension);
+    target->set_low(bounds.low);
+    target->set_high(bounds.high);
+    target->set_inclusive(bounds.inclusive);
+  }
 }
 
 }  // namespace b4mrl

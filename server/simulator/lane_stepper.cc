@@ -75,12 +75,17 @@ void LaneStepper::Initialize(uint64_t lane_seed, LaneRecord record) const {
 
 void LaneStepper::Observe(const Environment& environment, LaneRecord record) const {
   environment.Observe(record.observation());
-  environment.Infos(record.infos());
-  simulator_->perturbations().OnObservation(ContextOf(record.header()), record.observation());
+  const std::span<const double> parameters = environment.parameters();
+  const size_t own_infos = record.infos().size() - parameters.size();
+  environment.Infos(record.infos().first(own_infos));
+  std::ranges::copy(parameters, record.infos().begin() + static_cast<ptrdiff_t>(own_infos));
+  simulator_->perturbations().OnObservation(ContextOf(record.header()), record.perturbation_state(),
+                                            record.observation());
 }
 
 Status LaneStepper::TryStart(Environment& environment, LaneRecord record) const {
   LaneHeader& header = record.header();
+  B4MRL_RETURN_IF_ERROR(simulator_->EnterEpisode(environment, header.lane_seed, header.episode));
   B4MRL_RETURN_IF_ERROR(environment.StartEpisode(header.lane_seed, header.episode));
   environment.SaveState(record.state());
   std::ranges::fill(record.perturbation_state(), 0);
@@ -170,14 +175,19 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
   std::ranges::copy(action, perturbed_action.begin());
   simulator_->perturbations().OnAction(ContextOf(header), after.perturbation_state(),
                                        perturbed_action);
+  B4MRL_RETURN_IF_ERROR(simulator_->EnterEpisode(environment, header.lane_seed, header.episode));
   environment.LoadState(before.state());
-  const StepResult result = precision == ActionPrecision::kFloat32 && AllFloat32(perturbed_action)
-                                ? environment.StepFloat32(perturbed_action)
-                                : environment.Step(perturbed_action);
+  StepResult result = precision == ActionPrecision::kFloat32 && AllFloat32(perturbed_action)
+                          ? environment.StepFloat32(perturbed_action)
+                          : environment.Step(perturbed_action);
   ++header.elapsed_steps;
 
   const bool simulated = result.cause != Cause::kNumericalError && result.cause != Cause::kCrash;
-  if (simulated) Observe(environment, after);
+  if (simulated) {
+    simulator_->perturbations().OnReward(ContextOf(header), after.perturbation_state(),
+                                         result.reward);
+    Observe(environment, after);
+  }
   const double new_return = header.episode_return + result.reward;
   if (simulated && AllFinite(after.observation()) && AllFinite(after.infos()) &&
       std::isfinite(new_return)) {
@@ -234,8 +244,6 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   CopyRecord(before, after);
   LaneHeader& header = after.header();
   ClearOutcome(header);
-  B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
-  environment.SaveState(after.state());
   if (header.phase != LanePhase::kRunning) {
     if (header.phase == LanePhase::kEnded) ++header.episode;  // whose noise was drawn already
     header.phase = LanePhase::kRunning;
@@ -243,6 +251,9 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
     header.episode_return = 0;
     std::ranges::fill(after.perturbation_state(), 0);
   }
+  B4MRL_RETURN_IF_ERROR(simulator_->EnterEpisode(environment, header.lane_seed, header.episode));
+  B4MRL_RETURN_IF_ERROR(environment.SetNamedState(state));
+  environment.SaveState(after.state());
   Observe(environment, after);
   if (!AllFinite(after.observation()) || !AllFinite(after.infos())) {
     return Status(StatusCode::kInvalidArgument, "the state's observation is not finite");

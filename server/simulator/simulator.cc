@@ -65,16 +65,30 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
                                                           PerturbationSet perturbations,
                                                           const CompiledModel& compiled_model) {
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentEntry* entry, FindEnvironment(environment));
-  Config changed = config;
-  perturbations.OnOptions(changed);
-  B4MRL_ASSIGN_OR_RETURN(const Config completed, entry->complete(changed));
-
   std::shared_ptr<Simulator> simulator(new Simulator);
-  B4MRL_ASSIGN_OR_RETURN(
-      simulator->model_,
-      entry->open({completed, perturbations.model_file(), compiled_model,
-                   [&](mjModel_* model) { return perturbations.OnModel(model); }}));
   simulator->perturbations_ = std::move(perturbations);
+  // Of the simulator, which outlives its model and environments.
+  const PerturbationSet& set = simulator->perturbations_;
+  const std::vector<double> largest = set.LargestParameters();
+  Config changed = config;
+  set.OnOptions(largest, changed);
+  B4MRL_ASSIGN_OR_RETURN(const Config completed, entry->complete(changed));
+  const auto config_under = [completed, &set](std::span<const double> parameters) {
+    Config other = completed;
+    set.OnOptions(parameters, other);
+    return other;
+  };
+  const auto change_model = [&set](std::span<const double> parameters, mjModel_* model) {
+    return set.OnModel(parameters, model);
+  };
+  B4MRL_ASSIGN_OR_RETURN(simulator->model_,
+                         entry->open({completed, set.model_file(), compiled_model, largest,
+                                      config_under, change_model}));
+  simulator->spec_ = simulator->model_->spec();
+  for (const std::string& name : set.parameter_names()) {
+    simulator->spec_.info_names.push_back(name);
+    simulator->spec_.reset_info_names.push_back(name);
+  }
   simulator->config_json_ = completed.dump();
   simulator->identity_ =
       fmt::format("{}; config {}; perturbations {}; model {}; {}; dynamics {}", entry->name,
@@ -96,6 +110,7 @@ Result<Simulator::Lease> Simulator::Borrow() const {
     }
   }
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Environment> environment, model_->NewEnvironment());
+  B4MRL_RETURN_IF_ERROR(environment->SetParameters(perturbations_.LargestParameters()));
   return Lease(this, std::move(environment));
 }
 
@@ -106,6 +121,13 @@ Simulator::Lease::~Lease() {
 void Simulator::Return(std::unique_ptr<Environment> environment) const {
   const std::lock_guard lock(mutex_);
   pool_.push_back(std::move(environment));
+}
+
+Status Simulator::DrawParameters(Environment& environment, const DrawContext& context) const {
+  std::array<double, limits::kMaxPerturbations> drawn;
+  const auto parameters = std::span(drawn).first(perturbations_.parameter_names().size());
+  perturbations_.DrawParameters(context, parameters);
+  return environment.SetParameters(parameters);
 }
 
 Status Simulator::CheckQueryable() const {
@@ -126,12 +148,19 @@ QueryResult Simulator::Query(Environment& environment, const QueryRow& row,
     return OnlyFinite(environment.Query(observation, action, next_observation), next_observation);
   }
   const DrawContext context = {DrawContext::Kind::kQuery, row.seed, row.draw, row.row};
+  if (!DrawParameters(environment, context).ok()) {
+    std::ranges::fill(next_observation, 0);
+    return {};
+  }
   std::array<double, limits::kMaxActionDimensions> changed;
   const std::span<double> perturbed_action = std::span(changed).first(action.size());
   std::ranges::copy(action, perturbed_action.begin());
   perturbations_.OnAction(context, {}, perturbed_action);
-  const QueryResult result = environment.Query(observation, perturbed_action, next_observation);
-  if (result.valid) perturbations_.OnObservation(context, next_observation);
+  QueryResult result = environment.Query(observation, perturbed_action, next_observation);
+  if (result.valid) {
+    perturbations_.OnReward(context, {}, result.reward);
+    perturbations_.OnObservation(context, {}, next_observation);
+  }
   return OnlyFinite(result, next_observation);
 }
 

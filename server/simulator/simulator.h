@@ -51,7 +51,8 @@ class Simulator {
                                                         PerturbationSet perturbations,
                                                         const CompiledModel& compiled_model = {});
 
-  const EnvironmentSpec& spec() const { return model_->spec(); }
+  // That of the environment, and an info for each number that is drawn anew at each episode.
+  const EnvironmentSpec& spec() const { return spec_; }
   const PerturbationSet& perturbations() const { return perturbations_; }
   // Everything in force: presets resolved, defaults filled in.
   std::vector<NamedArgument> resolved_perturbations() const { return perturbations_.items(); }
@@ -80,8 +81,15 @@ class Simulator {
     std::unique_ptr<Environment> environment_;
   };
   // Fails only when memory for a new scratch environment is refused. The Simulator outlives its
-  // leases.
+  // leases. Where numbers are drawn anew for each episode, call EnterEpisode before all else.
   Result<Lease> Borrow() const;
+
+  // Brings the numbers that the perturbations draw for this episode into force; before the
+  // environment starts, steps or draws a lane of it. An error says what the model lacks.
+  Status EnterEpisode(Environment& environment, uint64_t lane_seed, uint64_t episode) const {
+    if (perturbations_.parameter_names().empty()) return Status();
+    return DrawParameters(environment, {DrawContext::Kind::kEpisode, lane_seed, episode, 0});
+  }
 
   // OK when every perturbation can be applied to single transitions; else the reason.
   Status CheckQueryable() const;
@@ -94,9 +102,11 @@ class Simulator {
  private:
   Simulator() = default;
   void Return(std::unique_ptr<Environment> environment) const;
+  Status DrawParameters(Environment& environment, const DrawContext& context) const;
 
   PerturbationSet perturbations_;
   std::shared_ptr<const EnvironmentModel> model_;
+  EnvironmentSpec spec_;
   std::string config_json_;
   std::string identity_;
   uint64_t identity_hash_ = 0;

@@ -30,10 +30,15 @@ class RenderJob : public RequestJob {
 
  private:
   Status ChooseSize(const pb::RenderRequest& request);
-  Status CopyStates(const std::vector<uint32_t>& lanes);
+  Status CopyLanes(const std::vector<uint32_t>& lanes);
 
-  PaintRequest picture_;        // its state is that of the item in hand
-  std::vector<double> states_;  // items x state size
+  // A lane's state and the episode that it belongs to.
+  struct Scene {
+    uint64_t lane_seed, episode;
+    std::vector<double> state;
+  };
+  PaintRequest picture_;       // its state is that of the item in hand
+  std::vector<Scene> scenes_;  // of the items
   size_t offset_ = 0;
   uint32_t painted_ = 0;  // items, which one thread takes in any order
 };
@@ -53,7 +58,7 @@ Status RenderJob::ChooseSize(const pb::RenderRequest& request) {
   return CheckSide("height", picture_.height);
 }
 
-Status RenderJob::CopyStates(const std::vector<uint32_t>& lanes) {
+Status RenderJob::CopyLanes(const std::vector<uint32_t>& lanes) {
   for (const uint32_t lane : lanes) {
     const ConstLaneRecord record = owner().committed_record(lane);
     if (record.header().phase == LanePhase::kFresh) {
@@ -61,7 +66,8 @@ Status RenderJob::CopyStates(const std::vector<uint32_t>& lanes) {
                     fmt::format("lane {} has not been reset: there is nothing to see", lane));
     }
     const std::span<const double> state = record.state();
-    states_.insert(states_.end(), state.begin(), state.end());
+    scenes_.push_back({record.header().lane_seed, record.header().episode,
+                       std::vector<double>(state.begin(), state.end())});
   }
   return Status();
 }
@@ -77,7 +83,7 @@ Status RenderJob::Prepare(const pb::Request& request) {
                               lanes.size(), picture_.width, picture_.height, bytes,
                               limits::kMaxPayloadBytes));
   }
-  B4MRL_RETURN_IF_ERROR(CopyStates(lanes));
+  B4MRL_RETURN_IF_ERROR(CopyLanes(lanes));
   picture_.simulator = owner().simulator_request();
   picture_.identity = owner().simulator().identity_hash();
   items = static_cast<uint32_t>(lanes.size());
@@ -94,15 +100,15 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     offset_ = layout.Add("frames", DType::kUint8, {items, picture_.height, picture_.width, 3});
     reply_payload_ = layout.Allocate();
   }
-  const size_t state_size = states_.size() / items;
   for (uint32_t item = first; item < first + count && !failed(); ++item) {
     if (deadline.expired()) {
       return Fail(
           Status(StatusCode::kDeadlineExceeded,
                  fmt::format("the deadline passed after {} of {} pictures", painted_, items)));
     }
-    const std::span<const double> state(states_.data() + item * state_size, state_size);
-    picture_.state.assign(state.begin(), state.end());
+    picture_.lane_seed = scenes_[item].lane_seed;
+    picture_.episode = scenes_[item].episode;
+    picture_.state = scenes_[item].state;
     const std::span<std::byte> place(reply_payload_.data() + offset_ + item * bytes, bytes);
     const Status status = thread.painter->Paint(picture_, place);
     if (!status.ok()) return Fail(status);

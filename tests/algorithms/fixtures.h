@@ -27,6 +27,7 @@ inline LearnerContext FakeContext(Client& client, const std::string& folder,
   LearnerContext context;
   context.client = &client;
   context.environment.name = "HalfCheetah";  // whose episodes have no end that a state tells
+  context.environment.termination.emplace();
   context.environment.observation.dimensions.resize(kObservationSize);
   for (const float scale : kFakeActionScale) {
     context.environment.action.dimensions.push_back({"", "", -scale, scale, ""});

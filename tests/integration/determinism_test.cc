@@ -1,4 +1,5 @@
 // Results are a function of what was asked and of the seed: not of workers, threads or clients.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <string>
 #include <thread>
@@ -38,7 +39,7 @@ void Append(std::string* bytes, std::span<const T> values) {
 
 EnvironmentOptions Options(uint32_t lanes, uint64_t seed) {
   EnvironmentOptions options;
-  options.simulator = {{"friction", "0.5"}, {"obs-noise", "0.05"}};
+  options.simulator = {{"friction", "0.5"}, {"obs-noise", "0.05"}, {"gravity", "0.5..2"}};
   options.num_envs = lanes;
   options.seed = seed;
   options.observation_dtype = DType::kFloat64;
@@ -91,7 +92,8 @@ std::vector<std::string> Walk(const std::string& endpoint, uint32_t clients, uin
   return bytes;
 }
 
-std::string QueryBytes(Client& client, uint64_t seed) {
+// The answers to kRows rows, asked for in requests of `rows_per_request`, the last request first.
+std::string QueryBytes(Client& client, uint64_t seed, size_t rows_per_request = kRows) {
   Result<RemoteEnvironment> environment = client.Make("HalfCheetah", Options(0, 1));
   RequireOk(environment.status());
   std::vector<float> observations(kRows * kObservation), actions(kRows * kAction);
@@ -101,8 +103,16 @@ std::string QueryBytes(Client& client, uint64_t seed) {
   std::vector<float> next(observations.size());
   std::vector<double> rewards(kRows);
   std::vector<uint8_t> terminated(kRows), valid(kRows);
-  RequireOk(environment->Query(observations, actions, QueryOutput{next, rewards, terminated, valid},
-                               seed));
+  for (size_t end = kRows; end > 0; end -= std::min(end, rows_per_request)) {
+    const size_t first = end - std::min(end, rows_per_request);
+    const auto part = [&](auto& all, size_t width) {
+      return std::span(all).subspan(first * width, (end - first) * width);
+    };
+    const QueryOutput output = {part(next, kObservation), part(rewards, 1), part(terminated, 1),
+                                part(valid, 1)};
+    RequireOk(environment->Query(part(observations, kObservation), part(actions, kAction), output,
+                                 seed, /*draw=*/0, first));
+  }
   std::string bytes;
   Append<float>(&bytes, next);
   Append<double>(&bytes, rewards);
@@ -159,6 +169,10 @@ TEST_CASE("Equal seeds give equal bytes whatever the workers, threads and client
       REQUIRE(walk[lane] == reference[lane]);
     }
     REQUIRE(rows == query);
+    for (const size_t rows_per_request : {1, 7, 299}) {
+      CAPTURE(rows_per_request);
+      REQUIRE(QueryBytes(*client, 5, rows_per_request) == query);
+    }
     REQUIRE(transitions == batch);
   }
 }
@@ -191,6 +205,9 @@ TEST_CASE("The experiment id is equal for equal contents and differs for each th
   REQUIRE(id(Options(2, 2)) != base);
   EnvironmentOptions other = Options(2, 1);
   other.simulator[0].argument = "0.51";
+  REQUIRE(id(other) != base);
+  other = Options(2, 1);
+  other.simulator[2].argument = "0.5..2.1";
   REQUIRE(id(other) != base);
   other = Options(2, 1);
   other.config = R"({"max_episode_steps": 41})";

@@ -32,7 +32,8 @@ class Perturbation(Record):
         name: name of the parametric form, such as "gravity".
         parameter: name of the argument, such as "factor".
         type: type of the argument: "number", "integer", "dimensions" or "file".
-        low, high: range of the argument.
+        low, high: least and greatest value of the argument.
+        takes_range: whether the argument may be "LOW..HIGH", drawn anew for each episode.
         corrupts_datasets: whether datasets can be corrupted by it, too.
         environments: names of the environments to which it applies.
         files: allowed arguments of type "file": the files in the daemon's models folder.
@@ -43,6 +44,7 @@ class Perturbation(Record):
     type: str
     low: float
     high: float
+    takes_range: bool
     description: str
     corrupts_datasets: bool
     presets: tuple[Preset, ...]

@@ -50,6 +50,22 @@ class SpaceSpec(Shown):
         return spaces.Box(low, high, dtype=kind.type)
 
 
+@dataclass(frozen=True)
+class DimensionBounds:
+    """What a number of an observation lies in while the episode goes on; NaN and infinities do not.
+
+    Attributes:
+        dimension: index into the observation, flattened.
+        low, high: possibly infinite.
+        inclusive: whether low and high themselves are inside.
+    """
+
+    dimension: int
+    low: float
+    high: float
+    inclusive: bool
+
+
 @dataclass(frozen=True, repr=False)
 class EnvironmentSpec(Shown):
     """The specification of one environment under one configuration.
@@ -63,6 +79,8 @@ class EnvironmentSpec(Shown):
         info_names: names of a step's infos (proto/PROTOCOL.md, section 8).
         reset_info_names: those of `info_names` that a reset reports, too.
         picture_width, picture_height: default size of pictures, in pixels.
+        termination: for models that predict observations: an episode ends when an observation is
+            outside some of these bounds. None: an observation does not tell.
     """
 
     name: str
@@ -77,6 +95,7 @@ class EnvironmentSpec(Shown):
     reset_info_names: tuple[str, ...]
     picture_width: int
     picture_height: int
+    termination: tuple[DimensionBounds, ...] | None
 
     def _facts(self) -> Mapping[str, Any]:
         return {
@@ -111,6 +130,14 @@ def spec_of(info: Any) -> EnvironmentSpec:
         reset_info_names=tuple(info.reset_info_names),
         picture_width=info.picture_width,
         picture_height=info.picture_height,
+        termination=_termination_of(info) if info.HasField("termination") else None,
+    )
+
+
+def _termination_of(info: Any) -> tuple[DimensionBounds, ...]:
+    return tuple(
+        DimensionBounds(bounds.dimension, bounds.low, bounds.high, bounds.inclusive)
+        for bounds in info.termination.bounds
     )
 
 

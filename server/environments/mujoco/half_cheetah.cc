@@ -12,12 +12,12 @@ namespace {
 class HalfCheetah final : public PlanarRunner {
  public:
   static constexpr const char* kModelFile = "half_cheetah.xml";
-  static constexpr ModelShape kShape = {.positions = 9, .velocities = 9, .motors = 6};
-  static constexpr double kTimestep = 0.01;
+  static constexpr ModelShape kShape = {
+      .positions = 9, .velocities = 9, .motors = 6, .timestep = 0.01};
 
   HalfCheetah(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-              std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data)
-      : PlanarRunner(spec, settings, infos, model, std::move(data),
+              MujocoScratch scratch)
+      : PlanarRunner(spec, settings, InfoColumns(settings), std::move(scratch),
                      std::numeric_limits<double>::infinity()) {}
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
@@ -34,9 +34,11 @@ class HalfCheetah final : public PlanarRunner {
     static constexpr const char* kJoints[] = {"bthigh", "bshin", "bfoot",
                                               "fthigh", "fshin", "ffoot"};
     EnvironmentSpec spec = DescribePlanarRunner("HalfCheetah", kJoints, settings);
+    DescribeLocomotion(settings, InfoColumns(settings), &spec);
     spec.reward =
         "forward_reward_weight * (x_after - x_before) / dt - ctrl_cost_weight * sum(action^2)";
-    spec.step_seconds = kTimestep * settings.frame_skip;
+    spec.step_seconds = kShape.timestep * settings.frame_skip;
+    spec.termination.emplace();        // never
     spec.reference_min = -280.178953;  // D4RL's
     spec.reference_max = 12135.0;
     return spec;
@@ -62,7 +64,7 @@ class HalfCheetah final : public PlanarRunner {
   }
 };
 
-using Model = LocomotionModel<HalfCheetah>;
+using Model = MujocoTask<HalfCheetah>;
 
 }  // namespace
 

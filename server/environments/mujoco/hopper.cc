@@ -18,13 +18,13 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 class Hopper final : public PlanarRunner {
  public:
   static constexpr const char* kModelFile = "hopper.xml";
-  static constexpr ModelShape kShape = {.positions = 6, .velocities = 6, .motors = 3};
-  static constexpr double kTimestep = 0.002;
+  static constexpr ModelShape kShape = {
+      .positions = 6, .velocities = 6, .motors = 3, .timestep = 0.002};
   static constexpr double kVelocityLimit = 10;
 
-  Hopper(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-         std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data)
-      : PlanarRunner(spec, settings, infos, model, std::move(data), kVelocityLimit) {}
+  Hopper(const EnvironmentSpec& spec, const LocomotionSettings& settings, MujocoScratch scratch)
+      : PlanarRunner(spec, settings, PlanarWalkerInfos(settings), std::move(scratch),
+                     kVelocityLimit) {}
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
     LocomotionSettings settings = ReadPlanarWalkerSettings(reader, {0.7, kInfinity}, {-0.2, 0.2});
@@ -35,15 +35,17 @@ class Hopper final : public PlanarRunner {
   static EnvironmentSpec Describe(const LocomotionSettings& settings) {
     static constexpr const char* kJoints[] = {"thigh", "leg", "foot"};
     EnvironmentSpec spec = DescribePlanarRunner("Hopper", kJoints, settings);
-    spec.reward = kPlanarWalkerReward;
-    spec.step_seconds = kTimestep * settings.frame_skip;
+    DescribePlanarWalker(settings, &spec);
+    spec.step_seconds = kShape.timestep * settings.frame_skip;
     spec.reference_min = -20.272305;  // D4RL's
     spec.reference_max = 3234.3;
+    if (!settings.terminate_when_unhealthy) return spec;
+    // MOPO's source takes the absolute value of the comparison instead of the number, and so asks
+    // for the upper bound of healthy_state_range alone. Its results were made with that.
+    for (uint32_t i = HeightDimension(settings) + 2; i < spec.observation.size(); ++i) {
+      spec.termination->push_back({i, -kInfinity, settings.healthy_state.high});
+    }
     return spec;
-  }
-
-  static std::span<const InfoColumn> InfoColumns(const LocomotionSettings& settings) {
-    return PlanarWalkerInfos(settings);
   }
 
  protected:
@@ -55,7 +57,7 @@ class Hopper final : public PlanarRunner {
   }
 };
 
-using Model = LocomotionModel<Hopper>;
+using Model = MujocoTask<Hopper>;
 
 }  // namespace
 

@@ -54,17 +54,26 @@ constexpr Component kVelocity[] = {{"wx", "rad/s"}, {"wy", "rad/s"}, {"wz", "rad
 constexpr Component kForce[] = {{"tx", "N m"}, {"ty", "N m"}, {"tz", "N m"},
                                 {"fx", "N"},   {"fy", "N"},   {"fz", "N"}};
 
+struct HumanoidSettings : LocomotionSettings {
+  // Version 5's.
+  double contact_cost_weight = 0;
+  Interval contact_cost_range;
+  bool with_inertia = true;
+  bool with_velocities = true;
+  bool with_actuator_forces = true;
+  bool with_contact_forces = true;
+};
+
 class Humanoid final : public Locomotion {
  public:
+  using Settings = HumanoidSettings;
   static constexpr const char* kModelFile = "humanoid.xml";
   static constexpr ModelShape kShape = {
-      .positions = 24, .velocities = 23, .motors = 17, .bodies = 14};
-  static constexpr double kTimestep = 0.003;
+      .positions = 24, .velocities = 23, .motors = 17, .timestep = 0.003, .bodies = 14};
   static constexpr int kRootVelocityCount = 6;
 
-  Humanoid(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-           std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data)
-      : Locomotion(spec, settings, infos, model, std::move(data)) {
+  Humanoid(const EnvironmentSpec& spec, const HumanoidSettings& settings, MujocoScratch scratch)
+      : Locomotion(spec, settings, InfoColumns(settings), std::move(scratch)), settings_(settings) {
     mjData* d = mutable_data();
     AddStatePart("com", centre_);
     AddStatePart("cinert", {d->cinert, size_t{10} * kShape.bodies});
@@ -73,8 +82,8 @@ class Humanoid final : public Locomotion {
     AddStatePart("cfrc_ext", {d->cfrc_ext, size_t{6} * kShape.bodies});
   }
 
-  static LocomotionSettings ReadSettings(ConfigReader& reader);
-  static EnvironmentSpec Describe(const LocomotionSettings& settings);
+  static HumanoidSettings ReadSettings(ConfigReader& reader);
+  static EnvironmentSpec Describe(const HumanoidSettings& settings);
   static std::span<const InfoColumn> InfoColumns(const LocomotionSettings& settings);
 
   void Observe(std::span<double> observation) const override;
@@ -103,6 +112,7 @@ class Humanoid final : public Locomotion {
  private:
   void FindCentre();
 
+  const HumanoidSettings& settings_;
   Point centre_{};  // of mass; x and y
 };
 
@@ -117,7 +127,7 @@ void Humanoid::FindCentre() {
 }
 
 void Humanoid::Observe(std::span<double> observation) const {
-  const LocomotionSettings& s = settings();
+  const HumanoidSettings& s = settings_;
   const mjData& d = data();
   double* out = observation.data();
   const auto append = [&out](const double* values, int skipped, int count) {
@@ -135,11 +145,11 @@ void Humanoid::Observe(std::span<double> observation) const {
 }
 
 double Humanoid::ContactCost() const {
-  if (!settings().v5) return 0;
+  if (!settings_.v5) return 0;
   double squares = 0;
   for (int i = 0; i < 6 * kShape.bodies; ++i) squares += data().cfrc_ext[i] * data().cfrc_ext[i];
-  const Interval& range = settings().contact_cost_range;
-  return std::clamp(settings().contact_cost_weight * squares, range.low, range.high);
+  const Interval& range = settings_.contact_cost_range;
+  return std::clamp(settings_.contact_cost_weight * squares, range.low, range.high);
 }
 
 void Humanoid::StateFromObservation(std::span<const double> observation, std::span<double> qpos,
@@ -151,8 +161,8 @@ void Humanoid::StateFromObservation(std::span<const double> observation, std::sp
   mju_normalize4(qpos.data() + 3);  // zeros become the upright orientation
 }
 
-LocomotionSettings Humanoid::ReadSettings(ConfigReader& reader) {
-  LocomotionSettings settings;
+HumanoidSettings Humanoid::ReadSettings(ConfigReader& reader) {
+  HumanoidSettings settings;
   settings.forward_reward_weight = 1.25;
   settings.ctrl_cost_weight = 0.1;
   settings.reset_noise_scale = 1e-2;
@@ -172,7 +182,7 @@ LocomotionSettings Humanoid::ReadSettings(ConfigReader& reader) {
 }
 
 // Dimensions are named after what they belong to: "abdomen-z", "v-abdomen-z", "cinert-torso-ixx".
-SpaceSpec ObservationSpace(const LocomotionSettings& settings) {
+SpaceSpec ObservationSpace(const HumanoidSettings& settings) {
   SpaceSpec space;
   const auto add = [&space](const std::string& name, const char* unit) {
     space.dimensions.push_back({name, unit, -kInfinity, kInfinity});
@@ -204,8 +214,9 @@ SpaceSpec ObservationSpace(const LocomotionSettings& settings) {
   return space;
 }
 
-EnvironmentSpec Humanoid::Describe(const LocomotionSettings& settings) {
+EnvironmentSpec Humanoid::Describe(const HumanoidSettings& settings) {
   EnvironmentSpec spec;
+  DescribeLocomotion(settings, InfoColumns(settings), &spec);
   spec.name = "Humanoid";
   spec.observation = ObservationSpace(settings);
   for (const char* motor : kMotors) spec.action.dimensions.push_back({motor, "", -0.4, 0.4});
@@ -214,7 +225,14 @@ EnvironmentSpec Humanoid::Describe(const LocomotionSettings& settings) {
       "forward_reward_weight * (x_after - x_before) / dt + healthy_reward - "
       "ctrl_cost_weight * sum(action^2), x of the centre of mass";
   if (settings.v5) spec.reward += "; minus contact_cost_weight * sum(cfrc_ext^2), clipped";
-  spec.step_seconds = kTimestep * settings.frame_skip;
+  spec.step_seconds = kShape.timestep * settings.frame_skip;
+  spec.termination.emplace();
+  if (settings.terminate_when_unhealthy) {
+    // MOPO's source, unlike Gymnasium, counts the ends of the range as healthy.
+    const uint32_t height = settings.with_positions ? 2 : 0;
+    spec.termination->push_back(
+        {height, settings.healthy_z.low, settings.healthy_z.high, /*inclusive=*/true});
+  }
   return spec;
 }
 
@@ -241,7 +259,7 @@ std::span<const InfoColumn> Humanoid::InfoColumns(const LocomotionSettings& sett
   return settings.v5 ? std::span<const InfoColumn>(kV5) : std::span<const InfoColumn>(kV4);
 }
 
-using Model = LocomotionModel<Humanoid>;
+using Model = MujocoTask<Humanoid>;
 
 }  // namespace
 

@@ -37,8 +37,8 @@ void ReadHealthSettings(ConfigReader& reader, LocomotionSettings* settings) {
 }
 
 Locomotion::Locomotion(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-                       std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data)
-    : MujocoEnvironment(model, std::move(data), settings.frame_skip),
+                       std::span<const InfoColumn> infos, MujocoScratch scratch)
+    : MujocoEnvironment(std::move(scratch), settings.frame_skip),
       spec_(spec),
       settings_(settings),
       infos_(infos) {}
@@ -119,23 +119,9 @@ double Locomotion::Value(Info info, const Terms& terms) const {
   return 0;
 }
 
-Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed) {
-  const mjModel& model = *loaded.model;
-  if (model.nq == needed.positions && model.nv == needed.velocities && model.nu == needed.motors &&
-      (needed.bodies == 0 || model.nbody == needed.bodies)) {
-    return Status();
-  }
-  const bool is_own = loaded.users_file.empty();
-  return Status(
-      is_own ? StatusCode::kDataLoss : StatusCode::kInvalidArgument,
-      fmt::format("{} has {} coordinates, {} velocities, {} motors and {} bodies, needed: "
-                  "{}, {}, {} and {}",
-                  is_own ? own_file : loaded.users_file, model.nq, model.nv, model.nu, model.nbody,
-                  needed.positions, needed.velocities, needed.motors,
-                  needed.bodies == 0 ? "any" : std::to_string(needed.bodies)));
-}
-
-void DescribeInfos(std::span<const InfoColumn> columns, EnvironmentSpec* spec) {
+void DescribeLocomotion(const LocomotionSettings& settings, std::span<const InfoColumn> columns,
+                        EnvironmentSpec* spec) {
+  spec->max_episode_steps = settings.max_episode_steps;
   for (const InfoColumn& column : columns) {
     spec->info_names.emplace_back(column.name);
     if (column.at_reset) spec->reset_info_names.emplace_back(column.name);

@@ -1,5 +1,5 @@
 // What Gymnasium's MuJoCo runners share: constructor arguments, reward, health and infos. A task is
-// a Locomotion subclass, a table of spaces and a line that makes an EnvironmentEntry of them
+// a Locomotion subclass, a table of spaces and an EnvironmentEntry made of both by MujocoTask
 // (hopper.cc is the shortest).
 //
 //   reward       forward + survive - control cost - contact cost, summed in this order, where
@@ -12,16 +12,13 @@
 #pragma once
 
 #include <array>
-#include <memory>
 #include <optional>
 #include <span>
-#include <string>
-#include <utility>
 #include <vector>
 
 #include "server/environments/config_reader.h"
-#include "server/environments/list.h"
 #include "server/environments/mujoco/mujoco_environment.h"
+#include "server/environments/mujoco/mujoco_task.h"
 
 namespace b4mrl {
 
@@ -41,14 +38,6 @@ struct LocomotionSettings {
   Interval healthy_z;
   Interval healthy_angle;
   Interval healthy_state;
-
-  // Only the Humanoid's, version 5.
-  double contact_cost_weight = 0;
-  Interval contact_cost_range;
-  bool with_inertia = true;
-  bool with_velocities = true;
-  bool with_actuator_forces = true;
-  bool with_contact_forces = true;
 };
 
 // The arguments that every task has; those of `settings` are the defaults and are replaced.
@@ -84,6 +73,8 @@ struct InfoColumn {
 
 class Locomotion : public MujocoEnvironment {
  public:
+  using Settings = LocomotionSettings;
+
   const EnvironmentSpec& spec() const override { return spec_; }
   void Infos(std::span<double> infos) const override;
 
@@ -93,9 +84,9 @@ class Locomotion : public MujocoEnvironment {
  protected:
   using Point = std::array<double, 2>;  // x, y in m
 
-  // All but `data` outlive the object.
+  // All but `scratch` outlive the object.
   Locomotion(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-             std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data);
+             std::span<const InfoColumn> infos, MujocoScratch scratch);
 
   const LocomotionSettings& settings() const { return settings_; }
 
@@ -126,87 +117,8 @@ class Locomotion : public MujocoEnvironment {
   std::optional<Terms> terms_;  // of the last step; none after a reset
 };
 
-struct ModelShape {
-  int positions;
-  int velocities;
-  int motors;
-  int bodies = 0;  // with the world; 0: any number
-};
-
-// The compiled model of a task and what its scratch simulators share. `Task` has
-//   kModelFile, kShape                            the model that its code expects
-//   ReadSettings(ConfigReader&)                   defaults and allowed arguments
-//   Describe(settings)                            spaces, names, limits
-//   InfoColumns(settings)                         static storage
-// and a constructor (spec, settings, infos, model, data).
-template <typename Task>
-class LocomotionModel final : public EnvironmentModel {
- public:
-  LocomotionModel(const LocomotionSettings& settings, LoadedModel loaded)
-      : spec_(DescribeTask(settings)), settings_(settings), loaded_(std::move(loaded)) {
-    spec_.step_seconds = loaded_.model->opt.timestep * settings_.frame_skip;
-  }
-
-  const EnvironmentSpec& spec() const override { return spec_; }
-  std::string Identity() const override { return loaded_.identity; }
-  Result<std::unique_ptr<Environment>> NewEnvironment() const override {
-    B4MRL_ASSIGN_OR_RETURN(MjDataPtr data, MakeMujocoData(*loaded_.model));
-    return std::unique_ptr<Environment>(std::make_unique<Task>(
-        spec_, settings_, Task::InfoColumns(settings_), *loaded_.model, std::move(data)));
-  }
-
-  // The functions of an EnvironmentEntry.
-  static Result<Config> Complete(const Config& config);
-  static EnvironmentSpec Describe(const Config& config);
-  static Result<std::shared_ptr<const EnvironmentModel>> Open(const EnvironmentSetup& setup);
-
- private:
-  static EnvironmentSpec DescribeTask(const LocomotionSettings& settings);
-
-  EnvironmentSpec spec_;
-  LocomotionSettings settings_;
-  LoadedModel loaded_;
-};
-
-// kDataLoss if a model file is not that of the task.
-Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed);
-void DescribeInfos(std::span<const InfoColumn> columns, EnvironmentSpec* spec);
-
-template <typename Task>
-Result<Config> LocomotionModel<Task>::Complete(const Config& config) {
-  ConfigReader reader(config);
-  Task::ReadSettings(reader);
-  B4MRL_RETURN_IF_ERROR(reader.Finish());
-  return reader.completed();
-}
-
-template <typename Task>
-EnvironmentSpec LocomotionModel<Task>::DescribeTask(const LocomotionSettings& settings) {
-  EnvironmentSpec spec = Task::Describe(settings);
-  spec.max_episode_steps = settings.max_episode_steps;
-  DescribeInfos(Task::InfoColumns(settings), &spec);
-  return spec;
-}
-
-template <typename Task>
-EnvironmentSpec LocomotionModel<Task>::Describe(const Config& config) {
-  ConfigReader reader(config);
-  return DescribeTask(Task::ReadSettings(reader));
-}
-
-template <typename Task>
-Result<std::shared_ptr<const EnvironmentModel>> LocomotionModel<Task>::Open(
-    const EnvironmentSetup& setup) {
-  ConfigReader reader(setup.config);
-  const LocomotionSettings settings = Task::ReadSettings(reader);
-  B4MRL_ASSIGN_OR_RETURN(LoadedModel loaded,
-                         LoadMujocoModel(setup, Task::kModelFile, [&settings](mjModel* model) {
-                           Task::AdaptModel(settings, model);
-                         }));
-  B4MRL_RETURN_IF_ERROR(CheckModelShape(loaded, Task::kModelFile, Task::kShape));
-  loaded.pairs = ListCollisionPairs(loaded.model.get());
-  return std::shared_ptr<const EnvironmentModel>(
-      std::make_shared<LocomotionModel<Task>>(settings, std::move(loaded)));
-}
+// The parts of a spec that follow from the settings and infos alone: step limit, names of infos.
+void DescribeLocomotion(const LocomotionSettings& settings, std::span<const InfoColumn> columns,
+                        EnvironmentSpec* spec);
 
 }  // namespace b4mrl

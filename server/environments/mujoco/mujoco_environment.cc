@@ -41,8 +41,11 @@ void KeepUnitQuaternions(std::span<const double> given, std::span<double> positi
 
 }  // namespace
 
-MujocoEnvironment::MujocoEnvironment(const mjModel& model, MjDataPtr data, int frame_skip)
-    : model_(model), data_(std::move(data)), frame_skip_(frame_skip) {
+MujocoEnvironment::MujocoEnvironment(MujocoScratch scratch, int frame_skip)
+    : scratch_(std::move(scratch)),
+      model_(scratch_.model()),
+      data_(scratch_.data()),
+      frame_skip_(frame_skip) {
   parts_ = {{"time", {&data_->time, 1}, false},
             {"qpos", qpos(), true},
             {"qvel", qvel(), true},
@@ -54,8 +57,8 @@ void MujocoEnvironment::AddStatePart(const char* name, std::span<double> values)
 }
 
 bool MujocoEnvironment::Guarded(void (*function)(void*)) {
-  if (RunGuarded(function, this) && TakeWarnings(data_.get()) == 0) return true;
-  mj_resetData(&model_, data_.get());  // also frees the engine's stack after an error
+  if (RunGuarded(function, this) && TakeWarnings(data_) == 0) return true;
+  mj_resetData(&model_, data_);  // also frees the engine's stack after an error
   return false;
 }
 
@@ -64,7 +67,7 @@ bool MujocoEnvironment::Simulate(std::span<const double> action) {
   return Guarded([](void* argument) {
     auto* self = static_cast<MujocoEnvironment*>(argument);
     self->BeforeStep();
-    for (int i = 0; i < self->frame_skip_; ++i) mj_step(&self->model_, self->data_.get());
+    for (int i = 0; i < self->frame_skip_; ++i) mj_step(&self->model_, self->data_);
     self->AfterStep();
   });
 }
@@ -72,7 +75,7 @@ bool MujocoEnvironment::Simulate(std::span<const double> action) {
 bool MujocoEnvironment::Forward() {
   return Guarded([](void* argument) {
     auto* self = static_cast<MujocoEnvironment*>(argument);
-    mj_forward(&self->model_, self->data_.get());
+    mj_forward(&self->model_, self->data_);
     self->AfterForward();
   });
 }
@@ -85,7 +88,7 @@ StepResult MujocoEnvironment::Step(std::span<const double> action) {
 }
 
 Status MujocoEnvironment::Reset(Rng& rng) {
-  mj_resetData(&model_, data_.get());
+  mj_resetData(&model_, data_);
   DrawInitialState(rng, qpos(), qvel());
   if (Forward()) return Status();
   return Status(StatusCode::kInternal, "the physics engine cannot hold a start state");
@@ -116,7 +119,7 @@ Status MujocoEnvironment::SetFromObservation(std::span<const double> observation
       return InvalidNumber(fmt::format("observation[{}]", i), observation[i], "-1e10..1e10");
     }
   }
-  mj_resetData(&model_, data_.get());
+  mj_resetData(&model_, data_);
   std::ranges::fill(qpos(), 0);
   StateFromObservation(observation, qpos(), qvel());
   if (Forward()) return Status();
@@ -151,7 +154,7 @@ Status MujocoEnvironment::SetNamedState(const NamedState& state) {
       CopyInto(given->second, part.values.data());
     }
   };
-  mj_resetData(&model_, data_.get());
+  mj_resetData(&model_, data_);
   copy_parts(true);
   if (!Forward()) {
     return Status(StatusCode::kInvalidArgument, "the physics engine refuses the state");
@@ -182,10 +185,10 @@ QueryResult MujocoEnvironment::Query(std::span<const double> observation,
 Status MujocoEnvironment::Draw(Canvas& canvas) {
   const bool placed = Guarded([](void* argument) {
     auto* self = static_cast<MujocoEnvironment*>(argument);
-    mj_kinematics(&self->model_, self->data_.get());
-    mj_comPos(&self->model_, self->data_.get());
-    mj_camlight(&self->model_, self->data_.get());
-    mj_tendon(&self->model_, self->data_.get());
+    mj_kinematics(&self->model_, self->data_);
+    mj_comPos(&self->model_, self->data_);
+    mj_camlight(&self->model_, self->data_);
+    mj_tendon(&self->model_, self->data_);
   });
   if (!placed) return Status(StatusCode::kInternal, "the physics engine cannot place the bodies");
   return canvas.DrawModel(model_, *data_);

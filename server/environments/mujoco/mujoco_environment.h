@@ -41,8 +41,7 @@ class MujocoEnvironment : public Environment {
   Status Draw(Canvas& canvas) override;
 
  protected:
-  // `model` outlives the object; `data` belongs to it.
-  MujocoEnvironment(const mjModel& model, MjDataPtr data, int frame_skip);
+  MujocoEnvironment(MujocoScratch scratch, int frame_skip);
 
   const mjModel& model() const { return model_; }
   const mjData& data() const { return *data_; }
@@ -52,7 +51,7 @@ class MujocoEnvironment : public Environment {
   // Adds numbers of the task's own to the state, saved and loaded from where they are; they must
   // not move. Only in a constructor.
   void AddStatePart(const char* name, std::span<double> values);
-  mjData* mutable_data() { return data_.get(); }
+  mjData* mutable_data() { return data_; }
 
   // Fills qpos and qvel, which hold the model's initial values, with an episode's start.
   virtual void DrawInitialState(Rng& rng, std::span<double> qpos, std::span<double> qvel) const = 0;
@@ -87,8 +86,13 @@ class MujocoEnvironment : public Environment {
   bool Forward();
   bool Guarded(void (*function)(void*));
 
-  const mjModel& model_;
-  MjDataPtr data_;
+  Status ApplyParameters(std::span<const double> parameters) final {
+    return scratch_.SetParameters(parameters);
+  }
+
+  MujocoScratch scratch_;
+  const mjModel& model_;  // scratch_'s
+  mjData* data_;          // scratch_'s
   int frame_skip_;
   std::vector<StatePart> parts_;
 };

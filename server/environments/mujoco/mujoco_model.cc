@@ -34,7 +34,13 @@ Result<LoadedModel> Compile(const std::string& path, const std::string& file_nam
     return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", path, error));
   }
   const uint64_t hash = XXH3_64bits(bytes->data(), bytes->size());
-  return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash), "", {}};
+  return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash), "", {}, {}};
+}
+
+Result<MjModelPtr> Copy(const mjModel& model) {
+  MjModelPtr copy(mj_copyModel(nullptr, &model));
+  if (copy != nullptr) return copy;
+  return Status(StatusCode::kUnavailable, "no memory for a model's copy");
 }
 
 // A copy of the task's own model, which no folder of users has a say in.
@@ -48,10 +54,8 @@ Result<LoadedModel> LoadOwnModel(const std::string& file_name) {
                            Compile(DefaultModelsFolder() + "/" + file_name, file_name));
     it = compiled->emplace(file_name, std::move(fresh)).first;
   }
-  LoadedModel copy{
-      MjModelPtr(mj_copyModel(nullptr, it->second.model.get())), it->second.identity, "", {}};
-  if (copy.model != nullptr) return copy;
-  return Status(StatusCode::kUnavailable, "no memory for a model's copy");
+  B4MRL_ASSIGN_OR_RETURN(MjModelPtr copy, Copy(*it->second.model));
+  return LoadedModel{std::move(copy), it->second.identity, "", {}, {}};
 }
 
 // The compiled copy of a user's model.
@@ -82,7 +86,7 @@ Result<LoadedModel> LoadCompiledModel(const CompiledModel& compiled, const std::
         fmt::format("the compiled copy of {} cannot be loaded ({})", file_name, EngineVersion()));
   }
   return LoadedModel{
-      MjModelPtr(call.model), fmt::format("{}:{}", file_name, compiled.hash), file_name, {}};
+      MjModelPtr(call.model), fmt::format("{}:{}", file_name, compiled.hash), file_name, {}, {}};
 }
 
 const char* JointTypeName(int type) {
@@ -137,8 +141,29 @@ Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::st
   } else if (adapt) {
     adapt(loaded.model.get());
   }
-  B4MRL_RETURN_IF_ERROR(setup.change_model(loaded.model.get()));
+  if (setup.parameters.empty()) {
+    B4MRL_RETURN_IF_ERROR(setup.change_model({}, loaded.model.get()));
+  } else {
+    loaded.change_copy = setup.change_model;
+  }
   return loaded;
+}
+
+Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed) {
+  const mjModel& model = *loaded.model;
+  if (model.nq == needed.positions && model.nv == needed.velocities && model.nu == needed.motors &&
+      model.opt.timestep == needed.timestep &&
+      (needed.bodies == 0 || model.nbody == needed.bodies)) {
+    return Status();
+  }
+  const bool is_own = loaded.users_file.empty();
+  return Status(
+      is_own ? StatusCode::kDataLoss : StatusCode::kInvalidArgument,
+      fmt::format("{} has {} coordinates, {} velocities, {} motors, {} bodies and a timestep of "
+                  "{} s, needed: {}, {}, {}, {} and {} s",
+                  is_own ? own_file : loaded.users_file, model.nq, model.nv, model.nu, model.nbody,
+                  model.opt.timestep, needed.positions, needed.velocities, needed.motors,
+                  needed.bodies == 0 ? "any" : std::to_string(needed.bodies), needed.timestep));
 }
 
 Result<MjDataPtr> MakeMujocoData(const mjModel& model) {
@@ -156,6 +181,23 @@ Result<MjDataPtr> MakeMujocoData(const mjModel& model) {
     return Status(StatusCode::kUnavailable, "no memory for another simulator");
   }
   return MjDataPtr(call.data);
+}
+
+Result<MujocoScratch> MujocoScratch::Create(const LoadedModel& loaded) {
+  MjModelPtr own;
+  if (loaded.change_copy) {
+    B4MRL_ASSIGN_OR_RETURN(own, Copy(*loaded.model));
+  }
+  B4MRL_ASSIGN_OR_RETURN(MjDataPtr data, MakeMujocoData(*loaded.model));
+  return MujocoScratch(loaded, std::move(own), std::move(data));
+}
+
+Status MujocoScratch::SetParameters(std::span<const double> parameters) {
+  if (own_ == nullptr) return Status();
+  mj_copyModel(own_.get(), loaded_->model.get());  // in place, 3 us
+  B4MRL_RETURN_IF_ERROR(loaded_->change_copy(parameters, own_.get()));
+  pairs_ = ListCollisionPairs(own_.get());
+  return Status();
 }
 
 }  // namespace b4mrl

@@ -68,4 +68,18 @@ std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings
   return settings.v5 ? std::span<const InfoColumn>(kV5) : std::span<const InfoColumn>(kV4);
 }
 
+void DescribePlanarWalker(const LocomotionSettings& settings, EnvironmentSpec* spec) {
+  DescribeLocomotion(settings, PlanarWalkerInfos(settings), spec);
+  spec->features.emplace_back(kLowerLegs);
+  spec->reward =
+      "forward_reward_weight * (x_after - x_before) / dt + healthy_reward - "
+      "ctrl_cost_weight * sum(action^2)";
+  spec->termination.emplace();
+  if (!settings.terminate_when_unhealthy) return;
+  const uint32_t height = HeightDimension(settings);
+  spec->termination->push_back({height, settings.healthy_z.low, settings.healthy_z.high});
+  spec->termination->push_back(
+      {height + 1, settings.healthy_angle.low, settings.healthy_angle.high});
+}
+
 }  // namespace b4mrl

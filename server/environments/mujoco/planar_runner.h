@@ -17,10 +17,8 @@ class PlanarRunner : public Locomotion {
 
  protected:
   PlanarRunner(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-               std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data,
-               double velocity_limit)
-      : Locomotion(spec, settings, infos, model, std::move(data)),
-        velocity_limit_(velocity_limit) {}
+               std::span<const InfoColumn> infos, MujocoScratch scratch, double velocity_limit)
+      : Locomotion(spec, settings, infos, std::move(scratch)), velocity_limit_(velocity_limit) {}
 
   void StateFromObservation(std::span<const double> observation, std::span<double> qpos,
                             std::span<double> qvel) const override;
@@ -45,9 +43,13 @@ LocomotionSettings ReadPlanarWalkerSettings(ConfigReader& reader, Interval healt
 // Infos of those runners.
 std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings);
 
-// Their reward in words, for the catalogue.
-inline constexpr const char* kPlanarWalkerReward =
-    "forward_reward_weight * (x_after - x_before) / dt + healthy_reward - "
-    "ctrl_cost_weight * sum(action^2)";
+// The dimension of their observation that holds the torso's height; its pitch follows.
+inline uint32_t HeightDimension(const LocomotionSettings& settings) {
+  return settings.with_positions ? 1 : 0;
+}
+
+// Their reward, infos and step limit, termination by the healthy ranges of height and pitch, and
+// the lower legs that perturbations may change.
+void DescribePlanarWalker(const LocomotionSettings& settings, EnvironmentSpec* spec);
 
 }  // namespace b4mrl

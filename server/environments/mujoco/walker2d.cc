@@ -14,13 +14,13 @@ namespace {
 class Walker2d final : public PlanarRunner {
  public:
   static constexpr const char* kModelFile = "walker2d.xml";
-  static constexpr ModelShape kShape = {.positions = 9, .velocities = 9, .motors = 6};
-  static constexpr double kTimestep = 0.002;
+  static constexpr ModelShape kShape = {
+      .positions = 9, .velocities = 9, .motors = 6, .timestep = 0.002};
   static constexpr double kVelocityLimit = 10;
 
-  Walker2d(const EnvironmentSpec& spec, const LocomotionSettings& settings,
-           std::span<const InfoColumn> infos, const mjModel& model, MjDataPtr data)
-      : PlanarRunner(spec, settings, infos, model, std::move(data), kVelocityLimit) {}
+  Walker2d(const EnvironmentSpec& spec, const LocomotionSettings& settings, MujocoScratch scratch)
+      : PlanarRunner(spec, settings, PlanarWalkerInfos(settings), std::move(scratch),
+                     kVelocityLimit) {}
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
     return ReadPlanarWalkerSettings(reader, {0.8, 2.0}, {-1, 1});
@@ -30,15 +30,11 @@ class Walker2d final : public PlanarRunner {
     static constexpr const char* kJoints[] = {"thigh",      "leg",      "foot",
                                               "thigh-left", "leg-left", "foot-left"};
     EnvironmentSpec spec = DescribePlanarRunner("Walker2d", kJoints, settings);
-    spec.reward = kPlanarWalkerReward;
-    spec.step_seconds = kTimestep * settings.frame_skip;
+    DescribePlanarWalker(settings, &spec);
+    spec.step_seconds = kShape.timestep * settings.frame_skip;
     spec.reference_min = 1.629008;  // D4RL's
     spec.reference_max = 4592.3;
     return spec;
-  }
-
-  static std::span<const InfoColumn> InfoColumns(const LocomotionSettings& settings) {
-    return PlanarWalkerInfos(settings);
   }
 
   // Friction is used as it stands in the model, so nothing has to be compiled again.
@@ -53,7 +49,7 @@ class Walker2d final : public PlanarRunner {
   }
 };
 
-using Model = LocomotionModel<Walker2d>;
+using Model = MujocoTask<Walker2d>;
 
 }  // namespace
 

@@ -38,7 +38,7 @@ class PictureKind : public Canvas {
   bool Fits(const PaintRequest& request) const {
     return request.identity == identity_ && request.width == width_ && request.height == height_;
   }
-  Result<std::span<const std::byte>> Paint(std::span<const double> state);
+  Result<std::span<const std::byte>> Paint(const PaintRequest& request);
 
   Status DrawModel(const mjModel_& model, mjData_& data) override;
   Status DrawPlan(const PlanView& plan) override {
@@ -72,13 +72,14 @@ Result<std::unique_ptr<PictureKind>> PictureKind::Open(const PaintRequest& reque
   return kind;
 }
 
-Result<std::span<const std::byte>> PictureKind::Paint(std::span<const double> state) {
+Result<std::span<const std::byte>> PictureKind::Paint(const PaintRequest& request) {
   Environment& environment = **environment_;
-  if (state.size() != environment.state_size()) {
-    return InvalidNumber("size of a state", static_cast<double>(state.size()),
+  if (request.state.size() != environment.state_size()) {
+    return InvalidNumber("size of a state", static_cast<double>(request.state.size()),
                          std::to_string(environment.state_size()));
   }
-  environment.LoadState(state);
+  B4MRL_RETURN_IF_ERROR(simulator_->EnterEpisode(environment, request.lane_seed, request.episode));
+  environment.LoadState(request.state);
   B4MRL_RETURN_IF_ERROR(environment.Draw(*this));
   return std::span<const std::byte>(picture_);
 }
@@ -110,7 +111,7 @@ Result<std::span<const std::byte>> Painter::Paint(const PaintRequest& request) {
     B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<PictureKind> kind, PictureKind::Open(request));
     kinds_.push_front(std::move(kind));
   }
-  return kinds_.front()->Paint(request.state);
+  return kinds_.front()->Paint(request);
 }
 
 // A variable that the user has set stays as it is.

@@ -23,6 +23,10 @@ EnvironmentSpec SpecOf(const std::string& name) {
   EnvironmentSpec spec;
   spec.name = name;
   spec.observation.dimensions.resize(kObservation);
+  spec.termination.emplace();
+  if (name == "Walker2d") {
+    spec.termination = std::vector<DimensionBounds>{{0, 0.8, 2}, {1, -1, 1}};
+  }
   return spec;
 }
 
@@ -291,6 +295,7 @@ TEST_CASE("MOPO refuses an environment whose end no observation tells") {
   std::filesystem::rename(file, daemon.folder("data/mine/small.h5"));
   LearnerContext context = CheetahContext(daemon, "mine/small");
   context.environment.name = "Highway";
+  context.environment.termination.reset();
   const Algorithm* mopo = Take(FindAlgorithm("mopo"));
   context.hyperparameters = Hyperparameters(mopo->hyperparameters);
   CHECK(mopo->create(context).status().code() == StatusCode::kUnsupported);

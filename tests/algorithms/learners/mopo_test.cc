@@ -32,6 +32,7 @@ class SmallMopo {
       : daemon_(ServeWalkers), client_(Connect(daemon_)) {
     context_ = FakeContext(client_, folder_.path(), MopoHyperparameters());
     context_.environment.name = "Walker2d";
+    context_.environment.termination = std::vector<DimensionBounds>{{0, 0.8, 2}, {1, -1, 1}};
     std::map<std::string_view, double> values = {
         {"hidden-width", 8},     {"batch-size", 64},          {"rollout-rows", 50},
         {"rollout-every", 3},    {"model-retain", 1},         {"ensemble-width", 8},

@@ -11,13 +11,23 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+using Bounds = std::vector<DimensionBounds>;
 
-EnvironmentSpec SpecOf(const std::string& name, size_t observation_size) {
+EnvironmentSpec SpecOf(size_t observation_size, std::optional<Bounds> bounds) {
   EnvironmentSpec spec;
-  spec.name = name;
+  spec.name = "Task";
   spec.observation.dimensions.resize(observation_size);
+  spec.termination = std::move(bounds);
   return spec;
 }
+
+// As the catalogue has them (tests/server/environments/mujoco/termination_test.cc).
+EnvironmentSpec Hopper() {
+  Bounds bounds = {{0, 0.7, kInfinity}, {1, -0.2, 0.2}};
+  for (uint32_t i = 2; i < 11; ++i) bounds.push_back({i, -kInfinity, 100});
+  return SpecOf(11, bounds);
+}
+EnvironmentSpec Walker2d() { return SpecOf(17, Bounds{{0, 0.8, 2.0}, {1, -1, 1}}); }
 
 // Whether a healthy observation that has `value` in `dimension` ends the episode.
 bool EndsWith(const EnvironmentSpec& spec, size_t dimension, float value,
@@ -33,13 +43,13 @@ bool EndsWith(const EnvironmentSpec& spec, size_t dimension, float value,
 
 }  // namespace
 
-TEST_CASE("HalfCheetah never ends") {
-  const EnvironmentSpec spec = SpecOf("HalfCheetah", 17);
+TEST_CASE("An environment without bounds never ends") {
+  const EnvironmentSpec spec = SpecOf(17, Bounds{});
   for (const float value : {-1e30f, 0.0f, 1e30f}) CHECK_FALSE(EndsWith(spec, 0, value));
 }
 
 TEST_CASE("Hopper ends when it is low, leans, or is faster than its bound") {
-  const EnvironmentSpec spec = SpecOf("Hopper", 11);
+  const EnvironmentSpec spec = Hopper();
   CHECK(EndsWith(spec, 0, 0.7f));  // the limits belong to the end
   CHECK_FALSE(EndsWith(spec, 0, std::nextafter(0.7f, 1.0f)));
   for (const float sign : {-1.0f, 1.0f}) {
@@ -55,7 +65,7 @@ TEST_CASE("Hopper ends when it is low, leans, or is faster than its bound") {
 }
 
 TEST_CASE("Hopper ends when any number is not finite") {
-  const EnvironmentSpec spec = SpecOf("Hopper", 11);
+  const EnvironmentSpec spec = Hopper();
   for (size_t dimension = 0; dimension < 11; ++dimension) {
     CHECK(EndsWith(spec, dimension, kInfinity));
     CHECK(EndsWith(spec, dimension, -kInfinity));
@@ -64,7 +74,7 @@ TEST_CASE("Hopper ends when any number is not finite") {
 }
 
 TEST_CASE("Walker2d ends when it is low, high or leans") {
-  const EnvironmentSpec spec = SpecOf("Walker2d", 17);
+  const EnvironmentSpec spec = Walker2d();
   CHECK(EndsWith(spec, 0, 0.8f));
   CHECK_FALSE(EndsWith(spec, 0, std::nextafter(0.8f, 1.0f)));
   CHECK(EndsWith(spec, 0, 2.0f));
@@ -77,7 +87,7 @@ TEST_CASE("Walker2d ends when it is low, high or leans") {
 }
 
 TEST_CASE("Humanoid ends beyond its heights, which are healthy themselves") {
-  const EnvironmentSpec spec = SpecOf("Humanoid", 376);
+  const EnvironmentSpec spec = SpecOf(376, Bounds{{0, 1.0, 2.0, /*inclusive=*/true}});
   CHECK_FALSE(EndsWith(spec, 0, 1.0f));
   CHECK(EndsWith(spec, 0, std::nextafter(1.0f, 0.0f)));
   CHECK_FALSE(EndsWith(spec, 0, 2.0f));
@@ -86,7 +96,7 @@ TEST_CASE("Humanoid ends beyond its heights, which are healthy themselves") {
 }
 
 TEST_CASE("A hidden dimension, which is always zero, ends nothing") {
-  const EnvironmentSpec spec = SpecOf("Walker2d", 17);
+  const EnvironmentSpec spec = Walker2d();
   std::vector<float> mask(17, 1.0f);
   CHECK(EndsWith(spec, 0, 0.0f, mask));
   mask[0] = 0;
@@ -94,10 +104,15 @@ TEST_CASE("A hidden dimension, which is always zero, ends nothing") {
   CHECK(EndsWith(spec, 1, 1.5f, mask));
 }
 
-TEST_CASE("An environment without a rule is refused by name") {
-  const Status status = Termination::Of(SpecOf("Highway", 25)).status();
+TEST_CASE("An environment whose observations do not tell the end is refused by name") {
+  const Status status = Termination::Of(SpecOf(25, std::nullopt)).status();
   CHECK(status.code() == StatusCode::kUnsupported);
-  CHECK(status.message().find("Highway") != std::string::npos);
+  CHECK(status.message().find("Task") != std::string::npos);
+}
+
+TEST_CASE("Bounds on a dimension that is not there, from whatever server, are refused") {
+  CHECK(Termination::Of(SpecOf(25, Bounds{{25, 0, 1}})).status().code() == StatusCode::kInternal);
+  CHECK(Termination::Of(SpecOf(25, Bounds{{24, -1, 1}})).ok());
 }
 
 }  // namespace b4mrl

@@ -40,6 +40,20 @@ def test_gymnasiums_checker_passes(client: b4mrl.Client, environment: str, simul
     assert surprises == []
 
 
+def test_a_range_draws_a_number_for_each_episode_and_info_has_it(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah", "gravity=0.5..2", seed=3) as env:
+        drawn = set()
+        for _ in range(4):
+            _, info = env.reset()
+            *_, step_info = env.step(env.action_space.sample())
+            assert 0.5 <= info["gravity"] <= 2 and step_info["gravity"] == info["gravity"]
+            drawn.add(info["gravity"])
+        assert len(drawn) == 4
+        # The same seed starts the same episodes again.
+        _, info = env.reset(seed=3)
+        assert info["gravity"] in drawn
+
+
 def test_a_registered_environment_passes_as_well(endpoint: str, environment: str) -> None:
     name = f"b4mrl:b4mrl/{environment}-v0"
     with gym.make(name, endpoint=endpoint, simulator="obs-noise=0.01") as env:

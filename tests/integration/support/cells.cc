@@ -34,6 +34,10 @@ Result<std::vector<Cell>> CellsOf(const pb::CatalogueReply& catalogue) {
     cells.push_back({environment.name(), {}});
     for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
       if (std::ranges::count(info.environments(), environment.name()) == 0) continue;
+      if (info.takes_range()) {
+        const char* range = info.type() == "integer" ? "2..6" : "0.5..1.5";
+        cells.push_back({environment.name(), {{info.name(), range}}});
+      }
       bool has_preset = false;
       for (const pb::PresetInfo& preset : info.presets()) {
         if (preset.environment() != environment.name()) continue;

@@ -16,9 +16,10 @@ struct Cell {
   std::string Name() const { return environment + " " + FormatNamedArguments(simulator); }
 };
 
-// For each environment: the true one; each preset it has; a value of each perturbation without one;
-// and a combination of what disturbs actions and observations. Errors for a kind of perturbation
-// that it cannot make up a value of, so that none is left out silently.
+// For each environment: the true one; a range of each perturbation that takes one; each preset it
+// has; a value of each perturbation without a preset; and a combination of what disturbs actions
+// and observations. Errors for a kind of perturbation that it cannot make up a value of, so that
+// none is left out silently.
 Result<std::vector<Cell>> CellsOf(const pb::CatalogueReply& catalogue);
 
 // An action of lane seed `seed` at step `step`: uniform over the bounds and a little beyond.

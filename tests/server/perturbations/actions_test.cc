@@ -97,7 +97,7 @@ TEST_CASE("Action noise is independent over components, steps, episodes, lanes a
   const PerturbationSet observing = Make("obs-noise=1");
   for (uint64_t i = 0; i < kRows; ++i) {
     std::vector<double> observation(17, 0.0);
-    observing.OnObservation({kEpisode, 1, 0, i}, observation);
+    observing.OnObservation({kEpisode, 1, 0, i}, {}, observation);
     seen[i] = observation[2];
   }
   check(seen);

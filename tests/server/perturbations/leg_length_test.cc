@@ -70,9 +70,10 @@ MjModelPtr Perturbed(const Task& task, const std::string& perturbations) {
   const EnvironmentSpec spec = Take(DescribeEnvironment(task.environment));
   const PerturbationSet set = Take(MakePerturbations(Take(ParseNamedArguments(perturbations)), spec,
                                                      PerturbationUse::kSimulator));
-  return Take(LoadMujocoModel(
-                  {Config::object(), "", {}, [&](mjModel* model) { return set.OnModel(model); }},
-                  task.file))
+  const auto change = [&](std::span<const double> parameters, mjModel* model) {
+    return set.OnModel(parameters, model);
+  };
+  return Take(LoadMujocoModel({.config = Config::object(), .change_model = change}, task.file))
       .model;
 }
 

@@ -48,7 +48,7 @@ TEST_CASE("Presets have the paper's values, and the delay ours") {
 }
 
 TEST_CASE("Every preset of the table builds in its environment") {
-  for (const PerturbationPreset& preset : PresetList()) {
+  for (const Preset& preset : PresetList()) {
     INFO(preset.environment << " " << preset.name);
     const std::string form = std::string(preset.parametric) + "=" + std::string(preset.argument);
     const std::string environment(preset.environment);
@@ -59,7 +59,7 @@ TEST_CASE("Every preset of the table builds in its environment") {
 TEST_CASE(
     "A preset is there or refused with a reason or its parametric form, in each environment") {
   std::set<std::string_view> names;
-  for (const PerturbationPreset& preset : PresetList()) names.insert(preset.name);
+  for (const Preset& preset : PresetList()) names.insert(preset.name);
   for (const EnvironmentEntry& entry : EnvironmentList()) {
     const EnvironmentSpec spec = Take(DescribeEnvironment(entry.name));
     for (const std::string_view name : names) {
@@ -137,7 +137,7 @@ TEST_CASE(
     "A preset that an environment lacks is refused with its reason and the parametric forms") {
   const Status leg = Refusal("leg");
   REQUIRE(leg.code() == StatusCode::kUnsupported);
-  REQUIRE_THAT(leg.message(), Catch::Contains("Hopper"));
+  REQUIRE_THAT(leg.message(), Catch::Contains("lower legs"));
   REQUIRE_THAT(leg.message(), Catch::Contains("gravity=<factor>"));
   REQUIRE_THAT(Refusal("obs-noise").message(), Catch::Contains("obs-noise=<std>"));
   REQUIRE_THAT(Refusal("obs-noise-low=0.3").message(), Catch::Contains("obs-noise=0.3"));

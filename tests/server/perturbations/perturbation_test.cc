@@ -23,7 +23,7 @@ PerturbationSet Make(const std::string& text, PerturbationUse use = Perturbation
 // What a set adds to an observation of zeros.
 std::vector<double> NoiseOf(const PerturbationSet& set, const DrawContext& context) {
   std::vector<double> observation(17, 0.0);
-  set.OnObservation(context, observation);
+  set.OnObservation(context, {}, observation);
   return observation;
 }
 
@@ -146,7 +146,7 @@ TEST_CASE("Perturbations apply in the order in which they are written") {
 TEST_CASE("Numbers that are not finite pass through noise and vanish only where hidden") {
   std::vector<double> observation(17, std::nan(""));
   observation[3] = std::numeric_limits<double>::infinity();
-  Make("obs-noise=1,hidden=9").OnObservation({}, observation);
+  Make("obs-noise=1,hidden=9").OnObservation({}, {}, observation);
   REQUIRE(std::isnan(observation[0]));
   REQUIRE(std::isinf(observation[3]));
   REQUIRE(observation[9] == 0);
@@ -177,7 +177,7 @@ TEST_CASE("A lane's noise is that of its seed, episode and step") {
     for (uint64_t k = 0; k < 3; ++k) lane->StepRandomly(k);
   }
   std::vector<double> expected = clean.observation();
-  set.OnObservation({DrawContext::Kind::kEpisode, 5, 1, 3}, expected);
+  set.OnObservation({DrawContext::Kind::kEpisode, 5, 1, 3}, {}, expected);
   REQUIRE(noisy.observation() == expected);
 }
 
@@ -185,7 +185,9 @@ TEST_CASE("A lane's noise is that of its seed, episode and step") {
 class Delay final : public Perturbation {
  public:
   NamedArgument ToNamedArgument() const override { return {"test-delay", "1"}; }
-  void OnOptions(Config& config) const override { config["max_episode_steps"] = 4; }
+  void OnOptions(Config& config, double /*number*/) const override {
+    config["max_episode_steps"] = 4;
+  }
   size_t state_size(const EnvironmentSpec& spec) const override { return spec.action.size(); }
   void OnAction(const DrawContext& /*context*/, std::span<double> state,
                 std::span<double> action) const override {
@@ -217,6 +219,70 @@ TEST_CASE("A perturbation keeps its state in the lane's record and may change se
   REQUIRE(delayed.header().cause == Cause::kLimit);
   delayed.StepRandomly(4);  // resets, and forgets the delayed actions
   REQUIRE(ToVector(delayed.record().perturbation_state()) == std::vector<double>(12, 0.0));
+}
+
+// Shows each observation one step late, the first one twice; and adds what it has in mind to
+// rewards: exercises lane state in observations, and the reward's hook.
+class LateObservation final : public Perturbation {
+ public:
+  NamedArgument ToNamedArgument() const override { return {"test-late-observation", "1"}; }
+  size_t state_size(const EnvironmentSpec& spec) const override { return spec.observation.size(); }
+  void OnReward(const DrawContext& context, std::span<double> state,
+                double& reward) const override {
+    reward += 100 * static_cast<double>(context.minor) + state[0];
+  }
+  void OnObservation(const DrawContext& context, std::span<double> state,
+                     std::span<double> observation) const override {
+    if (context.minor == 0) std::ranges::copy(observation, state.begin());
+    std::ranges::swap_ranges(state, observation);
+  }
+};
+
+TEST_CASE("A perturbation may delay observations by lane state, and change rewards") {
+  std::vector<std::unique_ptr<Perturbation>> members;
+  members.push_back(std::make_unique<LateObservation>());
+  const auto simulator = Take(Simulator::Build("HalfCheetah", Config::object(),
+                                               PerturbationSet(Spec(), std::move(members))));
+  CHECK(simulator->CheckQueryable().code() == StatusCode::kUnsupported);
+  TestLane late(simulator, AutoresetMode::kSameStep), plain(OpenHalfCheetah());
+  late.Reset(5);
+  plain.Reset(5);
+  REQUIRE(late.observation() == plain.observation());
+  double episode_return = 0;
+  for (uint64_t k = 0; k < 20; ++k) {
+    const std::vector<double> before = plain.observation();
+    late.StepRandomly(k);
+    plain.StepRandomly(k);
+    CAPTURE(k);
+    REQUIRE(late.observation() == before);
+    const double reward = plain.header().reward + (100 * static_cast<double>(k + 1) + before[0]);
+    REQUIRE(late.header().reward == reward);
+    episode_return += reward;
+    REQUIRE(late.header().episode_return == episode_return);
+  }
+}
+
+class RowReward final : public Perturbation {
+ public:
+  NamedArgument ToNamedArgument() const override { return {"test-row-reward", "1"}; }
+  void OnReward(const DrawContext& context, std::span<double> /*state*/,
+                double& reward) const override {
+    reward += static_cast<double>(context.minor);
+  }
+};
+
+TEST_CASE("The reward of a query's row is perturbed by its place") {
+  std::vector<std::unique_ptr<Perturbation>> members;
+  members.push_back(std::make_unique<RowReward>());
+  const auto simulator = Take(Simulator::Build("HalfCheetah", Config::object(),
+                                               PerturbationSet(Spec(), std::move(members))));
+  const auto plain = OpenHalfCheetah();
+  const std::vector<double> observation = RandomAction(17, 2, 0), action = RandomAction(6, 2, 1);
+  std::vector<double> next(17);
+  const double reward = plain->Query(*Take(plain->Borrow()), {}, observation, action, next).reward;
+  const QueryResult result =
+      simulator->Query(*Take(simulator->Borrow()), {1, 2, 3}, observation, action, next);
+  CHECK(result.reward == reward + 3);
 }
 
 }  // namespace

@@ -69,11 +69,11 @@ TEST_CASE("Noise spares presence and rows that are empty, and keeps every place 
   const std::vector<double> before = Observation();
   const DrawContext context = {DrawContext::Kind::kEpisode, 1, 2, 3};
   std::vector<double> after = before;
-  Make("obs-noise=0.5").OnObservation(context, after);
+  Make("obs-noise=0.5").OnObservation(context, {}, after);
   std::vector<double> full = before;
   for (size_t row = 3; row < kRows; ++row) full[row * kColumns] = 1;  // two more cars
   std::vector<double> noisy_full = full;
-  Make("obs-noise=0.5").OnObservation(context, noisy_full);
+  Make("obs-noise=0.5").OnObservation(context, {}, noisy_full);
   for (size_t i = 0; i < before.size(); ++i) {
     const bool untouched = i % kColumns == 0 || i >= 3 * kColumns;
     INFO("dimension " << i);
@@ -86,7 +86,7 @@ TEST_CASE("Noise spares presence and rows that are empty, and keeps every place 
 
 TEST_CASE("Noise finds the empty rows even though presence is hidden") {
   std::vector<double> observation = Observation();
-  Make("hidden=presence,obs-noise=0.5").OnObservation({}, observation);
+  Make("hidden=presence,obs-noise=0.5").OnObservation({}, {}, observation);
   const std::vector<double> before = Observation();
   for (size_t i = 0; i < observation.size(); ++i) {
     if (i % kColumns == 0 || i >= 3 * kColumns) {

@@ -206,7 +206,8 @@ class SpoiledStarts : public Perturbation {
  public:
   explicit SpoiledStarts(uint64_t last) : last_(last) {}
   NamedArgument ToNamedArgument() const override { return {"spoiled", std::to_string(last_)}; }
-  void OnObservation(const DrawContext& context, std::span<double> observation) const override {
+  void OnObservation(const DrawContext& context, std::span<double> /*state*/,
+                     std::span<double> observation) const override {
     const bool is_spoiled = context.minor == 0 && context.major >= 1 && context.major <= last_;
     if (is_spoiled) observation[0] = std::nan("");
   }
