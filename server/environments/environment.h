@@ -32,8 +32,8 @@ class Canvas;
 struct StepResult {
   double reward = 0;
   bool terminated = false;
-  // kNone, kUnhealthy (with terminated), kNumericalError or kCrash. After the last two the object
-  // holds no meaningful state until the next LoadState, Reset or Query; reward is 0.
+  // kNone, kUnhealthy (with terminated) or kNumericalError. After the last the object holds no
+  // meaningful state until the next LoadState, Reset or Query; reward is 0.
   Cause cause = Cause::kNone;
 };
 
@@ -86,9 +86,6 @@ class Environment {
   virtual void Infos(std::span<double> /*infos*/) const {}
   virtual void SaveState(std::span<double> state) const = 0;
   virtual void LoadState(std::span<const double> state) = 0;
-
-  // The state that `observation` describes; what it does not tell (the root's x) is 0.
-  virtual Status SetFromObservation(std::span<const double> observation) = 0;
 
   // A state for reading, and its inverse. SetNamedState refuses unknown names, missing parts, wrong
   // sizes and values that are not finite.

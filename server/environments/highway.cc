@@ -67,7 +67,6 @@ class Highway final : public Environment {
   void Infos(std::span<double> infos) const override;
   void SaveState(std::span<double> state) const override;
   void LoadState(std::span<const double> state) override;
-  Status SetFromObservation(std::span<const double> observation) override;
   NamedState GetNamedState() const override;
   Status SetNamedState(const NamedState& state) override;
   QueryResult Query(std::span<const double> observation, std::span<const double> action,
@@ -135,23 +134,6 @@ void Highway::SaveState(std::span<double> state) const {
 void Highway::LoadState(std::span<const double> state) {
   simulation_.time = state[0];
   simulation_.traffic.Load(state.subspan(1), settings_.lanes_count);
-}
-
-Status Highway::SetFromObservation(std::span<const double> observation) {
-  for (size_t i = 0; i < observation.size(); ++i) {
-    if (std::abs(observation[i]) <= kLargestValue) continue;
-    return InvalidNumber(fmt::format("observation[{}]", i), observation[i], "-1e10..1e10");
-  }
-  if (!DescribesTraffic(settings_.observation)) {
-    return Status(StatusCode::kUnsupported,
-                  "the observation's features do not tell where cars are and how they move: "
-                  "presence, x, y, vx, vy");
-  }
-  TrafficFromObservation(settings_.observation, settings_.lanes_count, observation,
-                         simulation_.traffic);
-  simulation_.time = 0;
-  Settle();
-  return Status();
 }
 
 std::vector<double> Highway::Vehicles() const {

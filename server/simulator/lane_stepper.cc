@@ -182,7 +182,7 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
                           : environment.Step(perturbed_action);
   ++header.elapsed_steps;
 
-  const bool simulated = result.cause != Cause::kNumericalError && result.cause != Cause::kCrash;
+  const bool simulated = result.cause != Cause::kNumericalError;
   if (simulated) {
     simulator_->perturbations().OnReward(ContextOf(header), after.perturbation_state(),
                                          result.reward);
@@ -205,7 +205,7 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
     std::ranges::copy(before.infos(), after.infos().begin());
     std::ranges::copy(before.perturbation_state(), after.perturbation_state().begin());
     header.truncated = 1;
-    header.cause = simulated ? Cause::kNumericalError : result.cause;
+    header.cause = Cause::kNumericalError;
   }
   if (header.terminated || header.truncated) {
     B4MRL_RETURN_IF_ERROR(Finish(environment, after));

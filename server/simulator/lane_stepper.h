@@ -55,9 +55,6 @@ class LaneStepper {
   Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
               LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;
 
-  // What Step would have refused, without stepping.
-  Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
-
   // Instead of a step that ended its process twice: the episode ends as truncated with cause
   // kCrash, at the last observation. In mode same_step the next episode starts at once, else it is
   // due.
@@ -76,6 +73,8 @@ class LaneStepper {
   LaneStepper(std::shared_ptr<const Simulator> simulator, AutoresetMode mode, LaneLayout layout)
       : simulator_(std::move(simulator)), mode_(mode), layout_(layout) {}
 
+  // What Step refuses.
+  Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
   void Observe(const Environment& environment, LaneRecord record) const;
   Status TryStart(Environment& environment, LaneRecord record) const;
   // The record's episode, or the first after it whose start the engine accepts.

@@ -113,19 +113,6 @@ void MujocoEnvironment::LoadState(std::span<const double> state) {
   }
 }
 
-Status MujocoEnvironment::SetFromObservation(std::span<const double> observation) {
-  for (size_t i = 0; i < observation.size(); ++i) {
-    if (!(std::abs(observation[i]) <= kLargestValue)) {
-      return InvalidNumber(fmt::format("observation[{}]", i), observation[i], "-1e10..1e10");
-    }
-  }
-  mj_resetData(&model_, data_);
-  std::ranges::fill(qpos(), 0);
-  StateFromObservation(observation, qpos(), qvel());
-  if (Forward()) return Status();
-  return Status(StatusCode::kInvalidArgument, "the physics engine refuses the observation's state");
-}
-
 NamedState MujocoEnvironment::GetNamedState() const {
   NamedState state;
   for (const StatePart& part : parts_) {

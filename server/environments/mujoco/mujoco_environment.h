@@ -33,7 +33,6 @@ class MujocoEnvironment : public Environment {
   Status Reset(Rng& rng) override;
   void SaveState(std::span<double> state) const override;
   void LoadState(std::span<const double> state) override;
-  Status SetFromObservation(std::span<const double> observation) override;
   NamedState GetNamedState() const override;
   Status SetNamedState(const NamedState& state) override;
   QueryResult Query(std::span<const double> observation, std::span<const double> action,

@@ -116,18 +116,19 @@ TEST_CASE("An observation determines the state but for the root's x") {
   const auto simulator = OpenHalfCheetah();
   const auto environment = Take(simulator->Borrow());
   const HalfCheetahRow row = reference.Row(1, 60);
-  RequireOk(environment->SetFromObservation(row.observation()));
-  const NamedState state = environment->GetNamedState();
-  REQUIRE(state.at("time")[0] == 0);
-  REQUIRE(state.at("qpos")[0] == 0);
-  REQUIRE(EqualBytes(std::span(state.at("qpos")).subspan(1), row.qpos.subspan(1)));
-  REQUIRE(EqualBytes(state.at("qvel"), row.qvel));
-  std::vector<double> observation(17);
-  environment->Observe(observation);
-  REQUIRE(EqualBytes(observation, row.observation()));
-
-  observation[3] = std::nan("");
-  REQUIRE(environment->SetFromObservation(observation).code() == StatusCode::kInvalidArgument);
+  const std::vector<double> action = RandomAction(6, 1, 0);
+  std::vector<double> queried(17), stepped(17);
+  const QueryResult query = environment->Query(row.observation(), action, queried);
+  REQUIRE(query.valid);
+  std::vector<double> qpos = ToVector(row.qpos);
+  qpos[0] = 0;
+  const std::vector<double> cold(9, 0.0);
+  RequireOk(environment->SetNamedState(
+      {{"qpos", qpos}, {"qvel", ToVector(row.qvel)}, {"qacc_warmstart", cold}}));
+  const StepResult step = environment->Step(action);
+  environment->Observe(stepped);
+  REQUIRE(queried == stepped);
+  REQUIRE(query.reward == step.reward);
 }
 
 TEST_CASE("States that are no states are refused by name") {
