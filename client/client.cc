@@ -17,7 +17,7 @@ constexpr char kClientName[] = "b4mrl-cpp";
 
 std::string DrawToken() {
   std::string token(limits::kTokenBytes, '\0');
-  // At most 256 bytes are never interrupted nor cut short (getrandom(2)).
+  // getrandom neither interrupts nor shortens requests of up to 256 bytes (getrandom(2)).
   (void)!getrandom(token.data(), token.size(), 0);
   return token;
 }
@@ -45,7 +45,7 @@ uint32_t EntriesOf(const pb::CatalogueReply& catalogue) {
   return static_cast<uint32_t>(catalogue.environments_size() + catalogue.perturbations_size());
 }
 
-// What the client computes sizes from must be sane, whoever sent it.
+// Checks the numbers from which the client computes sizes, whoever sent them.
 bool HasSaneSizes(const pb::EnvironmentInfo& info) {
   const auto in_range = [](int size, uint32_t most) {
     return size > 0 && static_cast<uint32_t>(size) <= most;
@@ -191,7 +191,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   if (exists && !unreachable_.contains(address)) {
     B4MRL_ASSIGN_OR_RETURN(Connection direct,
                            Connection::Open(*context_, address, token, cancelled_));
-    // Without a relay, the first request waits for the connection as long as its deadline allows.
+    // Without a relay, the first request waits for the connection until its deadline.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
     unreachable_.insert(address);
@@ -218,13 +218,12 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   open->set_config(options.config);
   open->set_with_infos(options.with_infos);
 
-  // The session's token goes with Open, which the gateway answers, and with all that the worker
-  // answers.
+  // Open to the gateway and all requests to the session's worker carry the session's token.
   const std::string token = DrawToken();
   B4MRL_ASSIGN_OR_RETURN(Connection opener,
                          Connection::Open(*context_, endpoint_, token, cancelled_));
   Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
-  // It is open, or may still be, and of no use. A server that was never reached opens nothing.
+  // The server may have opened the session already, unless it was never reached.
   if (!session.ok() && opener.connections() > 0) (void)opener.CloseSession();
   return session;
 }

@@ -1,16 +1,16 @@
-// The entrance to a daemon: says Hello, lists what there is, opens sessions and datasets.
+// The connection to a daemon: lists its environments and datasets, opens sessions and datasets.
 //
 //   auto client = b4mrl::Client::Connect("tcp://127.0.0.1:7700");
 //   auto env = client->Make("HalfCheetah", {.simulator = {{"gravity", ""}}, .num_envs = 64});
 //
-// Errors are Status values with the server's own words: kUnavailable (cannot be reached),
+// Errors are Status values with the server's message: kUnavailable (no server answers),
 // kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. Thread rule:
-// one thread at a time. Sessions and datasets that it made are independent of it and of each other,
-// each for one thread; the Client must outlive them.
+// one thread at a time may use a Client. Its sessions and datasets are independent of it and of
+// each other, each for one thread; the Client must outlive them.
 //
-// Sessions and datasets are reached on ports of their own. Where such a port cannot be reached
-// within limits::kDirectConnectMs, or does not exist, requests go through the gateway, which is
-// slower; the first time that this happens, the Client says so.
+// Workers and the dataset worker listen on ports of their own. If such a port does not exist, or
+// cannot be reached within limits::kDirectConnectMs, requests go through the gateway, which is
+// slower; the Client reports that once.
 #pragma once
 
 #include <atomic>
@@ -35,17 +35,17 @@ namespace b4mrl {
 class Client {
  public:
   // Waits for the server's Hello, at most `deadline_ms`. Once `*cancelled` is true, every wait of
-  // the client and of what it opened ends with kUnavailable (connection.h).
+  // the client, its sessions and its datasets ends with kUnavailable (connection.h).
   static Result<Client> Connect(const std::string& endpoint,
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs,
                                 const std::atomic<bool>* cancelled = nullptr);
 
   const pb::HelloReply& hello() const { return hello_; }
-  // As given to Connect: another process can connect to it, too.
+  // The address given to Connect.
   const std::string& endpoint() const { return endpoint_; }
-  // Where the one report of the slower way goes; a line on stderr by default.
+  // Receives the one report that requests go through the gateway; by default a line on stderr.
   void set_reporter(std::function<void(const std::string&)> reporter);
-  // Whether anything went the slower way so far.
+  // Whether any session or dataset so far was reached through the gateway.
   bool relayed() const { return relayed_; }
   // All pages of the catalogue as one message.
   Result<pb::CatalogueReply> Catalogue();
@@ -61,12 +61,12 @@ class Client {
  private:
   Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
          const std::atomic<bool>* cancelled);
-  // What Make does with its Open request, which goes over `opener`.
+  // Sends an Open request over `opener` and connects to the session's worker.
   Result<RemoteEnvironment> OpenSession(Connection& opener, const std::string& token,
                                         pb::Request request, const EnvironmentOptions& options);
   // A connection to the process that listens on `port`: directly, or through the gateway.
   Result<Connection> Reach(const pb::Port& port, const std::string& token);
-  // "" if the port does not exist.
+  // The address of `port` on the gateway's host; "" if the port does not exist.
   Result<std::string> AddressOf(const pb::Port& port) const;
   bool CanRelay() const;
   void ReportRelay(const std::string& reason);
@@ -81,7 +81,7 @@ class Client {
   std::function<void(const std::string&)> reporter_;
 };
 
-// The wire's description of an environment as the type that both sides use.
+// Converts an environment's description from its message to the type that client and server use.
 EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info);
 
 }  // namespace b4mrl

@@ -67,8 +67,8 @@ Status Connection::Transmit(Pending& pending) {
   const int64_t remaining =
       std::clamp<int64_t>(pending.deadline.remaining_ms(), 1, limits::kMaxDeadlineMs);
   pending.request.set_deadline_ms(static_cast<uint32_t>(remaining));
-  // A count that is out of date costs a needless copy, asking for it every time a system call.
-  // Before the first handshake the message waits in the queue of connection 1 and is not lost.
+  // connections_seen_ may be out of date, which costs a needless copy; asking costs a system call.
+  // A message that is sent before the first handshake goes over connection 1.
   pending.connection = std::max(connections_seen_, 1u);
   pending.sent = Clock::now();
   B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(pending.request));
@@ -114,10 +114,10 @@ void Connection::Abandon(uint64_t id) {
 }
 
 Status Connection::CloseSession(Deadline deadline) {
-  // As many as may be in flight must not keep the last one back.
+  // Makes room for one more, if as many as allowed are in flight.
   pending_.clear();
   arrived_.clear();
-  // A session that nobody wants any more should not stay for its lease.
+  // Even after `cancelled`: otherwise the session would stay until its lease runs out.
   cancelled_ = nullptr;
   pb::Request request;
   request.mutable_close();
@@ -139,7 +139,8 @@ Deadline Connection::NextWake() const {
 void Connection::Pump() {
   std::optional<Message> message = socket_.Receive(NextWake());
   if (!message) Resend();
-  // Nothing expires while its reply may still be in the queue, unless that is full of noise.
+  // No request expires while the queue may still hold its reply: only when the queue is empty, or
+  // held a message that answers no request.
   if (!message || !Accept(std::move(*message))) ExpirePending();
 }
 
@@ -151,7 +152,7 @@ bool Connection::Accept(Message message) {
                                     [id](const Pending& entry) { return entry.id == id; });
   if (pending == pending_.end()) return false;  // answered already, or given up
   Delivery delivery = Read(id, std::move(envelope), std::move(message.payload));
-  // One copy was turned away for now; another one may still be executed.
+  // The server refused one copy of the request; another copy may still be executed.
   const bool passing = delivery.kind == Delivery::Kind::kRefused &&
                        delivery.reply.status().recoverable() && pending->resent;
   if (passing) delivery.kind = Delivery::Kind::kNoAnswer;
@@ -175,7 +176,7 @@ void Connection::Resend() {
       if (renewed.at() > pending.deadline.at()) pending.deadline = renewed;
     }
     pending.resent = true;
-    // A full queue is no loss: the next silence, reconnection or the deadline settles it.
+    // With a full queue, the request is sent again later, or given up at its deadline.
     (void)Transmit(pending);
   }
 }

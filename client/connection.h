@@ -1,14 +1,15 @@
-// One connection to one server process: requests out, replies in, whatever happens to the server.
+// A connection to one process of the daemon, which outlives a replacement of the process.
 //
-// Every request carries an id; its reply is matched by it. A request stays here, payload included,
-// until it is answered. It is sent again, unchanged but for the deadline,
-//   - after a reconnection: the process behind it may be a replacement, and what the old one held
-//     is gone. Once, it then has an eighth of its deadline again, for the caller may have been busy
-//     elsewhere all the while;
-//   - when an eighth of its deadline has passed without any reply to anything.
-// The server executes a numbered step once, however often it arrives; replies that come twice, or
-// after their request was given up, are dropped. Thread rule: one thread. The Context outlives the
-// connection.
+// Every request carries an id, which its reply repeats. The connection keeps a request, payload
+// included, until it is answered or its deadline has passed. It sends the request again, with the
+// same id and contents and the time that is left,
+//   - after a reconnection: the process may be a replacement, which has none of the old one's
+//     requests. At the first reconnection, a request gets at least an eighth of its deadline, since
+//     the caller may not have read replies for a while;
+//   - when no reply to any request has come for an eighth of the request's deadline.
+// The daemon executes a numbered step once, however often it arrives. The connection drops replies
+// that come twice, or after their request was given up. Thread rule: one thread. The Context
+// outlives the connection.
 #pragma once
 
 #include <atomic>
@@ -26,8 +27,7 @@
 
 namespace b4mrl {
 
-// A reply whose status is OK, with its arrays validated. The views in `arrays` live as long as it
-// does.
+// A reply whose status is OK, with its arrays validated. It owns the memory of `arrays`.
 struct ReceivedReply {
   uint64_t request_id = 0;
   pb::Reply envelope;
@@ -35,12 +35,12 @@ struct ReceivedReply {
   ArrayReader arrays;
 };
 
-// What became of one request.
+// The outcome of one request.
 struct Delivery {
   enum class Kind : uint8_t {
-    kReply,     // done: `reply` has it
-    kRefused,   // the server answered with an error, which `reply` carries
-    kNoAnswer,  // none that settles whether it was executed: `reply` says why
+    kReply,     // the request succeeded; `reply` is its reply
+    kRefused,   // the server answered with an error, which is the status of `reply`
+    kNoAnswer,  // it is unknown whether the request was executed; the status of `reply` says why
   };
   uint64_t id = 0;
   Kind kind = Kind::kNoAnswer;
@@ -50,37 +50,37 @@ struct Delivery {
 class Connection {
  public:
   // `token`: the session's, or "". Returns at once; the first request waits for the handshake.
-  // `cancelled`, if given, outlives the connection: once it is true, whoever waits here gets
+  // `cancelled`, if given, outlives the connection: once it is true, calls that wait return
   // kUnavailable within 20 ms. Any thread or signal handler may set it.
   static Result<Connection> Open(Context& context, const std::string& address, std::string token,
                                  const std::atomic<bool>* cancelled = nullptr);
 
-  // Queues a request and returns its id. `request` has its payload and array table set; version,
-  // token, id and deadline are filled in here. kLimitExceeded while limits::kMaxRequestsInFlight
-  // requests are unanswered or answered but not yet received.
+  // Queues a request and returns its id. The caller has set the payload and the array table of
+  // `request`; Send adds version, token, id and deadline. kLimitExceeded while
+  // limits::kMaxRequestsInFlight requests are unanswered, or answered but not yet received.
   Result<uint64_t> Send(pb::Request request, Frame payload, Deadline deadline);
 
   // Waits for the reply to `id`. An error of the server comes back as its Status;
   // kDeadlineExceeded or kUnavailable when none came; kFailedPrecondition when `id` is not in
   // flight.
   Result<ReceivedReply> Receive(uint64_t id);
-  // Waits for whichever of `ids` is answered first.
+  // Waits until the first of the requests `ids` is answered, and returns its outcome.
   Delivery ReceiveAny(std::span<const uint64_t> ids);
-  // Send and Receive in one.
+  // Sends a request and waits for its reply.
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
-  // The reply to `id` is not wanted any more. The server may execute the request all the same.
+  // Drops the request `id` and its reply. The server may execute the request all the same.
   void Abandon(uint64_t id);
-  // Abandons everything in flight and gives the token's session back, if there is one. Where nobody
-  // asks how it went, half a second is enough: the lease settles the rest. It is done even after
-  // `cancelled`.
+  // Drops all requests in flight and closes the token's session, if there is one. The default
+  // deadline suits callers that ignore the result: a session whose Close got lost ends with its
+  // lease. Also works after `cancelled` turned true.
   Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
-  // Waits until the connection is made for the first time; false if it is not by then.
+  // Waits for the first connection; returns whether it was made before the deadline.
   bool AwaitHandshake(const Deadline& deadline);
 
-  // Requests that were sent and not received.
+  // The number of requests that were sent and not received.
   size_t in_flight() const { return pending_.size() + arrived_.size(); }
-  // How often the connection was made; above 1 after the server was replaced.
+  // How often the connection was made; more than once if the process was replaced.
   uint32_t connections() { return socket_.connections(); }
 
  private:
@@ -89,25 +89,25 @@ class Connection {
     pb::Request request;
     Frame payload;
     Deadline deadline;
-    Clock::duration patience;  // silence after which it is sent again
-    uint32_t connection;       // the connection it was last sent over
-    Clock::time_point sent;
-    bool resent = false;
-    bool renewed = false;  // its deadline, after a reconnection
+    Clock::duration patience;  // time without any reply after which the request is sent again
+    uint32_t connection;       // number of the connection over which it was last sent, from 1
+    Clock::time_point sent;    // the last time
+    bool resent = false;       // it was sent more than once
+    bool renewed = false;      // its deadline was extended after a reconnection
   };
 
   Connection(DealerSocket socket, std::string token, const std::atomic<bool>* cancelled)
       : socket_(std::move(socket)), token_(std::move(token)), cancelled_(cancelled) {}
   bool IsCancelled() const { return cancelled_ != nullptr && *cancelled_; }
   Status Transmit(Pending& pending);
-  // Takes one message off the socket, or waits for one and for what is due meanwhile.
+  // Waits for one message and accepts it, or resends and gives up requests that are due.
   void Pump();
-  // False for what answers no pending request.
+  // Keeps a message as the reply to its request; false if it answers no pending request.
   bool Accept(Message message);
   void Resend();
   void ExpirePending();
   Clock::time_point ResendTime(const Pending& pending) const;
-  // When the first pending request is to be sent again or given up.
+  // The time at which the first pending request is sent again or given up.
   Deadline NextWake() const;
 
   DealerSocket socket_;

@@ -1,6 +1,6 @@
-// Ctrl-C for commands: a flag that their loops look at and that ends the waits of a Client which
-// was given it (client.h), so that a command leaves in order, without half-written files, and says
-// so.
+// Ctrl-C for commands: a flag that their loops check and that ends the waits of a Client
+// (`cancelled` of client.h), so that an interrupted command ends in order, without half-written
+// files, and says so.
 //
 // The first SIGINT or SIGTERM sets the flag; the second ends the process at once. A signal that was
 // ignored when the process began (nohup, a script's job in the background) stays ignored.
@@ -10,13 +10,13 @@
 
 namespace b4mrl {
 
-// Installs the handlers. Call it once, first of all.
+// Installs the signal handlers. Call it once, at the beginning of main.
 void CatchInterrupts();
 
-// Any thread, also where nothing was installed: then it stays false.
+// The flag; it stays false if no handlers are installed. Any thread may read it.
 const std::atomic<bool>& Interrupted();
 
-// What a command exits with after an interrupt: 128 + the signal's number, as a shell has it.
+// A command's exit code after an interrupt: 128 + the signal's number, as in shells.
 int InterruptExitCode();
 
 }  // namespace b4mrl

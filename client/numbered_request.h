@@ -14,7 +14,7 @@ namespace b4mrl {
 
 class RemoteEnvironment::NumberedRequest {
  public:
-  // Both outlive the request. No lanes: all of them.
+  // `session` and `lanes` outlive the request. An empty list means all lanes.
   NumberedRequest(RemoteEnvironment& session, std::span<const uint32_t> lanes)
       : session_(session), lanes_(lanes), layout_(request_.mutable_arrays()) {
     const uint64_t count = session.numbers_.CountOf(lanes);
@@ -24,7 +24,7 @@ class RemoteEnvironment::NumberedRequest {
 
   pb::Request& request() { return request_; }
 
-  // A further array; `values` has as many elements as `shape` and lives until Send.
+  // Adds an array; `values` has as many elements as `shape` and lives until Send.
   template <typename T>
   void Add(std::string_view name, std::span<const T> values,
            std::initializer_list<uint64_t> shape) {
@@ -32,7 +32,7 @@ class RemoteEnvironment::NumberedRequest {
     parts_.push_back({offset, values.data(), values.size_bytes()});
   }
 
-  // Sends it and marks its lanes as under way.
+  // Sends the request and marks its lanes as busy; returns the request's id.
   Result<uint64_t> Send() {
     const size_t count = session_.numbers_.CountOf(lanes_);
     Frame payload = layout_.Allocate();

@@ -47,11 +47,10 @@ std::vector<char*> Pointers(std::vector<std::string>& words) {
 }
 
 std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
-  // getenv finds the first of a name, so the added ones go in front.
+  // getenv finds the first variable of a name, so the added variables go in front.
   std::vector<std::string> variables = options.environment;
   for (char** entry = environ; *entry != nullptr; ++entry) variables.emplace_back(*entry);
-  // A command's own daemon comes and goes without a word, unless the user's SPDLOG_LEVEL asks for
-  // them.
+  // A command's private daemon logs warnings only, unless the user sets SPDLOG_LEVEL.
   variables.push_back("SPDLOG_LEVEL=warn");
   return variables;
 }
@@ -61,7 +60,8 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
                            char* const* arguments, char* const* variables) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the parent died before the line above
-  // A terminal's Ctrl-C is for the command; it ends its daemon in order.
+  // In a process group of its own, the daemon does not get a terminal's Ctrl-C; the command stops
+  // it.
   setpgid(0, 0);
   (void)nice(niceness);
   dup2(output, STDOUT_FILENO);
@@ -69,7 +69,7 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   _exit(127);
 }
 
-// Reads the child's stdout up to "ready ENDPOINT\n"; "" when it ended or the deadline passed.
+// The ENDPOINT of "ready ENDPOINT\n" on the child's stdout; "" if it ended or the deadline passed.
 std::string AwaitReady(int output, const Deadline& deadline) {
   std::string text;
   while (!deadline.expired() && text.size() < 4096) {

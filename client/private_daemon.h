@@ -1,9 +1,9 @@
-// A daemon of one's own: started for one command or test, stopped with it.
+// A private daemon: started for one command or test, stopped with it.
 //
-// Runs `b4mrl-serve` on an ipc socket in a private temporary folder, or on loopback tcp, waits
-// until it is ready, and ends it with SIGTERM when the object goes. If this process dies first, the
-// kernel ends the daemon. Thread rule: one thread, the one that started it (the kernel ties the
-// daemon to it).
+// Start runs `b4mrl-serve` on an ipc socket in a private temporary folder, or on loopback tcp, and
+// waits until it is ready. The destructor ends it with SIGTERM. If this process dies first, the
+// kernel ends the daemon. Thread rule: one thread, the one that called Start; the kernel ends the
+// daemon when that thread ends.
 #pragma once
 
 #include <sys/types.h>
@@ -20,20 +20,20 @@ struct PrivateDaemonOptions {
   std::string binary;       // "": $B4MRL_SERVER, else b4mrl-serve beside the running program
   bool tcp = false;         // loopback with free ports instead of ipc
   std::string data_folder;  // "": the daemon's default
-  std::vector<std::string> arguments;    // further ones
-  std::vector<std::string> environment;  // "NAME=value", on top of this process's
-  int niceness = 0;                      // on top of this process's
+  std::vector<std::string> arguments;    // further options of `b4mrl serve`
+  std::vector<std::string> environment;  // "NAME=value", added to this process's variables
+  int niceness = 0;                      // added to this process's niceness
   int64_t ready_deadline_ms = 20'000;
 };
 
-// For a daemon that simulates while the process that started it computes: without it the two get
-// equal turns where cores are short, and the one that everything waits for is late (HyMOPO's cycle
-// with rollout-lag 1: 7.3 s instead of 9.0 s on two cores).
+// Niceness of a daemon that simulates while the process that started it computes. Without it, on
+// few cores, the daemon takes time from that process, which needs longer (HyMOPO's cycle with
+// rollout-lag 1 on two cores: 7.3 s with this niceness, 9.0 s without).
 inline constexpr int kDaemonGivesWay = 5;
 
 class PrivateDaemon {
  public:
-  // kUnavailable when the program is not found, ends, or is not ready in time.
+  // kUnavailable if the daemon's program is not found, ends, or is not ready in time.
   static Result<PrivateDaemon> Start(const PrivateDaemonOptions& options = {});
   PrivateDaemon(PrivateDaemon&& other) noexcept;
   PrivateDaemon& operator=(PrivateDaemon&& other) noexcept;
@@ -41,15 +41,15 @@ class PrivateDaemon {
 
   const std::string& endpoint() const { return endpoint_; }
   pid_t process_id() const { return process_id_; }
-  // Sends SIGTERM and waits; the daemon's exit status as waitpid gives it. Kills it after
-  // `deadline_ms`.
+  // Sends SIGTERM, after `deadline_ms` SIGKILL, and waits for the daemon's end. Returns its exit
+  // status as waitpid does.
   int Stop(int64_t deadline_ms = 10'000);
 
  private:
   PrivateDaemon() = default;
   pid_t process_id_ = -1;
   std::string endpoint_;
-  std::string folder_;  // of the ipc sockets, removed at the end; "" with tcp
+  std::string folder_;  // holds the ipc sockets, removed at the end; "" with tcp
 };
 
 }  // namespace b4mrl

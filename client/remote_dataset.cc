@@ -6,10 +6,10 @@
 namespace b4mrl {
 namespace {
 
-// Several batches share a reply only while they are so small that its fixed cost matters.
+// Batches share a reply only if they are so small that a reply's fixed cost matters.
 constexpr uint64_t kMaxGroupBytes = 1 << 20;
 
-// Of one row of a reply: its numbers, two flags and an index. Each of the seven arrays may be
+// Bytes of a row in a reply: its numbers, two flags and an index. Each of the seven arrays may be
 // padded.
 constexpr uint64_t RowBytes(uint64_t observation_size, uint64_t action_size) {
   return (2 * observation_size + action_size + 1) * sizeof(float) + 2 + sizeof(uint64_t);
@@ -114,7 +114,7 @@ Result<TransitionRows> BatchStream::Next() {
   if (next_batch_ == group_end_) B4MRL_RETURN_IF_ERROR(ReceiveGroup());
   TransitionRows batch = SliceRows(group_, (next_batch_ - group_.first_batch) * rows_, rows_);
   batch.first_batch = next_batch_++;
-  // What cannot be asked for now is asked for by a later call, which reports why it cannot.
+  // If a request cannot be sent now, a later call sends it, or reports the error.
   if (next_batch_ == group_end_) (void)TopUp();
   return batch;
 }
@@ -176,7 +176,7 @@ Result<TransitionRows> RemoteDataset::Read(uint64_t first_row, uint32_t rows) {
   read->set_fingerprint(fingerprint());
   read->set_first_row(first_row);
   read->set_rows(rows);
-  // Behind the last row the server refuses, and says so better than this side could.
+  // The server refuses rows beyond the last one, with a better message than could be made here.
   const uint64_t left = this->rows() - std::min(first_row, this->rows());
   return ReadRows(connection_.Call(std::move(request), Frame(), NewDeadline()),
                   std::min<uint64_t>(rows, left));

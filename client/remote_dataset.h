@@ -1,9 +1,9 @@
-// A dataset, possibly corrupted, as the daemon serves it: statistics, random batches, rows in
-// order.
+// A dataset of the daemon, possibly corrupted: its statistics, random batches, rows in order.
 //
 // Requests name the dataset by its fingerprint, so a restarted dataset worker serves them like the
-// old one. Batch b holds the same rows whoever asks and however often: they are a function of
-// (seed, b, rows). Thread rule: one thread. The Client that made it outlives it.
+// old one. The rows of batch b are a function of (seed, b, rows of a batch) alone: every client
+// gets the same ones, however often it asks. Thread rule: one thread. The Client that opened the
+// dataset outlives it.
 #pragma once
 
 #include <cstdint>
@@ -24,13 +24,12 @@ struct DatasetOptions {
   std::vector<NamedArgument> corruption;
   uint64_t seed = 0;                       // of the corruption's noise
   std::string transition_rule = "stored";  // or "d4rl"
-  // Opening may import a file first; further requests take the usual deadline.
-  int64_t open_deadline_ms = 300'000;
-  int64_t deadline_ms = limits::kDefaultDeadlineMs;
+  int64_t open_deadline_ms = 300'000;      // of the opening, which may import the file first
+  int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each later request
 };
 
-// Rows of a dataset, row-major, as views into the received frame (or into an aligned copy of it,
-// for messages of a few KiB), which lives as long as anything that was read from it.
+// Rows of a dataset, row-major, as views into the received frame, or into an aligned copy of it for
+// messages of a few KiB. `reply` keeps that memory alive.
 struct TransitionRows {
   size_t rows = 0;
   std::span<const float> observations;       // rows x observation size
@@ -38,25 +37,25 @@ struct TransitionRows {
   std::span<const float> rewards;            // rows
   std::span<const float> next_observations;  // rows x observation size
   std::span<const uint8_t> terminals;        // rows
-  std::span<const uint8_t> timeouts;         // rows, of Read alone
-  std::span<const uint64_t> indices;         // rows, if asked for
-  uint64_t first_batch = 0;                  // of Sample and streams
+  std::span<const uint8_t> timeouts;         // rows, after Read alone
+  std::span<const uint64_t> indices;         // rows, after Sample with `with_indices` alone
+  uint64_t first_batch = 0;                  // number of the first batch, after Sample and Next
   std::shared_ptr<const ReceivedReply> reply;
 };
 
 struct DatasetStats {
-  std::vector<double> observation_mean;  // of the served (corrupted) observations
-  std::vector<double> observation_std;   // population
+  std::vector<double> observation_mean;  // of the observations as served, corruptions included
+  std::vector<double> observation_std;   // the population's, likewise
   pb::DatasetStatsReply scores;
 };
 
 class RemoteDataset;
 
-// Batches first_batch, first_batch + 1, ...: up to `credits` of them are asked for ahead, so that
-// the next one is usually here before it is wanted. Small batches come several in one reply, and
-// one call of Next receives while another one asks, which keeps each of them short. After an error,
-// Next asks for the same batch again. The dataset stays where it is while streams of it live; they
-// share its limit of limits::kMaxRequestsInFlight.
+// Random batches with the numbers first_batch, first_batch + 1, ... Up to `credits` batches are
+// requested ahead, so that the next one has usually arrived when it is needed. A reply holds
+// several batches if they are small; one call of Next then receives the reply, another one sends
+// new requests, and both are short. After an error, Next requests the same batch again. The dataset
+// must not be moved while it has streams; they share its limit of limits::kMaxRequestsInFlight.
 class BatchStream {
  public:
   BatchStream(BatchStream&& other) noexcept;
@@ -64,7 +63,7 @@ class BatchStream {
   ~BatchStream();
 
   Result<TransitionRows> Next();
-  // The batch that Next returns; a stream made with it as first_batch continues this one.
+  // The number of the batch that Next returns; a stream with this first_batch continues this one.
   uint64_t next_batch() const { return next_batch_; }
 
  private:
@@ -81,32 +80,32 @@ class BatchStream {
   uint32_t batches_per_request_;
   uint32_t max_requests_;
   uint64_t seed_;
-  uint64_t next_batch_;            // that Next returns
-  uint64_t group_end_;             // behind the last batch in group_
-  TransitionRows group_;           // batches of the last reply, from group_.first_batch
-  std::deque<uint64_t> requests_;  // for the batches from group_end_
+  uint64_t next_batch_;            // number of the batch that Next returns
+  uint64_t group_end_;             // number after the last batch in group_
+  TransitionRows group_;           // batches of the last reply, from group_.first_batch on
+  std::deque<uint64_t> requests_;  // requests in flight, for the batches from group_end_ on
 };
 
 class RemoteDataset {
  public:
   const pb::OpenDatasetReply& in_force() const { return in_force_; }
   const std::string& fingerprint() const { return in_force_.fingerprint(); }
-  // That it was recorded in; "" if the server cannot tell.
+  // The environment in which the dataset was recorded; "" if the server does not know it.
   const std::string& environment() const { return in_force_.environment(); }
   uint64_t rows() const { return in_force_.rows(); }
   size_t observation_size() const { return in_force_.observation_size(); }
   size_t action_size() const { return in_force_.action_size(); }
-  // The most rows of one Sample or Read: wide ones fill a payload before limits::kMaxRowsPerBatch.
+  // The most rows of one Sample or Read: limits::kMaxRowsPerBatch, or as many as fit a payload.
   static uint32_t MaxRowsPerRequest(size_t observation_size, size_t action_size);
   uint32_t max_rows_per_request() const {
     return MaxRowsPerRequest(observation_size(), action_size());
   }
 
   Result<DatasetStats> Stats();
-  // `batches` batches of `rows` rows after one another.
+  // `batches` random batches of `rows` rows each, one after another.
   Result<TransitionRows> Sample(uint32_t rows, uint64_t seed, uint64_t first_batch,
                                 uint32_t batches = 1, bool with_indices = false);
-  // Rows [first_row, first_row + rows), fewer at the end.
+  // Rows [first_row, first_row + rows) in the file's order; fewer at the dataset's end.
   Result<TransitionRows> Read(uint64_t first_row, uint32_t rows);
   // `credits` (at least 1) batches are requested ahead.
   BatchStream Stream(uint32_t rows, uint64_t seed, uint64_t first_batch = 0, uint32_t credits = 4);
@@ -120,7 +119,7 @@ class RemoteDataset {
         deadline_ms_(deadline_ms) {}
   Result<uint64_t> SendSample(uint32_t rows, uint64_t seed, uint64_t first_batch, uint32_t batches,
                               bool with_indices);
-  // Refuses a reply with another number of rows: callers keep as much room as they asked for.
+  // Refuses a reply with another number of rows: callers have room for `rows` rows.
   Result<TransitionRows> ReadRows(Result<ReceivedReply> reply, uint64_t rows) const;
   Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
 

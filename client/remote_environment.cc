@@ -193,7 +193,7 @@ Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply, 
   if (arrays.Has("digests")) {
     B4MRL_ASSIGN_OR_RETURN(outcome.digests, ReadColumn<uint64_t>(arrays, "digests", rows));
   }
-  // A Restore reports none.
+  // The reply to a Restore has no infos.
   const size_t infos =
       in_force_.with_infos() && (is_step || arrays.Has("infos")) ? spec_.info_names.size() : 0;
   B4MRL_ASSIGN_OR_RETURN(outcome.infos, ReadInfos(arrays, "infos", rows, infos));

@@ -1,14 +1,14 @@
-// A session: a batch of environments ("lanes") in a worker of the daemon, stepped as Gymnasium's
-// are.
+// A session: a batch of environments ("lanes") in a worker of the daemon, with Gymnasium's step and
+// reset.
 //
 // Shapes: n lanes, observations (n, observation size), actions (n, action size), row-major.
-// Observations come in the session's dtype; actions may be float or double, whatever the dtype.
-// Calls take all lanes, in order, or a list of them. Send and Receive keep several requests for
+// Observations have the session's dtype; actions may be float or double, whatever the dtype. An
+// empty list of lanes means all lanes in order. Send and Receive keep several requests for
 // different lanes in flight; a lane has at most one (else kBusy). Every step is executed exactly
-// once, even if the worker dies in between (client/lane_numbers.h). A refused request has changed
-// nothing. After kDeadlineExceeded or kUnavailable without an answer, kInternal, kStale, kGap and
-// kSessionLost the lanes of that request are of no more use. Thread rule: one thread. The Client
-// that made it outlives it. Its end closes the session.
+// once, even if the worker dies meanwhile (client/lane_numbers.h). A refused request has changed
+// nothing. After kInternal, kStale, kGap and kSessionLost, and after kDeadlineExceeded or
+// kUnavailable for want of a reply, the lanes of the request cannot be used any more. Thread rule:
+// one thread. The Client that opened the session outlives it. The destructor closes the session.
 #pragma once
 
 #include <cstdint>
@@ -28,10 +28,10 @@
 namespace b4mrl {
 
 struct EnvironmentOptions {
-  // Perturbations, applied in order; none: the true environment.
+  // Perturbations in the order in which they apply; without any, the true environment.
   std::vector<NamedArgument> simulator;
-  uint32_t num_envs = 1;         // 0: for queries alone
-  std::optional<uint64_t> seed;  // lane i gets seed + i; none: the daemon draws one
+  uint32_t num_envs = 1;         // number of lanes; 0: a session for queries alone
+  std::optional<uint64_t> seed;  // lane i gets seed + i; without, the daemon draws a seed
   AutoresetMode autoreset_mode = AutoresetMode::kNextStep;
   DType observation_dtype = DType::kFloat32;
   std::string config;                                // JSON object of the environment's settings
@@ -39,32 +39,32 @@ struct EnvironmentOptions {
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each request
 };
 
-// The outcome of a step or reset; views into `reply`, which it owns. First axes are the request's
-// lanes.
+// The outcome of a step, reset or restore: views of `reply`, which it owns. First axes are the
+// request's lanes.
 struct StepOutcome {
   uint64_t request_id = 0;
   TensorView observations;          // the session's dtype
-  std::span<const double> rewards;  // empty after a reset, like all up to `digests`
+  std::span<const double> rewards;  // like terminated, truncated and causes, of a step alone
   std::span<const uint8_t> terminated;
   std::span<const uint8_t> truncated;
   std::span<const uint8_t> causes;    // Cause
   std::span<const uint64_t> digests;  // rolling hash of each lane's trajectory; not of a Restore
-  // Lanes whose episode ended, as positions in the request, with what they ended in; empty if none
-  // did.
+  // Positions in the request of the lanes whose episode ended, then those episodes' last
+  // observations, undiscounted returns and lengths in steps; all empty if no episode ended.
   std::span<const uint32_t> final_lanes;
   TensorView final_observations;
   std::span<const double> final_returns;
   std::span<const uint32_t> final_lengths;
-  // Row-major, columns as in spec().info_names; empty unless asked for.
+  // Row-major, columns as in spec().info_names; empty in a session without `with_infos`.
   std::span<const double> infos;        // lanes x names
   std::span<const double> final_infos;  // ended episodes x names
   pb::Timing timing;
   ReceivedReply reply;
 };
 
-// States to read and to write, first axis the lanes. `snapshot` continues exactly, random streams
-// included; `parts` are for users: the environment's own names (MuJoCo: time, qpos, qvel,
-// qacc_warmstart).
+// States of lanes, first axis the lanes. Restoring `snapshot` continues exactly, random streams
+// included. `parts` can be read and edited, under the environment's own names (MuJoCo: time, qpos,
+// qvel, qacc_warmstart).
 struct LaneStates {
   size_t lanes = 0;
   std::vector<uint8_t> snapshot;                     // lanes x bytes
@@ -79,13 +79,14 @@ struct Pictures {
   ReceivedReply reply;              // owns them
 };
 
-// Where Query writes; row-major. The daemon computes in double and rounds to the session's dtype.
+// Buffers that Query fills; row-major. The daemon computes in double and rounds to the session's
+// dtype.
 template <typename Scalar>
 struct QueryResults {
   std::span<Scalar> next_observations;  // rows x observation size
   std::span<double> rewards;            // rows
   std::span<uint8_t> terminated;        // rows
-  std::span<uint8_t> valid;             // rows; 0: outputs are zeros and the row is of no use
+  std::span<uint8_t> valid;             // rows; 0: the simulation failed, outputs are zeros
 };
 using QueryOutput = QueryResults<float>;
 
@@ -96,35 +97,35 @@ class RemoteEnvironment {
   ~RemoteEnvironment();
 
   const EnvironmentSpec& spec() const { return spec_; }
-  const pb::OpenReply& in_force() const { return in_force_; }  // everything, seed included
+  const pb::OpenReply& in_force() const { return in_force_; }  // all settings, seed included
   const std::string& experiment_id() const { return in_force_.experiment_id(); }
   uint32_t num_envs() const { return in_force_.num_envs(); }
 
-  // `seeds` (as many as lanes) restart those lanes' random streams; none: the next episode.
+  // Starts episode 0 of `seeds`, one seed for each lane; without seeds, each lane's next episode.
   Result<StepOutcome> Reset(std::span<const uint32_t> lanes = {},
                             std::span<const uint64_t> seeds = {});
   Result<StepOutcome> Step(std::span<const float> actions, std::span<const uint32_t> lanes = {});
   Result<StepOutcome> Step(std::span<const double> actions, std::span<const uint32_t> lanes = {});
 
-  // The two halves of Step. Receive returns whichever sent request is answered first; an error
-  // names its request in *failed_id.
+  // The two halves of Step. Receive returns the outcome of the sent request that is answered first;
+  // on an error, it writes the request's id to *failed_id.
   Result<uint64_t> Send(std::span<const float> actions, std::span<const uint32_t> lanes = {});
   Result<uint64_t> Send(std::span<const double> actions, std::span<const uint32_t> lanes = {});
   Result<StepOutcome> Receive(uint64_t* failed_id = nullptr);
-  // Requests of Send that Receive has not returned.
+  // The number of requests that were sent and not received.
   size_t in_flight() const { return under_way_.size(); }
 
-  // T_sim for arbitrary (observation, action) rows, as many as `output` has rewards, split into
-  // requests that are in flight together. Noise of row i is that of (seed, draw, first_row + i).
-  // kUnsupported with action-delay.
+  // Simulates one step from each (observation, action) row; there are as many rows as `output` has
+  // rewards. Splits them into requests that are in flight together. The noise of row i is a
+  // function of (seed, draw, first_row + i). kUnsupported with action-delay.
   Status Query(std::span<const float> observations, std::span<const float> actions,
                const QueryResults<float>& output, uint64_t seed = 0, uint64_t draw = 0,
                uint64_t first_row = 0);
   Status Query(std::span<const double> observations, std::span<const double> actions,
                const QueryResults<double>& output, uint64_t seed = 0, uint64_t draw = 0,
                uint64_t first_row = 0);
-  // The same in two halves, so that the caller can work meanwhile: at most
-  // limits::kMaxQueryRows rows a request, several requests in flight, answers in any order.
+  // The two halves of Query, so that the caller can work meanwhile: at most limits::kMaxQueryRows
+  // rows for each SendQuery, several of them in flight, received in any order.
   Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
                              uint64_t seed, uint64_t draw, uint64_t first_row);
   Result<uint64_t> SendQuery(std::span<const double> observations, std::span<const double> actions,
@@ -133,18 +134,18 @@ class RemoteEnvironment {
   Status ReceiveQuery(uint64_t id, const QueryResults<double>& output);
 
   Result<LaneStates> Snapshot(std::span<const uint32_t> lanes = {});
-  // From `states.snapshot` if it has one, otherwise from its parts. Counts as a step of those
-  // lanes.
+  // Sets lanes to `states.snapshot`, or, if that is empty, to `states.parts`. Like a step, it is an
+  // operation of those lanes and executed exactly once.
   Result<StepOutcome> Restore(const LaneStates& states, std::span<const uint32_t> lanes = {});
 
-  // What lanes look like after their last operation, even if the next one is under way. Without a
-  // size the environment's own: spec().picture_width x picture_height. Takes tens of milliseconds a
-  // lane and never delays a step. kUnsupported where the server cannot draw.
+  // Pictures of lanes after their last operation, even if the next one is under way. The default
+  // size is spec().picture_width x picture_height. A picture takes tens of milliseconds and never
+  // delays a step. kUnsupported if the server cannot draw.
   Result<Pictures> Render(std::span<const uint32_t> lanes = {}, uint32_t width = 0,
                           uint32_t height = 0);
 
-  // Abandons what is in flight and ends the session in the daemon. The destructor does it too, and
-  // waits at most half a second.
+  // Drops the requests in flight and ends the session in the daemon. The destructor does the same
+  // and waits at most half a second.
   Status Close();
 
  private:
@@ -161,10 +162,10 @@ class RemoteEnvironment {
   template <typename Scalar>
   Result<uint64_t> SendActions(std::span<const Scalar> actions, std::span<const uint32_t> lanes);
   std::vector<UnderWay>::iterator FindUnderWay(uint64_t id);
-  // Settles the lanes' numbers.
+  // Ends the operation in numbers_ by its outcome, and returns the reply.
   Result<ReceivedReply> Finish(Delivery delivery);
   Result<ReceivedReply> ReceiveNumbered(uint64_t id);
-  // Refuses a reply whose arrays have other than `rows` rows, one for each lane of the request.
+  // Refuses a reply whose arrays do not have `rows` rows, one for each lane of the request.
   Result<StepOutcome> ReadOutcome(Result<ReceivedReply> reply, uint64_t rows, bool is_step) const;
 
   template <typename Scalar>

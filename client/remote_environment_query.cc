@@ -1,4 +1,4 @@
-// Queries of the simulator: rows out, rows in, several requests in flight.
+// Queries of the simulator, split into requests of which several are in flight.
 #include <fmt/format.h>
 
 #include <algorithm>

@@ -12,14 +12,14 @@ namespace {
 
 constexpr std::string_view kSnapshot = "snapshot";
 
-// Elements of each lane when `elements` are those of `lanes` lanes.
+// Elements of one lane, if `elements` is the number of elements of `lanes` lanes.
 Result<uint64_t> SizePerLane(std::string_view name, uint64_t elements, uint64_t lanes) {
   if (elements % lanes == 0) return elements / lanes;
   return InvalidNumber(fmt::format("length of {}", name), static_cast<double>(elements),
                        fmt::format("a multiple of the {} lanes", lanes));
 }
 
-// The payload of a request that names `lanes`; empty when all are meant.
+// The payload of a request about `lanes`; empty if `lanes` is empty, which means all lanes.
 Frame AddLanes(std::span<const uint32_t> lanes, pb::Request& request) {
   if (lanes.empty()) return Frame();
   ArrayLayout layout(request.mutable_arrays());
