@@ -82,6 +82,15 @@ TEST_CASE("Each environment is one file and one line of the list") {
   CheckEntries("server/environments", "EnvironmentEntry", {"server/environments/mujoco"});
 }
 
+TEST_CASE("Each environment of the list has its name in Gymnasium's registry") {
+  const std::string list = ReadSource("server/environments/list.cc").text();
+  const std::string registration = ReadSource("client/python/b4mrl/registration.py").text();
+  std::smatch known;
+  REQUIRE(std::regex_search(registration, known, std::regex(R"(_KNOWN = \(([^)]*)\))")));
+  CHECK(MatchesIn(known[1], std::regex(R"re("(\w+)")re")) ==
+        MatchesIn(list, std::regex(R"(ENTRY\(k(\w+)\))")));
+}
+
 TEST_CASE("Each perturbation is one file and one line of the list") {
   CheckEntries("server/perturbations", "PerturbationEntry");
 }
