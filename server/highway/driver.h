@@ -10,16 +10,16 @@
 namespace b4mrl {
 
 // Decides for all cars, in the order of the list, and stores their steering, acceleration, target
-// lane and timer. A target lane that one car chooses is seen by those after it. `neighbours` is up
-// to date.
+// lane and timer. The cars that decide later in the order know the target lanes chosen before.
+// `neighbours` has been updated since the cars last moved.
 void Drive(Traffic& traffic, const Neighbours& neighbours, int lanes);
 
 // The steering that brings a car to the centre of `lane`.
 double SteeringTowards(const Traffic& traffic, int vehicle, int lane);
 
-// m/s2 without a car in front, as judged by a driver with exponent `delta`.
+// The acceleration without a car in front, in m/s2, of a driver with exponent `delta`.
 double FreeAcceleration(const Traffic& traffic, int vehicle, double delta);
-// What a car in front takes from that: m/s2, never negative.
+// By how much a car in front lowers the free acceleration: m/s2, never negative.
 double Interaction(const Traffic& traffic, int vehicle, int front);
 
 }  // namespace b4mrl

@@ -1,4 +1,4 @@
-// Moves the cars by one frame and finds out who hits whom.
+// Moves the cars by one frame and finds their collisions.
 #pragma once
 
 #include "server/highway/settings.h"

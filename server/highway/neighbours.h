@@ -1,5 +1,5 @@
-// Who drives in front of and behind a car on each lane. Positions do not change while the drivers
-// of one frame decide, so cars are sorted once a frame and each question is a search in bits.
+// Finds the cars in front of and behind a car on each lane. Positions do not change while the
+// drivers of one frame decide, so the cars are sorted once a frame and each search looks at bits.
 // Memory is taken at construction. One thread.
 #pragma once
 
@@ -16,13 +16,14 @@ class Neighbours {
  public:
   explicit Neighbours(size_t capacity);
 
-  // Looks at where the cars of `traffic` are; it and its positions stay while questions are asked.
+  // Sorts the cars of `traffic`, which must neither move nor end before the last use of Front and
+  // Rear.
   void Update(const Traffic& traffic, int lanes);
 
   // The next car at or ahead of `vehicle`'s x among all others on `lane`, with a margin of 1 m, or
-  // kNoVehicle. Of several at the same x the last in the list.
+  // kNoVehicle. Of several cars at the same x it is the last in the list.
   int Front(int vehicle, int lane) const;
-  // The next car behind its x; of several the first in the list.
+  // The next car behind the x of `vehicle`; of several at the same x the first in the list.
   int Rear(int vehicle, int lane) const;
 
  private:
@@ -30,7 +31,7 @@ class Neighbours {
   using RankSet = std::array<uint64_t, kWords>;
 
   void Sort();
-  // The rules above, read literally; for cars at equal x.
+  // Front and Rear without the sorted order, for when several cars are at the same x.
   int ScanFront(int vehicle, int lane) const;
   int ScanRear(int vehicle, int lane) const;
   bool IsOn(int vehicle, int lane) const {

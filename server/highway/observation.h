@@ -1,4 +1,5 @@
-// What the ego sees: a table of the cars around it (highway-env's Kinematics), and the way back.
+// The ego's observation, a table of the cars around it (highway-env's Kinematics), and the traffic
+// that such a table describes.
 #pragma once
 
 #include <span>

@@ -1,5 +1,6 @@
 // The road: `lanes` parallel straight lanes of 10 km, x along it, y to the right, lane i centred on
-// y = 4 i. And what all cars have in common. Lengths in metres, angles in radians.
+// y = 4 i. Also the sizes and limits that all cars have in common. Lengths in metres, angles in
+// radians.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +30,7 @@ inline double WrapAngle(double angle) {
   return shifted - kPi;
 }
 
-// Whether the road goes on here, one car's length beyond either end included.
+// Whether `x` is on the road or at most one car's length beyond either end.
 inline bool AlongRoad(double x) {
   return (x >= -kVehicleLength) & (x < kRoadLength + kVehicleLength);
 }
@@ -44,9 +45,9 @@ inline bool Reachable(double x, double y, int lane) {
          x < kRoadLength + kVehicleLength;
 }
 
-// The lane that a car counts to: the nearest one, the leftmost of equals. What is added to the
-// lateral distance is the same for all lanes, but decides ties after rounding. `before`: the lane
-// of the car a frame ago.
+// The lane that a car counts to: the nearest lane, the leftmost of equally near ones. The terms
+// added to the lateral distance are the same for all lanes, but decide ties after rounding.
+// `before`: the lane of the car a frame ago.
 inline int ClosestLane(double x, double y, double heading, int lanes, int before) {
   const double behind = std::max(0.0 - x, 0.0);
   const double beyond = std::max(x - kRoadLength, 0.0);

@@ -1,9 +1,9 @@
-// A worker's b4mrl-render: started when the first picture is asked for, replaced when it has died.
+// A worker's b4mrl-render process: started for the first picture, replaced when it has died.
 //
-// Nothing that happens to it concerns the worker's sessions: a picture that it cannot draw, or not
-// in limits::kPaintMs, is an error of that request alone. Thread rule: one thread, which waits for
-// every picture and must therefore be none that steps. That thread must outlive the object, since
-// the process dies with the thread that started it.
+// A picture that the process cannot draw, or not within limits::kPaintMs, fails its own Render
+// request and nothing else of the worker. Thread rule: one thread, which waits for every picture
+// and therefore must not step lanes. That thread must outlive the object, since the process dies
+// with the thread that started it.
 #pragma once
 
 #include <sys/types.h>

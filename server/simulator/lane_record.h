@@ -1,5 +1,6 @@
-// A lane as plain memory: everything about one environment of a session, in one block without
-// pointers, fit for memcpy, shared memory and the wire (Snapshot sends it as it is).
+// A lane as plain memory: everything about one environment of a session in one block without
+// pointers, which can be copied by memcpy, kept in shared memory and sent (a Snapshot is its
+// bytes).
 //
 //   LaneHeader | state | perturbation state | observation | final observation | infos | final infos
 //
@@ -29,16 +30,16 @@ struct LaneHeader {
   uint64_t episode = 0;        // counts from 0; with lane_seed it names every random stream
   uint64_t elapsed_steps = 0;  // of this episode
   double episode_return = 0;   // undiscounted, of this episode
-  uint64_t digest =
-      0;  // rolls over observations, actions, rewards and flags since the seed was set
+  // A rolling hash of observations, actions, rewards and flags since the seed was set.
+  uint64_t digest = 0;
   LanePhase phase = LanePhase::kFresh;
 
   // The last operation's outcome. The observation stands behind the header.
   uint8_t terminated = 0;
   uint8_t truncated = 0;
   Cause cause = Cause::kNone;
-  uint8_t episode_ended =
-      0;  // terminated or truncated: the three fields below and final observation hold
+  // Terminated or truncated: the final observation, infos, return and length are filled in.
+  uint8_t episode_ended = 0;
   double reward = 0;
   double final_return = 0;
   uint64_t final_length = 0;

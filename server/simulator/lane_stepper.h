@@ -12,8 +12,8 @@
 // nothing resets by itself, and a lane may be stepped on past its end (limits and health are judged
 // again on every such step).
 //
-// Nothing that is not finite leaves: a step that makes the engine warn, or gives a number that is
-// not finite, repeats the last observation, has reward 0 and ends the episode as truncated with
+// No number that is not finite is ever reported: a step that makes the engine warn, or gives such a
+// number, repeats the last observation, has reward 0 and ends the episode as truncated with
 // cause kNumericalError; the state stays that before the step. Immutable; any thread, one
 // Environment each.
 #pragma once

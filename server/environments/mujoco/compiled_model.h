@@ -1,5 +1,5 @@
-// From a user's MJCF file to the compiled model that simulators load; without the engine's types,
-// for the process that does it (server/models/model_compiler.h).
+// Compiles a user's MJCF file to the binary model that simulators load. The header needs no type of
+// the engine; server/models/model_compiler.h runs it in a sandboxed process.
 #pragma once
 
 #include <string>
@@ -19,7 +19,7 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
 // The hash of a compiled model: 128 bits in hexadecimal.
 Result<std::string> HashOfModelFile(const std::string& path);
 
-// Where a folder of compiled models has those of this hash, and the inverse.
+// The path of the compiled model with this hash in `folder`, and the CompiledModel at such a path.
 std::string CompiledModelPath(const std::string& folder, const std::string& hash);
 CompiledModel CompiledModelAt(const std::string& path);
 

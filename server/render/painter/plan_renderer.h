@@ -1,4 +1,5 @@
-// Plans to pixels, with Cairo. A picture of 600 x 150 takes about a millisecond. Any one thread.
+// Draws a PlanView into pixels with Cairo. A picture of 600 x 150 takes about a millisecond. Any
+// thread, one at a time.
 #pragma once
 
 #include <cstddef>

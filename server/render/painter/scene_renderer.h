@@ -27,7 +27,8 @@ class SceneRenderer {
   SceneRenderer(const SceneRenderer&) = delete;
   SceneRenderer& operator=(const SceneRenderer&) = delete;
 
-  // `model` is the one given to Create or equal to it. `picture` has 3 * width * height bytes.
+  // `model` has the meshes and textures of the model given to Create; sizes and positions of other
+  // geoms may differ. `picture` has 3 * width * height bytes.
   void Draw(const mjModel& model, mjData& data, std::span<std::byte> picture);
 
  private:
