@@ -6,8 +6,8 @@
 //
 // TASK is a line of kTasks below; a new task gets its own. ORIGINAL.xml is its file in
 // gymnasium/envs/mujoco/assets; GRAVITY and FRICTION are factors. START is a recording, whose
-// starts and first STEPS actions are taken, or a whole number, from which two starts near the
-// model's own and random actions are drawn. OUT.npy has the layout that README.md describes. With
+// starts and first STEPS actions are taken (0: all), or a whole number, from which two starts near
+// the model's own and random actions are drawn. OUT.npy has the layout that README.md describes. With
 // factors 1 and all steps of a recording of the same model, OUT.npy is that recording byte for
 // byte, which shows that this program records what the originals' recordings hold.
 #include <mujoco/mujoco.h>
@@ -212,10 +212,11 @@ int main(int argc, char** argv) {
   for (double& component : m->opt.gravity) component *= std::atof(argv[3]);
   for (int i = 0; i < 3 * m->ngeom; ++i) m->geom_friction[i] *= std::atof(argv[4]);
   mjData* d = mj_makeData(m);
-  const size_t steps = std::strtoul(argv[6], nullptr, 10);
+  size_t steps = std::strtoul(argv[6], nullptr, 10);
   Table like = start.ends_with(".npy") ? Read(start)
                                        : DrawStarts(m, Observe(*task, m, d).size(), steps,
                                                     std::strtoull(start.c_str(), nullptr, 10));
+  if (steps == 0) steps = like.rows - 1;
   Table out = {like.trajectories, steps + 1, like.columns, {}};
   out.values.resize(out.trajectories * out.rows * out.columns);
   for (size_t i = 0; i < out.trajectories; ++i) Record(*task, m, d, like, i, out);
