@@ -25,7 +25,7 @@ constexpr size_t kEnvelopeRest = 1024;
 struct Handler {
   pb::Request::PayloadCase payload;
   // Makes the job; null for a request that the dispatcher answers itself.
-  Result<std::unique_ptr<RequestJob>> (*make_job)(HandlerInput);
+  std::unique_ptr<RequestJob> (*make_job)(JobInput);
 };
 constexpr Handler kHandlers[] = {
     {pb::Request::kAttach, nullptr},        {pb::Request::kClose, nullptr},
@@ -200,12 +200,12 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& re
                            "an id that is not under way with other contents");
   }
   B4MRL_RETURN_IF_ERROR(Admit(*session, request, payload));
-  Result<std::unique_ptr<RequestJob>> made = [&] {
+  std::unique_ptr<RequestJob> job = handler->make_job({session, &request, std::move(payload)});
+  {
     const ScopedMark mark =
         ScopedMark::OfRequest(&own_mark(), session->index(), request.request_id());
-    return handler->make_job({session, &request, std::move(payload)});
-  }();
-  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RequestJob> job, std::move(made));
+    B4MRL_RETURN_IF_ERROR(job->Prepare(request));
+  }
   job->sender = from.peer;
   job->received = Clock::now();
   job->deadline = DeadlineOf(request);

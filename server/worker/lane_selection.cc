@@ -45,7 +45,7 @@ Result<LaneSelection> SelectLanes(const ArrayReader& arrays, Session& session,
     const uint32_t lane = selection.lanes[position];
     B4MRL_ASSIGN_OR_RETURN(const LaneVerdict verdict,
                            JudgeLane(session.lane(lane), lane, numbers[position], operation));
-    if (verdict == LaneVerdict::kExecute) selection.execute.push_back(position);
+    (verdict == LaneVerdict::kExecute ? selection.execute : selection.answered).push_back(position);
   }
   return selection;
 }

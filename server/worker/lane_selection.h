@@ -11,8 +11,9 @@
 namespace b4mrl {
 
 struct LaneSelection {
-  std::vector<uint32_t> lanes;    // of the session, in the request's order, no repetition
-  std::vector<uint32_t> execute;  // positions in `lanes` that are to be executed
+  std::vector<uint32_t> lanes;     // of the session, in the request's order, no repetition
+  std::vector<uint32_t> execute;   // positions in `lanes` that are to be executed
+  std::vector<uint32_t> answered;  // the other positions, whose outcome is in the lane's slot
 };
 
 // The array `lanes`, or all lanes where it is absent. Refuses sessions without lanes, lanes out of

@@ -15,16 +15,15 @@ namespace {
 
 class QueryJob : public RequestJob {
  public:
-  explicit QueryJob(HandlerInput& input)
-      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)),
+  explicit QueryJob(JobInput& input)
+      : RequestJob(input),
         first_row_{input.request->query().seed(), input.request->query().draw(),
                    input.request->query().first_row()} {
     work_kind = WorkKind::kQuery;
     ends_at_deadline = true;
   }
 
-  Status Prepare(const pb::Request& request);
+  Status Prepare(const pb::Request& request) override;
   uint64_t rows_done() const override { return failed() ? 0 : items; }
 
  protected:
@@ -110,10 +109,8 @@ void QueryJob::RunRow(uint32_t row, Environment& environment, WorkerThread& thre
 
 }  // namespace
 
-Result<std::unique_ptr<RequestJob>> NewQueryJob(HandlerInput input) {
-  auto job = std::make_unique<QueryJob>(input);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
-  return std::unique_ptr<RequestJob>(std::move(job));
+std::unique_ptr<RequestJob> NewQueryJob(JobInput input) {
+  return std::make_unique<QueryJob>(input);
 }
 
 }  // namespace b4mrl

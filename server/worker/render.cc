@@ -16,13 +16,11 @@ namespace {
 // if the next one is under way.
 class RenderJob : public RequestJob {
  public:
-  explicit RenderJob(HandlerInput& input)
-      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)) {
+  explicit RenderJob(JobInput& input) : RequestJob(input) {
     // Its pictures are taken one by one, as nobody tells the queue what they cost.
     ends_at_deadline = true;
   }
-  Status Prepare(const pb::Request& request);
+  Status Prepare(const pb::Request& request) override;
   bool waits_for_painter() const override { return true; }
 
  protected:
@@ -118,10 +116,8 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
 
 }  // namespace
 
-Result<std::unique_ptr<RequestJob>> NewRenderJob(HandlerInput input) {
-  auto job = std::make_unique<RenderJob>(input);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
-  return std::unique_ptr<RequestJob>(std::move(job));
+std::unique_ptr<RequestJob> NewRenderJob(JobInput input) {
+  return std::make_unique<RenderJob>(input);
 }
 
 }  // namespace b4mrl

@@ -4,16 +4,15 @@
 
 namespace b4mrl {
 
-RequestJob::RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id,
-                       Frame frame)
+RequestJob::RequestJob(JobInput& input)
     : arena_(arena_block_.data(), arena_block_.size()),
       reply_(*google::protobuf::Arena::CreateMessage<pb::Reply>(&arena_)),
-      owner_(owner),
-      kind_(kind),
-      request_id_(request_id),
-      payload_(std::move(frame)) {
-  session = owner->index();
-  cost = &owner->cost(kind);
+      owner_(input.session),
+      kind_(input.request->payload_case()),
+      request_id_(input.request->request_id()),
+      payload_(std::move(input.payload)) {
+  session = owner_->index();
+  cost = &owner_->cost(kind_);
 }
 
 double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {

@@ -1,9 +1,8 @@
 // A request of a session that is being executed, from its validation to its reply.
 //
-// A factory (handlers.h) validates the request and builds the job on the socket's thread; threads
-// of the executor execute its items; the thread that ends the last item completes the reply. Each
-// item writes its results straight into the reply's payload, at a place of its own, so without a
-// lock.
+// A factory (handlers.h) makes the job and Prepare validates it, on the socket's thread; threads of
+// the executor execute its items; the thread that ends the last item completes the reply. Each item
+// writes its results straight into the reply's payload, at a place of its own, so without a lock.
 #pragma once
 
 #include <google/protobuf/arena.h>
@@ -33,11 +32,22 @@ struct WorkerThread {
   std::vector<double> action;
 };
 
+// What a job is made of. The session outlives the job.
+struct JobInput {
+  Session* session = nullptr;
+  const pb::Request* request = nullptr;  // until Prepare has returned
+  Frame payload;                         // moved into the job, whose views point into it
+};
+
 class RequestJob : public QueuedWork {
  public:
-  // `owner` outlives the job. `frame` is the request's payload, which the job's views point into.
-  RequestJob(Session* owner, pb::Request::PayloadCase kind, uint64_t request_id, Frame frame);
+  explicit RequestJob(JobInput& input);
   ~RequestJob() override = default;
+  // Validates all that the request says, before anything is executed, and plans the reply. An error
+  // is the reply; after OK the job can fail only for reasons of the simulator. A job without items
+  // needs no execution, as all its lanes are answered from their slots; it only has to be
+  // completed.
+  virtual Status Prepare(const pb::Request& request) = 0;
 
   Session& owner() const { return *owner_; }
   pb::Request::PayloadCase kind() const { return kind_; }

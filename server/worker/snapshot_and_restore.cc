@@ -20,12 +20,8 @@ namespace {
 
 class SnapshotJob : public RequestJob {
  public:
-  explicit SnapshotJob(HandlerInput& input)
-      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)) {
-    ends_at_deadline = true;
-  }
-  Status Prepare(const pb::Request& request);
+  explicit SnapshotJob(JobInput& input) : RequestJob(input) { ends_at_deadline = true; }
+  Status Prepare(const pb::Request& request) override;
 
  protected:
   void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
@@ -128,13 +124,11 @@ void SnapshotJob::FinishReply() {
 
 class RestoreJob : public RequestJob {
  public:
-  explicit RestoreJob(HandlerInput& input)
-      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)) {
+  explicit RestoreJob(JobInput& input) : RequestJob(input) {
     work_kind = WorkKind::kLanes;
     ends_at_deadline = true;
   }
-  Status Prepare(const pb::Request& request);
+  Status Prepare(const pb::Request& request) override;
 
  protected:
   void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
@@ -189,11 +183,7 @@ void RestoreJob::PlanReply() {
   observations_ = layout.Add("observations", owner().observation_dtype(),
                              {selection_.lanes.size(), owner().layout().observation_size});
   reply_payload_ = layout.Allocate();
-  if (items == selection_.lanes.size()) return;
-  std::vector<bool> executes(selection_.lanes.size());
-  for (const uint32_t position : selection_.execute) executes[position] = true;
-  for (uint32_t position = 0; position < executes.size(); ++position) {
-    if (executes[position]) continue;
+  for (const uint32_t position : selection_.answered) {
     WriteObservation(position, owner().committed_record(selection_.lanes[position]));
   }
 }
@@ -268,16 +258,12 @@ void RestoreJob::FinishReply() {
 
 }  // namespace
 
-Result<std::unique_ptr<RequestJob>> NewSnapshotJob(HandlerInput input) {
-  auto job = std::make_unique<SnapshotJob>(input);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
-  return std::unique_ptr<RequestJob>(std::move(job));
+std::unique_ptr<RequestJob> NewSnapshotJob(JobInput input) {
+  return std::make_unique<SnapshotJob>(input);
 }
 
-Result<std::unique_ptr<RequestJob>> NewRestoreJob(HandlerInput input) {
-  auto job = std::make_unique<RestoreJob>(input);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
-  return std::unique_ptr<RequestJob>(std::move(job));
+std::unique_ptr<RequestJob> NewRestoreJob(JobInput input) {
+  return std::make_unique<RestoreJob>(input);
 }
 
 }  // namespace b4mrl

@@ -15,15 +15,12 @@ namespace {
 
 class LaneJob : public RequestJob {
  public:
-  LaneJob(HandlerInput& input, Operation operation)
-      : RequestJob(input.session, input.request->payload_case(), input.request->request_id(),
-                   std::move(input.payload)),
-        operation_(operation) {
+  LaneJob(JobInput& input, Operation operation) : RequestJob(input), operation_(operation) {
     work_kind = WorkKind::kLanes;
   }
 
   // Validates the request and plans the reply.
-  Status Prepare(const pb::Request& request);
+  Status Prepare(const pb::Request& request) override;
 
   uint64_t steps_done() const override {
     return operation_ == Operation::kStep && !failed() ? selection_.execute.size() : 0;
@@ -67,13 +64,7 @@ Status LaneJob::Prepare(const pb::Request& request) {
   // Every lane that is named stays untouched until the reply has left, the answered ones as well:
   // their records are what the reply is made of.
   busy_lanes_ = selection_.lanes;
-  if (selection_.execute.size() < selection_.lanes.size()) {
-    std::vector<bool> executes(selection_.lanes.size());
-    for (const uint32_t position : selection_.execute) executes[position] = true;
-    for (uint32_t position = 0; position < executes.size(); ++position) {
-      if (!executes[position]) WriteOutcome(position);
-    }
-  }
+  for (const uint32_t position : selection_.answered) WriteOutcome(position);
   return Status();
 }
 
@@ -261,20 +252,14 @@ void LaneJob::FinishReply() {
   }
 }
 
-Result<std::unique_ptr<RequestJob>> NewLaneJob(HandlerInput input, Operation operation) {
-  auto job = std::make_unique<LaneJob>(input, operation);
-  B4MRL_RETURN_IF_ERROR(job->Prepare(*input.request));
-  return std::unique_ptr<RequestJob>(std::move(job));
-}
-
 }  // namespace
 
-Result<std::unique_ptr<RequestJob>> NewStepJob(HandlerInput input) {
-  return NewLaneJob(std::move(input), Operation::kStep);
+std::unique_ptr<RequestJob> NewStepJob(JobInput input) {
+  return std::make_unique<LaneJob>(input, Operation::kStep);
 }
 
-Result<std::unique_ptr<RequestJob>> NewResetJob(HandlerInput input) {
-  return NewLaneJob(std::move(input), Operation::kReset);
+std::unique_ptr<RequestJob> NewResetJob(JobInput input) {
+  return std::make_unique<LaneJob>(input, Operation::kReset);
 }
 
 }  // namespace b4mrl
