@@ -24,7 +24,7 @@ int RunChild(CommandLine line) {
                                ? ChildName(kFirstWorkerChild + line.child.index)
                                : line.child.role;
   spdlog::default_logger()->set_pattern(kLogTime + ("b4mrl " + name + ": %v"));
-  // It would write a line for every malformed message that a peer sends.
+  // Protobuf would write a line for every malformed message that a peer sends.
   google::protobuf::SetLogHandler(nullptr);
   Result<SharedState> shared = SharedState::Map(line.shared_memory_fd);
   if (!shared.ok()) {
@@ -43,7 +43,8 @@ int RunChild(CommandLine line) {
   return kExitBadInput;
 }
 
-// What runs at exit, a sanitizer's search for leaks above all, may want what the sandbox forbids.
+// Leaves without running exit handlers, such as a sanitizer's search for leaks, which may need
+// rights that the sandbox has taken.
 [[noreturn]] void LeaveSandbox(int exit_code) {
   std::fflush(nullptr);
   std::_Exit(exit_code);
@@ -52,7 +53,7 @@ int RunChild(CommandLine line) {
 }  // namespace
 
 int ServeMain(int argc, char** argv) {
-  // Sockets, caches and folders are this user's alone; children inherit it.
+  // Sockets, caches and folders are accessible to this user alone; children inherit the umask.
   umask(S_IRWXG | S_IRWXO);
   spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
   spdlog::default_logger()->set_pattern("b4mrl serve: %v");

@@ -38,7 +38,7 @@ std::string ManifestPath(const std::string& folder) {
   return fmt::format("{}/{}", folder, kManifestName);
 }
 
-// A name for what is not to be found under its own: in the making, or on its way out.
+// A name beside `folder` for a cache that is being written or removed.
 std::string TemporaryBeside(const std::string& folder) {
   static std::atomic<uint64_t> counter{0};
   return fmt::format("{}/{}{}-{}", FolderOf(folder), kUnfinishedCachePrefix, getpid(),
@@ -114,17 +114,17 @@ Status ColumnCache::Lock() {
   const std::string path = ManifestPath(folder_);
   lock_ = UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
   if (!lock_.valid()) return errno == ENOENT ? gone : IoError("open", path, errno);
-  // File systems without locks serve all the same.
+  // On a file system without locks, caches are served without them.
   if (flock(lock_.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK) return gone;
   struct stat info {};
   if (fstat(lock_.get(), &info) != 0) return IoError("inspect", path, errno);
-  return info.st_nlink > 0 ? Status() : gone;  // removed between our open and our lock
+  return info.st_nlink > 0 ? Status() : gone;  // it was removed between our open and our lock
 }
 
 Status ColumnCache::ReadManifest() {
   B4MRL_ASSIGN_OR_RETURN(const std::string text,
                          ReadSmallFile(ManifestPath(folder_), kMaxManifestBytes));
-  // Values nested deeper than ours are dropped while parsing: writing JSON back recurses.
+  // Values that are nested deeper than ours are dropped, because dump() recurses.
   const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= 4; };
   const Json manifest = Json::parse(text, shallow, /*allow_exceptions=*/false);
   if (!manifest.is_object()) return Damaged(folder_, "its manifest is not a JSON object");
@@ -230,7 +230,7 @@ ColumnCacheWriter::~ColumnCacheWriter() {
 
 Result<ColumnCacheWriter> ColumnCacheWriter::Create(const std::string& folder) {
   const std::string temporary = TemporaryBeside(folder);
-  // A killed process with our id may have left its own.
+  // A killed process that had our id may have left a folder of that name.
   RemoveCache(temporary);
   const mode_t mode = ModeInside(FolderOf(folder));
   if (mkdir(temporary.c_str(), mode) != 0) return IoError("create folder", temporary, errno);
@@ -294,16 +294,17 @@ Status ColumnCacheWriter::WriteManifest() {
 }
 
 Status ColumnCacheWriter::Commit() {
-  // Columns are not fsynced: whoever maps them checks sizes and hashes, and can make them again.
+  // Columns are not fsynced: sizes and hashes are checked when they are mapped, and a damaged cache
+  // can be made again.
   B4MRL_RETURN_IF_ERROR(WriteManifest());
-  return PlaceCache(temporary_, folder_);  // the destructor removes what found its place taken
+  return PlaceCache(temporary_, folder_);  // the destructor removes ours if the place was taken
 }
 
 Status PlaceCache(const std::string& made, const std::string& folder) {
   if (rename(made.c_str(), folder.c_str()) == 0) return SyncFolder(FolderOf(folder));
   if (errno != ENOTEMPTY && errno != EEXIST) return IoError("create folder", folder, errno);
   if (access(ManifestPath(folder).c_str(), F_OK) == 0) return Status();
-  RemoveCache(folder);  // somebody has deleted a part of it
+  RemoveCache(folder);  // a part of it was deleted
   if (rename(made.c_str(), folder.c_str()) != 0) return IoError("create folder", folder, errno);
   return SyncFolder(FolderOf(folder));
 }

@@ -7,7 +7,7 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kCacheLine = 64;
-// Far enough that memory answers in time, near enough to stay within the processor's miss buffers.
+// Prefetching so many rows ahead, memory answers in time and the processor's miss buffers suffice.
 constexpr size_t kRowsAhead = 12;
 constexpr size_t kRowsBetweenCalls = 32;
 
@@ -19,7 +19,8 @@ void PrefetchRow(const GatherColumn& column, uint64_t row) {
   __builtin_prefetch(begin + column.row_bytes - 1);
 }
 
-// Rows are short: fixed-size pieces with an overlapping last one beat a call of memcpy.
+// Rows are short, so copying pieces of fixed size, the last of which overlaps, beats a call of
+// memcpy.
 inline void CopyRow(std::byte* to, const std::byte* from, size_t bytes) {
   constexpr size_t kPiece = 16;
   if (bytes >= kPiece) {

@@ -54,8 +54,8 @@ void Moments::Add(double value) {
   if (count_ == 1 || value > max_) max_ = value;
 }
 
-// A NaN has already spread into the mean, but comparisons with it are false. An infinity makes the
-// running mean NaN, too, since infinity - infinity is.
+// The minimum and maximum miss a NaN, since comparisons with NaN are false, but the mean is NaN
+// then. It is NaN after an infinity too, since infinity - infinity is NaN.
 double Moments::mean() const { return count_ == 0 ? kNaN : mean_; }
 double Moments::std() const {
   return count_ == 0 ? kNaN : std::sqrt(squares_ / static_cast<double>(count_));

@@ -71,7 +71,7 @@ Result<AgentLayer> ReadLayer(const Hdf5Reader& file, std::string_view name) {
   return layer;
 }
 
-// Optional entries: absent is fine, present but unreadable is not.
+// Reads an optional entry: it may be absent, but if it is there it must be readable.
 Status ReadOptional(const Hdf5Reader& file, const std::string& path, std::string* out) {
   if (!file.Exists(path)) return Status();
   B4MRL_ASSIGN_OR_RETURN(*out, file.ReadText(path));

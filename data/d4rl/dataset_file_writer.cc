@@ -27,7 +27,7 @@ struct FileColumn {
   Hdf5Type type;
   std::span<const T> DatasetRows::*values;
   size_t (*width)(const DatasetWriterOptions& options);  // elements of a row; 0: no such column
-  bool has_width = false;                                // two dimensions
+  bool has_width = false;                                // whether the array has two dimensions
 };
 
 constexpr size_t One(const DatasetWriterOptions&) { return 1; }
@@ -35,7 +35,7 @@ constexpr size_t ObservationSize(const DatasetWriterOptions& options) {
   return options.observation_dimensions;
 }
 
-// In the order of the file.
+// The columns in the order of the file, which decides its bytes.
 constexpr std::tuple kColumns = {
     FileColumn<float>{"observations", Hdf5Type::kFloat32, &DatasetRows::observations,
                       ObservationSize, true},

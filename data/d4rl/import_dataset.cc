@@ -118,7 +118,7 @@ Result<SourceColumns> OpenSource(const Hdf5Reader& file) {
   return source;
 }
 
-// Of observation, next observation, action and reward.
+// Elements of a row: of observation, next observation, action and reward.
 uint64_t RowFloats(const SourceColumns& source) {
   return 2ull * source.observation_size + source.action_size + 1;
 }
@@ -155,7 +155,8 @@ Status CopyStored(const SourceColumns& source, DatasetBuilder* builder) {
   return Status();
 }
 
-// One block behind, because a block's last row needs the next one's first observation.
+// Appends each block after the next one was read, because the last row of a block needs the first
+// observation of the next block.
 Status CopyD4rl(const SourceColumns& source, DatasetBuilder* builder) {
   const uint64_t step = BlockRows(source);
   Block block;
@@ -178,7 +179,7 @@ Status CopyD4rl(const SourceColumns& source, DatasetBuilder* builder) {
   return Status();
 }
 
-// Who made the data, in words, as far as the file says so.
+// The behaviour policy in words; "" if the file does not name it.
 std::string BehaviourPolicy(const Hdf5Reader& file) {
   const Result<std::string> given = file.ReadString("metadata/behaviour_policy");
   if (given.ok()) return *given;
@@ -188,7 +189,7 @@ std::string BehaviourPolicy(const Hdf5Reader& file) {
   return iteration.ok() ? fmt::format("{}, iteration {:.0f}", *algorithm, *iteration) : *algorithm;
 }
 
-// In which the rows were recorded, as far as the file says so.
+// The environment in which the rows were recorded; "" if the file does not name it.
 std::string Environment(const Hdf5Reader& file) {
   const Result<std::string> given = file.ReadString("metadata/environment");
   return given.ok() ? *given : "";

@@ -12,7 +12,7 @@
 namespace b4mrl {
 namespace {
 
-// A writer that commits between our open and our lock leaves us holding its finished file.
+// If another writer commits between our open and our lock, our descriptor is of its finished file.
 bool StillNamed(int fd, const std::string& path) {
   struct stat held {};
   struct stat named {};

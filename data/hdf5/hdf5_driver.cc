@@ -68,7 +68,7 @@ herr_t Read(H5FD_t* file, H5FD_mem_t, hid_t, haddr_t address, size_t size, void*
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) Remember(state, errno);
     if (got <= 0 && !state->writable) return -1;
-    if (got <= 0) {  // a hole of a file in the making
+    if (got <= 0) {  // a hole of a file that is being written
       std::memset(out, 0, size);
       return 0;
     }

@@ -21,7 +21,7 @@ constexpr uint64_t kMaxChunkBytes = 256ull << 20;
 constexpr uint64_t kMaxBlockBytes = 64ull << 20;
 constexpr uint64_t kDefaultBlockRows = 65536;
 constexpr int kMaxFilters = 4;
-// Deflate's best ratio is 1032:1; the slack covers what small datasets keep in their headers.
+// Deflate's best ratio is 1032:1; the slack covers small datasets, which are stored in headers.
 constexpr uint64_t kMaxInflation = 1032;
 constexpr uint64_t kInflationSlackBytes = 64 * 1024;
 
@@ -122,7 +122,7 @@ struct Hdf5Reader::State {
   Result<Hdf5Handle> OpenDataset(std::string_view path) const;
 };
 
-// Only what hard links lead to.
+// Opens a dataset whose path goes over hard links alone.
 Result<Hdf5Handle> Hdf5Reader::State::OpenDataset(std::string_view path) const {
   if (!IsHardLinked(file->handle.get(), path)) {
     return Status(StatusCode::kUnknownName,
@@ -151,7 +151,7 @@ struct Hdf5Column::State {
   Status Read(uint64_t first_row, uint64_t elements, hid_t memory_type, void* out) const;
 };
 
-// Type and extents, all checked against the limits.
+// Reads type and extents and checks them against the limits.
 Status Hdf5Column::State::Describe() {
   const Hdf5Handle stored_type(H5Dget_type(dataset.get()), H5Tclose);
   const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose);
@@ -204,12 +204,12 @@ Status Hdf5Column::State::CheckLayout() {
                   fmt::format("declares chunks of {} x {} elements, allowed: {} bytes a chunk",
                               chunk[0], chunk[1], kMaxChunkBytes));
   }
-  // A whole number of chunks, near the default, so that none is inflated twice.
+  // A whole number of chunks, near the default, so that no chunk is inflated twice.
   block_rows = std::max<uint64_t>(block_rows / chunk[0], 1) * chunk[0];
   return Status();
 }
 
-// A small file must not make a reader allocate for what it cannot contain.
+// Refuses extents that the stored bytes cannot inflate to, before memory is allocated for them.
 Status Hdf5Column::State::CheckInflation() const {
   const uint64_t declared = rows() * width() * element_bytes;
   const uint64_t stored =
@@ -272,8 +272,8 @@ Status Hdf5Column::ReadFlags(uint64_t first_row, std::span<uint8_t> out) const {
     return Refuse(StatusCode::kInvalidArgument, path(),
                   fmt::format("is {}, allowed: bool or integer", Hdf5TypeName(type())));
   }
-  // The library does not convert enumerations to integers, so they are read as what they are made
-  // of.
+  // The library does not convert enumerations to integers, so enumerations are read as their base
+  // type.
   const Hdf5Handle stored(H5Dget_type(state_->dataset.get()), H5Tclose);
   if (type() == Hdf5Type::kBool) {
     B4MRL_RETURN_IF_ERROR(state_->Read(first_row, out.size(), stored.get(), out.data()));

@@ -72,7 +72,7 @@ struct Hdf5Writer::State {
   explicit State(AtomicFile atomic) : file(std::move(atomic)) {}
   ~State() { CloseFile(); }
 
-  // Datasets before the file; errors of a full disk are in `driver`.
+  // Datasets are closed before the file. Errors such as a full disk are remembered in `driver`.
   void CloseFile() {
     columns.clear();
     handle.Reset();

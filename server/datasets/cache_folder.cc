@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What can be read of a folder. (A range-for over the iterator throws where it cannot go on.)
+// The entries of a folder, as far as it can be read. (A range-for over the iterator would throw.)
 std::vector<fs::path> EntriesOf(const fs::path& folder) {
   std::vector<fs::path> entries;
   std::error_code error;
@@ -69,7 +69,7 @@ Result<ImportFolder> CacheFolder::MakeImportFolder() const {
   static std::atomic<uint64_t> counter{0};
   const std::string path = fmt::format("{}/{}{}-import-{}", root_, kUnfinishedCachePrefix, getpid(),
                                        counter.fetch_add(1));
-  RemoveCache(path);  // of a killed process with our id
+  RemoveCache(path);  // left by a killed process that had our id
   B4MRL_RETURN_IF_ERROR(MakeFolderInside(path));
   return ImportFolder(path);
 }
@@ -94,7 +94,7 @@ Status CacheFolder::MakeRoom() const {
   for (const Cache& cache : caches) {
     if (total <= max_bytes_) break;
     if (!RemoveUnusedCache(cache.path)) {
-      TouchPath(cache.path);  // so that it stays behind the unused ones should its user die
+      TouchPath(cache.path);  // it counts as used: unused caches go first if its user dies
       continue;
     }
     spdlog::info("removed the cache {} to make room", cache.path.string());

@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kBlockRows = 16384;  // between two looks at whether it is still wanted
+constexpr uint64_t kBlockRows = 16384;  // between two looks at `cancelled`
 constexpr std::string_view kD4rlFolder = "d4rl/";
 
 std::string LowerCase(std::string_view text) {
@@ -39,8 +39,8 @@ EnvironmentSpec UnnamedSpec(const std::string& name, uint32_t observation_size,
   return spec;
 }
 
-// Perturbs float32 rows in double and leaves the bits of untouched elements alone, NaN payloads
-// included.
+// Perturbs float32 rows in double precision. Elements that no perturbation changes keep their bits,
+// payloads of NaN included.
 class RowPerturber {
  public:
   RowPerturber(const PerturbationSet& set, uint64_t seed, uint64_t matrix, uint32_t size)
@@ -106,7 +106,7 @@ Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
   }
   B4MRL_ASSIGN_OR_RETURN(corruption.set,
                          MakePerturbations(corruption.items, spec, PerturbationUse::kDataset));
-  // As the perturbations themselves write their arguments: equal corruptions get equal
+  // The arguments as the perturbations themselves write them, so that equal corruptions get equal
   // fingerprints.
   corruption.items = corruption.set.items();
   B4MRL_ASSIGN_OR_RETURN(corruption.hidden_dimensions, HiddenDimensions(corruption.items, spec));
@@ -136,7 +136,7 @@ Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& s
       const std::span<float> next = row_of(next_observations, i);
       const bool last = EndsEpisode(source.terminals, source.timeouts, row);
       if (!last && i + 1 < block.rows && SameBits(next, old.subspan((i + 1) * size, size))) {
-        // The same state as the next row's, so the same result; drawn a moment ago.
+        // The state is that of the next row, whose perturbed observation is there already.
         std::ranges::copy(row_of(observations, i + 1), next.begin());
       } else if (last) {
         perturber.Apply(DrawContext::Kind::kDatasetLastRow, row, next);

@@ -8,9 +8,9 @@
 namespace b4mrl {
 namespace {
 
-// Of the entries of a listing, and of each one's tag and length.
+// Bytes for the entries of a page, and bytes for the tag and length of each entry.
 constexpr size_t kMaxListBytes = limits::kMaxEnvelopeBytes - 1024, kFieldBytes = 4;
-// Of what a file says about its origin: it goes into replies and every listing.
+// The longest texts about a file's origin that replies and listings carry.
 constexpr size_t kMaxPolicyBytes = 200, kMaxEnvironmentBytes = 64;
 
 // A file may hold any bytes, and a protobuf string only UTF-8.

@@ -25,11 +25,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// An import may take this long, and longer the more there is in the file.
+// An import may take kMinImportMs, and longer the more bytes the file stores.
 constexpr int64_t kMinImportMs = 60'000, kMaxImportMs = 3'600'000;
 constexpr uint64_t kImportBytesPerMs = 4 * 1024;
 
-// Names travel in messages, whose strings must be UTF-8, and are typed by people.
+// Whether a name can travel in messages, whose strings must be UTF-8, and be typed by people.
 bool IsPlainName(std::string_view name) {
   return std::ranges::all_of(name, [](char c) { return c > ' ' && c <= '~'; });
 }
@@ -39,7 +39,7 @@ std::string_view ExtensionIn(const std::string& folder) {
   return folder == "d4rl" ? ".hdf5" : ".h5";
 }
 
-// In blocks, because a builder holds one block in memory.
+// Appends the rows that the rule d4rl keeps, in blocks, because a builder holds a block in memory.
 Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder) {
   constexpr uint64_t kBlockRows = 65536;
@@ -55,18 +55,18 @@ Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& ca
   return Status();
 }
 
-// Of a cache's files. A passing shortage of memory or descriptors says nothing about them.
+// Whether a cache's files are damaged. A passing shortage of memory or descriptors is no damage.
 bool IsDamage(const Status& status) {
   return status.code() == StatusCode::kDataLoss || status.code() == StatusCode::kVersionMismatch;
 }
 
-// Whether a dataset that was loaded with `status` is to be imported or derived: it was not there,
-// or not usable.
+// Whether a dataset is to be imported or derived again, when loading it gave `status`: its cache is
+// missing or damaged.
 bool IsToBeMade(const Status& status) {
   return status.code() == StatusCode::kUnknownName || IsDamage(status);
 }
 
-// Whether an import would fail again: what it complains about is the file itself.
+// Whether an import would fail again, because its error lies in the file itself.
 bool LiesInFile(const Status& failure) {
   return IsDamage(failure) || failure.code() == StatusCode::kInvalidArgument ||
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kLimitExceeded;
@@ -163,7 +163,7 @@ Result<ImportedFile> DatasetStore::ImportFile(const File& file,
         imported.rows,
         ImportInChild(options_.importer_program, {file.path, folder.path(), cache_.max_bytes()},
                       deadline, &cancelled));
-    // Here, because what the importer says of a hostile file could be the file's own words.
+    // The hash is computed here, because a crafted file may control what the importer says.
     B4MRL_ASSIGN_OR_RETURN(imported.sha256, Sha256OfDescriptor(fd.get(), file.path, go_on));
     return Status();
   };
@@ -325,7 +325,7 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
 }
 
 void DatasetStore::TidyUp() {
-  // Where there are no caches, none need a mode.
+  // Without caches there is nothing to do.
   std::error_code error;
   if (!fs::exists(CacheRoot(options_.data_folder), error)) return;
   if (const Status status = cache_.Make(); !status.ok()) spdlog::warn("{}", status.ToString());

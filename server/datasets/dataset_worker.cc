@@ -26,9 +26,9 @@
 namespace b4mrl {
 namespace {
 
-// Messages are handled for so long before background work and deadlines get their turn.
+// Messages are handled for at most so long before background work and deadlines have their turn.
 constexpr int64_t kTurnMs = 50;
-// At a time, by processes and by threads of this one.
+// How many imports run at once, each in a process, and derivations, each in a thread.
 constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 
@@ -59,14 +59,16 @@ class DatasetWorker {
   void Handle(IncomingMessage incoming);
   void Dispatch(PendingRequest pending);
   void HandleOpen(PendingRequest pending);
-  // Opens the dataset of the parked request `id` from the caches, and has made what they lack.
+  // Opens the dataset of the parked request `id` from the caches. Prepare has it imported or
+  // derived where the caches lack it.
   void SubmitOpen(uint64_t id, DatasetRequest wanted);
   void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(const std::string& fingerprint, PendingRequest pending);
-  // Keeps a request until its completion or its deadline; null when too many wait already.
+  // Keeps a request until its completion or its deadline and returns its id; 0 when too many wait
+  // already, which is the reply then.
   uint64_t Park(PendingRequest pending);
-  // The parked request `id`, unless its deadline has answered it.
+  // Takes out the parked request `id`; nothing if it was answered at its deadline.
   std::optional<PendingRequest> Unpark(uint64_t id);
   void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
   void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
@@ -75,7 +77,7 @@ class DatasetWorker {
   // names; has the dataset mapped first where it is not.
   template <auto kPayload>
   void Serve(PendingRequest pending);
-  // Handles messages, and requests whose dataset has come, for at most kTurnMs.
+  // Handles messages, and requests whose dataset has been mapped, for at most kTurnMs.
   void TakeTurn();
   void ExpireParked();
   void AnswerAllParked(const Status& status);
@@ -89,9 +91,9 @@ class DatasetWorker {
   uint64_t next_id_ = 1;
   // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
   std::map<std::string, std::vector<uint64_t>> loading_;
-  std::deque<PendingRequest> ready_;  // whose dataset has been mapped meanwhile
+  std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
-  BackgroundThread mapping_;  // lists, opens and maps what is prepared: milliseconds
+  BackgroundThread mapping_;  // lists files, opens and maps caches: milliseconds
   PreparationQueue imports_{kShortImports, kLongImports};
   PreparationQueue derivations_{kShortDerivations, kLongDerivations};
 };
@@ -211,7 +213,7 @@ void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted) {
 
 void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
   const auto parked = parked_.find(id);
-  if (parked == parked_.end()) return;  // its deadline has answered it
+  if (parked == parked_.end()) return;  // it was answered at its deadline
   const auto done = [this, id, wanted](const Result<OpenedDataset>& made) {
     if (!made.ok()) return FinishOpen(id, made);
     if (made->dataset != nullptr) served_.Add(made->fingerprint, made->dataset);
@@ -260,7 +262,7 @@ void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pe
   if (id == 0) return;
   std::vector<uint64_t>& waiting = loading_[fingerprint];
   waiting.push_back(id);
-  if (waiting.size() > 1) return;  // on its way already
+  if (waiting.size() > 1) return;  // the dataset is being mapped already
   mapping_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
     auto dataset = std::make_shared<Result<DatasetPointer>>(store_.Load(fingerprint));
     return [this, fingerprint, dataset] { FinishLoad(fingerprint, *dataset); };

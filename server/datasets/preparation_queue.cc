@@ -8,7 +8,8 @@
 namespace b4mrl {
 namespace {
 
-// Of a job's turn from one start to the next. What is thrown away adds up to a third of the rest.
+// The turn of a job grows by this factor from one start to the next, so that the work that is
+// thrown away adds up to a third of the last turn.
 constexpr int64_t kTurnGrowth = 4;
 
 }  // namespace
@@ -115,7 +116,7 @@ void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& resu
 }
 
 void PreparationQueue::MakeWay() {
-  // Jobs of a kind that wait beyond its free places; negative while places are left.
+  // The number of waiting jobs of a kind less the number of its free places.
   const auto count_waiting = [&](bool is_long) {
     return std::ranges::count_if(
                jobs_,

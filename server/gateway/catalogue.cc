@@ -65,7 +65,7 @@ void Catalogue::FillPage(uint32_t first, pb::Reply* reply) {
 void Catalogue::ReadFolder() {
   using std::chrono::nanoseconds;
   struct stat info {};
-  nanoseconds changed{0};  // of a folder that is not there
+  nanoseconds changed{0};  // stays 0 if there is no such folder
   if (stat(models_folder_.c_str(), &info) == 0) {
     changed = std::chrono::seconds(info.st_mtim.tv_sec) + nanoseconds(info.st_mtim.tv_nsec);
   }

@@ -41,7 +41,7 @@ class Gateway {
           std::vector<DealerSocket> workers)
       : context_(context),
         socket_(std::move(socket)),
-        // A client that is gone asks again when it is back.
+        // A reply is lost when its client is gone; the client asks again when it is back.
         replies_({context.record().requests, context.record().errors},
                  [this](const RoutingId& client, Message reply) {
                    (void)socket_.Send(client, std::move(reply));
@@ -128,7 +128,7 @@ void Gateway::HandleForeign(const Asker& from, Message message) {
   if (!request_.has_close() || status.code() != StatusCode::kSessionLost) {
     return replies_.Reply(from, status);
   }
-  pb::Reply closed;  // a session that is not there counts as closed
+  pb::Reply closed;  // a session that does not exist counts as closed
   closed.mutable_close();
   replies_.Reply(from, std::move(closed));
 }
@@ -158,7 +158,7 @@ void Gateway::HandleOpen(const Asker& from) {
   if (context_.draining()) {
     return replies_.Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
   }
-  request_.mutable_open()->clear_compiled_model();  // the daemon's own to set
+  request_.mutable_open()->clear_compiled_model();  // which only the gateway itself may set
   openings_.Open(from, request_);
 }
 

@@ -21,8 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What a folder's files are without reading them: names, sizes, times. Nothing when there are too
-// many to look at.
+// The names, sizes and times of a folder's files, as text. Nothing when the folder has too many.
 std::optional<std::string> StateOfFolder(const std::string& folder) {
   constexpr size_t kMostEntries = 4096;
   std::vector<std::string> entries;
@@ -41,10 +40,11 @@ std::optional<std::string> StateOfFolder(const std::string& folder) {
   return fmt::format("{}", fmt::join(entries, "\n"));
 }
 
-// What the compilation of a file depends on: its bytes and, where they can name other files, the
-// state of the folder. Nothing when that cannot be told.
+// A hash of all that the compilation of a file depends on: its bytes and, if they can name other
+// files, the state of the folder. Nothing when the hash cannot be computed.
 std::optional<uint64_t> ContentOf(const std::string& folder, const std::string& file) {
-  // Opened without waiting, in case it is a pipe, and read as what it turned out to be.
+  // O_NONBLOCK, so that opening a pipe does not wait. The descriptor is read, not the path again,
+  // as the path may name another file by then.
   const UniqueFd fd(open((folder + "/" + file).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   struct stat info {};
   if (!fd.valid() || fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
@@ -61,22 +61,22 @@ std::optional<uint64_t> ContentOf(const std::string& folder, const std::string& 
   return XXH3_64bits(all.data(), all.size());
 }
 
-// Whether another try with the same content would end the same way: what the file has earned is
-// kept, since clients ask again and again; what the machine was short of is not.
+// Whether compiling the same content again would end the same way. Errors that lie in the file are
+// kept, since clients ask again and again; shortages of the machine are not.
 bool IsLasting(const Result<std::string>& hash) {
   switch (hash.status().code()) {
     case StatusCode::kOk:
     case StatusCode::kInvalidArgument:
     case StatusCode::kUnsupported:
     case StatusCode::kLimitExceeded:
-    case StatusCode::kDataLoss:  // it ended the compiler, or its processor time
+    case StatusCode::kDataLoss:  // the file ended the compiler or used up its processor time
       return true;
     default:
       return false;
   }
 }
 
-// Also tells the file system that the model is in use.
+// Whether the compiled model exists. Sets its time stamp, which says when it was last used.
 bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
   return utimensat(AT_FDCWD, CompiledModelPath(cache_folder, hash).c_str(), nullptr, 0) == 0;
 }

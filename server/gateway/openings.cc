@@ -12,7 +12,7 @@
 namespace b4mrl {
 namespace {
 
-// A record whose opening no client repeats for this long is taken back.
+// The record of an opening is freed when no client has repeated its Open for this long.
 constexpr int64_t kAbandonedMs = 60'000;
 
 Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record is damaged"); }
@@ -95,7 +95,8 @@ void Openings::Leave(uint64_t number, const Result<pb::OpenReply>& reply) {
 Status Openings::CompileModel(uint64_t number, const pb::Request& request,
                               const std::string& file) {
   pb::OpenRequest open = request.open();
-  B4MRL_RETURN_IF_ERROR(CompleteOpen(request.session_token(), &open));  // before it costs anything
+  B4MRL_RETURN_IF_ERROR(
+      CompleteOpen(request.session_token(), &open));  // refuses before anything is compiled
   const auto done = [this, number, open = request.open()](const Result<std::string>& compiled) {
     const Status status = compiled.ok() ? AskWorker(number, open, *compiled) : compiled.status();
     if (!status.ok()) Leave(number, status);
@@ -136,7 +137,7 @@ Status Openings::AskWorker(uint64_t number, const pb::OpenRequest& open,
 
 bool Openings::Send(uint64_t generation) {
   const auto attach = attaches_.find(generation);
-  if (attach == attaches_.end()) return true;  // nobody wants it any more
+  if (attach == attaches_.end()) return true;  // the session was closed meanwhile
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_request_id(generation);
@@ -151,11 +152,11 @@ bool Openings::Send(uint64_t generation) {
 void Openings::Pump() {
   models_.Pump();
   for (uint32_t worker = 0; worker < workers_.size(); ++worker) ReadWorker(worker);
-  // What finds its worker's queue full is tried again in the next turn.
+  // An Attach that finds its worker's queue full is sent in the next turn.
   std::erase_if(unsent_, [this](uint64_t generation) { return Send(generation); });
   while (!deadlines_.empty() && deadlines_.begin()->first <= Clock::now()) {
     const uint64_t number = deadlines_.begin()->second;
-    // A record stays: the worker may still acknowledge, and the client may ask again.
+    // The record is kept: the worker may still acknowledge, and the client may ask again.
     const bool has_record = waiting_.at(number).generation != 0;
     Leave(number, Status(StatusCode::kDeadlineExceeded,
                          has_record ? "the worker did not acknowledge in time"
@@ -174,7 +175,7 @@ void Openings::ReadWorker(uint32_t index) {
   const uint32_t connections = worker.socket.connections();
   if (connections == worker.connections) return;
   const bool is_first = std::exchange(worker.connections, connections) == 0;
-  if (is_first) return;  // what had to wait for it is still queued
+  if (is_first) return;  // messages that were sent before it are still queued
   for (const auto& [generation, attach] : attaches_) {
     if (attach.worker == index) unsent_.insert(generation);
   }
@@ -193,11 +194,12 @@ Result<pb::OpenReply> Openings::Conclude(uint64_t generation, const Attach& atta
   const SessionRecord& record = shared_.session(attach.session_index);
   const bool is_its_own = record.generation == generation;
   if (const Status status = GetStatus(answer.status()); !status.ok()) {
-    // No worker holds it. A live one (asked for again) keeps its record.
+    // No worker holds the record of a session that is opening; a live session keeps its record.
     if (is_its_own && record.state() == SessionState::kOpening) table_.Free(attach.session_index);
     return status;
   }
-  // Without anybody who waits it is not live: the client asks again, or the record is taken back.
+  // If no Open waits, the session does not become live: the client asks again, or Reap frees the
+  // record.
   if (attach.waiting.empty()) return Status(StatusCode::kDeadlineExceeded, "nobody waits");
   if (!is_its_own || !table_.MakeLive(attach.session_index)) {
     return Status(StatusCode::kSessionLost, "the session was closed or given up meanwhile");

@@ -12,10 +12,10 @@
 namespace b4mrl {
 namespace {
 
-// Replies taken from one route before the next one has its turn.
+// At most so many replies are taken from one route before the next route has its turn.
 constexpr int kReplyBurst = 64;
 constexpr auto kSweepInterval = std::chrono::milliseconds(100);
-// A reply may come so long after the deadline: its process may have been frozen and replaced.
+// A reply may come so long after its deadline, when its process was frozen and replaced.
 constexpr int64_t kGraceMs = 5'000;
 
 bool IsForDatasets(const pb::Request& request) {
@@ -88,7 +88,7 @@ Result<Relay::Route*> Relay::FindOrMakeRoute(const RoutingId& client, const pb::
   if (worker >= dataset_worker) {
     return Status(StatusCode::kSessionLost, "the session's record is damaged");
   }
-  if (found != routes_.end()) Drop(found);  // to an earlier session of the same token
+  if (found != routes_.end()) Drop(found);  // the route to an earlier session of this token
   return MakeRoute(key, client, worker, *session);
 }
 
@@ -164,7 +164,7 @@ bool Relay::HandBackReplies(Route& route) {
   const uint32_t connections = route.socket.connections();
   if (connections == route.connections) return true;
   route.connections = connections;
-  // What the first connection had to wait for was still queued.
+  // Requests that were sent before the first connection are still queued.
   if (connections > 1) SendAgain(route);
   return true;
 }
@@ -176,7 +176,7 @@ void Relay::SendAgain(Route& route) {
     if (remaining_ms <= 0 || !ParseEnvelope(carried.message.envelope, &request_).ok()) continue;
     request_.set_deadline_ms(static_cast<uint32_t>(remaining_ms));
     Result<Frame> envelope = SerializeEnvelope(request_);
-    // What finds the queue full is sent again by the client.
+    // If the queue is full, the client sends the request again.
     if (!envelope.ok()) continue;
     (void)route.socket.Send({std::move(*envelope), carried.message.payload.Share()});
   }
@@ -203,7 +203,7 @@ void Relay::Sweep() {
       const auto current = carried++;
       if (current->second.deadline.expired()) Settle(route, current);
     }
-    // A reply that comes after its request was forgotten still reaches its client.
+    // A reply that comes after its request was dropped still reaches its client.
     const bool gone = route.carried.empty() && (route.last_use < oldest || !HandBackReplies(route));
     it = gone ? Drop(it) : std::next(it);
   }

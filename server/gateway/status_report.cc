@@ -12,7 +12,7 @@
 namespace b4mrl {
 namespace {
 
-// A status must fit an envelope with room to spare.
+// At most so many sessions are listed, so that a status fits an envelope with room to spare.
 constexpr uint32_t kMaxListedSessions = 256;
 constexpr size_t kMaxFolderBytes = 4096;
 

@@ -31,13 +31,14 @@ using Json = nlohmann::json;
 
 constexpr int kTrialSteps = 100;
 
-// Of a process; a killed one leaves it to its parent.
+// Where a process writes the model that it tries out. The parent removes it if the process was
+// killed.
 std::string TrialPath(const std::string& cache_folder, pid_t process_id) {
   return fmt::format("{}/.trial-{}.mjb", cache_folder, process_id);
 }
 
-// A start, and steps with and without motors. Numbers may diverge under random motors, which a lane
-// reports; at rest they may not.
+// Tries a start, and steps with and without motors. Numbers may diverge under random motors, which
+// a lane then reports, but not at rest.
 Status TryOut(const ModelCompilerOptions& options, const CompiledModel& compiled) {
   SimulatorRequest request;
   request.environment = options.environment;
@@ -83,7 +84,7 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
   B4MRL_RETURN_IF_ERROR(CheckFile(options));
   SandboxOptions sandbox;
   sandbox.readable_paths = {options.models_folder};
-  // The task's own model, for comparison, where the user's folder has none.
+  // For the task's own model, which the user's model is compared with.
   if (access(DefaultModelsFolder().c_str(), F_OK) == 0) {
     sandbox.readable_paths.push_back(DefaultModelsFolder());
   }
@@ -100,8 +101,7 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
   if (hash.ok()) {
     Status status = TryOut(options, {trial, *hash});
     const std::string path = CompiledModelPath(options.cache_folder, *hash);
-    const mode_t mode =
-        ModeInside(options.cache_folder) & 0666;  // whoever shares the cache reads it
+    const mode_t mode = ModeInside(options.cache_folder) & 0666;  // as readable as the cache folder
     if (status.ok() &&
         (chmod(trial.c_str(), mode) != 0 || rename(trial.c_str(), path.c_str()) != 0)) {
       status = IoError("create", path, errno);

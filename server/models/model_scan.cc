@@ -41,7 +41,7 @@ Status Leaves(const Reference& reference) {
                          "files inside the models folder, by relative paths without '..'");
 }
 
-// Collects what one file and its includes refer to.
+// Collects the references of one file and its includes.
 class Scan final : public tinyxml2::XMLVisitor {
  public:
   Scan(std::string folder, const std::string& file_name)
@@ -134,7 +134,7 @@ Status Scan::CheckLinks() const {
   for (const std::string& folder : folders_) {
     for (const Reference& file : files_) {
       const fs::path found = fs::canonical(fs::path(folder_) / folder / file.path, error);
-      // What does not exist is MuJoCo's to complain about.
+      // MuJoCo itself refuses references to files that do not exist.
       if (!error && !found.string().starts_with(inside)) return Leaves(file);
     }
   }

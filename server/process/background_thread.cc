@@ -53,7 +53,7 @@ void BackgroundThread::Loop() {
     lock.lock();
     completions_.push_back(std::move(completion));
     const uint64_t one = 1;
-    // Fails only when the counter is full, and then the loop wakes anyway.
+    // The write fails only when the counter is full, and then the loop wakes anyway.
     [[maybe_unused]] const ssize_t written = write(wake_.get(), &one, sizeof(one));
   }
 }

@@ -26,7 +26,7 @@ CLI::Validator Count(uint64_t most) {
   return CLI::Validator(CountText(1, most), fmt::format("1..{}", most));
 }
 
-// As the command line has them, before completion; 0 and "" stand for "not given".
+// Options as the command line gives them; 0 and "" stand for options that were not given.
 struct Flags {
   ServeOptions serve;
   std::string config_file;
@@ -38,8 +38,8 @@ Status Complain(std::string message) {
   return Status(StatusCode::kInvalidArgument, std::move(message));
 }
 
-// Takes what the flags left open from the file. Every key is checked, so that a misspelt one is
-// told.
+// Takes the options that no flag has set from the file. Checks every key, so that a misspelt key is
+// an error.
 Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOptions* options) {
   const auto count = [&](uint32_t* target, uint32_t most) -> Status {
     const std::optional<int64_t> value = node.value<int64_t>();
@@ -152,7 +152,7 @@ ListeningEndpoint ParseListener(const std::string& text) {
           fd.ok() ? static_cast<int>(*fd) : -1};
 }
 
-// The arguments between supervisor and child, as text.
+// The supervisor's arguments for a child as text, before they are parsed.
 struct ChildFlags {
   std::vector<std::string> listeners;
   std::vector<std::string> worker_ports;

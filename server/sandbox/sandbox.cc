@@ -18,7 +18,7 @@
 namespace b4mrl {
 namespace {
 
-// linux/landlock.h of Debian 12 ends at version 3 of the interface; these are version 4's.
+// Parts of version 4 of Landlock's interface, which linux/landlock.h of Debian 12 lacks.
 struct RulesetAttributes {
   uint64_t handled_access_fs;
   uint64_t handled_access_net;
@@ -32,12 +32,13 @@ constexpr uint64_t kFolderAccess = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCES
                                    LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_REMOVE_FILE |
                                    LANDLOCK_ACCESS_FS_REMOVE_DIR;
 
-// `slack` lies between the value and the hard limit, where the kernel has a signal for each.
+// Sets the soft limit to `value` and the hard limit `slack` above it, as the kernel sends another
+// signal at each of the two.
 Status SetLimit(int resource, uint64_t value, const char* name, uint64_t slack = 0) {
   const auto which = static_cast<__rlimit_resource>(resource);
   rlimit limit{};
   if (getrlimit(which, &limit) == 0) {
-    // Only a privileged process may raise its hard limit, and none needs to.
+    // Only a privileged process may raise its hard limit, so a lower one is kept.
     limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value + slack);
     limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, value);
     if (setrlimit(which, &limit) == 0) return Status();
@@ -88,11 +89,11 @@ Status ConfineFiles(const SandboxOptions& options) {
 }  // namespace
 
 Status EnterSandbox(const SandboxOptions& options) {
-  // A write beyond the size limit shall be an error of the call.
+  // A write beyond the limit on file sizes is to fail instead of ending the process.
   std::signal(SIGXFSZ, SIG_IGN);
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CORE, 0, "core files"));
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-  // Sanitizers reserve terabytes of addresses for their shadow memory.
+  // Not with sanitizers, which reserve terabytes of addresses for their shadow memory.
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_AS, options.memory_bytes, "memory"));
 #endif
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CPU, options.cpu_seconds, "processor time", 1));

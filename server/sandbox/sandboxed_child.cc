@@ -22,11 +22,11 @@ using Json = nlohmann::json;
 
 constexpr size_t kMaxAnswerBytes = 64 * 1024;
 constexpr int64_t kPollMs = 100;
-// After this time the rest of the machine goes first.
+// After this time the child runs at lower priority.
 constexpr int64_t kEagerMs = 2000;
 constexpr int kPatientNice = 10;
 
-// Everything up to the end of output, or why the child is to be ended before it.
+// The child's whole output, or the reason to end the child before the end of its output.
 Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& process,
                     const Deadline& deadline, const std::atomic<bool>* cancelled,
                     std::string* text) {

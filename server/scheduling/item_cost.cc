@@ -7,18 +7,18 @@ namespace {
 
 constexpr double kPieceUs = 500;
 constexpr double kBiteUs = 100;
-constexpr double kShortestPieceUs = 60;  // below this, sharing out costs more than it gains
+constexpr double kShortestPieceUs = 60;  // shorter pieces cost more to hand out than they gain
 constexpr double kShortestItemUs = 0.1;
 
 }  // namespace
 
 void ItemCost::Observe(double us_per_item) {
   constexpr double kWeight = 0.1, kMostTimes = 20;
-  // Threads may overwrite each other's update; any of them is as good.
+  // Two threads may overwrite each other's update; losing one does no harm.
   const double before = Expect(1);
   double now = std::max(us_per_item, kShortestItemUs);
-  // A thread that was interrupted for milliseconds says little about its items; a cost that has
-  // changed is known after a few pieces all the same.
+  // A thread that was interrupted for milliseconds measures its items wrongly, so one measurement
+  // counts little; a cost that has really changed is learnt after a few pieces.
   if (before > 0) now = before + kWeight * (std::min(now, kMostTimes * before) - before);
   us_.store(static_cast<float>(now), std::memory_order_relaxed);
 }

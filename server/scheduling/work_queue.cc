@@ -5,7 +5,7 @@
 namespace b4mrl {
 namespace {
 
-// By kind. Somebody who steps waits for every answer, and most of a worker's clients step.
+// By kind. A client that steps waits for every answer, and most clients of a worker step.
 constexpr std::array<double, kWorkKinds> kWeights = {4, 1, 1};
 
 bool MayEnd(const QueuedWork& work, bool begun) {

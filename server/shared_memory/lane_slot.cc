@@ -25,7 +25,7 @@ std::span<const std::byte> LaneSlot::committed_record() const {
 }
 
 uint64_t LaneSlot::Checksum(const BufferSeal& seal) const {
-  // The seal's own fields enter as the seed, so that no record passes for another number's.
+  // The seal's fields are the hash's seed, so that no record passes for that of another number.
   const uint64_t seed = seal.number * 0x9e3779b97f4a7c15ull + static_cast<uint64_t>(seal.operation);
   return XXH3_64bits_withSeed(buffer(seal.number).data(), seal.size, seed);
 }
@@ -82,7 +82,7 @@ void LaneSlot::AddBlame(uint64_t number, uint64_t attempt, uint32_t points) {
 
 uint32_t LaneSlot::Blame(uint64_t attempt) const {
   const uint32_t blame = memory_->blame.load(std::memory_order_relaxed);
-  if (blame == 0) return 0;  // nearly always
+  if (blame == 0) return 0;  // as nearly always
   const bool is_meant = memory_->blamed_number.load(std::memory_order_relaxed) == committed() + 1 &&
                         memory_->blamed_attempt.load(std::memory_order_relaxed) == attempt;
   return is_meant ? blame : 0;

@@ -18,7 +18,7 @@
 namespace b4mrl {
 namespace {
 
-// A process that lived shorter than this died young: its restarts are spaced out.
+// A process that lived for a shorter time died young, and its restarts are spaced out.
 constexpr int64_t kYoungMs = 250;
 constexpr int64_t kFirstBackOffMs = 10;
 constexpr int64_t kLongestBackOffMs = 5'000;
@@ -29,7 +29,7 @@ constexpr int64_t kStartingMs = 20'000;
 [[noreturn]] void BecomeChild(pid_t supervisor, const std::vector<int>& kept_fds,
                               char* const* arguments) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (getppid() != supervisor) _exit(1);  // it died before prctl
+  if (getppid() != supervisor) _exit(1);  // the supervisor died before prctl
   signal(SIGINT, SIG_IGN);
   signal(SIGTERM, SIG_IGN);
   signal(SIGHUP, SIG_IGN);
@@ -40,7 +40,7 @@ constexpr int64_t kStartingMs = 20'000;
   setrlimit(RLIMIT_CORE, &no_core);
   const int null = open("/dev/null", O_RDONLY);
   dup2(null, STDIN_FILENO);
-  dup2(STDERR_FILENO, STDOUT_FILENO);  // stdout is the supervisor's: it says "ready"
+  dup2(STDERR_FILENO, STDOUT_FILENO);  // only the supervisor writes to stdout: "ready ..."
   for (const int fd : kept_fds) fcntl(fd, F_SETFD, 0);
   execv("/proc/self/exe", arguments);
   _exit(127);
@@ -131,7 +131,7 @@ bool ChildProcess::MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms) {
     return false;
   }
   if (silence->ms < limit_ms) return false;
-  // It may wait for a lock that another thread holds, which gets no processor.
+  // The main loop may wait for a lock whose holder, another thread, gets no processor.
   silence->wants_processor = silence->wants_processor || WantsProcessor(process_id_);
   const Verdict verdict = Judge(*silence, limit_ms);
   if (verdict == Verdict::kPatience) {

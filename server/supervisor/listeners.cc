@@ -74,7 +74,7 @@ Result<TcpSocket> ListenTcp(in_addr host, uint16_t port) {
   return TcpSocket{fd, ntohs(address.sin_port)};
 }
 
-// A socket file that nobody listens on any more, left by a daemon that was killed.
+// Whether no process listens on a socket file, as it was left by a daemon that was killed.
 bool IsStaleSocketFile(const sockaddr_un& address) {
   struct stat info {};
   if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return false;
@@ -117,7 +117,7 @@ Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
   for (const std::string& bind : binds) {
     if (bind.starts_with("ipc://")) {
       B4MRL_ASSIGN_OR_RETURN(std::string path, ParseIpcAddress(bind));
-      // Clients are told it, and may be in another folder.
+      // Clients are told the path and may run in another folder, so it is made absolute.
       plan.ipc.push_back(std::filesystem::absolute(path));
       continue;
     }
@@ -147,7 +147,8 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
   return Status();
 }
 
-// The listeners of one worker; `offset` from the gateway's port, `suffix` after its ipc path.
+// Opens the listeners of one worker: at the gateway's port + `offset`, and at its ipc path followed
+// by `suffix`.
 Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
                  std::vector<ListeningEndpoint>* to, ChildOptions::Port* told) {
   if (!plan.tcp.empty()) {
@@ -159,7 +160,7 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
     for (const Plan::Tcp& tcp : plan.tcp) {
       if (std::count(hosts_done.begin(), hosts_done.end(), tcp.host.s_addr) > 0) continue;
       hosts_done.push_back(tcp.host.s_addr);
-      // Every host gets the port that the first one got: clients are told one number.
+      // Every host gets the port of the first host, because clients are told one number.
       const uint32_t port = base == 0 ? told->tcp : base + offset;
       B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, static_cast<uint16_t>(port), to, &told->tcp));
     }
@@ -171,7 +172,7 @@ Status AddWorker(const Plan& plan, uint32_t offset, const std::string& suffix,
   return Status();
 }
 
-// The listeners of all but the gateway.
+// Opens the listeners of all workers and of the dataset worker.
 Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
   listeners->workers.resize(workers);
   listeners->worker_ports.resize(workers);

@@ -13,8 +13,8 @@
 namespace b4mrl {
 namespace {
 
-// Most work takes microseconds. Only what takes longer than this is looked at more closely, which
-// costs system calls.
+// Most work takes microseconds. A thread that is silent for longer than this is looked at more
+// closely, which costs system calls.
 constexpr int64_t kNoticeableMs = 200;
 
 // Fields of /proc/PID/task/TID/stat that stand between the state and the processor times.
@@ -25,7 +25,7 @@ constexpr int kFieldsBetween = 10;
 std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread) {
   std::string line;
   std::getline(std::ifstream(fmt::format("/proc/{}/task/{}/stat", process, thread)), line);
-  // The state follows the name in parentheses, which may hold parentheses itself.
+  // The state follows the program's name, which stands in parentheses and may hold some itself.
   const size_t name_end = line.rfind(") ");
   if (name_end == std::string::npos) return std::nullopt;
   std::istringstream fields(line.substr(name_end + 2));

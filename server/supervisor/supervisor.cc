@@ -37,7 +37,7 @@ class Supervisor {
  private:
   void StartDueChildren(int64_t now_ms);
   void ReapChildren();
-  // False when the daemon cannot start: a child refused its task.
+  // False when the daemon cannot start, because a child has refused to.
   bool AnnounceWhenReady(int64_t now_ms);
   void BeginDrain(int64_t now_ms);
   void KillAll();
@@ -62,7 +62,7 @@ void Supervisor::AddChildren(const ServeOptions& options) {
   common.worker_ports = listeners_.worker_ports;
   common.dataset_port = listeners_.dataset_port;
   for (const auto& worker : listeners_.workers) {
-    // The gateway reaches the workers over whatever comes last: ipc where there is one.
+    // The gateway reaches a worker at its last address, which is ipc if the worker has one.
     common.worker_addresses.push_back(LocalAddress(worker.back()));
   }
   common.dataset_address = LocalAddress(listeners_.dataset.back());
@@ -182,7 +182,7 @@ int Supervisor::Run(int signal_fd) {
   return exit_code;
 }
 
-// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal is closed) drain.
+// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal was closed) begin the drain.
 int OpenSignals() {
   sigset_t signals;
   sigemptyset(&signals);
