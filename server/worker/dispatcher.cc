@@ -17,9 +17,9 @@
 namespace b4mrl {
 namespace {
 
-// Deadlines are looked after at most this often, as each time all requests are looked at.
+// Deadlines are checked at most this often, because each check looks at all requests.
 constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
-// Of an OpenReply, beside what the worker says of the session.
+// Bytes of an OpenReply's envelope beside the worker's description of the session.
 constexpr size_t kEnvelopeRest = 1024;
 
 struct Handler {
@@ -61,8 +61,8 @@ void Dispatcher::AdoptSessions() {
     const uint64_t generation = record.generation;
     const SessionState state = record.state();
     if (record.worker != worker_) continue;
-    // An earlier process may have built it and said so, which the gateway has yet to read. What is
-    // wrong with it is said when its Attach comes again.
+    // An earlier process may have built the session and answered the Attach, which the gateway has
+    // yet to read. An error is told when the Attach comes again.
     if (state == SessionState::kOpening && record.build_deaths == 0) {
       static_cast<void>(Attach(index, generation));
     }
@@ -100,13 +100,14 @@ Result<pb::Reply> Dispatcher::HandleAttach(const pb::Request& request) {
       SessionToken(record) != request.session_token()) {
     return Status(StatusCode::kSessionLost, "the session was given up meanwhile");
   }
-  record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
+  record.last_activity_ms.store(
+      MonotonicMs());  // so that the record is not freed while the session is built
   B4MRL_ASSIGN_OR_RETURN(Session * session, Attach(index, request.attach().generation()));
   pb::Reply reply;
   DescribeSession(*session, reply.mutable_attach());
   const size_t bytes = reply.ByteSizeLong();
   if (bytes + kEnvelopeRest <= limits::kMaxEnvelopeBytes) return reply;
-  // The client cannot be told what it would get.
+  // The reply to Open could not describe the session.
   record.Close(session->generation());
   sessions_.erase(std::string(session->token()));
   return Status(StatusCode::kInvalidArgument,
@@ -149,10 +150,10 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
 Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {
   const SessionTable table(shared_);
   const std::optional<uint32_t> index = table.Find(token);
-  if (!index) return Closed();  // closed already
+  if (!index) return Closed();  // the session is closed already
   SessionRecord& record = shared_.session(*index);
   const uint64_t generation = record.generation;
-  if (table.Holds(*index, token)) {  // still, so the generation is its own
+  if (table.Holds(*index, token)) {  // the token has not changed meanwhile, nor has the generation
     if (record.worker != worker_) {
       return Status(StatusCode::kSessionLost, "the session lives on another worker");
     }

@@ -46,7 +46,7 @@ void Executor::ThreadMain(uint32_t index, TakeFunction take) {
 }
 
 void Executor::PainterThreadMain() {
-  // Its process inherits the choice of cores; all of this worker's are better than the first.
+  // The painter's process inherits this thread's cores: all of the worker's, not only the first.
   if (!cores_.empty()) PinThisThread(cores_);
   PainterProcess painter;
   WorkerThread self;
@@ -73,7 +73,8 @@ void Executor::Execute(const Piece& piece, WorkerThread& thread) {
     std::lock_guard lock(completed_mutex_);
     completed_.push_back(job);
   }
-  // In this order, as BeginWait has the opposite one: at least one of the two sees the other.
+  // BeginWait writes waiting_ and then reads any_completed_, so at least one of the two threads
+  // sees what the other has written.
   any_completed_.store(true);
   if (waiting_.exchange(false)) eventfd_write(completion_fd_, 1);
 }
@@ -105,7 +106,8 @@ bool Executor::BeginWait() {
 
 void Executor::EndWait() {
   waiting_.store(false);
-  // A thread that saw the wait may write only now; that costs one empty wake-up.
+  // A thread that saw waiting_ may write to the descriptor only now, which costs a needless
+  // wake-up.
   eventfd_t count = 0;
   eventfd_read(completion_fd_, &count);
 }

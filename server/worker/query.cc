@@ -1,4 +1,5 @@
-// Query: rows of T_sim, the simulator's transition from arbitrary observations. Changes nothing.
+// The request Query: the simulator's transition T_sim from arbitrary observations and actions. It
+// changes no lane.
 #include <fmt/format.h>
 
 #include <algorithm>

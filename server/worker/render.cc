@@ -1,4 +1,4 @@
-// Render: pictures of lanes as they stand. Changes nothing and keeps no lane busy.
+// The request Render: pictures of lanes. It changes no lane and keeps none busy.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -17,7 +17,7 @@ namespace {
 class RenderJob : public RequestJob {
  public:
   explicit RenderJob(JobInput& input) : RequestJob(input) {
-    // Its pictures are taken one by one, as nobody tells the queue what they cost.
+    // The cost of pictures is never observed, so the queue hands them out one by one.
     ends_at_deadline = true;
   }
   Status Prepare(const pb::Request& request) override;
@@ -35,10 +35,10 @@ class RenderJob : public RequestJob {
     uint64_t lane_seed, episode;
     std::vector<double> state;
   };
-  PaintRequest picture_;       // its state is that of the item in hand
-  std::vector<Scene> scenes_;  // of the items
+  PaintRequest picture_;       // with the state of the item that is being painted
+  std::vector<Scene> scenes_;  // one for each item
   size_t offset_ = 0;
-  uint32_t painted_ = 0;  // items, which one thread takes in any order
+  uint32_t painted_ = 0;  // how many items are painted; one thread takes them in any order
 };
 
 Status CheckSide(std::string_view name, uint32_t side) {
@@ -93,7 +93,7 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   if (failed()) return;
   const size_t bytes = PictureBytes(picture_.width, picture_.height);
   if (painted_ == 0) {
-    // Only now, so that requests that wait hold no memory for their answers.
+    // Allocated with the first picture, so that waiting requests hold no memory for their replies.
     ArrayLayout layout(reply_.mutable_arrays());
     offset_ = layout.Add("frames", DType::kUint8, {items, picture_.height, picture_.width, 3});
     reply_payload_ = layout.Allocate();

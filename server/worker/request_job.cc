@@ -30,7 +30,7 @@ double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
 }
 
 bool RequestJob::EndPiece(const Piece& piece) {
-  // Read now: as soon as this piece counts as done, another thread may end the job and its life.
+  // Read first: once this piece counts as done, another thread may complete and destroy the job.
   const uint32_t all_items = items;
   return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
 }

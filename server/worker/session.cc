@@ -74,7 +74,7 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
       request.observation_dtype() == pb::FLOAT64 ? DType::kFloat64 : DType::kFloat32;
   session->request_ = std::move(request);
   session->NameExperiment();
-  // The gateway may have given the record away while it was read.
+  // The gateway may have given the record to another session while it was read.
   const SessionState state = session->state();
   if (state == SessionState::kOpening) {
     session->InitializeLanes();

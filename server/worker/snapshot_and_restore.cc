@@ -1,4 +1,4 @@
-// Snapshot and Restore of lanes.
+// The requests Snapshot and Restore.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -16,7 +16,8 @@
 namespace b4mrl {
 namespace {
 
-// Items are lanes. Both count only as a whole, so a deadline may end either half-way.
+// Items are lanes. A snapshot or restore counts only as a whole, so its deadline may end it
+// half-way.
 
 class SnapshotJob : public RequestJob {
  public:
@@ -28,20 +29,20 @@ class SnapshotJob : public RequestJob {
   void FinishReply() override;
 
  private:
-  // A readable part, for all lanes, of those that the first lane has.
+  // A readable part of the state, for all lanes. The first lane decides which parts there are.
   struct Part {
     std::string name;
     size_t size;
     size_t offset;
-    // Some lane has none of that size; then nobody gets it.
+    // True when a lane lacks this part or has it in another size; then the reply leaves it out.
     std::atomic<bool> missing{false};
   };
   Status PlanReply();
-  // Of a lane that was ever reset.
+  // The readable state of a lane, which must have been reset before.
   NamedState StateOf(Environment& environment, uint32_t lane) const;
   void WriteLane(uint32_t position, Environment& environment);
 
-  size_t snapshot_ = 0;  // offset
+  size_t snapshot_ = 0;  // offset of the array
   std::deque<Part> parts_;
 };
 
@@ -64,7 +65,7 @@ Status SnapshotJob::PlanReply() {
   reply_.mutable_snapshot()->set_engine_version(EngineVersion());
   ArrayLayout layout(reply_.mutable_arrays());
   snapshot_ = layout.Add("snapshot", DType::kUint8, {items, SnapshotBytes(owner().layout())});
-  // A lane that was never reset has no state to show; its bytes still restore to just that.
+  // A lane that was never reset has no readable state. Restoring its bytes gives such a lane again.
   const bool any_fresh =
       std::ranges::any_of(busy_lanes_, [this](uint32_t lane) { return owner().lane(lane).fresh; });
   if (!any_fresh) {
@@ -111,8 +112,8 @@ void SnapshotJob::WriteLane(uint32_t position, Environment& environment) {
   }
 }
 
-// Lanes differ in a part's size only where a client restored them so (Highway's cars). Its place
-// stays, as zeros.
+// Lanes differ in a part's size only if a client restored them so (Highway's cars). A part that is
+// left out keeps its place in the payload, filled with zeros.
 void SnapshotJob::FinishReply() {
   auto* table = reply_.mutable_arrays();
   for (const Part& part : parts_) {
@@ -143,8 +144,8 @@ class RestoreJob : public RequestJob {
 
   std::optional<ArrayReader> arrays_;
   LaneSelection selection_;
-  size_t observations_ = 0;  // offset
-  TensorView snapshot_;      // empty: named parts
+  size_t observations_ = 0;  // offset of the array
+  TensorView snapshot_;      // empty if the request holds named parts
   std::map<std::string, TensorView> parts_;
 };
 
@@ -223,8 +224,8 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
                                          LaneRecord(layout, record.data()));
 }
 
-// Every lane's new record waits in its idle buffer until all are there, so that an error restores
-// nothing.
+// The new record of every lane waits in the lane's idle buffer until all records are there, so that
+// after an error no lane is restored.
 void RestoreJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   if (failed()) return;
   Result<Simulator::Lease> environment = owner().simulator().Borrow();

@@ -1,4 +1,4 @@
-// Step and Reset: operations that move lanes on by one number.
+// The requests Step and Reset.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -32,15 +32,15 @@ class LaneJob : public RequestJob {
 
  private:
   Status ReadInputs();
-  // kFailedPrecondition if a lane's reset would end the process once more.
+  // kFailedPrecondition if the reset of a lane is refused (server/shared_memory/blame.h).
   Status CheckResets() const;
   void PlanReply();
   Status Execute(uint32_t position, Environment& environment, WorkerThread& thread);
   Status Compute(uint32_t position, Environment& environment, ConstLaneRecord before,
                  LaneRecord after, WorkerThread& thread);
-  // Of a reset, if it names seeds.
+  // The seed that a reset names for the lane; nothing for a step or without seeds.
   std::optional<uint64_t> SeedOf(uint32_t position) const;
-  // Copies what is reported about a lane from its committed record to the reply.
+  // Copies the outcome of a lane's operation from its committed record to the reply.
   void WriteOutcome(uint32_t position);
 
   Operation operation_;
@@ -61,14 +61,14 @@ Status LaneJob::Prepare(const pb::Request& request) {
   if (operation_ == Operation::kReset) B4MRL_RETURN_IF_ERROR(CheckResets());
   PlanReply();
   items = static_cast<uint32_t>(selection_.execute.size());
-  // Every lane that is named stays untouched until the reply has left, the answered ones as well:
-  // their records are what the reply is made of.
+  // All lanes of the request stay busy until the reply has left, those that are answered from their
+  // slots too, because the reply is made from their records.
   busy_lanes_ = selection_.lanes;
   for (const uint32_t position : selection_.answered) WriteOutcome(position);
   return Status();
 }
 
-// The refusal of actions, one row a lane, of which one is not finite.
+// The error for actions, a row for each lane, of which a number is not finite.
 Status RefuseNotFinite(const TensorView& actions, std::span<const uint32_t> lanes) {
   std::vector<double> values(actions.elements());
   CopyToDoubles(actions, 0, values);
@@ -143,7 +143,7 @@ void LaneJob::PlanReply() {
 void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
   if (!environment.ok()) {
-    // Other pieces may have committed their lanes, so not a status that promises the contrary.
+    // Other pieces may have committed their lanes, so the status must not say "not executed".
     return Fail(Status(StatusCode::kInternal, environment.status().message()));
   }
   const Clock::time_point start = Clock::now();
@@ -218,8 +218,8 @@ void LaneJob::WriteOutcome(uint32_t position) {
   if (header.episode_ended != 0) any_ended_.store(true, std::memory_order_relaxed);
 }
 
-// Episodes end rarely, so what is known of ended ones only joins the payload when there are any:
-// their arrays go behind the others, which keep their places.
+// Episodes end rarely, so the arrays of ended episodes are added only if there are any: behind the
+// other arrays, which keep their places.
 void LaneJob::FinishReply() {
   if (!any_ended_.load(std::memory_order_relaxed)) return;
   std::vector<uint32_t> ended;

@@ -27,7 +27,7 @@ bool Get(Attributes* attributes) {
 
 bool Set(int32_t niceness, uint64_t slice_ns) {
   Attributes attributes;
-  attributes.niceness = niceness;  // as it is: there is no call that sets the slice alone
+  attributes.niceness = niceness;  // unchanged: no call sets the slice alone
   attributes.runtime_ns = slice_ns;
   return syscall(SYS_sched_setattr, 0, &attributes, 0) == 0;
 }

@@ -1,5 +1,5 @@
-// An environment worker's main loop: a thread that owns the socket and simulates between messages,
-// and a pool that only simulates.
+// An environment worker's main loop, in the thread that owns the socket and simulates between two
+// messages. The threads of the executor's pool only simulate.
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -15,8 +15,8 @@
 namespace b4mrl {
 namespace {
 
-// Messages taken from the socket before completed work is answered, and for how long they may keep
-// it waiting, for some are large.
+// At most so many messages are taken, for at most so long, before completed work is answered: some
+// messages are large.
 constexpr int kReceiveBurst = 64;
 constexpr double kReceiveBurstSeconds = 1e-4;
 
@@ -46,7 +46,7 @@ class Worker {
 
 void Worker::Send(const RoutingId& receiver, Message reply) {
   const Status status = socket_.Send(receiver, std::move(reply));
-  // A client that is gone asks again when it is back; the slots have its answer.
+  // A client that is gone asks again when it is back, and is answered from the slots.
   if (status.ok() || status.code() == StatusCode::kUnavailable) return;
   context_.record().errors.fetch_add(1, std::memory_order_relaxed);
 }
@@ -66,7 +66,8 @@ void Worker::ReceiveBurst() {
 
 Status Worker::Run() {
   dispatcher_.AdoptSessions();
-  // Ready from here on: what the first message does to the worker is judged as at any other time.
+  // The first beat reports that the worker is ready, so a crash at the first message counts as a
+  // crash at a message, not at the start.
   context_.Beat();
   const int completion_fd = executor_.completion_fd();
   int64_t next_reap_ms = 0;
@@ -95,7 +96,8 @@ Status Worker::Run() {
   return Status();
 }
 
-// The cores of this worker's threads, in order; the threads of all workers take them in turns.
+// The cores of this worker's threads, by thread; the threads of all workers take the cores in
+// turns.
 std::vector<int> CoresOf(const ChildOptions& options) {
   std::vector<int> cores;
   if (!options.pin) return cores;
@@ -114,8 +116,8 @@ Status RunWorker(ChildContext& context) {
     return InvalidNumber("--index", context.options().index, "below the number of workers");
   }
   const std::vector<int> cores = CoresOf(context.options());
-  // Before the socket's own thread for input and output starts, which then shares the core: to wake
-  // a thread of another core costs several microseconds more.
+  // Pinned before ZeroMQ's thread for input and output starts, which then shares the core: waking a
+  // thread of another core costs several microseconds more.
   if (!cores.empty()) PinThisThread({cores[0]});
   Context sockets;
   B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
