@@ -6,7 +6,7 @@ import functools
 import os
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -28,6 +28,8 @@ from b4mrl.wire.connection import DEADLINE_MS, Connection
 from b4mrl.wire.messages import Request
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import Session
+
+T = TypeVar("T")
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
 _REACH_MS = 10_000  # wait for the first connection if the caller gives no deadline
@@ -164,7 +166,7 @@ class Client(Shown):
             "deadline_ms": deadline_ms,
         }
         shown: dict[str, Any] = {"render_mode": render_mode, "width": width, "height": height}
-        origin = self._origin(open_environment, asked | shown)
+        origin = self._origin(Client.make, asked | shown)
         return Environment(self._open(Opening(**asked)), origin, **shown)
 
     def make_vec(
@@ -212,7 +214,7 @@ class Client(Shown):
             "width": width,
             "height": height,
         }
-        origin = self._origin(open_vector_environment, asked | shown)
+        origin = self._origin(Client.make_vec, asked | shown)
         return VectorEnvironment(self._open(Opening(**asked)), origin, **shown)
 
     def query(
@@ -313,10 +315,12 @@ class Client(Shown):
             return Dataset(
                 connection,
                 descriptions.read(reply),
-                self._origin(open_dataset, asked),
+                self._origin(Client.dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,
-                functools.partial(open_queries, self.endpoint, self._asked_deadline_ms),
+                functools.partial(
+                    call_once, Client._open_queries, self.endpoint, self._asked_deadline_ms
+                ),
             )
         except BaseException:
             connection.close()
@@ -354,8 +358,13 @@ class Client(Shown):
         deadline_ms = checks.deadline_ms(opening.deadline_ms, self.deadline_ms)
         return open_session(self.endpoint, self._routes, opening, deadline_ms)
 
-    def _origin(self, opener: Callable[..., Any], arguments: Mapping[str, Any]) -> Origin:
+    def _open_queries(self, environment: str, simulator: str) -> Session:
+        """A session for float32 queries of a simulator."""
+        return self._open(Opening(environment, simulator, num_envs=0, seed=0))
+
+    def _origin(self, method: Callable[..., Any], arguments: Mapping[str, Any]) -> Origin:
         given = {name: value for name, value in arguments.items() if value is not None}
+        opener = functools.partial(call_once, method)
         return Origin(opener, self.endpoint, self._asked_deadline_ms, given)
 
     def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:
@@ -379,31 +388,13 @@ def _entries(catalogue: Any) -> int:
     return len(catalogue.environments) + len(catalogue.perturbations)
 
 
-def open_environment(
-    endpoint: str, client_deadline_ms: float | None, **arguments: Any
-) -> Environment:
-    """What Client.make returns, made by a client of its own, which is closed again."""
-    with Client(endpoint, client_deadline_ms) as client:
-        return client.make(**arguments)
-
-
-def open_vector_environment(
-    endpoint: str, client_deadline_ms: float | None, **arguments: Any
-) -> VectorEnvironment:
-    """What Client.make_vec returns, made by a client of its own, which is closed again."""
-    with Client(endpoint, client_deadline_ms) as client:
-        return client.make_vec(**arguments)
-
-
-def open_dataset(endpoint: str, client_deadline_ms: float | None, **arguments: Any) -> Dataset:
-    """What Client.dataset returns, opened by a client of its own, which is closed again."""
-    with Client(endpoint, client_deadline_ms) as client:
-        return client.dataset(**arguments)
-
-
-def open_queries(
-    endpoint: str, client_deadline_ms: float | None, environment: str, simulator: str
-) -> Session:
-    """A session for float32 queries of a simulator, opened by a client of its own."""
-    with Client(endpoint, client_deadline_ms) as client:
-        return client._open(Opening(environment, simulator, num_envs=0, seed=0))
+def call_once(
+    method: Callable[..., T],
+    endpoint: str,
+    deadline_ms: float | None,
+    *positional: Any,
+    **arguments: Any,
+) -> T:
+    """Calls a method of Client on a temporary client; what the method opens stays open."""
+    with Client(endpoint, deadline_ms) as client:
+        return method(client, *positional, **arguments)

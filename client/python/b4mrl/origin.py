@@ -17,7 +17,7 @@ class Origin:
     EzPickle.
 
     Attributes:
-        opener: function of a module, called with endpoint, deadline_ms and the arguments.
+        opener: called with endpoint, deadline_ms and the arguments; can be pickled.
         endpoint, deadline_ms: of the client that opened the environment or dataset.
         arguments: of Client.make, make_vec or dataset, by name.
     """

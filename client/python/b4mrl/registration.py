@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from b4mrl.client import Client, open_environment, open_vector_environment
+from b4mrl.client import Client, call_once
 from b4mrl.environment import Environment
 from b4mrl.serve import default_endpoint
 from b4mrl.vector_environment import VectorEnvironment
@@ -43,16 +43,14 @@ def make(environment: str, endpoint: str | None = None, **options: Any) -> Envir
     limit = _limit_of_the_caller()
     if limit is not None:
         options["max_episode_steps"] = limit
-    return open_environment(_endpoint(endpoint), None, environment=environment, **options)
+    return call_once(Client.make, _endpoint(endpoint), None, environment, **options)
 
 
 def make_vec(
     environment: str, num_envs: int, endpoint: str | None = None, **options: Any
 ) -> VectorEnvironment:
     """The entry point that gym.make_vec calls for a registered name."""
-    return open_vector_environment(
-        _endpoint(endpoint), None, environment=environment, num_envs=num_envs, **options
-    )
+    return call_once(Client.make_vec, _endpoint(endpoint), None, environment, num_envs, **options)
 
 
 def connect(endpoint: str | None = None, deadline_ms: float | None = None) -> Client:

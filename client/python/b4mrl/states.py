@@ -24,22 +24,9 @@ from b4mrl.wire.arrays import Array
 State = dict[str, Any]
 
 # Columns of `vehicles` in messages, which have one row for each vehicle.
-VEHICLE_COLUMNS = (
-    "x",
-    "y",
-    "heading",
-    "speed",
-    "lane",
-    "target_lane",
-    "timer",
-    "crashed",
-    "impact_pending",
-    "impact_x",
-    "impact_y",
-    "steering",
-    "acceleration",
-    "target_speed",
-    "delta",
+VEHICLE_COLUMNS = tuple(
+    "x y heading speed lane target_lane timer crashed impact_pending impact_x impact_y "
+    "steering acceleration target_speed delta".split()
 )
 _WHOLE_NUMBERS = {"lane": int, "target_lane": int, "crashed": bool, "impact_pending": bool}
 
