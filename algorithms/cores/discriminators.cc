@@ -140,24 +140,6 @@ void Discriminators<Scalar>::LogDynamicsRatios(const TransitionBatch<Scalar>& ba
   }
 }
 
-template <typename Scalar>
-void Discriminators<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  state_action_.Visit("d_sa", visitor);
-  transition_.Visit("d_sas", visitor);
-}
-
-template <typename Scalar>
-void Discriminators<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  state_action_.VisitCounters("d_sa", visitor);
-  transition_.VisitCounters("d_sas", visitor);
-}
-
-template <typename Scalar>
-void Discriminators<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  state_action_.VisitGradient("d_sa", visitor);
-  transition_.VisitGradient("d_sas", visitor);
-}
-
 template class Discriminators<float>;
 template class Discriminators<double>;
 

@@ -60,12 +60,11 @@ class Discriminators {
   const DiscriminatorOptions& options() const { return options_; }
   int64_t steps() const { return transition_.adam.steps(); }  // so far
 
-  // All state, for checkpoints and tests: see nn/parameters.h. The networks' names are "d_sa" and
-  // "d_sas".
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  // Gradients of the last step, under the names of the parameters; for tests.
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("d_sa", state_action_);
+    body("d_sas", transition_);
+  }
 
  private:
   // From (s, a) or (s, a, s') to two logits.

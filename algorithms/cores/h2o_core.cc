@@ -182,28 +182,6 @@ void H2oCore<Scalar>::UpdateCritics(const HybridBatch<Scalar>& batch, H2oMetrics
   critics_.Train(batch.rows.size(), options_.tau);
 }
 
-template <typename Scalar>
-void H2oCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  actor_.VisitArrays(visitor);
-  critics_.Visit("critic", visitor);
-  discriminators_.VisitArrays(visitor);
-}
-
-template <typename Scalar>
-void H2oCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  visitor({"updates", &updates_});
-  actor_.VisitCounters(visitor);
-  critics_.VisitCounters("critic", visitor);
-  discriminators_.VisitCounters(visitor);
-}
-
-template <typename Scalar>
-void H2oCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  actor_.VisitGradients(visitor);
-  critics_.VisitGradient("critic", visitor);
-  discriminators_.VisitGradients(visitor);
-}
-
 template class H2oCore<float>;
 template class H2oCore<double>;
 

@@ -79,7 +79,7 @@ struct H2oNoise {
 };
 
 template <typename Scalar>
-class H2oCore {
+class H2oCore : public TrainedParts<H2oCore<Scalar>, Scalar> {
  public:
   // kInvalidArgument also for a gap_noise of another size than s.
   static Result<H2oCore> Create(const H2oOptions& options);
@@ -94,11 +94,13 @@ class H2oCore {
   int64_t updates() const { return updates_; }
   PolicyWeights Policy() const { return actor_.Policy(); }
 
-  // All state, for checkpoints and tests: see nn/parameters.h.
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  // Gradients of the last update, under the names of the parameters; for tests.
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("updates", updates_);
+    actor_.ForEachPart(body);
+    body("critic", critics_);
+    discriminators_.ForEachPart(body);
+  }
 
  private:
   H2oCore(const H2oOptions& options, Discriminators<Scalar> discriminators);

@@ -166,31 +166,6 @@ PolicyWeights IqlCore<Scalar>::Policy() const {
   return ActorWeights<Scalar>(actor_, options_.action_size);
 }
 
-template <typename Scalar>
-void IqlCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  value_.Visit("value", visitor);
-  actor_.Visit("actor", visitor);
-  critics_.Visit("critic", visitor);
-  log_std_.Visit("log_std", visitor);
-}
-
-template <typename Scalar>
-void IqlCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  visitor({"updates", &updates_});
-  value_.VisitCounters("value", visitor);
-  actor_.VisitCounters("actor", visitor);
-  log_std_.VisitCounters("log_std", visitor);
-  critics_.VisitCounters("critic", visitor);
-}
-
-template <typename Scalar>
-void IqlCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  value_.VisitGradient("value", visitor);
-  actor_.VisitGradient("actor", visitor);
-  critics_.VisitGradient("critic", visitor);
-  log_std_.VisitGradient("log_std", visitor);
-}
-
 template class IqlCore<float>;
 template class IqlCore<double>;
 

@@ -60,7 +60,7 @@ struct IqlMetrics {
 void AddMetrics(const IqlMetrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
-class IqlCore {
+class IqlCore : public TrainedParts<IqlCore<Scalar>, Scalar> {
  public:
   static Result<IqlCore> Create(const IqlOptions& options);
 
@@ -76,11 +76,14 @@ class IqlCore {
   // are squashed and this Gaussian is not.
   PolicyWeights Policy() const;
 
-  // All state, for checkpoints and tests: see nn/parameters.h.
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  // Gradients of the last update, under the names of the parameters; for tests.
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("updates", updates_);
+    body("value", value_);
+    body("actor", actor_);
+    body("critic", critics_);
+    body("log_std", log_std_);
+  }
 
  private:
   explicit IqlCore(const IqlOptions& options);

@@ -51,25 +51,6 @@ void SacCore<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, SacMet
   critics_.Train(batch.size(), options_.tau);
 }
 
-template <typename Scalar>
-void SacCore<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  actor_.VisitArrays(visitor);
-  critics_.Visit("critic", visitor);
-}
-
-template <typename Scalar>
-void SacCore<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  visitor({"updates", &updates_});
-  actor_.VisitCounters(visitor);
-  critics_.VisitCounters("critic", visitor);
-}
-
-template <typename Scalar>
-void SacCore<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  actor_.VisitGradients(visitor);
-  critics_.VisitGradient("critic", visitor);
-}
-
 template class SacCore<float>;
 template class SacCore<double>;
 

@@ -24,7 +24,7 @@
 namespace b4mrl {
 
 template <typename Scalar>
-class SacCore {
+class SacCore : public TrainedParts<SacCore<Scalar>, Scalar> {
  public:
   static Result<SacCore> Create(const SacOptions& options);
 
@@ -36,11 +36,12 @@ class SacCore {
   int64_t updates() const { return updates_; }
   PolicyWeights Policy() const { return actor_.Policy(); }
 
-  // All state, for checkpoints and tests: see nn/parameters.h.
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  // Gradients of the last update, under the names of the parameters; for tests.
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("updates", updates_);
+    actor_.ForEachPart(body);
+    body("critic", critics_);
+  }
 
  private:
   explicit SacCore(const SacOptions& options);

@@ -35,6 +35,7 @@ SoftActor<Scalar>::SoftActor(const SacOptions& options, const SoftActorVariant& 
                 .learning_rate = options.actor_learning_rate,
                 .batch_max = 2 * options.batch_max,
                 .scalars = variant.learns_log_std_scale ? 2 : 0,
+                .scalars_name = "log_std_scale",
                 .weights = {.stream = Rng(options.seed, "sac-actor-weights"),
                             .head_gain = variant.head_gain}}),
       log_alpha_(1, options.alpha_learning_rate),
@@ -47,8 +48,8 @@ SoftActor<Scalar>::SoftActor(const SacOptions& options, const SoftActorVariant& 
       action_gradient_(options.action_size, options.batch_max) {
   log_alpha_.values[0] = static_cast<Scalar>(std::log(options.initial_alpha));
   if (!variant_.learns_log_std_scale) return;
-  Scale(network_.values)[0] = 1;
-  Scale(network_.values)[1] = -1;
+  network_.scalars()[0] = 1;
+  network_.scalars()[1] = -1;
 }
 
 template <typename Scalar>
@@ -74,7 +75,7 @@ void SoftActor<Scalar>::Sample(const TransitionBatch<Scalar>& batch, MatrixView<
   CopyMatrix<Scalar>(batch.next_observations, input.ColumnBlock(n, n));
   const MatrixView<Scalar> head = network_.Forward(input);
   if (variant_.learns_log_std_scale) {
-    ScaleLogStd<Scalar>(head, Scale(network_.values), scaled_head_.view(2 * n));
+    ScaleLogStd<Scalar>(head, network_.scalars(), scaled_head_.view(2 * n));
   }
   SampleSquashedGaussian<Scalar>(options_.policy, Head(2 * n), noise, actions_.view(2 * n),
                                  log_probs_);
@@ -110,8 +111,8 @@ void SoftActor<Scalar>::Update(const TransitionBatch<Scalar>& batch, MatrixView<
   SquashedGaussianBackward<Scalar>(options_.policy, Head(n), noise.ColumnBlock(0, n), actions,
                                    action_gradient, alpha_ / static_cast<Scalar>(n), head_gradient);
   if (variant_.learns_log_std_scale) {
-    ScaleLogStdBackward<Scalar>(network_.workspace.output(), Scale(network_.values), head_gradient,
-                                Scale(network_.gradient));
+    ScaleLogStdBackward<Scalar>(network_.workspace.output(), network_.scalars(), head_gradient,
+                                network_.scalar_gradient());
   }
   network_.Backward(input_.view(n));
   network_.Step();
@@ -122,35 +123,14 @@ PolicyWeights SoftActor<Scalar>::Policy() const {
   PolicyWeights weights = ActorWeights<Scalar>(network_, options_.action_size);
   if (variant_.learns_log_std_scale) {
     // The head's last layer takes m and b in, so that an agent's file needs no word of them.
-    const float m = static_cast<float>(network_.values[network_.layout.size()]);
-    const float b = static_cast<float>(network_.values[network_.layout.size() + 1]);
+    const std::span<const Scalar> scale = network_.scalars();
+    const float m = static_cast<float>(scale[0]), b = static_cast<float>(scale[1]);
     for (float& weight : weights.log_std->weight) weight *= m;
     for (float& bias : weights.log_std->bias) bias = m * bias + b;
   }
   weights.log_std_min = static_cast<float>(options_.policy.log_std_min);
   weights.log_std_max = static_cast<float>(options_.policy.log_std_max);
   return weights;
-}
-
-template <typename Scalar>
-void SoftActor<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  network_.Visit("actor", visitor);
-  if (variant_.learns_log_std_scale) visitor({"actor/log_std_scale", {2}, Scale(network_.values)});
-  log_alpha_.Visit("log_alpha", visitor);
-}
-
-template <typename Scalar>
-void SoftActor<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  network_.VisitCounters("actor", visitor);
-  log_alpha_.VisitCounters("log_alpha", visitor);
-}
-
-template <typename Scalar>
-void SoftActor<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  network_.VisitGradient("actor", visitor);
-  if (variant_.learns_log_std_scale)
-    visitor({"actor/log_std_scale", {2}, Scale(network_.gradient)});
-  log_alpha_.VisitGradient("log_alpha", visitor);
 }
 
 template class SoftActor<float>;

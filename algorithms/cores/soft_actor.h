@@ -78,22 +78,19 @@ class SoftActor {
   // The present actor for the fixed-order inference: what acts, evaluates and goes into files.
   PolicyWeights Policy() const;
 
-  // All state: see nn/parameters.h.
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("actor", network_);
+    body("log_alpha", log_alpha_);
+  }
 
  private:
-  // {m, b}, behind the layers in the network's values or its gradient.
-  std::span<Scalar> Scale(std::span<Scalar> values) const {
-    return values.subspan(network_.layout.size());
-  }
   // Mean and log_std rows of the first `columns` columns of the last pass.
   MatrixView<const Scalar> Head(int columns);
 
   SacOptions options_;
   SoftActorVariant variant_;
-  Network<Scalar> network_;
+  Network<Scalar> network_;          // its scalars are {m, b}
   TrainedVector<Scalar> log_alpha_;  // one number
   Scalar alpha_ = 0;
 

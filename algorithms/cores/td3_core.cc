@@ -141,25 +141,6 @@ PolicyWeights Td3Core<Scalar>::Policy() const {
   return ActorWeights<Scalar>(actor_, options_.action_size);
 }
 
-template <typename Scalar>
-void Td3Core<Scalar>::VisitArrays(const ArrayVisitor<Scalar>& visitor) {
-  actor_.Visit("actor", visitor);
-  critics_.Visit("critic", visitor);
-}
-
-template <typename Scalar>
-void Td3Core<Scalar>::VisitCounters(const CounterVisitor& visitor) {
-  visitor({"updates", &updates_});
-  actor_.VisitCounters("actor", visitor);
-  critics_.VisitCounters("critic", visitor);
-}
-
-template <typename Scalar>
-void Td3Core<Scalar>::VisitGradients(const ArrayVisitor<Scalar>& visitor) {
-  actor_.VisitGradient("actor", visitor);
-  critics_.VisitGradient("critic", visitor);
-}
-
 template class Td3Core<float>;
 template class Td3Core<double>;
 

@@ -49,7 +49,7 @@ struct Td3Metrics {
 void AddMetrics(const Td3Metrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
-class Td3Core {
+class Td3Core : public TrainedParts<Td3Core<Scalar>, Scalar> {
  public:
   static Result<Td3Core> Create(const Td3Options& options);
 
@@ -63,11 +63,12 @@ class Td3Core {
   // The present actor for the fixed-order inference; observation mean and std are the learner's.
   PolicyWeights Policy() const;
 
-  // All state, for checkpoints and tests: see nn/parameters.h.
-  void VisitArrays(const ArrayVisitor<Scalar>& visitor);
-  void VisitCounters(const CounterVisitor& visitor);
-  // Gradients of the last update (the actor's: of the last delayed one); for tests.
-  void VisitGradients(const ArrayVisitor<Scalar>& visitor);
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("updates", updates_);
+    body("actor", actor_);
+    body("critic", critics_);
+  }
 
  private:
   explicit Td3Core(const Td3Options& options);

@@ -4,13 +4,15 @@
 //   network.Backward(input); network.Step();
 //
 // is one step of gradient descent. A core (algorithms/cores) owns a bundle for each network of its
-// algorithm, and its checkpoint holds what Visit and VisitCounters show. All memory is taken at
-// construction: passes and steps allocate nothing. Thread rule: one thread; threads of the
-// workspace share out the members.
+// algorithm and lists them once, in ForEachPart; TrainedParts makes of the list what checkpoints
+// and tests visit. All memory is taken at construction: passes and steps allocate nothing. Thread
+// rule: one thread; threads of the workspace share out the members.
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "algorithms/nn/adam.h"
@@ -60,6 +62,7 @@ struct NetworkOptions {
   int threads = 1;              // of a pass; at most shape.members are of use
   bool has_target = false;      // whether a slow copy of the weights is kept
   int scalars = 0;              // numbers behind the layers that the same Adam trains, 0 at first
+  std::string scalars_name;     // under which "<network's name>/<scalars_name>" shows them
   InitialWeights weights;
 };
 
@@ -90,16 +93,40 @@ struct Network : TrainedVector<Scalar> {
   // One step of Adam, then target <- tau * weights + (1 - tau) * target, in one pass.
   void StepWithTarget(double tau) { adam.StepWithPolyak(values, gradient, tau, target); }
 
+  // The numbers behind the layers, and their gradient.
+  std::span<Scalar> scalars() { return BehindLayers<Scalar>(values); }
+  std::span<const Scalar> scalars() const { return BehindLayers<const Scalar>(values); }
+  std::span<Scalar> scalar_gradient() { return BehindLayers<Scalar>(gradient); }
+
   // Layers under "<name>/...", the target's under "<name>_target/...", Adam's moments under
-  // "<name>/adam/...". The scalars behind the layers are left to the owner.
-  void Visit(const std::string& name, const ArrayVisitor<Scalar>& visitor);
+  // "<name>/adam/...".
+  void Visit(const std::string& name, const ArrayVisitor<Scalar>& visitor) {
+    VisitWeights(name, values, visitor);
+    if (!target.empty()) layout.Visit<Scalar>(name + "_target", target, visitor);
+    adam.Visit(name + "/adam", visitor);
+  }
   void VisitGradient(const std::string& name, const ArrayVisitor<Scalar>& visitor) {
-    layout.Visit<Scalar>(name, gradient, visitor);
+    VisitWeights(name, gradient, visitor);
   }
 
   MlpLayout layout;              // of `values`, `gradient` and `target`
   AlignedVector<Scalar> target;  // empty without one
   MlpWorkspace<Scalar> workspace;
+
+ private:
+  template <typename Number>
+  std::span<Number> BehindLayers(std::span<Number> numbers) const {
+    return numbers.subspan(layout.size());
+  }
+  void VisitWeights(const std::string& name, std::span<Scalar> numbers,
+                    const ArrayVisitor<Scalar>& visitor) {
+    layout.Visit<Scalar>(name, numbers, visitor);
+    const std::span<Scalar> behind = BehindLayers(numbers);
+    if (behind.empty()) return;
+    visitor({name + "/" + scalars_name_, {static_cast<int>(behind.size())}, behind});
+  }
+
+  std::string scalars_name_;
 };
 
 template <typename Scalar>
@@ -107,7 +134,8 @@ Network<Scalar>::Network(const NetworkOptions& options)
     : TrainedVector<Scalar>(MlpLayout(options.shape).size() + options.scalars,
                             options.learning_rate),
       layout(options.shape),
-      workspace(layout, options.shape.members, options.batch_max, options.threads) {
+      workspace(layout, options.shape.members, options.batch_max, options.threads),
+      scalars_name_(options.scalars_name) {
   const InitialWeights& weights = options.weights;
   Rng rng = weights.stream;
   layout.Initialize<Scalar>(weights.initialization, rng, values);
@@ -115,11 +143,44 @@ Network<Scalar>::Network(const NetworkOptions& options)
   if (options.has_target) target = values;
 }
 
-template <typename Scalar>
-void Network<Scalar>::Visit(const std::string& name, const ArrayVisitor<Scalar>& visitor) {
-  layout.Visit<Scalar>(name, values, visitor);
-  if (!target.empty()) layout.Visit<Scalar>(name + "_target", target, visitor);
-  adam.Visit(name + "/adam", visitor);
-}
+// The visitors of a core's state, made of one list of its parts. A core derives from this class and
+// has a public
+//
+//   template <typename Body>
+//   void ForEachPart(Body body) { body("updates", updates_); body("critic", critics_); ... }
+//
+// A part is a Network, a TrainedVector or a counter (int64_t). A core within a core adds its parts
+// to the list by its own ForEachPart.
+template <typename Core, typename Scalar>
+class TrainedParts {
+ public:
+  // All state, for checkpoints and tests: see nn/parameters.h.
+  void VisitArrays(const ArrayVisitor<Scalar>& visitor) {
+    core().ForEachPart([&]<typename Part>(const std::string& name, Part& part) {
+      if constexpr (!kIsCounter<Part>) part.Visit(name, visitor);
+    });
+  }
+  void VisitCounters(const CounterVisitor& visitor) {
+    core().ForEachPart([&]<typename Part>(const std::string& name, Part& part) {
+      if constexpr (kIsCounter<Part>) {
+        visitor({name, &part});
+      } else {
+        part.VisitCounters(name, visitor);
+      }
+    });
+  }
+  // Gradients of the last update, under the names of the parameters; for tests.
+  void VisitGradients(const ArrayVisitor<Scalar>& visitor) {
+    core().ForEachPart([&]<typename Part>(const std::string& name, Part& part) {
+      if constexpr (!kIsCounter<Part>) part.VisitGradient(name, visitor);
+    });
+  }
+
+ private:
+  template <typename Part>
+  static constexpr bool kIsCounter = std::is_same_v<Part, int64_t>;
+
+  Core& core() { return static_cast<Core&>(*this); }
+};
 
 }  // namespace b4mrl

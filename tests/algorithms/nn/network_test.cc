@@ -20,6 +20,7 @@ NetworkOptions Options() {
           .batch_max = kBatch,
           .has_target = true,
           .scalars = 1,
+          .scalars_name = "scale",
           .weights = {Rng(1, "network-test")}};
 }
 
@@ -66,10 +67,10 @@ TEST_CASE("a step trains the layers and the number behind them, and the target f
   CHECK(network.target == before);
   Loss(network, input.view());
   network.Backward(input.view());
-  network.gradient.back() = -1;  // of the number behind the layers
+  network.scalar_gradient()[0] = -1;
   network.StepWithTarget(0.25);
   // Adam's first step is the learning rate long, but for epsilon.
-  CHECK(network.values.back() == Approx(before.back() + 0.1).epsilon(1e-6));
+  CHECK(network.scalars()[0] == Approx(0.1).epsilon(1e-6));
   CHECK(network.values[0] != before[0]);
   for (size_t i = 0; i < before.size(); ++i) {
     CHECK(network.target[i] == Approx(0.75 * before[i] + 0.25 * network.values[i]).margin(1e-12));
@@ -91,9 +92,10 @@ TEST_CASE("a network shows all its state under names of its own") {
       CHECK(names.contains(name + "/layer" + std::to_string(layer) + "/bias"));
     }
   }
+  CHECK(names.contains("critic/scale"));
   CHECK(names.contains("critic/adam/first_moment"));
   CHECK(names.contains("critic/adam/second_moment"));
-  CHECK(names.size() == 18);
+  CHECK(names.size() == 19);
 }
 
 TEST_CASE("numbers that Adam trains move against their gradient") {
