@@ -19,9 +19,9 @@ constexpr int kPredictionBlock = 512;
 Status Validate(const DynamicsEnsembleOptions& options) {
   B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
                                       options.batch_size));
-  if (options.observation_size >= kEnsembleOutputsMax) {
+  if (options.observation_size >= kGaussianOutputsMax) {
     return InvalidNumber("observation_size", options.observation_size,
-                         "below " + std::to_string(kEnsembleOutputsMax));
+                         "below " + std::to_string(kGaussianOutputsMax));
   }
   if (options.members < 1 || options.members > 64) {
     return InvalidNumber("members", options.members, "1..64");

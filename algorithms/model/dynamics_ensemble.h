@@ -14,6 +14,8 @@
 // kept weights are then restored; elites are the members of smallest hold-out error.
 //
 // The decay term's gradient is added by the optimiser, not part of VisitGradients.
+// dynamics_training.cc holds what trains (StartTraining to UpdateOnBatch), dynamics_ensemble.cc
+// construction, prediction and visitors; ensemble_store.h keeps trained ensembles on disk.
 //
 // Training: StartTraining, Train until progress.finished (or FinishTraining at any time). Its state
 // between two calls of Train is complete in Visit*, so a run may be resumed there; the data given
@@ -82,17 +84,17 @@ struct DynamicsProgress {
   std::vector<double> holdout_mse;  // per member, of the last epoch
 };
 
-// Of the members' networks, all together.
+// The layout of all members' networks.
 MlpLayout LayoutOf(const DynamicsEnsembleOptions& options);
 
 template <typename Scalar>
 class DynamicsEnsemble {
  public:
-  // At most `options.members` threads are of use. Copies share them.
+  // At most `options.members` threads are of use. Copies of an ensemble share its threads.
   static Result<DynamicsEnsemble> Create(const DynamicsEnsembleOptions& options, int threads = 1);
 
-  // Chooses the hold-out rows and the input scaling. Also to be called after a resumed state was
-  // read back: it changes nothing that Visit* shows except the scaling, which is the same again.
+  // Chooses the hold-out rows and the input scaling. A resumed ensemble needs the call too: of what
+  // Visit* shows it writes the scaling alone, with the same numbers.
   Status StartTraining(const DynamicsData<Scalar>& data);
   // Up to `max_updates` minibatches, fewer where an epoch or the training ends. An epoch's end
   // evaluates the hold-out rows. After the finish it does nothing.
@@ -130,7 +132,7 @@ class DynamicsEnsemble {
   void VisitGradients(const ArrayVisitor<Scalar>& visitor);
 
  private:
-  // What a thread needs to predict: one member's pass over one block of columns.
+  // The buffers with which a thread predicts: one member's pass over one block of columns.
   struct Scratch {
     MlpWorkspace<Scalar> workspace;
     MatrixBuffer<Scalar> inputs, noise;

@@ -170,8 +170,8 @@ double DynamicsEnsemble<Scalar>::UpdateMember(int m, MatrixView<const Scalar> in
   const std::span<Scalar> bounds_gradient(member_bounds_gradient_.view().column(m),
                                           bounds_.values.size());
   std::ranges::fill(bounds_gradient, Scalar(0));
-  const double loss = GaussianEnsembleLoss<Scalar>(1, output, targets, bounds_.values,
-                                                   workspace.output_gradient(), bounds_gradient);
+  const double loss = GaussianHeadLoss<Scalar>(output, targets, bounds_.values,
+                                               workspace.output_gradient(), bounds_gradient);
   MlpBackward<Scalar>(layout_, weights_.values, inputs, workspace, weights_.gradient, m);
   layout_.ForEachRange(m, [this](int64_t first, int64_t count) {
     weights_.adam.StepPart(weights_.values, weights_.gradient, first, count);

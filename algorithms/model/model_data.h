@@ -1,12 +1,14 @@
-// What an ensemble learns from: for every row of a dataset, in order, (o, a) and a target.
+// The training rows of a dynamics ensemble: (o, a) and a target for every row of a dataset, in
+// order.
 //
-//   MOPO    [o' - o, r]       what the step changed
-//   HyMOPO  [o' - o'_sim, r]  how far the simulator was off: a pre-pass asks T_sim(o, a) for each
-//                             row, draw 0, the row's own number naming its noise: one frozen pass
+//   MOPO    [o' - o, r]       the change of the observation
+//   HyMOPO  [o' - o'_sim, r]  the simulator's error: a pre-pass asks for o'_sim = T_sim(o, a) of
+//   each
+//                             row once, with noise named by draw 0 and the row's number
 // Both o and o' are what the daemon serves, so nothing that a corruption hides can enter; o' is the
 // stored next observation, which at the end of an episode is not the next row. Rows whose target is
-// not finite, or that the simulator cannot answer, are dropped and counted; a dataset without any
-// other is kFailedPrecondition.
+// not finite, or that the simulator cannot answer, are dropped and counted; if no row is left, the
+// error is kFailedPrecondition.
 #pragma once
 
 #include <cstdint>
@@ -31,10 +33,11 @@ struct ModelData {
   }
 };
 
-// MOPO's.
+// The training rows of MOPO.
 Result<ModelData> ReadChanges(const LearnerContext& context, RemoteDataset& dataset,
                               Progress& progress);
-// HyMOPO's. `simulator`: a session of the simulator for queries; `query_seed` names its noise.
+// The training rows of HyMOPO. `simulator`: a session of the simulator for queries; `query_seed`
+// names its noise.
 Result<ModelData> QueryCorrections(const LearnerContext& context, RemoteDataset& dataset,
                                    RemoteEnvironment& simulator, uint64_t query_seed,
                                    Progress& progress);

@@ -4,21 +4,23 @@
 //   (delta, r) ~ f_i(o, a);   r~ = r - penalty * max_i |std_i(o, a)|
 //   MOPO:    o' = o + delta
 //   HyMOPO:  o' = o'_sim + delta,  o'_sim = T_sim(o, a), asked of the daemon
-// A row ends, too, where the termination function says so of o' (without one: the simulator of
-// o'_sim). A row whose query or prediction is not finite is dropped and counted. Rows that have
-// ended take no part in later steps.
+// A row also ends where the termination function says that o' ends the episode; without a
+// termination function, where the simulator says so of o'_sim. A row whose query or prediction is
+// not finite is dropped and counted. Rows that have ended take no part in later steps.
 //
 // Rows go in chunks. Several chunks are at the daemon at any time, and while it simulates, this
 // thread infers the policy and the ensemble for others: the correction needs o and a only, not
 // o'_sim.
 //
-// Our noise is addressed by (cycle, step, start row), the simulator's by (cycle, step, chunk, place
-// among its rows under way), and transitions come in the order of chunks, so results depend neither
-// on when answers come nor on the daemon's threads. Dimensions that the
-// dataset hides stay zero in o', as the policy will meet them. Thread rule: one thread; from
-// Begin to Finish one of its own does the work, so that the caller's updates overlap with inference
-// and not only with the simulator. Meanwhile it has the simulator session (num_envs 0) and the
-// ensemble to itself, but for readers of the ensemble's arrays. Both outlive the object.
+// Noise is a function of its address, never of timing. Ours: (cycle, step, start row). The
+// simulator's: (cycle, step, chunk, position among the chunk's surviving rows). Transitions are
+// appended in chunk order. So results depend neither on when answers arrive nor on the daemon's
+// threads. Dimensions that the dataset hides stay zero in o', as the policy will meet them.
+//
+// Thread rule: one thread calls. From Begin to Finish a thread of this object does the work, so
+// that the caller's updates overlap with inference and not only with the simulator. Meanwhile
+// nobody else may use the simulator session (num_envs 0) or the ensemble, except to read the
+// ensemble's arrays. Both outlive the object.
 #pragma once
 
 #include <cstdint>
@@ -46,21 +48,21 @@ struct ModelRolloutOptions {
   int chunk_rows = 2'000;  // at most limits::kMaxQueryRows
   int chunks_in_flight = 6;
   uint64_t seed = 0;
-  std::vector<float> action_scale;
+  std::vector<float> action_scale;         // largest action in the environment's units
   std::vector<float> mask;                 // of an observation: 1 seen, 0 hidden; empty: all seen
-  std::optional<Termination> termination;  // none: the simulator's
+  std::optional<Termination> termination;  // none: the simulator says where an episode ends
 };
 
 struct RolloutCounts {
   uint64_t rows = 0;             // transitions made
-  uint64_t invalid_rows = 0;     // dropped
-  uint64_t terminated_rows = 0;  // of `rows`
+  uint64_t invalid_rows = 0;     // rows dropped because a number was not finite
+  uint64_t terminated_rows = 0;  // those of `rows` that ended an episode
   double reward_sum = 0;         // after the penalty, over `rows`
 };
 
 class ModelRollout {
  public:
-  // `simulator`: nullptr for MOPO's, which then needs a termination function.
+  // `simulator`: nullptr for MOPO, whose options must then have a termination function.
   ModelRollout(ModelRolloutOptions options, RemoteEnvironment* simulator,
                DynamicsEnsemble<float>* ensemble);
   ~ModelRollout();
@@ -96,7 +98,7 @@ class ModelRollout {
   int next_start_ = 0;                         // first start row that no chunk has taken
   std::deque<std::unique_ptr<Chunk>> active_;  // in the order in which their requests were sent
   std::vector<std::unique_ptr<Chunk>> finished_;
-  // Of one step of one chunk.
+  // Inputs of one step of one chunk.
   MatrixBuffer<float> observations_, actions_, action_noise_, model_noise_;
   std::vector<int> members_;
   Status worker_status_;

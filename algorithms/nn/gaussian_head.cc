@@ -48,9 +48,9 @@ void AddRowSums(const Strip<Scalar>& strip, int rows, Scalar* sums) {
 
 // One member's loss on a column range, times n K. `output` is its 2 K rows.
 template <typename Scalar>
-double MemberLoss(LossStrips<Scalar>& s, MatrixView<const Scalar> output,
-                  MatrixView<const Scalar> targets, Scalar weight,
-                  MatrixView<Scalar> output_gradient, std::span<Scalar> bounds_gradient) {
+double StripLoss(LossStrips<Scalar>& s, MatrixView<const Scalar> output,
+                 MatrixView<const Scalar> targets, Scalar weight,
+                 MatrixView<Scalar> output_gradient, std::span<Scalar> bounds_gradient) {
   const int outputs = targets.rows;
   Pack<Scalar>(output.RowBlock(0, outputs), s.error);
   Pack<Scalar>(targets, s.x);
@@ -76,11 +76,10 @@ double MemberLoss(LossStrips<Scalar>& s, MatrixView<const Scalar> output,
 }  // namespace
 
 template <typename Scalar>
-double GaussianEnsembleLoss(int members, MatrixView<const Scalar> output,
-                            MatrixView<const Scalar> targets, std::span<const Scalar> bounds,
-                            MatrixView<Scalar> output_gradient, std::span<Scalar> bounds_gradient) {
-  const int outputs = output.rows / (2 * members);
-  const bool shared = targets.rows == outputs;
+double GaussianHeadLoss(MatrixView<const Scalar> output, MatrixView<const Scalar> targets,
+                        std::span<const Scalar> bounds, MatrixView<Scalar> output_gradient,
+                        std::span<Scalar> bounds_gradient) {
+  const int outputs = targets.rows;
   const double count = static_cast<double>(outputs) * output.columns;
   double loss = 0;
   LossStrips<Scalar> strips;
@@ -89,14 +88,9 @@ double GaussianEnsembleLoss(int members, MatrixView<const Scalar> output,
     const int columns = std::min(columns_per_strip, output.columns - first);
     Tile<Scalar>(bounds.first(outputs), columns, strips.upper);
     Tile<Scalar>(bounds.last(outputs), columns, strips.lower);
-    for (int m = 0; m < members; ++m) {
-      const int row = m * 2 * outputs;
-      loss += MemberLoss<Scalar>(
-          strips, output.RowBlock(row, 2 * outputs).ColumnBlock(first, columns),
-          targets.RowBlock(shared ? 0 : m * outputs, outputs).ColumnBlock(first, columns),
-          static_cast<Scalar>(1 / count),
-          output_gradient.RowBlock(row, 2 * outputs).ColumnBlock(first, columns), bounds_gradient);
-    }
+    loss += StripLoss<Scalar>(strips, output.ColumnBlock(first, columns),
+                              targets.ColumnBlock(first, columns), static_cast<Scalar>(1 / count),
+                              output_gradient.ColumnBlock(first, columns), bounds_gradient);
   }
   return loss / count;
 }
@@ -132,12 +126,12 @@ void SampleGaussian(MatrixView<const Scalar> mean, MatrixView<const Scalar> log_
   }
 }
 
-#define B4MRL_INSTANTIATE(Scalar)                                                                 \
-  template double GaussianEnsembleLoss<Scalar>(int, MatrixView<const Scalar>,                     \
-                                               MatrixView<const Scalar>, std::span<const Scalar>, \
-                                               MatrixView<Scalar>, std::span<Scalar>);            \
-  template void BoundLogVariances<Scalar>(std::span<const Scalar>, MatrixView<Scalar>);           \
-  template void SampleGaussian<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>,        \
+#define B4MRL_INSTANTIATE(Scalar)                                                              \
+  template double GaussianHeadLoss<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>, \
+                                           std::span<const Scalar>, MatrixView<Scalar>,        \
+                                           std::span<Scalar>);                                 \
+  template void BoundLogVariances<Scalar>(std::span<const Scalar>, MatrixView<Scalar>);        \
+  template void SampleGaussian<Scalar>(MatrixView<const Scalar>, MatrixView<const Scalar>,     \
                                        MatrixView<const Scalar>, MatrixView<Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)

@@ -1,10 +1,10 @@
-// The head of a probabilistic ensemble: bounded log-variances and the Gaussian loss.
+// The head of a network that predicts a Gaussian: bounded log-variances, the loss and samples.
 //
-// A member's output block has 2 K rows: K means, then K raw log-variances. All members share the
-// soft bounds `bounds` = (max[K], min[K]) (Chua et al., "PETS", 2018, appendix A):
+// The network's output has 2 K rows: K means, then K raw log-variances, which trained soft bounds
+// `bounds` = (max[K], min[K]) limit to lv (Chua et al., "PETS", 2018, appendix A):
 //   a = max - softplus(max - raw);  lv = min + softplus(a - min)
-//   loss = sum over members of mean_{B,K}((mean - y)^2 exp(-lv)) + mean_{B,K}(lv)
-// Pure functions. K is at most kEnsembleOutputsMax.
+//   loss = mean_{B,K}((mean - y)^2 exp(-lv)) + mean_{B,K}(lv), over a batch of B columns
+// Thread rule: pure functions. K is at most kGaussianOutputsMax.
 #pragma once
 
 #include <span>
@@ -13,14 +13,14 @@
 
 namespace b4mrl {
 
-inline constexpr int kEnsembleOutputsMax = 1024;
+inline constexpr int kGaussianOutputsMax = 1024;
 
-// output: (members * 2 K) x n; targets: K x n (shared) or (members * K) x n. Returns the loss,
-// writes output_gradient (like output) and adds to bounds_gradient (2 K).
+// output: 2 K x n; targets: K x n. Returns the loss, writes output_gradient (2 K x n) and adds to
+// bounds_gradient (2 K).
 template <typename Scalar>
-double GaussianEnsembleLoss(int members, MatrixView<const Scalar> output,
-                            MatrixView<const Scalar> targets, std::span<const Scalar> bounds,
-                            MatrixView<Scalar> output_gradient, std::span<Scalar> bounds_gradient);
+double GaussianHeadLoss(MatrixView<const Scalar> output, MatrixView<const Scalar> targets,
+                        std::span<const Scalar> bounds, MatrixView<Scalar> output_gradient,
+                        std::span<Scalar> bounds_gradient);
 
 // raw (K x n) becomes lv, in place.
 template <typename Scalar>

@@ -1,9 +1,9 @@
-// Names for the numbers of a learner, so that checkpoints and agent files need one loop.
+// Names for the numbers of a learner, so that writing and reading a checkpoint are one loop each.
 //
-// A core (rl/sac_core.h, rl/td3_core.h, rl/dynamics_ensemble.h) hands every array that must survive
-// a restart to a visitor: parameters, targets and optimiser moments. Arrays keep name, shape and
-// order for the life of the core, and their spans stay valid until it is moved or destroyed, so the
-// same visitor writes and reads. Counters are whole numbers and travel beside the arrays.
+// A core (algorithms/cores) or ensemble (algorithms/model) hands every array that must survive a
+// restart to a visitor: parameters, targets and Adam's moments. Arrays keep name, shape and order
+// for the life of the core, and their spans stay valid until it is moved or destroyed, so the same
+// visit writes and reads. Counters are whole numbers, visited apart from the arrays.
 #pragma once
 
 #include <cstdint>

@@ -3,7 +3,7 @@
 // Everything in algorithms/ that is a batch is features x batch: one column is one row of a data
 // set, and its features are adjacent in memory. A view is a pointer and three numbers: cheap to
 // copy, and copying or assigning one never copies elements. MatrixView<const T> is read-only.
-// Kept free of Eigen, so that a learner's file need not compile it; nn/eigen_map.h adds the maps.
+// Kept free of Eigen, so that a learner's file need not compile it; eigen_map.h adds the maps.
 #pragma once
 
 #include <cstddef>
