@@ -1,5 +1,5 @@
-// H2O's two discriminators, which tell real transitions from simulated ones, and what they know of
-// the gap between the two dynamics.
+// H2O's two discriminators, which tell real transitions from simulated ones, and the ratio of the
+// two dynamics that follows from them.
 //
 //   D_sa(s, a), D_sas(s, a, s')   networks with the logits 2 tanh(.): class 0 real, 1 simulated
 //   P(. | s, a)     = softmax(D_sa)
@@ -30,8 +30,8 @@ struct DiscriminatorOptions {
   int observation_size = 0;
   int action_size = 0;
   std::vector<int> hidden = {256, 256};
-  int batch_max = 512;  // columns of a step, real and simulated together, or of a pass of
-                        // LogDynamicsRatios
+  int batch_max = 512;  // most rows of an update, real and simulated together; LogDynamicsRatios
+                        // takes as many columns in one pass
   double learning_rate = 3e-4;
   double input_noise = 0.1;
   uint64_t seed = 0;  // of the initial weights and of the steps' noise

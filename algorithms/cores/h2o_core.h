@@ -48,15 +48,15 @@ struct H2oOptions : SacOptions {
   H2oOptions() { policy.form = LogProbForm::kExact; }  // as the authors' code has it
 
   double head_gain = 1e-2;            // output layers start as MlpLayout::InitializeHead draws them
-  int discriminator_batch_max = 512;  // real and simulated rows together
+  int discriminator_batch_max = 512;  // most rows of a discriminators' batch, both kinds together
   double discriminator_learning_rate = 3e-4;
-  double discriminator_noise = 0.1;
+  double discriminator_noise = 0.1;  // standard deviation of the noise on their inputs
   double ratio_min = 1e-5;
-  int gap_samples = 10;
+  int gap_samples = 10;           // noisy copies of an s' for one estimate of the gap
   std::vector<double> gap_noise;  // standard deviation in each dimension of s': see GapNoise
-  double gap_max = 10;
-  double gap_weight = 0.01;  // beta
-  double gap_limit = 1000;   // of the penalty before beta
+  double gap_max = 10;            // largest u, in nats
+  double gap_weight = 0.01;       // beta of h2o_losses.h
+  double gap_limit = 1000;        // largest magnitude of the penalty before it is weighed by beta
 };
 
 struct H2oMetrics {
@@ -67,7 +67,7 @@ struct H2oMetrics {
   double mean_weight = 0;  // w
   double mean_gap = 0;     // u
 };
-// Under the names that all learners' logs have for these numbers.
+// Adds these numbers under the names that they have in every learner's logs.
 void AddMetrics(const H2oMetrics& values, MetricMeans& metrics);
 
 // The standard normals of an update, features x columns.

@@ -1,13 +1,14 @@
-// What H2O's critics minimise (Niu et al. 2022): errors of simulated transitions count as far as
-// the real dynamics could have made them, and values are pushed down where the simulator is wrong.
-// For each critic, with y from the target critics:
+// The loss of H2O's critics (Niu et al. 2022): the error of a simulated transition counts by how
+// likely the real dynamics would have made it, and values are pushed down where the simulator is
+// wrong. For each critic, with y from the target critics:
 //
 //   TD    mean over real (Q - y)^2 + mean over simulated w (Q - y)^2,
 //         w = clamp(p_real / p_sim, ratio_min, 1) of the dynamics
 //   gap   beta clamp(log sum over simulated omega exp(Q) - mean over real Q, -limit, limit),
 //         omega = u / sum u,  u = clamp(dynamics gap, 1e-45, gap_max)
-// w and omega are constants. Weights of the gap are logarithms in double: the smallest u is no
-// normal float, and a share of it in a sum would vanish. Thread rule: pure functions.
+// w and omega are constants of the loss. log omega is computed in double: the smallest u is below
+// the smallest normal float, and its share in a sum of floats would vanish. Thread rule: pure
+// functions.
 #pragma once
 
 #include <span>
@@ -26,7 +27,8 @@ double DynamicsWeights(std::span<const Scalar> log_ratios, double ratio_min,
 template <typename Scalar>
 double LogGapWeights(std::span<const Scalar> gaps, double gap_max, std::span<double> log_weights);
 
-// TD's two parts and their sum, over the critics and on each kind of rows.
+// TD and its two parts, and mean Q, in all rows and in each kind of rows; summed (TD) or averaged
+// (Q) over the critics.
 struct HybridCriticLoss : CriticLoss {
   double real_loss = 0;
   double simulated_loss = 0;

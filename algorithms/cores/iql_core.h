@@ -11,12 +11,11 @@
 //               L = sum_k mean (Q_k(s, a) - y)^2
 //   4. Q' <- tau Q + (1 - tau) Q'
 // pi(s) = tanh of the actor network: the action of either actor, and the mean of the Gaussian one.
-// Its deviations sigma = exp(clamp(log_std)) do not depend on s, and the Gaussian is not squashed.
-// iql-pytorch's deterministic actor has as many outputs again, which nothing reads; they are left
-// out.
+// The Gaussian's standard deviations sigma = exp(clamp(log_std)) do not depend on s, and it is not
+// squashed. iql-pytorch's deterministic actor has twice as many outputs, of which it reads half;
+// the other half is left out here.
 //
-// An update draws no random numbers. Allocates nothing of its own after construction. Thread rule:
-// one thread.
+// An update draws no random numbers and allocates nothing of its own. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -38,13 +37,13 @@ struct IqlOptions : ActorCriticOptions {
   IqlActor actor = IqlActor::kDeterministic;
   Initialization initialization = Initialization::kTorchUniform;  // authors' code: kOrthogonal
   double value_learning_rate = 3e-4;
-  // The actor's learning rate falls to 0 along half a cosine over so many updates and stays there;
-  // 0: it is constant.
+  // The number of updates over which the actor's learning rate falls to 0 along half a cosine; it
+  // stays 0 after them. 0: the rate is constant.
   int64_t cosine_updates = 1'000'000;
   double expectile = 0.7;
-  double temperature = 3;  // inverse: 0 clones every action alike
+  double temperature = 3;  // inverse temperature; at 0 every action is cloned with weight 1
   double weight_max = 100;
-  LogStdRange log_std;  // of the Gaussian actor
+  LogStdRange log_std;  // bounds of the Gaussian actor's log_std
 };
 
 struct IqlMetrics {
@@ -56,7 +55,7 @@ struct IqlMetrics {
   double mean_q = 0;       // of both critics on the batch
   double mean_target = 0;  // y
 };
-// Under the names that all learners' logs have for these numbers.
+// Adds these numbers under the names that they have in every learner's logs.
 void AddMetrics(const IqlMetrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
@@ -69,11 +68,11 @@ class IqlCore : public TrainedParts<IqlCore<Scalar>, Scalar> {
 
   const IqlOptions& options() const { return options_; }
   int64_t updates() const { return updates_; }
-  // Adam's for the actor in the next update.
+  // The learning rate that the actor's Adam will have in the next update.
   double actor_learning_rate() const;
 
-  // pi for the fixed-order inference; without deviations, since an agent file's stochastic policies
-  // are squashed and this Gaussian is not.
+  // pi for the fixed-order inference; without its standard deviations, since an agent file's
+  // stochastic policies are squashed and this Gaussian is not.
   PolicyWeights Policy() const;
 
   template <typename Body>

@@ -23,7 +23,7 @@ class MetricMeans;
 struct SacOptions : ActorCriticOptions {
   double alpha_learning_rate = 3e-4;
   double initial_alpha = 1.0;
-  std::optional<double> target_entropy;  // nothing: -action_size
+  std::optional<double> target_entropy;  // in nats; nothing: -action_size
   SquashedGaussianOptions policy;
 };
 
@@ -34,9 +34,9 @@ struct SacMetrics {
   double alpha = 0;        // used in this update
   double mean_q = 0;       // of both critics on the batch
   double mean_target = 0;  // y
-  double entropy = 0;      // -mean log pi(a|s)
+  double entropy = 0;      // -mean log pi(a|s), in nats
 };
-// Under the names that all learners' logs have for these numbers.
+// Adds these numbers under the names that they have in every learner's logs.
 void AddMetrics(const SacMetrics& values, MetricMeans& metrics);
 
 // In what H2O's actor differs from SAC's.

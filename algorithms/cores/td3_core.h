@@ -10,8 +10,7 @@
 //      TD3-BC: L = -lambda mean Q_1(s, pi(s)) + mean (pi(s) - a)^2, lambda = bc_alpha / mean|Q_1|
 //              as a constant, the second mean over batch and action dimensions
 //      then all targets <- tau online + (1 - tau) target
-// The update's random numbers are Rng(seed, "td3-noise", update number). Allocates nothing of its
-// own after construction. Thread rule: one thread.
+// An update allocates nothing of its own. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -28,24 +27,23 @@ namespace b4mrl {
 class MetricMeans;
 
 struct Td3Options : ActorCriticOptions {
-  double policy_noise = 0.2;
-  double noise_clip = 0.5;
-  int policy_frequency = 2;
+  double policy_noise = 0.2;       // standard deviation of the target action's noise
+  double noise_clip = 0.5;         // largest magnitude of that noise
+  int policy_frequency = 2;        // updates of the critics for one of the actor
   std::optional<double> bc_alpha;  // 2.5 for TD3-BC; nothing: TD3
 };
 
 struct Td3Metrics {
   double critic_loss = 0;
-  double mean_q = 0;       // of both critics on the batch
-  double mean_target = 0;  // y
-  // Of the last step of the actor, which is this update's if `actor_step`.
-  bool actor_step = false;
+  double mean_q = 0;        // of both critics on the batch
+  double mean_target = 0;   // y
+  bool actor_step = false;  // whether this update trained the actor
+  // From the last update that trained the actor; bc_loss and lambda for TD3-BC alone.
   double actor_loss = 0;
-  // Of TD3-BC alone.
   std::optional<double> bc_loss;  // mean (pi(s) - a)^2
   std::optional<double> lambda;
 };
-// Under the names that all learners' logs have for these numbers.
+// Adds these numbers under the names that they have in every learner's logs.
 void AddMetrics(const Td3Metrics& values, MetricMeans& metrics);
 
 template <typename Scalar>

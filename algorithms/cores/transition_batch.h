@@ -1,5 +1,6 @@
-// A batch of transitions as every update takes it: views, features x batch, owned by the caller.
-// HybridBatch is one of two sources.
+// A batch of transitions as every core's Update takes it: views of features x batch matrices that
+// the caller owns. HybridBatch is a batch whose rows come from two sources. Value types; no thread
+// rule.
 #pragma once
 
 #include <span>

@@ -53,9 +53,9 @@ class Adam {
   void StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient, double tau,
                       std::span<Scalar> target);
 
-  // A step in parts, so that each part's gradient is still in the cache: BeginStep, then StepPart
-  // for [first, first + size) of the spans, once for every number that has a gradient, in any
-  // order. Parts that do not overlap may be stepped by several threads.
+  // A step in parts, so that each part's gradient is still in the cache: BeginStep once, then
+  // StepPart for ranges [first, first + size) of the spans that together cover every number once,
+  // in any order. Several threads may call StepPart at once for ranges that do not overlap.
   void BeginStep();
   void StepPart(std::span<Scalar> parameters, std::span<const Scalar> gradient, int64_t first,
                 int64_t size);
@@ -71,7 +71,7 @@ class Adam {
   AdamOptions options_;
   std::vector<DecayRange> ranges_;  // cover the whole buffer, with coefficient 0 in the gaps
   int64_t steps_ = 0;
-  AdamStep<Scalar> step_{};  // of BeginStep
+  AdamStep<Scalar> step_{};  // written by BeginStep
   AlignedVector<Scalar> first_moment_;
   AlignedVector<Scalar> second_moment_;
 };

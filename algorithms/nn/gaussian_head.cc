@@ -17,13 +17,13 @@ void Softplus(const Strip<Scalar>& x, Strip<Scalar>& value, Strip<Scalar>& slope
   rest *= slope;
 }
 
-// The members' strips of one column range, and their tiled constants.
+// The strips of one column range, and its tiled constants.
 template <typename Scalar>
 struct LossStrips {
   Strip<Scalar> upper, lower;  // bounds, tiled
   Strip<Scalar> log_var;       // raw, then bounded
   Strip<Scalar> slope_upper, slope_lower;
-  Strip<Scalar> rest_upper, rest_lower;  // of the two softplus
+  Strip<Scalar> rest_upper, rest_lower;  // `rest` of the two softplus
   Strip<Scalar> x, error, precision, d_log_var;
 };
 
@@ -46,7 +46,7 @@ void AddRowSums(const Strip<Scalar>& strip, int rows, Scalar* sums) {
   }
 }
 
-// One member's loss on a column range, times n K. `output` is its 2 K rows.
+// The loss on one column range, times the whole batch's n K.
 template <typename Scalar>
 double StripLoss(LossStrips<Scalar>& s, MatrixView<const Scalar> output,
                  MatrixView<const Scalar> targets, Scalar weight,

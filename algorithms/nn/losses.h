@@ -1,5 +1,5 @@
-// Losses on network outputs, each with its gradient. All are pure functions of their arguments and
-// sum in index order; a mean is over the batch's columns.
+// Losses on the outputs of networks, each with its gradient. Sums run in index order; a mean is
+// over the batch's columns. Thread rule: pure functions.
 #pragma once
 
 #include <span>
@@ -36,7 +36,7 @@ template <typename Scalar>
 double AddMeanSquaredError(MatrixView<const Scalar> prediction, MatrixView<const Scalar> target,
                            MatrixView<Scalar> gradient);
 
-// NaN for no values.
+// Mean of |values|, and mean of values; NaN for no values.
 template <typename Scalar>
 double MeanMagnitude(std::span<const Scalar> values);
 template <typename Scalar>

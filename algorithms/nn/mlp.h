@@ -1,18 +1,19 @@
-// Multi-layer perceptrons, one or several of equal shape side by side: an actor (one member), twin
-// critics (two), a dynamics ensemble (seven).
+// Multi-layer perceptrons: one network, or several of equal shape side by side as the members of
+// one. An actor has one member, twin critics have two, a dynamics ensemble has seven.
 //
 // MlpLayout says where each layer's numbers lie in one flat parameter buffer; gradients, targets
 // and optimiser moments use the same layout, so Adam, Polyak averaging and checkpoints are one loop
 // each. A weight is stored as PyTorch stores it, (outputs, inputs) row-major, and a layer's members
 // follow each other.
 //
-// MlpWorkspace keeps activations from the forward for the backward pass; it is sized once and
-// nothing of ours is allocated afterwards. Passes go member by member through all layers, so that a
+// MlpWorkspace keeps activations from the forward pass for the backward pass; it is sized once, and
+// passes allocate nothing. A pass takes one member after the other through all layers, so that a
 // member's activations are still in the cache when its next layer reads them; for the same reason a
-// member's hidden activations are one dense width x batch block. Only the output is stacked:
-// (members * outputs) x batch, member m owning rows [m * outputs, (m + 1) * outputs). A workspace
-// may have threads of its own, which share out the members with the same bits. Thread rule: a
-// layout is immutable; a workspace belongs to one thread at a time.
+// member's hidden activations are one dense width x batch block. The output alone is stacked:
+// (members * outputs) x batch, with member m in rows [m * outputs, (m + 1) * outputs). A workspace
+// may have threads of its own, which share out the members with the same bits. nn/network.h bundles
+// a layout and a workspace with weights and their optimiser. Thread rule: a layout is immutable; a
+// workspace belongs to one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -77,7 +78,7 @@ class MlpLayout {
     }
   }
 
-  // Fills `parameters`, layer by layer and member by member.
+  // Draws initial weights into `parameters`, layer by layer and member by member.
   template <typename Scalar>
   void Initialize(Initialization initialization, Rng& rng, std::span<Scalar> parameters) const;
   // Draws the output layer again: weight ~ U(-b, b), b = gain sqrt(6 / (inputs + outputs)), and
@@ -85,7 +86,7 @@ class MlpLayout {
   template <typename Scalar>
   void InitializeHead(double gain, Rng& rng, std::span<Scalar> parameters) const;
 
-  // Names "<prefix>/layer<i>/weight" and ".../bias".
+  // Visits each layer's arrays in `parameters` as "<prefix>/layer<i>/weight" and ".../bias".
   template <typename Scalar>
   void Visit(std::string_view prefix, std::span<Scalar> parameters,
              const ArrayVisitor<Scalar>& visitor) const;
@@ -98,21 +99,22 @@ class MlpLayout {
 
 template <typename Scalar>
 struct MlpWorkspace {
-  // For passes over `members` of the layout's members and up to `batch_max` columns.
-  // At most `members` threads are of use. `keep_gradients` false saves the memory that only the
-  // backward pass needs.
+  // For passes over `members` of the layout's members and up to `batch_max` columns, by `threads`
+  // threads, of which at most `members` are of use. `keep_gradients` false saves the memory that
+  // only the backward pass needs.
   MlpWorkspace(const MlpLayout& layout, int members, int batch_max, int threads = 1,
                bool keep_gradients = true);
 
   int members;
-  int batch = 0;  // of the last forward pass
+  int batch = 0;  // columns of the last forward pass
   // Per hidden layer width x (members * batch_max), member m in the columns from m * batch_max on;
   // the last one is the stacked output.
   std::vector<MatrixBuffer<Scalar>> activations;
-  std::vector<MatrixBuffer<Scalar>> slopes;      // swish only: its derivative, per hidden layer
-  std::vector<MatrixBuffer<Scalar>> gradients;   // d loss / d activation; the last: d output
-  std::vector<MatrixBuffer<Scalar>> transposed;  // one layer's weights of the member of a thread
-  std::shared_ptr<ThreadTeam> team;              // copies share it
+  std::vector<MatrixBuffer<Scalar>> slopes;  // swish's derivative per hidden layer; ReLU: none
+  std::vector<MatrixBuffer<Scalar>>
+      gradients;  // d loss / d activation; the last: d loss / d output
+  std::vector<MatrixBuffer<Scalar>> transposed;  // per thread: one layer's weights of one member
+  std::shared_ptr<ThreadTeam> team;              // copies of a workspace share it
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
   // To be filled between MlpForward and MlpBackward.

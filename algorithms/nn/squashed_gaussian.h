@@ -1,9 +1,9 @@
-// The policies whose actions end in tanh. The Gaussian one, sampled with log-density, has the form
+// The policies whose actions are a tanh: deterministic, or a squashed Gaussian with log-density,
 //
 //   log_std = clamp(raw, min, max);  u = mean + exp(log_std) e;  a = tanh(u)
 //   log pi = sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2)]
-// with e given (the reparameterisation trick). Gradients with e fixed, for a loss with derivatives
-// g_a (per action) and g_l (per row's log pi):
+// with the standard normals e given (the reparameterisation trick). Gradients with e fixed, for a
+// loss with derivatives g_a by an action's number and g_l by a row's log pi:
 //   d/du = g_a (1 - a^2) + g_l * 2 a (1 - a^2) / (1 - a^2 + epsilon)
 //   d mean = d/du;   d raw = d/du * exp(log_std) e - g_l, or 0 where raw was clamped.
 // kEpsilon is the form log(1 - a^2 + epsilon) of Stable-Baselines3; kExact is the stable

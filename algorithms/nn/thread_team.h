@@ -1,8 +1,8 @@
-// A few threads that share out numbered pieces of work: how a learner uses more than one core.
+// Threads that share out numbered pieces of work: how a learner uses more than one core.
 //
-// Which thread does which piece is chance, so a piece may depend on nothing that another one
-// writes; then results are the same bits for any number of threads. Thread rule: one thread at a
-// time calls ForEach, and no body does.
+// Which thread takes which piece is left to chance, so a piece must not read what another piece
+// writes; results are then the same bits for any number of threads. Thread rule: one thread at a
+// time calls ForEach, and a body never does.
 #pragma once
 
 #include <condition_variable>
@@ -14,7 +14,7 @@ namespace b4mrl {
 
 class ThreadTeam {
  public:
-  // The caller of ForEach is one of `threads`, which is at least 1: a team of one starts none.
+  // `threads`, at least 1, counts the caller of ForEach: a team of one thread starts none.
   explicit ThreadTeam(int threads);
   ~ThreadTeam();
   ThreadTeam(const ThreadTeam&) = delete;
@@ -22,8 +22,8 @@ class ThreadTeam {
 
   int threads() const { return static_cast<int>(helpers_.size()) + 1; }
 
-  // body(piece, thread) for every piece in [0, pieces), by the thread of that number in [0,
-  // threads()); returns when all are done. Allocates nothing.
+  // Calls body(piece, thread) once for every piece in [0, pieces), `thread` in [0, threads()) being
+  // the number of the calling thread. Returns when all calls have. Allocates nothing.
   template <typename Body>
   void ForEach(int pieces, Body body) {
     Run(pieces, &body, [](void* context, int piece, int thread) {
@@ -44,8 +44,8 @@ class ThreadTeam {
   void* context_ = nullptr;
   Call call_ = nullptr;
   int pieces_ = 0;
-  int next_ = 0;        // first piece that nobody has taken
-  int unfinished_ = 0;  // taken or not
+  int next_ = 0;        // the first piece that no thread has taken
+  int unfinished_ = 0;  // pieces whose body has not returned, taken or not
   bool stopped_ = false;
   std::vector<std::thread> helpers_;
 };

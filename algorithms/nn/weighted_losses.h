@@ -1,6 +1,6 @@
 // Regression with weights: the losses of implicit Q-learning (Kostrikov et al. 2021), each with its
-// gradient. All are pure functions of their arguments and sum in index order; a NaN among
-// predictions, targets or weights shows in the loss.
+// gradient. Sums run in index order; a NaN among predictions, targets or weights makes the loss
+// NaN. Thread rule: pure functions.
 #pragma once
 
 #include <span>
@@ -13,9 +13,9 @@ namespace b4mrl {
 template <typename Scalar>
 void ColumnMinima(MatrixView<const Scalar> matrix, std::span<Scalar> minima);
 
-// Expectile regression: mean of |expectile - 1(target < prediction)| (target - prediction)^2. At
-// 0.5 half the squared error; towards 1 the prediction approaches the largest target. Writes
-// gradient = d loss / d prediction.
+// Expectile regression: mean of |expectile - 1(target < prediction)| (target - prediction)^2. At an
+// expectile of 0.5 it is half the squared error; towards 1 the best prediction approaches the
+// largest target. Writes gradient = d loss / d prediction.
 template <typename Scalar>
 double ExpectileLoss(std::span<const Scalar> predictions, std::span<const Scalar> targets,
                      Scalar expectile, std::span<Scalar> gradient);

@@ -24,9 +24,9 @@ enum class Transpose : bool { kNo = false, kYes = true };
 // The widest block of columns of c = a op(b) that OpenBLAS multiplies without packing its operands,
 // where c has `rows` rows and a has `inner` columns; 0 if this processor has no such kernel. Where
 // it is not 0, transpose a first if need be (these kernels take no transposed a) and multiply block
-// by block: a tenth faster at a learner's sizes. Multiply cuts its products into such blocks itself;
-// callers ask so that they can process a block while it is in the cache. The limit is a million
-// multiplications (rows x columns x inner) in OpenBLAS's AVX-512 kernels. It depends on the
+// by block: a tenth faster at a learner's sizes. Multiply cuts its products into such blocks
+// itself; callers ask so that they can process a block while it is in the cache. The limit is a
+// million multiplications (rows x columns x inner) in OpenBLAS's AVX-512 kernels. It depends on the
 // processor alone, so it never changes in a run.
 template <typename Scalar>
 int NarrowProductColumns(int rows, int inner);

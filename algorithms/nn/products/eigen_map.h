@@ -1,5 +1,5 @@
-// Eigen's eyes on a MatrixView. Include in .cc files only. Never bind an Eigen expression to
-// `auto`: it would refer to temporaries.
+// Eigen maps of MatrixViews, so that Eigen computes on them in place. Include in .cc files only.
+// Never bind an Eigen expression to `auto`: it would refer to temporaries.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,8 +1,9 @@
 // Packing of narrow column blocks, so that element-wise mathematics fills whole SIMD registers.
 //
-// Actions and observations have few dimensions; a column alone is shorter than a register or leaves
-// a scalar rest. Several columns are therefore packed side by side into one strip on the stack, and
-// Eigen's vectorised functions run over the strip. Internal to nn/.
+// Actions and observations have few dimensions: one column is shorter than a register, or its last
+// numbers do not fill one. Several columns are therefore packed side by side into one strip on the
+// stack, and Eigen's vectorised functions run over the strip. Thread rule: pure functions. Internal
+// to nn/.
 #pragma once
 
 #include <algorithm>
