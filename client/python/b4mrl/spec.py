@@ -52,11 +52,13 @@ class SpaceSpec(Shown):
 
 @dataclass(frozen=True)
 class DimensionBounds:
-    """What a number of an observation lies in while the episode goes on; NaN and infinities do not.
+    """Bounds of one dimension of an observation, outside which the episode ends.
+
+    NaN and infinite numbers are outside.
 
     Attributes:
-        dimension: index into the observation, flattened.
-        low, high: possibly infinite.
+        dimension: index into the flattened observation.
+        low, high: the bounds; a bound that is infinite does not limit finite numbers.
         inclusive: whether low and high themselves are inside.
     """
 
@@ -79,8 +81,8 @@ class EnvironmentSpec(Shown):
         info_names: names of a step's infos (proto/PROTOCOL.md, section 8).
         reset_info_names: those of `info_names` that a reset reports, too.
         picture_width, picture_height: default size of pictures, in pixels.
-        termination: for models that predict observations: an episode ends when an observation is
-            outside some of these bounds. None: an observation does not tell.
+        termination: bounds outside which an observation ends the episode, for models that predict
+            observations. None: the end of an episode does not follow from the observation.
     """
 
     name: str
