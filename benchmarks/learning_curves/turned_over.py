@@ -1,10 +1,10 @@
-"""How often an agent ends a HalfCheetah episode on its back, where it hardly moves any more.
+"""Counts the HalfCheetah episodes that an agent ends on its back, where it hardly moves.
 
     pip install ./client/python h5py
     python turned_over.py AGENT.h5 [--simulator gravity] [--episodes 100]
 
-Prints the score, the rewards a step up to the last time that the torso was upright, in how many
-episodes it is not at the end, and the rewards a step after that time.
+Prints the score, the mean reward of a step up to the last step with the torso upright, the number
+of episodes that end with the torso turned over, and the mean reward of a step after that.
 """
 
 import argparse
@@ -20,10 +20,10 @@ STEPS = 1000  # of an episode
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("agent")
-    parser.add_argument("--simulator", help="perturbations; the true HalfCheetah without")
-    parser.add_argument("--episodes", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("agent", help="agent file of `b4mrl train`")
+    parser.add_argument("--simulator", help="perturbations; without, the true HalfCheetah")
+    parser.add_argument("--episodes", type=int, default=100, help="number of episodes")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first episode")
     arguments = parser.parse_args()
     policy = load_agent(arguments.agent)
     rewards = np.empty((STEPS, arguments.episodes))

@@ -1,15 +1,15 @@
-"""Writes the actions of a training run's first transitions, from which they can be stepped again.
+"""Writes the actions of a training run's first transitions, so that they can be stepped again.
 
     python write_replay.py RUN TRANSITIONS OUT.h5        (needs numpy and h5py)
 
-RUN is the folder of an online `b4mrl train`. A simulator is exact, so a run's experience follows from
-its seed and its actions, which are a tenth of it. OUT.h5 holds `actions`, (TRANSITIONS, action size)
-float32 in [-1, 1], as they were before the environment's scale, and under `metadata/` what stepping
-them again needs, together with the SHA-256 of the first 64 + TRANSITIONS * record bytes of RUN's
-replay.bin, by which the result can be checked.
+RUN is the folder of an online `b4mrl train`. Simulators are deterministic, so a run's transitions
+follow from its seed and its actions, which take a tenth of the bytes. OUT.h5 holds `actions`,
+(TRANSITIONS, action size) float32 in [-1, 1], before they are scaled to the environment's bounds.
+`metadata/` in it holds the run's settings for stepping them again, and the SHA-256 of the first
+64 + TRANSITIONS * record bytes of RUN's replay.bin, by which the result can be checked.
 
-Refused are runs whose newest checkpoint has fewer transitions, and runs that gave up a step (the
-simulator crashed or left its range), for their episodes are not those that the actions alone give.
+The program refuses runs whose newest checkpoint has fewer transitions, and runs in which a step
+failed (the simulator crashed or left its range), since actions alone do not give their episodes.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def newest_checkpoint(run: Path) -> Path:
 
 
 def check_run(run: Path, lanes: int, transitions: int) -> None:
-    """Ends the program where RUN's first `transitions` cannot be stepped again."""
+    """Ends the program if RUN's first `transitions` cannot be stepped again."""
     with h5py.File(newest_checkpoint(run)) as file:
         stored = int(file["lanes/replay_length"][()])
         vector_steps = int(file["lanes/vector_steps"][()])
@@ -45,9 +45,9 @@ def check_run(run: Path, lanes: int, transitions: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path)
-    parser.add_argument("transitions", type=int)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("run", type=Path, help="folder of the run")
+    parser.add_argument("transitions", type=int, help="number of transitions")
+    parser.add_argument("out", type=Path, help="file to write")
     arguments = parser.parse_args()
 
     record = json.loads((arguments.run / "run.json").read_text())

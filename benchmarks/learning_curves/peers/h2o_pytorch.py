@@ -1,13 +1,13 @@
-"""A whole run of H2O in plain PyTorch, to lay beside `b4mrl train --algorithm h2o`.
+"""A whole run of H2O in plain PyTorch, to compare with `b4mrl train --algorithm h2o`.
 
     pip install torch==2.13.0 ./client/python
     python h2o_pytorch.py DATASET.h5 OUT.csv [--seed 0] [--updates 100000]
 
-Niu et al. 2022 with the constants and the order of the authors' code, HalfCheetah, gravity doubled
-in the simulator. It shares the simulator, the dataset and the client with b4mrl's H2O, but no line
-of the learner. A daemon is started for the run. OUT.csv has a row for each 1,000 updates: means
-over them, and after each 10,000 an evaluation on the true HalfCheetah, as in the CSV files above
-this folder.
+Niu et al. 2022 with the constants and the order of the authors' code, on HalfCheetah with doubled
+gravity in the simulator. The program shares the simulator, the dataset and the client with b4mrl's
+H2O, but no line of the learner. It starts a daemon for the run. OUT.csv has a row for every 1,000
+updates with means over them, and every 10,000 updates an evaluation on the true HalfCheetah, as in
+the CSV files of the parent folder.
 """
 
 import argparse
@@ -26,9 +26,9 @@ import b4mrl
 
 OBSERVATION, ACTION, HIDDEN = 17, 6, 256
 RATE, GAMMA, TAU = 3e-4, 0.99, 0.005
-BATCH, DISCRIMINATOR_BATCH = 128, 256  # of each kind, real and simulated
+BATCH, DISCRIMINATOR_BATCH = 128, 256  # rows of each kind, real and simulated
 INPUT_NOISE, GAP_SAMPLES, GAP_WEIGHT = 0.1, 10, 0.01
-SIMULATED_PER_REAL = 10  # rows of the authors' array, over which they take the deviation of s'
+SIMULATED_PER_REAL = 10  # in the authors' array, whose s' give the noise's standard deviation
 CYCLE, CYCLES_PER_EVALUATION, EPISODES = 1000, 10, 10
 STATE, NEXT_STATE = 0, 3  # in a transition (s, a, r, s', terminated)
 
@@ -88,7 +88,7 @@ class Critics(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """Bounded logits of "real" and "simulated"."""
+    """A network with bounded logits of the classes "real" and "simulated"."""
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ class Discriminator(nn.Module):
 
 
 class Rows:
-    """Real rows first, then as many simulated ones as a run makes."""
+    """Rows of a run: the real rows first, then room for all simulated ones."""
 
     def __init__(self, dataset: pathlib.Path, simulated: int) -> None:
         names = ("observations", "actions", "rewards", "next_observations", "terminals")
@@ -227,7 +227,7 @@ class H2o:
 
 
 class Simulator:
-    """Episodes run on from cycle to cycle."""
+    """The simulator; its episodes continue from one cycle to the next."""
 
     def __init__(self, environment: b4mrl.Environment, seed: int) -> None:
         self.environment = environment
@@ -261,10 +261,10 @@ def evaluate(environment: b4mrl.Environment, policy: Policy) -> dict[str, float]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("dataset", type=pathlib.Path)
-    parser.add_argument("out", type=pathlib.Path)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--updates", type=int, default=100_000)
+    parser.add_argument("dataset", type=pathlib.Path, help="dataset file of HalfCheetah")
+    parser.add_argument("out", type=pathlib.Path, help="CSV file to write")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the run")
+    parser.add_argument("--updates", type=int, default=100_000, help="gradient steps")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(arguments.seed)

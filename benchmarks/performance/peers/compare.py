@@ -23,7 +23,7 @@ import stable_baselines
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 
-# The name of `b4mrl perf update`, what it is compared with, and the ratio to reach.
+# Name in `b4mrl perf update`, the peer that it is compared with, and the ratio to reach.
 PEERS: list[tuple[str, str, Callable[[], Callable[[], None]], float]] = [
     ("update-sac", "Stable-Baselines3 SAC", stable_baselines.sac, 1.9),
     ("update-td3", "Stable-Baselines3 TD3", stable_baselines.td3, 1.6),
@@ -33,7 +33,7 @@ PEERS: list[tuple[str, str, Callable[[], Callable[[], None]], float]] = [
 
 
 def rate(update: Callable[[], None], seconds: float) -> float:
-    """Calls a second of processor time, over about `seconds` of it."""
+    """Calls per second of processor time, measured over about `seconds` of processor time."""
     calls = 0
     start = time.process_time()
     while (elapsed := time.process_time() - start) < seconds:
@@ -51,8 +51,8 @@ def own_rates(perf: pathlib.Path, seconds: float) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--turns", type=int, default=7, help="how often all are measured")
-    parser.add_argument("--seconds", type=float, default=1.0, help="length of one measurement")
+    parser.add_argument("--turns", type=int, default=7, help="number of measurements of each learner")
+    parser.add_argument("--seconds", type=float, default=1.0, help="processor seconds of a measurement")
     parser.add_argument("--perf", type=pathlib.Path, default=ROOT / "build/release/b4mrl-perf")
     arguments = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,4 +1,4 @@
-"""MOPO's dynamics ensemble as one writes it in plain PyTorch: all members in one batched product."""
+"""MOPO's dynamics ensemble in plain PyTorch: all members in one batched product."""
 
 from collections.abc import Callable
 

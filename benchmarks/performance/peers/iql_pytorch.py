@@ -1,4 +1,4 @@
-"""Implicit Q-learning as one writes it in plain PyTorch: deterministic actor, two critics, V."""
+"""Implicit Q-learning in plain PyTorch: deterministic actor, two critics, value network."""
 
 import copy
 from collections.abc import Callable

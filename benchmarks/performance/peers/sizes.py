@@ -1,4 +1,4 @@
-"""What all peers share: HalfCheetah's sizes and a batch with plausible numbers."""
+"""Shared by all peers: HalfCheetah's sizes and a batch with plausible numbers."""
 
 from typing import NamedTuple
 

@@ -13,7 +13,7 @@ import sizes
 
 
 class Spaces(gymnasium.Env):
-    """HalfCheetah's spaces; never stepped."""
+    """An environment with HalfCheetah's spaces, which is never stepped."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (sizes.OBSERVATION,), np.float32)
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (sizes.ACTION,), np.float32)
@@ -39,7 +39,7 @@ def _updates(algorithm: type[OffPolicyAlgorithm]) -> Callable[[], None]:
         batch.rewards,
     )
     model.replay_buffer.sample = lambda *_, **__: samples  # type: ignore[method-assign]
-    # One gradient step a call, as both do after every environment step by default.
+    # One gradient step per call, as SAC and TD3 do after every environment step by default.
     return lambda: model.train(gradient_steps=1, batch_size=sizes.BATCH)
 
 

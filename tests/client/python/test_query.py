@@ -1,4 +1,4 @@
-"""T_sim for arbitrary rows."""
+"""Queries: one simulated step from arbitrary observations and actions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is closed by nobody: sessions, sockets and threads of collected things and of ended programs."""
+"""Sessions, sockets and threads that no program closed are closed by collection and at its end."""
 
 from __future__ import annotations
 
