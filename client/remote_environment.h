@@ -58,6 +58,14 @@ struct StepOutcome {
   // Row-major, columns as in spec().info_names; empty in a session without `with_infos`.
   std::span<const double> infos;        // lanes x names
   std::span<const double> final_infos;  // ended episodes x names
+
+  // Whether the daemon or the physics engine gave up the step of this row: it ended its episode
+  // through no rule of the task, and its observation is not an outcome of the action.
+  bool given_up(size_t row) const {
+    const auto cause = static_cast<Cause>(causes[row]);
+    return cause == Cause::kCrash || cause == Cause::kNumericalError;
+  }
+
   pb::Timing timing;
   ReceivedReply reply;
 };

@@ -189,8 +189,7 @@ Status Collector::ReceiveStep() {
 Result<bool> Collector::StoreStep(Group& group, const StepOutcome& outcome, size_t position) {
   Lane& lane = lanes_[group.lanes[position]];
   Trajectory& rows = *lane.trajectory;
-  const auto cause = static_cast<Cause>(outcome.causes[position]);
-  if (cause == Cause::kCrash || cause == Cause::kNumericalError) {
+  if (outcome.given_up(position)) {
     return Status(StatusCode::kFailedPrecondition,
                   "the simulator gave up a step; no dataset is made of such episodes");
   }

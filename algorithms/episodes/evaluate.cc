@@ -57,11 +57,6 @@ Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& spec) {
                             spec.observation.size(), spec.action.size()));
 }
 
-bool GivenUp(uint8_t cause) {
-  return cause == static_cast<uint8_t>(Cause::kCrash) ||
-         cause == static_cast<uint8_t>(Cause::kNumericalError);
-}
-
 void Summarise(const EnvironmentSpec& environment, EvaluationResult& result) {
   const auto count = static_cast<double>(result.returns.size());
   result.mean_return = std::accumulate(result.returns.begin(), result.returns.end(), 0.0) / count;
@@ -114,7 +109,7 @@ Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy, const Watcher
       const uint32_t lane = open.lanes()[i];
       result.returns[lane] += outcome.rewards[i];
       ++result.lengths[lane];
-      result.given_up += GivenUp(outcome.causes[i]) ? 1 : 0;
+      result.given_up += outcome.given_up(i) ? 1 : 0;
       if (outcome.terminated[i] || outcome.truncated[i]) continue;
       open.Push(lane, RowOf(outcome.observations, i));
       still_open.push_back(lane);
