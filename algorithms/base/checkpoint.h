@@ -2,9 +2,9 @@
 //
 // Names are "/"-separated paths. Both classes remember their first error and then do nothing more,
 // so that a learner lists its state in one run of lines and the status is asked for once at the
-// end. Big data does not belong here: a replay file is named by its length (rl/replay_buffer.h).
-// Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h; kDataLoss also when a stored array has
-// another size than the learner's.
+// end. Big data does not belong here: a replay file is named by its length
+// (experience/replay_buffer.h). Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h;
+// kDataLoss also when a stored array has another size than the learner's.
 #pragma once
 
 #include <cstdint>

@@ -26,6 +26,37 @@ std::string Hyperparameter::TextOf(double any) const {
   return std::string(ChoiceNames()[static_cast<size_t>(any)]);
 }
 
+Hyperparameter Real(std::string_view name, double value, Range range, std::string_view meaning,
+                    const RowDetails& details) {
+  return {name,    value,        range.low,      range.high, false,
+          meaning, details.unit, details.source, {},         details.by_environment};
+}
+
+Hyperparameter Whole(std::string_view name, double value, Range range, std::string_view meaning,
+                     const RowDetails& details) {
+  Hyperparameter row = Real(name, value, range, meaning, details);
+  row.whole = true;
+  return row;
+}
+
+Hyperparameter Switch(std::string_view name, bool value, std::string_view meaning,
+                      std::string_view source) {
+  return Choice(name, "false|true", value ? 1 : 0, meaning, source);
+}
+
+Hyperparameter Choice(std::string_view name, std::string_view choices, int value,
+                      std::string_view meaning, std::string_view source) {
+  const auto last = static_cast<double>(std::count(choices.begin(), choices.end(), '|'));
+  Hyperparameter row = Whole(name, value, {0, last}, meaning, {.source = source});
+  row.choices = choices;
+  return row;
+}
+
+HyperparameterTable operator+(HyperparameterTable table, const HyperparameterTable& more) {
+  table.insert(table.end(), more.begin(), more.end());
+  return table;
+}
+
 Hyperparameters::Hyperparameters(std::span<const Hyperparameter> table,
                                  std::string_view environment)
     : entries_(table.begin(), table.end()) {
@@ -52,10 +83,10 @@ Status Hyperparameters::SetText(std::string_view name, std::string_view text) {
   B4MRL_ASSIGN_OR_RETURN(const Hyperparameter* entry, Need(name));
   const std::vector<std::string_view> names = entry->ChoiceNames();
   if (names.empty()) {
-    if (entry->IsSwitch() && (text == "true" || text == "false")) return Set(name, text == "true");
     B4MRL_ASSIGN_OR_RETURN(const double value, ParseFinite(name, text, entry->low, entry->high));
     return Set(name, value);
   }
+  if (entry->IsSwitch() && (text == "0" || text == "1")) return Set(name, text == "1");
   const auto choice = std::find(names.begin(), names.end(), text);
   if (choice == names.end()) return UnknownName(name, text, names);
   return Set(name, static_cast<double>(choice - names.begin()));

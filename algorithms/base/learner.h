@@ -1,14 +1,14 @@
-// A learner: what `b4mrl train` runs. Read this first; then learners/sac.cc, and list.cc to add
-// one.
+// A learner: what `b4mrl train` runs. Read this first; then learners/bc.cc, the smallest learner.
 //
 // A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
-// hyperparameters as a table, its options, and three functions that matter:
-//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble;
-//             cut short where `LearnerContext::stop` is set, for a resumed run to do again
+// hyperparameters as a table, and three functions that matter:
+//   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble.
+//             Returns early once `LearnerContext::stop` is set; a resumed run then repeats it from
+//             the beginning.
 //   Update    one gradient step, with the interaction that belongs to it
-//   Policy    what acts now: goes into evaluations and agent files
-// The train loop (rl/train_loop.h) counts updates, evaluates, logs, writes checkpoints and stops. A
-// learner asks the daemon for everything else: it opens the sessions and datasets that it needs
+//   Policy    the policy as it is now, for evaluations and agent files
+// The train loop (run/train_loop.h) counts updates, evaluates, logs, writes checkpoints and stops.
+// A learner asks the daemon for everything else: it opens the sessions and datasets that it needs
 // through `LearnerContext::client`, and never sees the simulator itself.
 //
 // Save and Load carry everything that decides the future, so that a run resumed from a checkpoint
@@ -88,6 +88,18 @@ struct LearnerNeeds {
   bool simulator = false;  // otherwise --simulator is refused
   bool dataset = false;    // then --dataset is required, otherwise refused
   bool history = false;    // supports --history above 1
+};
+
+// An algorithm that `b4mrl train` knows. Each learner's file defines one, which list.cc names.
+struct Algorithm {
+  std::string_view name;  // "td3-bc"
+  std::string_view description;
+  LearnerNeeds needs;
+  HyperparameterTable hyperparameters;
+  Result<std::unique_ptr<Learner>> (*create)(const LearnerContext& context);
+  // What no range of a single value can say: kInvalidArgument where values do not go together, or
+  // not with the environment's sizes. Asks no daemon. nullptr: every combination will do.
+  Status (*check)(const LearnerContext& context) = nullptr;
 };
 
 // The seed of use `index` of `role` ("train-lane", "explore", "rollout") within a run.

@@ -1,4 +1,4 @@
-// What a run measures: means between two rows of its logs (rl/metrics_log.h). Thread rule: one
+// What a run measures: means between two rows of its logs (run/metrics_log.h). Thread rule: one
 // thread.
 #pragma once
 

@@ -6,9 +6,6 @@
 #include <limits>
 #include <utility>
 
-#include "algorithms/experience/training_dataset.h"
-#include "algorithms/policy/observation_mask.h"
-
 namespace b4mrl {
 namespace {
 
@@ -38,10 +35,12 @@ Status CheckOfflineBatches(const LearnerContext& context) {
 
 Result<OfflineBatches> OfflineBatches::Open(const LearnerContext& context,
                                             const OfflineBatchOptions& options) {
-  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
-  B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset->Stats());
-  Normaliser normaliser = options.normalise ? Normaliser::Of(stats, kStdEpsilon)
-                                            : IdentityNormaliser(dataset->observation_size());
+  B4MRL_ASSIGN_OR_RETURN(TrainingDataset dataset,
+                         TrainingDataset::Open(context, options.batch_size));
+  B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset.remote().Stats());
+  Normaliser normaliser = options.normalise
+                              ? Normaliser::Of(stats, kStdEpsilon)
+                              : IdentityNormaliser(dataset.remote().observation_size());
   float reward_scale = 1;
   if (options.scale_rewards) {
     B4MRL_ASSIGN_OR_RETURN(reward_scale, RewardScale(stats, context.dataset));
@@ -50,25 +49,17 @@ Result<OfflineBatches> OfflineBatches::Open(const LearnerContext& context,
 }
 
 OfflineBatches::OfflineBatches(const LearnerContext& context, const OfflineBatchOptions& options,
-                               std::unique_ptr<RemoteDataset> dataset, Normaliser normaliser,
-                               float reward_scale)
-    : seed_(RoleSeed(context.seed, "batches")),
-      dataset_(std::move(dataset)),
+                               TrainingDataset dataset, Normaliser normaliser, float reward_scale)
+    : dataset_(std::move(dataset)),
       normaliser_(std::move(normaliser)),
       reward_scale_(reward_scale),
       action_max_(options.action_clip > 0 ? static_cast<float>(1 - options.action_clip)
                                           : std::numeric_limits<float>::infinity()),
-      mask_(
-          MaskOfDimensions(dataset_->observation_size(), dataset_->in_force().hidden_dimensions())),
       action_scale_(context.ActionScale()),
       batch_(context.observation_size(), context.action_size(), options.batch_size) {}
 
-void OfflineBatches::Start(uint64_t first_batch) {
-  stream_.emplace(dataset_->Stream(static_cast<uint32_t>(batch_.size()), seed_, first_batch));
-}
-
 Result<TransitionBatch<float>> OfflineBatches::Next() {
-  B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, stream_->Next());
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, dataset_.Next());
   normaliser_.Apply(rows.observations, batch_.observations.view());
   normaliser_.Apply(rows.next_observations, batch_.next_observations.view());
   batch_.SetActions(rows.actions, action_scale_);
@@ -80,22 +71,23 @@ Result<TransitionBatch<float>> OfflineBatches::Next() {
   return batch_.view();
 }
 
-void OfflineBatches::DescribeInputs(PolicyWeights& policy) const {
+PolicyWeights OfflineBatches::WithInputs(PolicyWeights policy) const {
   policy.observation_mean = normaliser_.mean;
   policy.observation_std = normaliser_.std;
-  policy.observation_mask = mask_;
+  policy.observation_mask = dataset_.mask();
+  return policy;
 }
 
 void OfflineBatches::Save(CheckpointWriter& writer) const {
   writer.Floats("normaliser/mean", normaliser_.mean);
   writer.Floats("normaliser/std", normaliser_.std);
-  writer.Text("dataset", dataset_->fingerprint());
+  dataset_.Save(writer);
 }
 
-Status OfflineBatches::Load(CheckpointReader& reader) {
+Status OfflineBatches::Load(CheckpointReader& reader, uint64_t next_batch) {
   reader.FloatsInto("normaliser/mean", normaliser_.mean);
   reader.FloatsInto("normaliser/std", normaliser_.std);
-  return CheckSameDataset(reader, *dataset_);
+  return dataset_.Load(reader, next_batch);
 }
 
 }  // namespace b4mrl

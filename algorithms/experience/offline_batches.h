@@ -1,5 +1,5 @@
-// What an offline learner learns from: random batches of its dataset, corrupted if so asked, which
-// stream in ahead of their use; and what a policy trained on them must know of them.
+// The batches that an offline learner trains on: random rows of its dataset, corrupted if so asked,
+// streamed in ahead of their use; and what a policy trained on them must know of its inputs.
 //
 // Observations and next observations are (o - mean) / (std + 0.001), mean and std over the
 // dataset's observations; actions are in [-1, 1]. Batch b is a function of (run seed, b), so a
@@ -8,8 +8,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +15,7 @@
 #include "algorithms/cores/transition_batch.h"
 #include "algorithms/experience/batch_buffer.h"
 #include "algorithms/experience/normaliser.h"
+#include "algorithms/experience/training_dataset.h"
 #include "client/remote_dataset.h"
 
 namespace b4mrl {
@@ -40,31 +39,28 @@ class OfflineBatches {
                                      const OfflineBatchOptions& options);
 
   // Must come before the first Next: the number of the batch that it returns.
-  void Start(uint64_t first_batch);
+  void Start(uint64_t first_batch) { dataset_.Start(first_batch); }
   // Views of one buffer, which the next call overwrites.
   Result<TransitionBatch<float>> Next();
 
-  // Mean and std of its observations and the mask of those that the dataset hid, into `policy`.
-  void DescribeInputs(PolicyWeights& policy) const;
-  std::string dataset_sha256() const { return dataset_->in_force().info().sha256(); }
+  // `policy` with mean and std of its observations and the mask of those that the dataset hid.
+  PolicyWeights WithInputs(PolicyWeights policy) const;
+  const std::string& dataset_sha256() const { return dataset_.sha256(); }
 
   void Save(CheckpointWriter& writer) const;
-  // kDataLoss when the checkpoint is of another dataset.
-  Status Load(CheckpointReader& reader);
+  // kDataLoss when the checkpoint is of another dataset. Then Start.
+  Status Load(CheckpointReader& reader, uint64_t next_batch);
 
  private:
   OfflineBatches(const LearnerContext& context, const OfflineBatchOptions& options,
-                 std::unique_ptr<RemoteDataset> dataset, Normaliser normaliser, float reward_scale);
+                 TrainingDataset dataset, Normaliser normaliser, float reward_scale);
 
-  uint64_t seed_;
-  std::unique_ptr<RemoteDataset> dataset_;  // the stream points at it
+  TrainingDataset dataset_;
   Normaliser normaliser_;
   float reward_scale_;
   float action_max_;
-  std::vector<float> mask_;
   std::vector<float> action_scale_;
   BatchBuffer batch_;
-  std::optional<BatchStream> stream_;
 };
 
 }  // namespace b4mrl

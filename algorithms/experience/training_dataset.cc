@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "algorithms/policy/observation_mask.h"
 #include "client/client.h"
 
 namespace b4mrl {
@@ -63,13 +64,37 @@ Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uin
   return starts;
 }
 
-Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset) {
+Result<TrainingDataset> TrainingDataset::Open(const LearnerContext& context, int rows) {
+  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> remote, OpenTrainingDataset(context));
+  return TrainingDataset(std::move(remote), rows, RoleSeed(context.seed, "batches"));
+}
+
+TrainingDataset::TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed)
+    : remote_(std::move(remote)),
+      rows_(rows),
+      seed_(seed),
+      mask_(
+          MaskOfDimensions(remote_->observation_size(), remote_->in_force().hidden_dimensions())) {}
+
+void TrainingDataset::Start(uint64_t update) {
+  if (rows_ > 0) stream_.emplace(remote_->Stream(static_cast<uint32_t>(rows_), seed_, update));
+}
+
+Result<TransitionRows> TrainingDataset::Next() {
+  return rows_ > 0 ? stream_->Next() : TransitionRows();
+}
+
+Status TrainingDataset::Load(CheckpointReader& reader, uint64_t update) {
   const std::string saved = reader.Text("dataset");
   B4MRL_RETURN_IF_ERROR(reader.status());
-  if (saved == dataset.fingerprint()) return Status();
-  return Status(StatusCode::kDataLoss,
-                fmt::format("the run's dataset has fingerprint {}, now it is {}: the file changed",
-                            saved, dataset.fingerprint()));
+  if (saved != remote_->fingerprint()) {
+    return Status(
+        StatusCode::kDataLoss,
+        fmt::format("the run's dataset has fingerprint {}, now it is {}: the file changed", saved,
+                    remote_->fingerprint()));
+  }
+  Start(update);
+  return Status();
 }
 
 }  // namespace b4mrl

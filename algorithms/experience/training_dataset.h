@@ -1,8 +1,14 @@
-// Opening the dataset of a run, and making sure that a resumed run meets the same one.
+// The dataset of a run: opened with its corruptions, streamed ahead as random rows for each update,
+// and known again by a resumed run.
+//
+// The rows of update u are a function of (run seed, u), so a resumed learner only says with which
+// update it goes on. Thread rule: one thread. Errors: those of the daemon and its connection.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -18,7 +24,37 @@ namespace b4mrl {
 // environment's. The pointer stays valid: streams need it.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
-// Of a batch that is partly the dataset's: real-ratio * batch-size, fractions dropped.
+class TrainingDataset {
+ public:
+  // `rows`: that each update takes; may be 0.
+  static Result<TrainingDataset> Open(const LearnerContext& context, int rows);
+
+  // Must come before the first Next: the number of the update whose rows Next then returns.
+  void Start(uint64_t update);
+  // The next update's rows, valid until the next call; empty where an update takes none.
+  Result<TransitionRows> Next();
+
+  void Save(CheckpointWriter& writer) const { writer.Text("dataset", remote_->fingerprint()); }
+  // kDataLoss when the checkpoint is of another file, other corruptions or another seed. Then
+  // Start.
+  Status Load(CheckpointReader& reader, uint64_t update);
+
+  RemoteDataset& remote() const { return *remote_; }
+  // Of an observation: 1 seen, 0 hidden by the corruptions; empty: nothing hidden.
+  const std::vector<float>& mask() const { return mask_; }
+  const std::string& sha256() const { return remote_->in_force().info().sha256(); }
+
+ private:
+  TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed);
+
+  std::unique_ptr<RemoteDataset> remote_;  // the stream points at it
+  int rows_;
+  uint64_t seed_;
+  std::vector<float> mask_;
+  std::optional<BatchStream> stream_;
+};
+
+// Rows of a batch that come from the dataset: real-ratio * batch-size, fractions dropped.
 int RealRows(const Hyperparameters& values);
 // Whether one request holds the `rows` rows that an update takes from the dataset; kInvalidArgument
 // otherwise. `name` says what they are: "batch-size". Needs the context's environment alone.
@@ -29,9 +65,5 @@ Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, 
 // its own; where one request holds them all, they are those of batch `cycle`.
 Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
                                       uint64_t cycle);
-
-// kDataLoss unless the checkpoint's "dataset" is this one: a fingerprint covers file, corruptions
-// and seed.
-Status CheckSameDataset(CheckpointReader& reader, const RemoteDataset& dataset);
 
 }  // namespace b4mrl

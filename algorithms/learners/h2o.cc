@@ -11,68 +11,31 @@
 //            discriminators: a batch of `discriminator-batch` rows from each of D and B
 //            pi, Q: a batch of `real-ratio` rows from D, the rest from B; errors of simulated rows
 //            weigh min(p_real / p_sim, 1), and Q falls where the simulator is wrong
-//            (rl/h2o_core.h and rl/h2o_losses.h have the losses)
+//            (cores/h2o_core.h and cores/h2o_losses.h have the losses)
 //
-// The gap between the dynamics at (s, a) is estimated around s' with normal noise. Its deviation is
-// the authors' by default, which is about 0.3 of D's (GapNoiseStd in rl/h2o_core.h).
+// The gap between the two dynamics at (s, a) is estimated from noisy copies of s'. The noise's
+// standard deviation is by default the authors', about 0.3 of D's (GapNoiseStd in
+// cores/h2o_core.h).
 //
 // A policy sees what D shows: dimensions hidden there are zero in B as well. There is no warm-up.
 // An episode that ends by the step limit keeps d = 0.
 #include <fmt/format.h>
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "algorithms/cores/h2o_core.h"
 #include "algorithms/experience/batch_buffer.h"
-#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/replay_collector.h"
 #include "algorithms/experience/training_dataset.h"
 #include "algorithms/learners/core_options.h"
-#include "algorithms/learners/learners.h"
-#include "algorithms/policy/observation_mask.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr std::string_view kAuthors = "t6-thu/H2O, which the paper's authors ran";
-
-constexpr Hyperparameter kHyperparameters[] = {
-    {"lanes", 1, 1, 1024, true, "simulators stepped at once", "environments", kAuthors},
-    {"steps-per-cycle", 1000, 1, 1e9, true, "taken in the simulator at once", "transitions",
-     kAuthors},
-    {"updates-per-cycle", 1000, 1, 1e9, true, "from one turn in the simulator to the next",
-     "updates", kAuthors},
-    {"replay-capacity", 1e7, 1, 1e9, true, "newest simulated ones that batches are drawn from",
-     "transitions", "ours: t6-thu/H2O has ten times the dataset's rows; a run is shorter"},
-    {"batch-size", 256, 2, 65'536, true, "of one update of actor and critics", "transitions",
-     kAuthors},
-    {"real-ratio", 0.5, 0, 1, false, "share of the dataset in them", "", kAuthors},
-    {"discriminator-batch", 256, 1, 32'768, true, "of one update, real and simulated each",
-     "transitions", kAuthors},
-    {"discriminator-noise", 0.1, 0, 1e3, false, "deviation added to the discriminators' inputs", "",
-     kAuthors},
-    {"gap-weight", 0.01, 0, 1e6, false, "of the penalty on values where the simulator is wrong", "",
-     kAuthors},
-    {"gap-samples", 10, 1, 1024, true, "noisy copies of s' for an estimate of the gap", "copies",
-     kAuthors},
-    {"gap-noise", 1, 0, 1e3, false, "their deviation", "gap-noise-std", kAuthors},
-    {"gap-noise-std", 0, 0, 1, true, "over what the deviation of s' is taken", "",
-     "padded: t6-thu/H2O, which the paper's authors ran; data: D2C, by the same authors",
-     "padded|data"},
-    {"gap-max", 10, 1e-9, 1e9, false, "largest estimate; at most 4 occurs", "nats", kAuthors},
-    {"gap-limit", 1000, 0, 1e9, false, "of the penalty before its weight", "return", kAuthors},
-    {"ratio-min", 1e-5, 1e-9, 1, false, "smallest p_real / p_sim; at least exp(-4) occurs", "",
-     kAuthors},
-    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kAuthors},
-    {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of all networks and the entropy weight", "",
-     kAuthors},
-    {"gamma", 0.99, 0, 1, false, "discount", "", kAuthors},
-    {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kAuthors},
-    {"initial-alpha", 1, 1e-9, 1e3, false, "entropy weight at the start", "", kAuthors},
-};
 
 H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats) {
   const Hyperparameters& values = context.hyperparameters;
@@ -92,21 +55,21 @@ H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats)
   return options;
 }
 
-class H2o : public Learner {
+class H2o final : public Learner {
  public:
-  H2o(const LearnerContext& context, H2oCore<float> core, std::unique_ptr<RemoteDataset> dataset,
-      OnlineLanes lanes, int real_rows);
+  H2o(const LearnerContext& context, H2oCore<float> core, TrainingDataset dataset,
+      ReplayCollector collector);
 
   Status Prepare(Progress& progress) override;
   Status Update(MetricMeans& metrics) override;
   PolicyWeights Policy() const override;
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
-  uint64_t environment_steps() const override { return lanes_.environment_steps(); }
-  std::string dataset_sha256() const override { return dataset_->in_force().info().sha256(); }
+  uint64_t environment_steps() const override { return collector_.environment_steps(); }
+  std::string dataset_sha256() const override { return dataset_.sha256(); }
 
  private:
-  void StartStream();
+  uint64_t updates() const { return static_cast<uint64_t>(core_.updates()); }
   Status Simulate(MetricMeans& metrics);
   Status FillBatches();
 
@@ -116,42 +79,32 @@ class H2o : public Learner {
   const int discriminator_real_rows_;  // of discriminator_batch_
   const std::vector<float> action_scale_;
   H2oCore<float> core_;
-  std::unique_ptr<RemoteDataset> dataset_;   // D; the stream points at it
-  OnlineLanes lanes_;                        // the simulator, and B
+  TrainingDataset dataset_;                  // D
+  ReplayCollector collector_;                // acts in the simulator, and holds B
   BatchBuffer batch_, discriminator_batch_;  // real rows first
-  std::optional<BatchStream> stream_;        // real rows of both
 };
 
-H2o::H2o(const LearnerContext& context, H2oCore<float> core, std::unique_ptr<RemoteDataset> dataset,
-         OnlineLanes lanes, int real_rows)
+H2o::H2o(const LearnerContext& context, H2oCore<float> core, TrainingDataset dataset,
+         ReplayCollector collector)
     : context_(context),
       updates_per_cycle_(context.hyperparameters.Unsigned("updates-per-cycle")),
-      real_rows_(real_rows),
+      real_rows_(RealRows(context.hyperparameters)),
       discriminator_real_rows_(context.hyperparameters.Integer("discriminator-batch")),
       action_scale_(context.ActionScale()),
       core_(std::move(core)),
       dataset_(std::move(dataset)),
-      lanes_(std::move(lanes)),
+      collector_(std::move(collector)),
       batch_(context.observation_size(), context.action_size(), core_.options().batch_max),
       discriminator_batch_(context.observation_size(), context.action_size(),
                            core_.options().discriminator_batch_max) {}
 
 Status H2o::Prepare(Progress&) {
-  StartStream();
-  return lanes_.Start();
-}
-
-// Batch b of D is a function of (seed, b), so a resumed learner asks on where it stopped.
-void H2o::StartStream() {
-  stream_.emplace(dataset_->Stream(static_cast<uint32_t>(real_rows_ + discriminator_real_rows_),
-                                   RoleSeed(context_.seed, "batches"),
-                                   static_cast<uint64_t>(core_.updates())));
+  dataset_.Start(0);
+  return collector_.Start();
 }
 
 Status H2o::Update(MetricMeans& metrics) {
-  if (static_cast<uint64_t>(core_.updates()) % updates_per_cycle_ == 0) {
-    B4MRL_RETURN_IF_ERROR(Simulate(metrics));
-  }
+  if (updates() % updates_per_cycle_ == 0) B4MRL_RETURN_IF_ERROR(Simulate(metrics));
   B4MRL_RETURN_IF_ERROR(FillBatches());
   AddMetrics(core_.Update({batch_.view(), real_rows_},
                           {discriminator_batch_.view(), discriminator_real_rows_}),
@@ -161,53 +114,40 @@ Status H2o::Update(MetricMeans& metrics) {
 
 Status H2o::Simulate(MetricMeans& metrics) {
   const uint64_t steps = context_.hyperparameters.Unsigned("steps-per-cycle");
-  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy policy, FixedOrderPolicy::Create(core_.Policy()));
-  for (uint64_t step = 0; step < steps; step += lanes_.count()) {
-    B4MRL_RETURN_IF_ERROR(lanes_.Step(policy, metrics));
-  }
-  if (lanes_.replay().size() > 0) return Status();
+  B4MRL_RETURN_IF_ERROR(collector_.Collect(core_.Policy(), steps, metrics));
+  if (collector_.replay().size() > 0) return Status();
   return Status(StatusCode::kFailedPrecondition,
                 "no step of the first cycle led to a state that the simulator could give");
 }
 
 Status H2o::FillBatches() {
-  B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, stream_->Next());
-  batch_.SetRows(rows, 0, real_rows_, action_scale_);
-  discriminator_batch_.SetRows(rows, real_rows_, discriminator_real_rows_, action_scale_);
-  batch_.ClipActions(real_rows_);  // as the authors' code clips D's
-  discriminator_batch_.ClipActions(discriminator_real_rows_);
-  Rng rng(RoleSeed(context_.seed, "replay"), "rows", static_cast<uint64_t>(core_.updates()));
-  lanes_.replay().Sample(rng, real_rows_, batch_.size() - real_rows_, batch_);
-  lanes_.replay().Sample(rng, discriminator_real_rows_,
-                         discriminator_batch_.size() - discriminator_real_rows_,
-                         discriminator_batch_);
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, dataset_.Next());
+  Rng rng(RoleSeed(context_.seed, "replay"), "rows", updates());
+  const auto fill = [&](BatchBuffer& batch, int first_row, int rows) {
+    batch.SetRows(real, first_row, rows, action_scale_);
+    batch.ClipActions(rows);  // as the authors' code clips D's
+    collector_.replay().Sample(rng, rows, batch.size() - rows, batch);
+  };
+  fill(batch_, 0, real_rows_);
+  fill(discriminator_batch_, real_rows_, discriminator_real_rows_);
   return Status();
 }
 
-PolicyWeights H2o::Policy() const {
-  PolicyWeights policy = core_.Policy();
-  policy.observation_mask = lanes_.policy_mask();
-  return policy;
-}
+PolicyWeights H2o::Policy() const { return collector_.WithInputs(core_.Policy()); }
 
 Status H2o::Save(CheckpointWriter& writer) {
   writer.State("core", core_);
-  writer.Text("dataset", dataset_->fingerprint());
-  return lanes_.Save(writer);
+  dataset_.Save(writer);
+  return collector_.Save(writer);
 }
 
 Status H2o::Load(CheckpointReader& reader) {
   reader.StateInto("core", core_);
-  B4MRL_RETURN_IF_ERROR(CheckSameDataset(reader, *dataset_));
-  StartStream();
-  return lanes_.Load(reader);
+  B4MRL_RETURN_IF_ERROR(dataset_.Load(reader, updates()));
+  return collector_.Load(reader);
 }
 
-}  // namespace
-
-std::span<const Hyperparameter> H2oHyperparameters() { return kHyperparameters; }
-
-Status CheckH2o(const LearnerContext& context) {
+Status Check(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   const int batch_size = values.Integer("batch-size");
   const int real_rows = RealRows(values);
@@ -225,18 +165,81 @@ Status CheckH2o(const LearnerContext& context) {
                                    most, batch_size, context.observation_size()));
 }
 
-Result<std::unique_ptr<Learner>> CreateH2o(const LearnerContext& context) {
-  B4MRL_RETURN_IF_ERROR(CheckH2o(context));
-  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> dataset, OpenTrainingDataset(context));
-  B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset->Stats());
-  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(CoreOptions(context, stats)));
+Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
+  B4MRL_RETURN_IF_ERROR(Check(context));
+  const Hyperparameters& values = context.hyperparameters;
   B4MRL_ASSIGN_OR_RETURN(
-      OnlineLanes lanes,
-      OnlineLanes::Open(context, MaskOfDimensions(dataset->observation_size(),
-                                                  dataset->in_force().hidden_dimensions())));
-  return std::unique_ptr<Learner>(std::make_unique<H2o>(context, std::move(core),
-                                                        std::move(dataset), std::move(lanes),
-                                                        RealRows(context.hyperparameters)));
+      TrainingDataset dataset,
+      TrainingDataset::Open(context, RealRows(values) + values.Integer("discriminator-batch")));
+  B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset.remote().Stats());
+  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(CoreOptions(context, stats)));
+  B4MRL_ASSIGN_OR_RETURN(ReplayCollector collector, ReplayCollector::Open(context, dataset.mask()));
+  return std::unique_ptr<Learner>(
+      std::make_unique<H2o>(context, std::move(core), std::move(dataset), std::move(collector)));
+}
+
+HyperparameterTable Table() {
+  const HyperparameterTable own = {
+      Whole("steps-per-cycle", 1000, {1, 1e9},
+            "steps taken in the simulator at the start of each cycle",
+            {.unit = "transitions", .source = kAuthors}),
+      Whole("updates-per-cycle", 1000, {1, 1e9},
+            "length of a cycle: updates from one turn in the simulator to the next",
+            {.unit = "updates", .source = kAuthors}),
+      Whole("lanes", 1, {1, 1024}, "simulated environments stepped at once",
+            {.unit = "environments", .source = kAuthors}),
+      Whole("replay-capacity", 1e7, {1, 1e9},
+            "size of the replay buffer: batches take the newest simulated transitions",
+            {.unit = "transitions",
+             .source = "ours: t6-thu/H2O has ten times the dataset's rows; a run is "
+                       "shorter"}),
+      Real("real-ratio", 0.5, {0, 1},
+           "share of a batch of actor and critics that comes from the dataset",
+           {.source = kAuthors}),
+      Whole("discriminator-batch", 256, {1, 32'768},
+            "real transitions, and as many simulated ones, in a batch of the discriminators",
+            {.unit = "transitions", .source = kAuthors}),
+      Real("discriminator-noise", 0.1, {0, 1e3},
+           "standard deviation of the noise added to the discriminators' inputs",
+           {.source = kAuthors}),
+      Real("gap-weight", 0.01, {0, 1e6},
+           "weight of the penalty on values where the simulator is wrong", {.source = kAuthors}),
+      Whole("gap-samples", 10, {1, 1024},
+            "noisy copies of s' from which the gap between the dynamics is estimated",
+            {.unit = "copies", .source = kAuthors}),
+      Real("gap-noise", 1, {0, 1e3},
+           "standard deviation of the noise added to s' when the gap is estimated",
+           {.unit = "gap-noise-std", .source = kAuthors}),
+      Choice("gap-noise-std", "padded|data", 0,
+             "rows that define gap-noise's unit: the dataset's (data), or the authors' "
+             "zero-padded buffer, about 0.3 of it (padded)",
+             "padded: t6-thu/H2O, which the paper's authors ran; data: D2C, by the same "
+             "authors"),
+      Real("gap-max", 10, {1e-9, 1e9},
+           "largest estimate of the gap; estimates above 4 do not occur",
+           {.unit = "nats", .source = kAuthors}),
+      Real("gap-limit", 1000, {0, 1e9},
+           "largest magnitude of the gap's penalty before gap-weight multiplies it",
+           {.unit = "return", .source = kAuthors}),
+      Real("ratio-min", 1e-5, {1e-9, 1},
+           "smallest weight p_real / p_sim of a simulated row; at least exp(-4) occurs",
+           {.source = kAuthors}),
+      InitialAlphaRow(kAuthors),
+  };
+  return own + ActorCriticRows(kAuthors);
+}
+
+}  // namespace
+
+Algorithm H2oAlgorithm() {
+  return {.name = "h2o",
+          .description =
+              "model-free hybrid: SAC on data and in a simulator, trusted as far as "
+              "discriminators say",
+          .needs = {.simulator = true, .dataset = true},
+          .hyperparameters = Table(),
+          .create = Create,
+          .check = Check};
 }
 
 }  // namespace b4mrl

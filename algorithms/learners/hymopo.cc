@@ -4,21 +4,21 @@
 //   D        dataset of (o, a, r, o', d)       D_model  what rollouts produced lately
 //   T_sim    the imperfect simulator, asked by Query
 //   f        ensemble of Gaussian correction networks (o, a) -> (delta, r)
-//                                                                       (rl/dynamics_ensemble.h)
-//   pi       SAC's policy                                                       (rl/sac_core.h)
+//                                                                    (model/dynamics_ensemble.h)
+//   pi       SAC's policy                                                    (cores/sac_core.h)
 //
-//   pre-pass:  o'_sim <- T_sim(o, a) for every row of D                       (rl/model_data.h)
-//   train f on targets [o' - o'_sim, r] by likelihood                  (rl/ensemble_training.h)
+//   pre-pass:  o'_sim <- T_sim(o, a) for every row of D                    (model/model_data.h)
+//   train f on targets [o' - o'_sim, r] by likelihood                 (model/ensemble_store.h)
 //   repeat:  every `rollout-every` updates: `rollout-rows` starts from D, `horizon` steps of
 //              a ~ pi(o);  (delta, r) ~ f_i(o, a), i a random elite;  o' = T_sim(o, a) + delta;
 //              r~ = r - `penalty` * max_i |std_i(o, a)|, until the termination function says that
-//              o' ends the episode; add (o, a, r~, o', d) to D_model       (rl/model_rollout.h)
+//              o' ends the episode; add (o, a, r~, o', d) to D_model    (model/model_rollout.h)
 //            one SAC update on a batch, `real-ratio` of it from D, the rest from D_model
 //
-// The loop itself is MOPO's too: rl/model_based.cc.
-#include <vector>
+// learners/model_based.h has the steps, which MOPO shares.
+#include <memory>
+#include <utility>
 
-#include "algorithms/learners/learners.h"
 #include "algorithms/learners/model_based.h"
 #include "algorithms/learners/model_based_options.h"
 #include "proto/base/limits.h"
@@ -26,33 +26,66 @@
 namespace b4mrl {
 namespace {
 
-constexpr Hyperparameter kOwn[] = {
-    {"penalty", 0, 0, 1e3, false, "weight of the ensemble's largest deviation", "", "the paper"},
-    {"horizon", 5, 1, 1000, true, "of a rollout", "steps",
-     "the paper, for HalfCheetah; ours elsewhere"},
-    {"rollout-lag", 0, 0, 1, true, "0: roll out the present policy, 1: that of one cycle ago",
-     "cycles", "ours: 0 is the paper's algorithm, 1 lets simulation and updates overlap"},
-    {"chunk-rows", 2000, 1, limits::kMaxQueryRows, true, "of one query", "rows",
-     "ours, by measurement"},
-    {"chunks-in-flight", 6, 1, limits::kMaxRequestsInFlight, true, "at the daemon at once",
-     "queries", "ours, by measurement"},
+class Hymopo final : public ModelBased {
+ public:
+  using ModelBased::ModelBased;
+
+  Status Prepare(Progress& progress) override {
+    const uint64_t query_seed = RoleSeed(context_.seed, "pre-pass");
+    B4MRL_ASSIGN_OR_RETURN(
+        const ModelData corrections,
+        QueryCorrections(context_, dataset_.remote(), *simulator_, query_seed, progress));
+    return TrainModel(corrections, progress);
+  }
+
+  Status Update(MetricMeans& metrics) override {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, dataset_.Next());
+    B4MRL_RETURN_IF_ERROR(RollOut(metrics));
+    AddMetrics(core_.Update(FillBatch(real)), metrics);
+    return Status();
+  }
+
+  PolicyWeights Policy() const override { return MaskedPolicy(); }
 };
 
-Result<ModelData> ReadTargets(const LearnerContext& context, RemoteDataset& dataset,
-                              RemoteEnvironment* simulator, Progress& progress) {
-  const uint64_t query_seed = RoleSeed(context.seed, "pre-pass");
-  return QueryCorrections(context, dataset, *simulator, query_seed, progress);
+Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
+  B4MRL_ASSIGN_OR_RETURN(ModelBased::Parts parts,
+                         ModelBased::Open(context, /*uses_simulator=*/true));
+  return std::unique_ptr<Learner>(std::make_unique<Hymopo>(context, std::move(parts)));
+}
+
+HyperparameterTable Table() {
+  const HyperparameterTable own = {
+      PenaltyRow(0, "the paper"),
+      Whole("horizon", 5, {1, 1000}, "steps of a rollout in the corrected simulator",
+            {.unit = "steps", .source = "the paper, for HalfCheetah; ours elsewhere"}),
+      Whole("rollout-lag", 0, {0, 1},
+            "age of the policy that is rolled out: 0 the present one, 1 that of one cycle "
+            "ago",
+            {.unit = "cycles",
+             .source = "ours: 0 is the paper's algorithm, 1 lets simulation and updates "
+                       "overlap"}),
+      Whole("chunk-rows", 2000, {1, limits::kMaxQueryRows},
+            "states and actions in one query to the simulator",
+            {.unit = "rows", .source = "ours, by measurement"}),
+      Whole("chunks-in-flight", 6, {1, limits::kMaxRequestsInFlight},
+            "queries that the daemon is asked at once",
+            {.unit = "queries", .source = "ours, by measurement"}),
+  };
+  return own + ModelBasedRows();
 }
 
 }  // namespace
 
-std::span<const Hyperparameter> HymopoHyperparameters() {
-  static const std::vector<Hyperparameter> kTable = WithModelBasedHyperparameters(kOwn);
-  return kTable;
-}
-
-Result<std::unique_ptr<Learner>> CreateHymopo(const LearnerContext& context) {
-  return CreateModelBased(context, {.uses_simulator = true, .read_targets = ReadTargets});
+Algorithm HymopoAlgorithm() {
+  return {.name = "hymopo",
+          .description =
+              "model-based hybrid: a learned correction of the simulator, SAC in the "
+              "corrected one",
+          .needs = {.simulator = true, .dataset = true},
+          .hyperparameters = Table(),
+          .create = Create,
+          .check = CheckModelBased};
 }
 
 }  // namespace b4mrl

@@ -1,7 +1,7 @@
 // IQL: implicit Q-learning, offline (Kostrikov, Nair and Levine 2021).
 //
 //   D      dataset of (s, a, r, s', d), as the daemon serves it, corrupted if so asked
-//   V      value, Q twin critics, Q' their slow copies, pi actor (rl/iql_core.h has the losses)
+//   V      value, Q twin critics, Q' their slow copies, pi actor (cores/iql_core.h has the losses)
 //
 //   normalise:  s <- (s - mean) / (std + 0.001), mean and std over D's observations
 //   repeat:     a batch from D
@@ -18,7 +18,6 @@
 
 #include "algorithms/cores/iql_core.h"
 #include "algorithms/learners/core_options.h"
-#include "algorithms/learners/learners.h"
 #include "algorithms/learners/offline_learner.h"
 
 namespace b4mrl {
@@ -31,30 +30,6 @@ constexpr std::string_view kBoth =
 enum Actor { kDeterministic, kGaussian };
 enum Initialisation { kTorch, kOrthogonal };
 enum RewardScaling { kNone, kReturnRange };
-
-constexpr Hyperparameter kHyperparameters[] = {
-    {"actor", kDeterministic, 0, 1, true, "fitted by weighted squared error or by likelihood", "",
-     "Manchery/iql-pytorch, which the paper's authors ran; the original: gaussian",
-     "deterministic|gaussian"},
-    {"initialisation", kTorch, 0, 1, true, "of the weights: PyTorch's uniform, or orthogonal", "",
-     "Manchery/iql-pytorch; the original: orthogonal", "torch|orthogonal"},
-    {"expectile", 0.7, 0, 1, false, "of the critics' values, which V approaches", "", kBoth},
-    {"temperature", 3, 0, 1e6, false, "how much the advantage decides; 0: clone all", "", kBoth},
-    {"weight-max", 100, 0, 1e9, false, "largest weight that an advantage gives", "", kBoth},
-    {"cosine-updates", 1e6, 0, 1e12, true, "until the actor's learning rate is 0; 0: constant",
-     "updates", kBoth},
-    {"normalise", 1, 0, 1, true, "1: normalise observations, 0: do not", "",
-     "Manchery/iql-pytorch's command for MuJoCo; its own default and the original: 0"},
-    {"reward-scaling", kNone, 0, 1, true, "return-range: by 1000 / (largest - smallest return)", "",
-     "Manchery/iql-pytorch; the original: return-range", "none|return-range"},
-    {"action-clip", 0, 0, 0.5, false, "dataset actions are kept so far from +-1; 0: as they are",
-     "half the action range", "Manchery/iql-pytorch; the original: 1e-5"},
-    {"batch-size", 256, 1, 65'536, true, "of one update", "transitions", kBoth},
-    {"hidden-width", 256, 1, 2048, true, "of each of the two hidden layers", "units", kBoth},
-    {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of V, actor and critics", "", kBoth},
-    {"gamma", 0.99, 0, 1, false, "discount", "", kBoth},
-    {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kBoth},
-};
 
 IqlOptions CoreOptions(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
@@ -72,11 +47,25 @@ IqlOptions CoreOptions(const LearnerContext& context) {
   return options;
 }
 
-}  // namespace
+class Iql final : public OfflineLearner<IqlCore<float>> {
+ public:
+  using OfflineLearner::OfflineLearner;
 
-std::span<const Hyperparameter> IqlHyperparameters() { return kHyperparameters; }
+  Status Prepare(Progress&) override {
+    batches_.Start(0);
+    return Status();
+  }
 
-Result<std::unique_ptr<Learner>> CreateIql(const LearnerContext& context) {
+  Status Update(MetricMeans& metrics) override {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
+    AddMetrics(core_.Update(batch), metrics);
+    return Status();
+  }
+
+  PolicyWeights Policy() const override { return batches_.WithInputs(core_.Policy()); }
+};
+
+Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
   const Hyperparameters& values = context.hyperparameters;
   const IqlOptions options = CoreOptions(context);
   B4MRL_ASSIGN_OR_RETURN(IqlCore<float> core, IqlCore<float>::Create(options));
@@ -87,8 +76,49 @@ Result<std::unique_ptr<Learner>> CreateIql(const LearnerContext& context) {
                             .normalise = values.Integer("normalise") == 1,
                             .scale_rewards = values.Integer("reward-scaling") == kReturnRange,
                             .action_clip = values.Number("action-clip")}));
-  return std::unique_ptr<Learner>(
-      std::make_unique<OfflineLearner<IqlCore<float>>>(std::move(core), std::move(batches)));
+  return std::unique_ptr<Learner>(std::make_unique<Iql>(std::move(core), std::move(batches)));
+}
+
+HyperparameterTable Table() {
+  const HyperparameterTable own = {
+      Choice("actor", "deterministic|gaussian", kDeterministic,
+             "the actor: fitted to actions by weighted squared error, or by likelihood",
+             "Manchery/iql-pytorch, which the paper's authors ran; the original: gaussian"),
+      Choice("initialisation", "torch|orthogonal", kTorch,
+             "initial weights: PyTorch's uniform ones, or orthogonal ones",
+             "Manchery/iql-pytorch; the original: orthogonal"),
+      Real("expectile", 0.7, {0, 1}, "expectile of the critics' values to which V is fitted",
+           {.source = kBoth}),
+      Real("temperature", 3, {0, 1e6},
+           "inverse temperature of the advantage weights; 0 clones every action alike",
+           {.source = kBoth}),
+      Real("weight-max", 100, {0, 1e9}, "largest weight that an advantage gives an action",
+           {.source = kBoth}),
+      Whole("cosine-updates", 1e6, {0, 1e12},
+            "updates until the cosine schedule takes the actor's learning rate to 0; 0: the "
+            "rate is constant",
+            {.unit = "updates", .source = kBoth}),
+      NormaliseRow("Manchery/iql-pytorch's command for MuJoCo; its own default and the "
+                   "original: false"),
+      Choice("reward-scaling", "none|return-range", kNone,
+             "factor on rewards: 1, or 1000 / (largest - smallest return of an episode)",
+             "Manchery/iql-pytorch; the original: return-range"),
+      Real("action-clip", 0, {0, 0.5},
+           "distance from +-1 that the dataset's actions are clipped to; 0: they are not",
+           {.unit = "half the action range", .source = "Manchery/iql-pytorch; the original: 1e-5"}),
+  };
+  return own + ActorCriticRows(kBoth);
+}
+
+}  // namespace
+
+Algorithm IqlAlgorithm() {
+  return {.name = "iql",
+          .description = "implicit Q-learning, offline on a dataset",
+          .needs = {.dataset = true},
+          .hyperparameters = Table(),
+          .create = Create,
+          .check = CheckOfflineBatches};
 }
 
 }  // namespace b4mrl

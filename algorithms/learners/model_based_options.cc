@@ -13,52 +13,83 @@ namespace {
 
 constexpr std::string_view kAuthors = "junming-yang/mopo, which the paper's authors ran";
 
-constexpr Hyperparameter kShared[] = {
-    {"rollout-every", 1000, 1, 1e9, true, "between rollouts", "updates", kAuthors},
-    {"rollout-rows", 50'000, 1, 65'536, true, "starts of the rollouts", "rows", kAuthors},
-    {"model-retain", 5, 1, 1000, true, "whose rollouts are kept", "cycles", kAuthors},
-    {"real-ratio", 0.05, 0, 1, false, "share of a batch that comes from the dataset", "", kAuthors},
-    {"batch-size", 256, 1, 65'536, true, "of one update", "rows", kAuthors},
-    {"hidden-width", 256, 1, 2048, true, "of each of the policy's two hidden layers", "units",
-     kAuthors},
-    {"learning-rate", 3e-4, 1e-8, 1, false, "Adam's, of actor, critics and entropy weight", "",
-     kAuthors},
-    {"gamma", 0.99, 0, 1, false, "discount", "", kAuthors},
-    {"tau", 0.005, 0, 1, false, "how far the targets follow in one update", "", kAuthors},
-    {"target-entropy", -3, -1e3, 1e3, false, "of the policy", "nats",
-     "junming-yang/mopo and the official code, in every task; OfflineRL-Kit and SAC itself take "
-     "minus the number of action dimensions"},
-    {"ensemble-members", 7, 1, 64, true, "of the model", "networks", kAuthors},
-    {"ensemble-elites", 5, 1, 64, true, "best members, which rollouts use", "networks", kAuthors},
-    {"ensemble-width", 200, 1, 4096, true, "of each of a member's four hidden layers", "units",
-     kAuthors},
-    {"ensemble-initialisation", 0, 0, 1, true, "of the members' weights", "",
-     "junming-yang/mopo keeps PyTorch's; the official code and OfflineRL-Kit draw a truncated "
-     "normal and zero biases",
-     "torch|truncated-normal"},
-    {"ensemble-learning-rate", 1e-3, 1e-8, 1, false, "Adam's", "", kAuthors},
-    {"ensemble-batch-size", 256, 1, 65'536, true, "of one update of the model", "rows", kAuthors},
-    {"decay-factor", 1, 0, 1e3, false, "of the weight decay c * sum(w^2)", "",
-     "junming-yang/mopo; 0.5 in the official code and in OfflineRL-Kit"},
-    {"input-scaling", 0, 0, 1, true, "standardise (o, a) by the training rows' statistics", "",
-     "junming-yang/mopo computes them and never applies them; 1 in the official code and in "
-     "OfflineRL-Kit"},
-    {"bootstrap", 0, 0, 1, true, "each member draws its own rows with replacement", "",
-     "junming-yang/mopo shows all members the same batches; 1 in the official code and in "
-     "OfflineRL-Kit"},
-    {"holdout", 0, 0, 1, true, "rows that test the model: the file's last, or drawn at random", "",
-     "junming-yang/mopo; the official code and OfflineRL-Kit permute", "tail|permutation"},
-    {"holdout-fraction", 0.1, 1e-6, 0.9, false, "share of the rows that test the model", "",
-     "junming-yang/mopo; 0.2 in the official code and in OfflineRL-Kit"},
-    {"holdout-max", 1e9, 1, 1e9, true, "at most so many of them", "rows",
-     "junming-yang/mopo has no limit; 1000 in the official code and in OfflineRL-Kit"},
-    {"ensemble-max-updates", 800'000, 1, 1e12, true, "at most, also amid an epoch", "updates",
-     "junming-yang/mopo, which ends the epoch first"},
-    {"ensemble-patience", 5, 1, 1e6, true, "without an improvement end the training", "epochs",
-     "junming-yang/mopo and OfflineRL-Kit; 6 in the official code"},
-    {"ensemble-cache", 1, 0, 1, true, "keep trained ensembles, and use one that was trained alike",
-     "", "ours: it changes no bit of a run"},
-};
+HyperparameterTable RolloutRows() {
+  return {
+      Whole("rollout-every", 1000, {1, 1e9}, "length of a cycle: updates between two rollouts",
+            {.unit = "updates", .source = kAuthors}),
+      Whole("rollout-rows", 50'000, {1, 65'536},
+            "rows of the dataset from which each cycle's rollouts start",
+            {.unit = "rows", .source = kAuthors}),
+      Whole("model-retain", 5, {1, 1000},
+            "number of recent rollout cycles kept in the model's replay pool",
+            {.unit = "cycles", .source = kAuthors}),
+      Real("real-ratio", 0.05, {0, 1}, "share of a batch that comes from the dataset",
+           {.source = kAuthors}),
+      Real("target-entropy", -3, {-1e3, 1e3},
+           "entropy of the policy to which the entropy weight is adjusted",
+           {.unit = "nats",
+            .source = "junming-yang/mopo and the official code, in every task; OfflineRL-Kit and "
+                      "SAC itself take minus the number of action dimensions"}),
+  };
+}
+
+HyperparameterTable EnsembleRows() {
+  return {
+      Whole("ensemble-members", 7, {1, 64}, "networks of the model's ensemble",
+            {.unit = "networks", .source = kAuthors}),
+      Whole("ensemble-elites", 5, {1, 64},
+            "best networks of the ensemble by hold-out loss, which rollouts draw from",
+            {.unit = "networks", .source = kAuthors}),
+      Whole("ensemble-width", 200, {1, 4096},
+            "units in each of the four hidden layers of an ensemble's network",
+            {.unit = "units", .source = kAuthors}),
+      Choice("ensemble-initialisation", "torch|truncated-normal", 0,
+             "initial weights of the ensemble's networks",
+             "junming-yang/mopo keeps PyTorch's; the official code and OfflineRL-Kit draw a "
+             "truncated normal and zero biases"),
+      Real("ensemble-learning-rate", 1e-3, {1e-8, 1}, "Adam's learning rate for the ensemble",
+           {.source = kAuthors}),
+      Whole("ensemble-batch-size", 256, {1, 65'536},
+            "rows in the batch of one gradient step of the ensemble",
+            {.unit = "rows", .source = kAuthors}),
+      Real("decay-factor", 1, {0, 1e3},
+           "factor on the ensemble's weight decay, a coefficient for each layer",
+           {.source = "junming-yang/mopo; 0.5 in the official code and in OfflineRL-Kit"}),
+      Switch("input-scaling", false,
+             "whether to standardise the ensemble's inputs (o, a) by the training rows' mean and "
+             "deviation",
+             "junming-yang/mopo computes them and never applies them; true in the official code "
+             "and in OfflineRL-Kit"),
+      Switch("bootstrap", false,
+             "whether each network of the ensemble draws its own training rows with replacement",
+             "junming-yang/mopo shows all networks the same batches; true in the official code "
+             "and in OfflineRL-Kit"),
+  };
+}
+
+HyperparameterTable EnsembleEndRows() {
+  return {
+      Choice("holdout", "tail|permutation", 0,
+             "rows held out to test the ensemble: the file's last ones, or drawn at random",
+             "junming-yang/mopo; the official code and OfflineRL-Kit permute"),
+      Real("holdout-fraction", 0.1, {1e-6, 0.9}, "share of the rows held out to test the ensemble",
+           {.source = "junming-yang/mopo; 0.2 in the official code and in OfflineRL-Kit"}),
+      Whole("holdout-max", 1e9, {1, 1e9}, "upper limit on hold-out rows",
+            {.unit = "rows",
+             .source = "junming-yang/mopo has no limit; 1000 in the official code and in "
+                       "OfflineRL-Kit"}),
+      Whole("ensemble-max-updates", 800'000, {1, 1e12},
+            "upper limit on the ensemble's gradient steps, even amid an epoch",
+            {.unit = "updates", .source = "junming-yang/mopo, which ends the epoch first"}),
+      Whole("ensemble-patience", 5, {1, 1e6},
+            "epochs without a 1% improvement after which the ensemble's training stops",
+            {.unit = "epochs",
+             .source = "junming-yang/mopo and OfflineRL-Kit; 6 in the official code"}),
+      Switch("ensemble-cache", true,
+             "whether to keep trained ensembles and to use one that was trained alike",
+             "ours: it changes no bit of a run"),
+  };
+}
 
 // Whether ensemble.h5 can be read again: its longest arrays have a number for each weight of all
 // members.
@@ -68,10 +99,14 @@ bool HeldByFile(const DynamicsEnsembleOptions& options) {
 
 }  // namespace
 
-std::vector<Hyperparameter> WithModelBasedHyperparameters(std::span<const Hyperparameter> own) {
-  std::vector<Hyperparameter> table(own.begin(), own.end());
-  table.insert(table.end(), std::begin(kShared), std::end(kShared));
-  return table;
+Hyperparameter PenaltyRow(double value, std::string_view source) {
+  return Real("penalty", value, {0, 1e3},
+              "factor on the ensemble's largest predicted deviation, subtracted from the reward",
+              {.source = source});
+}
+
+HyperparameterTable ModelBasedRows() {
+  return RolloutRows() + ActorCriticRows(kAuthors) + EnsembleRows() + EnsembleEndRows();
 }
 
 DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context) {

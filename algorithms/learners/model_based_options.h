@@ -2,7 +2,6 @@
 #pragma once
 
 #include <optional>
-#include <span>
 #include <vector>
 
 #include "algorithms/base/learner.h"
@@ -13,8 +12,9 @@
 
 namespace b4mrl {
 
-// `own`, followed by the rows that MOPO's and HyMOPO's tables share.
-std::vector<Hyperparameter> WithModelBasedHyperparameters(std::span<const Hyperparameter> own);
+// The rows that MOPO's and HyMOPO's tables share, and their row `penalty`.
+HyperparameterTable ModelBasedRows();
+Hyperparameter PenaltyRow(double value, std::string_view source);
 
 DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context);
 // kInvalidArgument for more elites than members, for an ensemble that its file would not hold, and

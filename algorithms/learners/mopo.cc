@@ -2,20 +2,20 @@
 // (junming-yang/mopo). Options name what the official code does otherwise.
 //
 //   D        dataset of (o, a, r, o', d)       D_model  what rollouts in the model produced lately
-//   f        ensemble of Gaussian networks (o, a) -> (delta, r)         (rl/dynamics_ensemble.h)
-//   pi       SAC's policy                                                       (rl/sac_core.h)
+//   f        ensemble of Gaussian networks (o, a) -> (delta, r)         (model/dynamics_ensemble.h)
+//   pi       SAC's policy                                                       (cores/sac_core.h)
 //
-//   train f on targets [o' - o, r] by likelihood                      (rl/ensemble_training.h)
+//   train f on targets [o' - o, r] by likelihood                     (model/ensemble_store.h)
 //   repeat:  every `rollout-every` updates: `rollout-rows` starts from D, `horizon` steps of
 //              a ~ pi(o);  (delta, r) ~ f_i(o, a), i a random elite;  o' = o + delta;
 //              r~ = r - `penalty` * max_i |std_i(o, a)|, until the termination function says that
-//              o' ends the episode; add (o, a, r~, o', d) to D_model       (rl/model_rollout.h)
+//              o' ends the episode; add (o, a, r~, o', d) to D_model    (model/model_rollout.h)
 //            one SAC update on a batch, `real-ratio` of it from D, the rest from D_model
 //
-// The loop itself is HyMOPO's too: rl/model_based.cc.
-#include <vector>
+// learners/model_based.h has the steps, which HyMOPO shares.
+#include <memory>
+#include <utility>
 
-#include "algorithms/learners/learners.h"
 #include "algorithms/learners/model_based.h"
 #include "algorithms/learners/model_based_options.h"
 
@@ -28,25 +28,52 @@ constexpr std::string_view kHorizonSource =
     "junming-yang/mopo; official, by dataset: 1 or 5 (HalfCheetah/medium 1)";
 constexpr EnvironmentDefault kHorizons[] = {{"Walker2d", 1}};
 
-constexpr Hyperparameter kOwn[] = {
-    {"penalty", 1, 0, 1e3, false, "weight of the ensemble's largest deviation", "", kPenaltySource},
-    {"horizon", 5, 1, 1000, true, "of a rollout", "steps", kHorizonSource, "", kHorizons},
+class Mopo final : public ModelBased {
+ public:
+  using ModelBased::ModelBased;
+
+  Status Prepare(Progress& progress) override {
+    B4MRL_ASSIGN_OR_RETURN(const ModelData changes,
+                           ReadChanges(context_, dataset_.remote(), progress));
+    return TrainModel(changes, progress);
+  }
+
+  Status Update(MetricMeans& metrics) override {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, dataset_.Next());
+    B4MRL_RETURN_IF_ERROR(RollOut(metrics));
+    AddMetrics(core_.Update(FillBatch(real)), metrics);
+    return Status();
+  }
+
+  PolicyWeights Policy() const override { return MaskedPolicy(); }
 };
 
-Result<ModelData> ReadTargets(const LearnerContext& context, RemoteDataset& dataset,
-                              RemoteEnvironment*, Progress& progress) {
-  return ReadChanges(context, dataset, progress);
+Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
+  B4MRL_ASSIGN_OR_RETURN(ModelBased::Parts parts,
+                         ModelBased::Open(context, /*uses_simulator=*/false));
+  return std::unique_ptr<Learner>(std::make_unique<Mopo>(context, std::move(parts)));
+}
+
+HyperparameterTable Table() {
+  const HyperparameterTable own = {
+      PenaltyRow(1, kPenaltySource),
+      Whole("horizon", 5, {1, 1000}, "steps of a rollout in the model",
+            {.unit = "steps", .source = kHorizonSource, .by_environment = kHorizons}),
+  };
+  return own + ModelBasedRows();
 }
 
 }  // namespace
 
-std::span<const Hyperparameter> MopoHyperparameters() {
-  static const std::vector<Hyperparameter> kTable = WithModelBasedHyperparameters(kOwn);
-  return kTable;
-}
-
-Result<std::unique_ptr<Learner>> CreateMopo(const LearnerContext& context) {
-  return CreateModelBased(context, {.uses_simulator = false, .read_targets = ReadTargets});
+Algorithm MopoAlgorithm() {
+  return {.name = "mopo",
+          .description =
+              "model-based, offline on a dataset: SAC on short rollouts in a learned "
+              "model",
+          .needs = {.dataset = true},
+          .hyperparameters = Table(),
+          .create = Create,
+          .check = CheckModelBased};
 }
 
 }  // namespace b4mrl

@@ -1,8 +1,5 @@
-// The learner around a core that trains on a dataset alone: update b is one gradient step on the
-// dataset's batch b.
-//
-// Core has Update(batch), whose result its header's AddMetrics takes, Policy(), updates() and the
-// visitors of its state: Td3Core and IqlCore.
+// Checkpoints and members of a learner that trains one core on a dataset alone: bc.cc, td3_bc.cc
+// and iql.cc add what is the algorithm's. Core: Td3Core, for instance. Thread rule: one thread.
 #pragma once
 
 #include <string>
@@ -19,42 +16,21 @@ class OfflineLearner : public Learner {
   OfflineLearner(Core core, OfflineBatches batches)
       : core_(std::move(core)), batches_(std::move(batches)) {}
 
-  Status Prepare(Progress&) override {
-    batches_.Start(0);
-    return Status();
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionBatch<float> batch, batches_.Next());
-    AddMetrics(core_.Update(batch), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override {
-    PolicyWeights policy = core_.Policy();
-    batches_.DescribeInputs(policy);
-    return policy;
-  }
-
   Status Save(CheckpointWriter& writer) override {
     writer.State("core", core_);
     batches_.Save(writer);
     return Status();
   }
-
   Status Load(CheckpointReader& reader) override {
     reader.StateInto("core", core_);
-    B4MRL_RETURN_IF_ERROR(batches_.Load(reader));
-    batches_.Start(static_cast<uint64_t>(core_.updates()));
-    return Status();
+    return batches_.Load(reader, static_cast<uint64_t>(core_.updates()));
   }
-
   bool outlives_daemon() const override { return true; }
   std::string dataset_sha256() const override { return batches_.dataset_sha256(); }
 
- private:
+ protected:
   Core core_;
-  OfflineBatches batches_;
+  OfflineBatches batches_;  // of D
 };
 
 }  // namespace b4mrl

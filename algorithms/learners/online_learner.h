@@ -1,68 +1,40 @@
-// The learner around a core that trains on its own experience: `warm-up` transitions of uniform
-// actions, then one gradient step per transition, on a batch drawn from all of them.
-//
-// Core has Update(batch), whose result its header's AddMetrics takes, Policy(), updates() and the
-// visitors of its state: SacCore and Td3Core.
+// Checkpoints, counters and members of a learner that trains one core on its own experience: sac.cc
+// and td3.cc add what is the algorithm's. Core: SacCore or Td3Core. Thread rule: one thread.
 #pragma once
 
 #include <utility>
 
 #include "algorithms/base/learner.h"
 #include "algorithms/experience/batch_buffer.h"
-#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/replay_collector.h"
 
 namespace b4mrl {
 
 template <typename Core>
 class OnlineLearner : public Learner {
  public:
-  OnlineLearner(const LearnerContext& context, Core core, OnlineLanes lanes)
+  OnlineLearner(const LearnerContext& context, Core core, ReplayCollector collector)
       : context_(context),
         core_(std::move(core)),
-        lanes_(std::move(lanes)),
-        batch_(lanes_.observation_size(), context.action_size(), core_.options().batch_max) {}
-
-  Status Prepare(Progress& progress) override {
-    B4MRL_RETURN_IF_ERROR(lanes_.Start());
-    return lanes_.WarmUp(context_.hyperparameters.Unsigned("warm-up"), progress);
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    const auto update = static_cast<uint64_t>(core_.updates());
-    // A vector step brings as many transitions as there are lanes, and as many updates follow.
-    if (update % lanes_.count() == 0) {
-      B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy policy,
-                             FixedOrderPolicy::Create(core_.Policy()));
-      B4MRL_RETURN_IF_ERROR(lanes_.Step(policy, metrics));
-    }
-    Rng rows(RoleSeed(context_.seed, "replay"), "rows", update);
-    lanes_.replay().Sample(rows, 0, batch_.size(), batch_);
-    AddMetrics(core_.Update(batch_.view()), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override {
-    PolicyWeights policy = core_.Policy();
-    policy.observation_mask = lanes_.policy_mask();
-    return policy;
-  }
+        collector_(std::move(collector)),
+        batch_(collector_.observation_size(), context.action_size(), core_.options().batch_max) {}
 
   Status Save(CheckpointWriter& writer) override {
     writer.State("core", core_);
-    return lanes_.Save(writer);
+    return collector_.Save(writer);
   }
-
   Status Load(CheckpointReader& reader) override {
     reader.StateInto("core", core_);
-    return lanes_.Load(reader);
+    return collector_.Load(reader);
   }
+  uint64_t environment_steps() const override { return collector_.environment_steps(); }
 
-  uint64_t environment_steps() const override { return lanes_.environment_steps(); }
+ protected:
+  uint64_t updates() const { return static_cast<uint64_t>(core_.updates()); }
 
- private:
   const LearnerContext& context_;
   Core core_;
-  OnlineLanes lanes_;
+  ReplayCollector collector_;  // acts, and holds D
   BatchBuffer batch_;
 };
 

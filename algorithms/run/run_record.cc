@@ -133,9 +133,10 @@ std::string Quoted(const std::string& text) {
   return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-// "batch-size = 256  # rows: of one update; from sfujim/TD3"
+// "horizon = 5  # steps: steps of a rollout in the model; from junming-yang/mopo"
 std::string ConfigurationLine(const Hyperparameter& entry) {
-  const std::string text = entry.choices.empty() ? entry.Text() : Quoted(entry.Text());
+  const bool quoted = !entry.choices.empty() && !entry.IsSwitch();
+  const std::string text = quoted ? Quoted(entry.Text()) : entry.Text();
   std::string line = fmt::format("{} = {}  # ", entry.name, text);
   if (!entry.unit.empty()) line += fmt::format("{}: ", entry.unit);
   line += entry.meaning;

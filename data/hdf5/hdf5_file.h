@@ -32,7 +32,7 @@
 namespace b4mrl {
 
 // Of one array that ReadFloats takes: what is written to be read by it must not be longer.
-inline constexpr uint64_t kMaxReadFloats = 64ull << 20;
+inline constexpr uint64_t kMaxReadFloats = 80ull << 20;
 
 enum class Hdf5Type { kFloat32, kFloat64, kInteger, kBool, kString };
 std::string_view Hdf5TypeName(Hdf5Type type);

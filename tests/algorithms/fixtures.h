@@ -3,13 +3,16 @@
 
 #include <span>
 #include <string>
+#include <string_view>
 
-#include "algorithms/base/learner.h"
+#include "algorithms/list.h"
 #include "algorithms/model/dynamics_ensemble.h"
 #include "tests/algorithms/test_daemon.h"
 #include "tests/client/fake_daemon.h"
 
 namespace b4mrl {
+
+inline const Algorithm& AlgorithmOf(std::string_view name) { return *Take(FindAlgorithm(name)); }
 
 inline LearnerContext CheetahContext(TestDaemon& daemon, const std::string& dataset = "") {
   LearnerContext context;

@@ -9,8 +9,7 @@
 
 #include "algorithms/cores/td3_core.h"
 #include "algorithms/episodes/evaluate.h"
-#include "algorithms/experience/online_lanes.h"
-#include "algorithms/learners/learners.h"
+#include "algorithms/experience/replay_collector.h"
 #include "tests/algorithms/fake_episodes.h"
 #include "tests/algorithms/fixtures.h"
 
@@ -20,9 +19,9 @@ TEST_CASE("A warm-up in a simulator that gives up every step comes to an end") {
   FakeDaemon daemon{EndsEveryStep(Cause::kNumericalError)};
   Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
-  LearnerContext context = FakeContext(client, folder.File(""), Td3Hyperparameters());
+  LearnerContext context = FakeContext(client, folder.File(""), AlgorithmOf("td3").hyperparameters);
   RequireOk(context.hyperparameters.Set("lanes", 2));
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   Progress quiet(true);
   const Status status = lanes.WarmUp(10, quiet);
@@ -61,13 +60,13 @@ TEST_CASE("A run that is to end soon cuts its warm-up and its reading short") {
   context.stop = &stop;
   Progress quiet(true);
 
-  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
-  const std::unique_ptr<Learner> online = Take(CreateTd3(context));
+  context.hyperparameters = Hyperparameters(AlgorithmOf("td3").hyperparameters);
+  const std::unique_ptr<Learner> online = Take(AlgorithmOf("td3").create(context));
   RequireOk(online->Prepare(quiet));
   CHECK(online->environment_steps() == 0);
 
-  context.hyperparameters = Hyperparameters(HymopoHyperparameters());
-  const std::unique_ptr<Learner> hybrid = Take(CreateHymopo(context));
+  context.hyperparameters = Hyperparameters(AlgorithmOf("hymopo").hyperparameters);
+  const std::unique_ptr<Learner> hybrid = Take(AlgorithmOf("hymopo").create(context));
   RequireOk(hybrid->Prepare(quiet));
   CHECK_FALSE(std::filesystem::exists(context.folder + "/ensemble.h5"));
 }

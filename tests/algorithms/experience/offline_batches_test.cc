@@ -64,8 +64,7 @@ TEST_CASE("Offline batches are the dataset's rows with normalised observations")
   const bool normalise = GENERATE(true, false);
   OfflineBatches batches = Opened(context, {.batch_size = 8, .normalise = normalise});
   const TransitionBatch<float> batch = Take(batches.Next());
-  PolicyWeights policy;
-  batches.DescribeInputs(policy);
+  const PolicyWeights policy = batches.WithInputs({});
   for (int row = 0; row < 8; ++row) {
     for (int i = 0; i < kObservation; ++i) {
       const double mean = normalise ? stats.observation_mean[i] : 0;

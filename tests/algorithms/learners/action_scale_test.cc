@@ -9,10 +9,9 @@
 #include <vector>
 
 #include "algorithms/experience/offline_batches.h"
-#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/replay_collector.h"
 #include "algorithms/experience/training_dataset.h"
 #include "algorithms/experience/training_simulator.h"
-#include "algorithms/learners/learners.h"
 #include "algorithms/model/model_data.h"
 #include "algorithms/model/model_rollout.h"
 #include "algorithms/policy/agent_policy.h"
@@ -104,9 +103,9 @@ DynamicsEnsemble<float> RandomEnsemble() {
 
 TEST_CASE("Lanes execute the actions they store, in the environment's units") {
   Recorder daemon;
-  LearnerContext context = daemon.Context(SacHyperparameters());
+  LearnerContext context = daemon.Context(AlgorithmOf("sac").hyperparameters);
   RequireOk(context.hyperparameters.Set("lanes", 2));
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   Progress quiet(true);
   RequireOk(lanes.WarmUp(6, quiet));
@@ -121,7 +120,7 @@ TEST_CASE("Lanes execute the actions they store, in the environment's units") {
 
 TEST_CASE("Offline batches hold a dataset's actions in [-1, 1]") {
   Recorder daemon;
-  const LearnerContext context = daemon.Context(Td3BcHyperparameters());
+  const LearnerContext context = daemon.Context(AlgorithmOf("td3-bc").hyperparameters);
   OfflineBatches batches = Take(OfflineBatches::Open(context, {.batch_size = 4}));
   batches.Start(3);  // a batch of threes
   const TransitionBatch<float> batch = Take(batches.Next());
@@ -151,7 +150,7 @@ TEST_CASE("Rows of a dataset among others hold its actions in [-1, 1]") {
 
 TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about the dataset's") {
   Recorder daemon;
-  const LearnerContext context = daemon.Context(HymopoHyperparameters());
+  const LearnerContext context = daemon.Context(AlgorithmOf("hymopo").hyperparameters);
   const auto dataset = Take(OpenTrainingDataset(context));
   Progress quiet(true);
   const ModelData changes = Take(ReadChanges(context, *dataset, quiet));
@@ -173,7 +172,7 @@ TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about t
 
 TEST_CASE("Rollouts ask about the actions they store, every step of every cycle by its own draw") {
   Recorder daemon;
-  const LearnerContext context = daemon.Context(HymopoHyperparameters());
+  const LearnerContext context = daemon.Context(AlgorithmOf("hymopo").hyperparameters);
   RemoteEnvironment simulator = Take(OpenTrainingSimulator(context, /*lanes=*/0));
   DynamicsEnsemble<float> ensemble = RandomEnsemble();
   ModelRolloutOptions options;

@@ -16,18 +16,18 @@ LearnerContext ContextOf(std::span<const Hyperparameter> table) {
 
 // No value is a core's default.
 constexpr Hyperparameter kTable[] = {
-    {"hidden-width", 32, 1, 64, true, ""},    {"batch-size", 48, 1, 64, true, ""},
-    {"learning-rate", 0.25, 0, 1, false, ""}, {"gamma", 0.5, 0, 1, false, ""},
-    {"tau", 0.125, 0, 1, false, ""},          {"initial-alpha", 0.75, 0, 1, false, ""},
-    {"target-entropy", -7, -9, 0, false, ""}, {"policy-noise", 0.375, 0, 1, false, ""},
-    {"noise-clip", 0.625, 0, 1, false, ""},   {"policy-frequency", 4, 1, 9, true, ""},
-    {"bc-alpha", 0.875, 0, 1, false, ""},
+    {"hidden-width", 32, 1, 64, true, ""},    {"hidden-layers", 3, 1, 8, true, ""},
+    {"batch-size", 48, 1, 64, true, ""},      {"learning-rate", 0.25, 0, 1, false, ""},
+    {"gamma", 0.5, 0, 1, false, ""},          {"tau", 0.125, 0, 1, false, ""},
+    {"initial-alpha", 0.75, 0, 1, false, ""}, {"target-entropy", -7, -9, 0, false, ""},
+    {"policy-noise", 0.375, 0, 1, false, ""}, {"noise-clip", 0.625, 0, 1, false, ""},
+    {"policy-frequency", 4, 1, 9, true, ""},  {"bc-alpha", 0.875, 0, 1, false, ""},
 };
 
 void CheckShared(const ActorCriticOptions& options) {
   CHECK(options.observation_size == 11);
   CHECK(options.action_size == 3);
-  CHECK(options.hidden == std::vector<int>{32, 32});
+  CHECK(options.hidden == std::vector<int>{32, 32, 32});
   CHECK(options.batch_max == 48);
   CHECK(options.actor_learning_rate == 0.25);
   CHECK(options.critic_learning_rate == 0.25);

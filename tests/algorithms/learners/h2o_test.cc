@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "algorithms/experience/batch_buffer.h"
-#include "algorithms/learners/learners.h"
 #include "tests/algorithms/fixtures.h"
 
 namespace b4mrl {
@@ -21,7 +20,7 @@ LearnerContext ContextOf(TestDaemon& daemon) {
   context.simulator = {{"gravity", ""}};
   context.seed = 7;
   context.folder = daemon.folder("");
-  context.hyperparameters = Hyperparameters(H2oHyperparameters());
+  context.hyperparameters = Hyperparameters(AlgorithmOf("h2o").hyperparameters);
   RequireOk(context.hyperparameters.Set("hidden-width", 8));
   RequireOk(context.hyperparameters.Set("steps-per-cycle", 30));
   RequireOk(context.hyperparameters.Set("updates-per-cycle", 5));
@@ -41,7 +40,7 @@ std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>
   daemon.dataset_environment = "HalfCheetah";
   Client client = Take(Client::Connect(daemon.address()));
   const TemporaryFolder folder;
-  LearnerContext context = FakeContext(client, folder.path(), H2oHyperparameters());
+  LearnerContext context = FakeContext(client, folder.path(), AlgorithmOf("h2o").hyperparameters);
   for (const auto& [name, value] :
        std::initializer_list<std::pair<std::string_view, double>>{{"hidden-width", 8},
                                                                   {"steps-per-cycle", 10},
@@ -51,7 +50,7 @@ std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>
                                                                   {"gap-samples", 2}}) {
     RequireOk(context.hyperparameters.Set(name, value));
   }
-  const auto learner = Take(CreateH2o(context));
+  const auto learner = Take(AlgorithmOf("h2o").create(context));
   Progress quiet(true);
   RequireOk(learner->Prepare(quiet));
   MetricMeans metrics;
@@ -83,7 +82,7 @@ TEST_CASE("H2O goes into the simulator before the first update of each cycle") {
   LearnerContext context = ContextOf(daemon);
   // Steps of a cycle are those of all lanes together.
   RequireOk(context.hyperparameters.Set("lanes", GENERATE(1, 3)));
-  const auto learner = Take(CreateH2o(context));
+  const auto learner = Take(AlgorithmOf("h2o").create(context));
   CHECK(StepsAfterUpdates(*learner, 7) == std::vector<uint64_t>{30, 30, 30, 30, 30, 60, 60});
 }
 
@@ -92,7 +91,7 @@ TEST_CASE("H2O's policy sees what its dataset shows, whatever the simulator woul
   daemon.MakeDataset("small", 300);
   LearnerContext context = ContextOf(daemon);
   context.corruption = {{"hidden", "9"}};
-  const auto learner = Take(CreateH2o(context));
+  const auto learner = Take(AlgorithmOf("h2o").create(context));
   StepsAfterUpdates(*learner, 1);
   std::vector<float> expected(17, 1.0f);
   expected[9] = 0;
@@ -146,7 +145,7 @@ TEST_CASE("H2O refuses batches of real or of simulated rows alone") {
   LearnerContext context = ContextOf(daemon);
   for (const double ratio : {0.0, 1.0}) {
     RequireOk(context.hyperparameters.Set("real-ratio", ratio));
-    const Status status = CreateH2o(context).status();
+    const Status status = AlgorithmOf("h2o").create(context).status();
     CHECK(status.code() == StatusCode::kInvalidArgument);
     CHECK(status.message().find("real-ratio") != std::string::npos);
   }

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "algorithms/base/checkpoint.h"
-#include "algorithms/learners/learners.h"
 #include "algorithms/policy/inference.h"
 #include "tests/algorithms/fixtures.h"
 
@@ -30,7 +29,7 @@ class SmallMopo {
  public:
   explicit SmallMopo(const std::map<std::string_view, double>& changes)
       : daemon_(ServeWalkers), client_(Connect(daemon_)) {
-    context_ = FakeContext(client_, folder_.path(), MopoHyperparameters());
+    context_ = FakeContext(client_, folder_.path(), AlgorithmOf("mopo").hyperparameters);
     context_.environment.name = "Walker2d";
     context_.environment.termination = std::vector<DimensionBounds>{{0, 0.8, 2}, {1, -1, 1}};
     std::map<std::string_view, double> values = {
@@ -43,7 +42,7 @@ class SmallMopo {
     for (const auto& [name, value] : values) RequireOk(context_.hyperparameters.Set(name, value));
   }
 
-  std::unique_ptr<Learner> Create() { return Take(CreateMopo(context_)); }
+  std::unique_ptr<Learner> Create() { return Take(AlgorithmOf("mopo").create(context_)); }
   std::string File(const std::string& name) const { return folder_.File(name); }
 
  private:

@@ -184,12 +184,12 @@ TEST_CASE("Hyperparameters refuse unknown names and values outside their range")
 }
 
 TEST_CASE("Choices are set by name, never by number, and are shown by name") {
-  constexpr Hyperparameter kTable[] = {
-      {"actor", 0, 0, 1, true, "policy", {}, {}, "deterministic|gaussian"},
-      {"normalise", 1, 0, 1, true, "observations"},
-      {"gamma", 0.99, 0, 1, false, "discount"},
+  const HyperparameterTable table = {
+      Choice("actor", "deterministic|gaussian", 0, "policy", ""),
+      Switch("normalise", true, "observations", ""),
+      Real("gamma", 0.99, {0, 1}, "discount"),
   };
-  Hyperparameters values(kTable);
+  Hyperparameters values(table);
   CHECK(values.Find("actor")->Text() == "deterministic");
   RequireOk(values.SetText("actor", "gaussian"));
   CHECK(values.Integer("actor") == 1);
@@ -201,8 +201,13 @@ TEST_CASE("Choices are set by name, never by number, and are shown by name") {
   CHECK(values.SetText("actor", "gausian").message().find("did you mean 'gaussian'") !=
         std::string::npos);
   CHECK(values.Integer("actor") == 1);
-  RequireOk(values.SetText("normalise", "false"));
-  CHECK(values.Number("normalise") == 0);
+  CHECK(values.Find("normalise")->Text() == "true");
+  for (const char* off : {"false", "0"}) {  // as records of earlier versions have it
+    RequireOk(values.Set("normalise", 1));
+    RequireOk(values.SetText("normalise", off));
+    CHECK(values.Number("normalise") == 0);
+  }
+  CHECK(values.SetText("normalise", "2").code() == StatusCode::kUnknownName);
   RequireOk(values.SetText("gamma", "0.5"));
   CHECK(values.Find("gamma")->Text() == "0.5");
   for (const char* wrong : {"half", "2", "nan", "0.5x", "true"}) {

@@ -1,4 +1,4 @@
-#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/replay_collector.h"
 
 #include <fmt/format.h>
 
@@ -26,19 +26,19 @@ constexpr uint64_t kBarrenVectorSteps = 1000;
 
 }  // namespace
 
-Result<OnlineLanes> OnlineLanes::Open(const LearnerContext& context,
-                                      std::optional<std::vector<float>> mask) {
+Result<ReplayCollector> ReplayCollector::Open(const LearnerContext& context,
+                                              std::optional<std::vector<float>> mask) {
   const auto lanes = static_cast<uint32_t>(context.hyperparameters.NumberOr("lanes", 1));
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator, OpenTrainingSimulator(context, lanes));
   if (!mask) {
     B4MRL_ASSIGN_OR_RETURN(mask, MaskOfPerturbations(simulator.spec().observation,
                                                      simulator.in_force().perturbations()));
   }
-  return OnlineLanes(context, std::move(simulator), *std::move(mask));
+  return ReplayCollector(context, std::move(simulator), *std::move(mask));
 }
 
-OnlineLanes::OnlineLanes(const LearnerContext& context, RemoteEnvironment simulator,
-                         std::vector<float> mask)
+ReplayCollector::ReplayCollector(const LearnerContext& context, RemoteEnvironment simulator,
+                                 std::vector<float> mask)
     : context_(&context),
       simulator_(std::move(simulator)),
       mask_(std::move(mask)),
@@ -55,7 +55,7 @@ OnlineLanes::OnlineLanes(const LearnerContext& context, RemoteEnvironment simula
       scaled_actions_(context.action_size(), static_cast<int>(count_)),
       noise_(context.action_size(), static_cast<int>(count_)) {}
 
-Status OnlineLanes::Start() {
+Status ReplayCollector::Start() {
   B4MRL_ASSIGN_OR_RETURN(ReplayBuffer replay,
                          ReplayBuffer::CreateFile(ReplayPath(), replay_options_));
   replay_.emplace(std::move(replay));
@@ -70,7 +70,7 @@ Status OnlineLanes::Start() {
   return Status();
 }
 
-Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
+Status ReplayCollector::WarmUp(uint64_t transitions, Progress& progress) {
   progress.Start("warm up", "transitions", transitions);
   uint64_t last_stored = vector_steps_;
   while (replay_->length() < transitions && !*context_->stop) {
@@ -91,7 +91,7 @@ Status OnlineLanes::WarmUp(uint64_t transitions, Progress& progress) {
   return Status();
 }
 
-Status OnlineLanes::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
+Status ReplayCollector::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
   Explore(policy);
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, StepAndStore());
   std::vector<double> returns;
@@ -104,7 +104,15 @@ Status OnlineLanes::Step(const FixedOrderPolicy& policy, MetricMeans& metrics) {
   return Status();
 }
 
-void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
+Status ReplayCollector::Collect(const PolicyWeights& policy, uint64_t steps, MetricMeans& metrics) {
+  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy acting, FixedOrderPolicy::Create(policy));
+  for (uint64_t step = 0; step < steps; step += count_) {
+    B4MRL_RETURN_IF_ERROR(Step(acting, metrics));
+  }
+  return Status();
+}
+
+void ReplayCollector::Explore(const FixedOrderPolicy& policy) {
   Rng rng(RoleSeed(context_->seed, "explore"), "actions", vector_steps_);
   rng.FillNormal(noise_.values());
   if (policy.stochastic()) return policy.Sample(histories_.view(), noise_.view(), actions_.view());
@@ -115,7 +123,7 @@ void OnlineLanes::Explore(const FixedOrderPolicy& policy) {
                  });
 }
 
-Result<StepOutcome> OnlineLanes::StepAndStore() {
+Result<StepOutcome> ReplayCollector::StepAndStore() {
   for (uint32_t lane = 0; lane < count_; ++lane) {
     for (int i = 0; i < context_->action_size(); ++i) {
       scaled_actions_.view()(i, lane) = actions_.view()(i, lane) * action_scale_[i];
@@ -134,16 +142,15 @@ Result<StepOutcome> OnlineLanes::StepAndStore() {
   return outcome;
 }
 
-Status OnlineLanes::Store(int lane, const StepOutcome& outcome,
-                          std::span<const float> final_observation) {
+Status ReplayCollector::Store(int lane, const StepOutcome& outcome,
+                              std::span<const float> final_observation) {
   const std::span<const float> observation = RowOf(outcome.observations, lane);
   const bool ended = !final_observation.empty();
   const std::span<const float> stacked = histories_.lane(lane);
   std::copy(stacked.begin(), stacked.end(), previous_.begin());
   histories_.Push(lane, Visible(ended ? final_observation : observation));
 
-  const auto cause = static_cast<Cause>(outcome.causes[lane]);
-  if (cause != Cause::kCrash && cause != Cause::kNumericalError) {
+  if (!outcome.given_up(lane)) {
     const float* action = actions_.view().column(lane);
     B4MRL_RETURN_IF_ERROR(
         replay_->Append({.observation = previous_,
@@ -156,22 +163,22 @@ Status OnlineLanes::Store(int lane, const StepOutcome& outcome,
   return Status();
 }
 
-std::span<const float> OnlineLanes::Visible(std::span<const float> observation) {
+std::span<const float> ReplayCollector::Visible(std::span<const float> observation) {
   if (mask_.empty()) return observation;
   std::transform(observation.begin(), observation.end(), mask_.begin(), visible_.begin(),
                  [](float value, float seen) { return seen == 0 ? 0 : value; });
   return visible_;
 }
 
-std::vector<float> OnlineLanes::policy_mask() const {
-  std::vector<float> stacked;
+PolicyWeights ReplayCollector::WithInputs(PolicyWeights policy) const {
+  policy.observation_mask.clear();
   for (uint32_t i = 0; i < context_->history_length; ++i) {
-    stacked.insert(stacked.end(), mask_.begin(), mask_.end());
+    policy.observation_mask.insert(policy.observation_mask.end(), mask_.begin(), mask_.end());
   }
-  return stacked;
+  return policy;
 }
 
-Status OnlineLanes::Save(CheckpointWriter& writer) {
+Status ReplayCollector::Save(CheckpointWriter& writer) {
   B4MRL_RETURN_IF_ERROR(replay_->Sync());
   B4MRL_ASSIGN_OR_RETURN(const LaneStates states, simulator_.Snapshot());
   writer.Bytes("lanes/snapshot", states.snapshot);
@@ -182,7 +189,7 @@ Status OnlineLanes::Save(CheckpointWriter& writer) {
   return Status();
 }
 
-Status OnlineLanes::Load(CheckpointReader& reader) {
+Status ReplayCollector::Load(CheckpointReader& reader) {
   LaneStates states;
   states.lanes = count_;
   states.snapshot = reader.Bytes("lanes/snapshot");

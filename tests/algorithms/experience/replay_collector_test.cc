@@ -1,5 +1,5 @@
 // What an online learner's lanes store, against a real daemon.
-#include "algorithms/experience/online_lanes.h"
+#include "algorithms/experience/replay_collector.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -12,7 +12,7 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/cores/td3_core.h"
-#include "algorithms/learners/learners.h"
+#include "tests/algorithms/fixtures.h"
 #include "tests/algorithms/test_daemon.h"
 
 namespace b4mrl {
@@ -27,7 +27,7 @@ LearnerContext ContextOf(Client& client, const std::string& folder,
   context.environment = Take(client.FindEnvironment(environment));
   context.seed = 7;
   context.folder = folder;
-  context.hyperparameters = Hyperparameters(Td3Hyperparameters());
+  context.hyperparameters = Hyperparameters(AlgorithmOf("td3").hyperparameters);
   RequireOk(context.hyperparameters.Set("lanes", kLanes));
   return context;
 }
@@ -37,15 +37,15 @@ LearnerContext ContextOf(TestDaemon& daemon, const std::string& environment) {
 }
 
 // Lanes of `context` that took uniform actions until they had `transitions`.
-OnlineLanes WarmLanes(const LearnerContext& context, uint64_t transitions) {
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+ReplayCollector WarmLanes(const LearnerContext& context, uint64_t transitions) {
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   Progress quiet(true);
   RequireOk(lanes.WarmUp(transitions, quiet));
   return lanes;
 }
 
-FixedOrderPolicy RandomPolicy(const OnlineLanes& lanes, int action_size) {
+FixedOrderPolicy RandomPolicy(const ReplayCollector& lanes, int action_size) {
   Td3Options options;
   options.observation_size = lanes.observation_size();
   options.action_size = action_size;
@@ -54,7 +54,7 @@ FixedOrderPolicy RandomPolicy(const OnlineLanes& lanes, int action_size) {
 }
 
 // Every transition that one lane took, in order: column i is its i-th.
-BatchBuffer TransitionsOf(const OnlineLanes& lanes, int lane, int action_size) {
+BatchBuffer TransitionsOf(const ReplayCollector& lanes, int lane, int action_size) {
   const auto steps = static_cast<int>(lanes.replay().length()) / kLanes;
   BatchBuffer rows(lanes.observation_size(), action_size, steps);
   for (int i = 0; i < steps; ++i) {
@@ -96,7 +96,7 @@ bool LeadsToNext(const BatchBuffer& rows, int step) { return LeadsTo(rows, step,
 TEST_CASE("An episode that ends by the step limit bootstraps from the observation it ended in") {
   TestDaemon daemon;
   const LearnerContext context = ContextOf(daemon, "HalfCheetah");
-  const OnlineLanes lanes = WarmLanes(context, 1002 * kLanes);
+  const ReplayCollector lanes = WarmLanes(context, 1002 * kLanes);
   CHECK(lanes.environment_steps() == 1002 * kLanes);
   for (int lane = 0; lane < kLanes; ++lane) {
     const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
@@ -116,7 +116,7 @@ TEST_CASE("An episode that ends by the step limit bootstraps from the observatio
 TEST_CASE("A fall is stored as terminated, and returns are those of whole episodes") {
   TestDaemon daemon;
   const LearnerContext context = ContextOf(daemon, "Hopper");
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
@@ -145,19 +145,19 @@ TEST_CASE("Returns are of episodes that began after the warm-up, in a resumed ru
   TestDaemon daemon;
   const LearnerContext context = ContextOf(daemon, "Hopper");
   constexpr int kWarmUpSteps = 5;
-  OnlineLanes warm = WarmLanes(context, kWarmUpSteps * kLanes);
+  ReplayCollector warm = WarmLanes(context, kWarmUpSteps * kLanes);
   const bool resumed = GENERATE(false, true);
-  std::optional<OnlineLanes> reloaded;
+  std::optional<ReplayCollector> reloaded;
   if (resumed) {
     const std::string path = daemon.folder("checkpoint.h5");
     CheckpointWriter writer = Take(CheckpointWriter::Create(path));
     RequireOk(warm.Save(writer));
     RequireOk(writer.Commit());
     CheckpointReader reader = Take(CheckpointReader::Open(path));
-    reloaded.emplace(Take(OnlineLanes::Open(context)));
+    reloaded.emplace(Take(ReplayCollector::Open(context)));
     RequireOk(reloaded->Load(reader));
   }
-  OnlineLanes& lanes = resumed ? *reloaded : warm;
+  ReplayCollector& lanes = resumed ? *reloaded : warm;
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
   for (int step = 0; step < 100; ++step) RequireOk(lanes.Step(policy, metrics));
@@ -180,7 +180,7 @@ TEST_CASE("Transitions hold the last observations, oldest first, and forget anot
   LearnerContext context = ContextOf(daemon, "Hopper");
   context.history_length = 3;
   const int size = context.observation_size();
-  const OnlineLanes lanes = WarmLanes(context, 200 * kLanes);
+  const ReplayCollector lanes = WarmLanes(context, 200 * kLanes);
   REQUIRE(lanes.observation_size() == 3 * size);
   const BatchBuffer rows = TransitionsOf(lanes, 1, context.action_size());
   bool first = true;  // of an episode
@@ -209,14 +209,14 @@ TEST_CASE("Hidden dimensions are zero in what lanes store, and the policy's mask
   const bool by_simulator = GENERATE(true, false);
   if (by_simulator) context.simulator = {{"hidden", "3+9"}};
   const std::optional<std::vector<float>> given = by_simulator ? std::nullopt : std::optional(mask);
-  OnlineLanes lanes = Take(OnlineLanes::Open(context, given));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context, given));
   RequireOk(lanes.Start());
   Progress quiet(true);
   RequireOk(lanes.WarmUp(20 * kLanes, quiet));
 
   std::vector<float> stacked = mask;
   stacked.insert(stacked.end(), mask.begin(), mask.end());
-  CHECK(lanes.policy_mask() == stacked);
+  CHECK(lanes.WithInputs({}).observation_mask == stacked);
   const BatchBuffer rows = TransitionsOf(lanes, 0, context.action_size());
   for (int step = 0; step < rows.size(); ++step) {
     for (int i = 0; i < lanes.observation_size(); ++i) {
@@ -231,7 +231,7 @@ TEST_CASE("Exploration adds noise of the given deviation to a deterministic poli
   LearnerContext context = ContextOf(daemon, "HalfCheetah");
   const double deviation = GENERATE(0.0, 0.1, 5.0);
   RequireOk(context.hyperparameters.Set("exploration-noise", deviation));
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
@@ -271,7 +271,7 @@ TEST_CASE("A step that the daemon gave up is not stored, and its lane goes on") 
   const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
   Client client = Take(Client::Connect(daemon.endpoint()));
   const LearnerContext context = ContextOf(client, folder.path(), "HalfCheetah");
-  OnlineLanes lanes = Take(OnlineLanes::Open(context));
+  ReplayCollector lanes = Take(ReplayCollector::Open(context));
   RequireOk(lanes.Start());
   const FixedOrderPolicy policy = RandomPolicy(lanes, context.action_size());
   MetricMeans metrics;
@@ -300,7 +300,7 @@ TEST_CASE("A step of several lanes is followed by as many updates") {
   set("warm-up", 10);
   set("batch-size", 8);
   set("hidden-width", 8);
-  const std::unique_ptr<Learner> learner = Take(CreateTd3(context));
+  const std::unique_ptr<Learner> learner = Take(AlgorithmOf("td3").create(context));
   Progress quiet(true);
   RequireOk(learner->Prepare(quiet));
   CHECK(learner->environment_steps() == 12);  // transitions come four at a time

@@ -1,4 +1,5 @@
-// The environments ("lanes") in which an online or hybrid learner acts, and all that it saw there.
+// Collects an online or hybrid learner's experience: acts in the lanes of a simulator session and
+// keeps every transition in a replay buffer.
 //
 // A vector step takes one step in every lane of the simulator and appends as many transitions to
 // the replay file `replay.bin` of the run's folder. The policy sees the last `history_length`
@@ -7,7 +8,7 @@
 // ended it: the value of an episode that ends by the step limit bootstraps. Steps that the daemon
 // or the physics engine gave up have no outcome to learn from and are left out.
 //
-// Hyperparameters read, with what holds where a table lacks them: lanes (1), replay-capacity (1e6),
+// Hyperparameters read, with the value where a table lacks them: lanes (1), replay-capacity (1e6),
 // exploration-noise (0). Random numbers are functions of (run seed, vector step), so that a resumed
 // run needs only the counter. Thread rule: one thread. Ownership: the context outlives it. Errors:
 // those of the session and of the replay file.
@@ -26,13 +27,13 @@
 
 namespace b4mrl {
 
-class OnlineLanes {
+class ReplayCollector {
  public:
   // Opens the session. `mask` says what the policy may see of one observation (1 seen, 0 hidden;
   // empty: everything), as the dataset of a hybrid learner shows it; without one it sees what the
   // simulator shows.
-  static Result<OnlineLanes> Open(const LearnerContext& context,
-                                  std::optional<std::vector<float>> mask = {});
+  static Result<ReplayCollector> Open(const LearnerContext& context,
+                                      std::optional<std::vector<float>> mask = {});
 
   // A fresh run: an empty replay file, an episode begun in every lane. Load takes its place when a
   // run is resumed.
@@ -48,15 +49,20 @@ class OnlineLanes {
   // "episodic_return", but for those that began in the warm-up.
   Status Step(const FixedOrderPolicy& policy, MetricMeans& metrics);
 
-  uint32_t count() const { return count_; }
+  // Vector steps under one policy until the lanes have taken at least `steps` steps together.
+  Status Collect(const PolicyWeights& policy, uint64_t steps, MetricMeans& metrics);
+
+  uint32_t lanes() const { return count_; }
   uint64_t environment_steps() const { return vector_steps_ * count_; }
   // Of what the policy sees: all observations of a history together.
   int observation_size() const { return replay_options_.observation_size; }
-  std::vector<float> policy_mask() const;
+  // `policy` with the mask of what it sees.
+  PolicyWeights WithInputs(PolicyWeights policy) const;
   const ReplayBuffer& replay() const { return *replay_; }  // only after Start or Load
 
  private:
-  OnlineLanes(const LearnerContext& context, RemoteEnvironment simulator, std::vector<float> mask);
+  ReplayCollector(const LearnerContext& context, RemoteEnvironment simulator,
+                  std::vector<float> mask);
 
   std::string ReplayPath() const { return context_->folder + "/replay.bin"; }
   void Explore(const FixedOrderPolicy& policy);
