@@ -6,6 +6,7 @@
 #define B4MRL_ALGORITHMS(LINE) \
   LINE(Sac)                    \
   LINE(Td3)                    \
+  LINE(Bc)                     \
   LINE(Td3Bc)                  \
   LINE(Iql)                    \
   LINE(Mopo)                   \

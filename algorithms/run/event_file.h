@@ -4,7 +4,7 @@
 // A frame is the message's length (8 bytes, little-endian), its masked CRC-32C, the message and its
 // masked CRC-32C. A frame's size follows from its names and its step alone, so a resumed run, which
 // writes the same rows again, puts them at the same offsets: a TensorBoard that reads along while
-// the run is resumed goes on where it was. Thread rule: one thread. Errors: rl/appended_file.h.
+// the run is resumed goes on where it was. Thread rule: one thread. Errors: run/appended_file.h.
 #pragma once
 
 #include <cstdint>

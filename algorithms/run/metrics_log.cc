@@ -18,7 +18,8 @@ struct LogNames {
   std::string_view name, tag, column;
 };
 
-// Every other name is a learner's: "losses/<name>", "train/<name>".
+// Every other name is a learner's: "charts/<name>" and "rollout/<rest>" where it begins with
+// "rollout_", otherwise "losses/<name>" and "train/<name>".
 constexpr LogNames kNames[] = {
     {"update", "charts/update", "train/n_updates"},
     {"environment_steps", "charts/environment_steps", "time/total_timesteps"},
@@ -28,12 +29,11 @@ constexpr LogNames kNames[] = {
     {"evaluation_return", "charts/evaluation_return", "eval/mean_reward"},
     {"evaluation_return_std", "charts/evaluation_return_std", "eval/std_reward"},
     {"evaluation_score", "charts/evaluation_score", "eval/score"},
-    {"rollout_reward", "charts/rollout_reward", "rollout/reward"},
-    {"rollout_invalid_rows", "charts/rollout_invalid_rows", "rollout/invalid_rows"},
-    {"rollout_terminated_rows", "charts/rollout_terminated_rows", "rollout/terminated_rows"},
     {"alpha", "losses/alpha", "train/ent_coef"},
     {"alpha_loss", "losses/alpha_loss", "train/ent_coef_loss"},
 };
+
+constexpr std::string_view kRollout = "rollout_";
 
 const LogNames* FindNames(std::string_view name) {
   const auto* found = std::find_if(std::begin(kNames), std::end(kNames),
@@ -71,12 +71,15 @@ Status ForEachRow(const std::string& path, const std::function<Status(const Metr
 
 std::string TagOf(std::string_view name) {
   const LogNames* names = FindNames(name);
-  return names != nullptr ? std::string(names->tag) : fmt::format("losses/{}", name);
+  if (names != nullptr) return std::string(names->tag);
+  return fmt::format("{}/{}", name.starts_with(kRollout) ? "charts" : "losses", name);
 }
 
 std::string ColumnOf(std::string_view name) {
   const LogNames* names = FindNames(name);
-  return names != nullptr ? std::string(names->column) : fmt::format("train/{}", name);
+  if (names != nullptr) return std::string(names->column);
+  if (name.starts_with(kRollout)) return fmt::format("rollout/{}", name.substr(kRollout.size()));
+  return fmt::format("train/{}", name);
 }
 
 Result<MetricsLog> MetricsLog::Open(const std::string& folder, const Offsets& offsets) {

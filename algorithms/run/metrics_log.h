@@ -7,7 +7,7 @@
 // A value that was not measured is NaN in a row, an empty cell of the CSV and absent elsewhere. A
 // resumed run cuts metrics.jsonl and the event file back to what its checkpoint saw and writes
 // progress.csv anew from metrics.jsonl, as it also does when a row brings a new column.
-// Thread rule: one thread. Errors: rl/appended_file.h, data/files/atomic_file.h.
+// Thread rule: one thread. Errors: run/appended_file.h, data/files/atomic_file.h.
 #pragma once
 
 #include <cstdint>

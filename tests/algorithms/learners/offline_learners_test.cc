@@ -50,7 +50,7 @@ double OtherValue(const Hyperparameter& entry) {
   for (const auto& [name, value] : kTelling) {
     if (name == entry.name) return value;
   }
-  if (!entry.choices.empty() || entry.IsSwitch()) return entry.value == 0 ? 1 : 0;
+  if (!entry.choices.empty()) return entry.value == 0 ? 1 : 0;
   const double half = entry.value == 0 ? (entry.low + entry.high) / 2 : entry.value / 2;
   return std::clamp(entry.whole ? std::floor(half) : half, entry.low, entry.high);
 }
@@ -73,6 +73,17 @@ TEST_CASE("Each hyperparameter of a learner on a dataset alone changes what it l
       }
     }
   }
+}
+
+// TD3-BC's step is compared with PyTorch's in td3_core_test.cc.
+TEST_CASE("Behaviour cloning learns what TD3-BC's actor learns when values have no weight") {
+  TestDaemon daemon;
+  daemon.MakeDataset("small", 500);
+  const Algorithm& cloning = AlgorithmOf("bc");
+  const Algorithm& with_values = AlgorithmOf("td3-bc");
+  const std::vector<float> cloned = Learned(daemon, cloning, {});
+  CHECK(cloned == Learned(daemon, with_values, {{"bc-alpha", 0}, {"policy-frequency", 1}}));
+  CHECK(cloned != Learned(daemon, with_values, {{"policy-frequency", 1}}));
 }
 
 }  // namespace
