@@ -16,6 +16,7 @@
 #include "algorithms/list.h"
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/policy/agent_policy.h"
+#include "algorithms/run/check_training.h"
 #include "algorithms/run/run_log.h"
 #include "client/client.h"
 #include "data/d4rl/agent_file.h"
@@ -242,9 +243,7 @@ Status TrainRun::Evaluate() {
 }
 
 // The last update's evaluation, if it has none. Nothing of it goes into a checkpoint.
-Status TrainRun::Conclude() {
-  return row_update_ == update_ ? Status() : Evaluate();
-}
+Status TrainRun::Conclude() { return row_update_ == update_ ? Status() : Evaluate(); }
 
 MetricRow TrainRun::TakeRow() {
   const double seconds = Seconds();
@@ -335,28 +334,6 @@ TrainSummary TrainRun::Summary(const Status& status) const {
 }
 
 }  // namespace
-
-Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment) {
-  LearnerContext context;
-  context.environment = environment;
-  context.history_length = options.history_length;
-  context.seed = options.seed;
-  context.hyperparameters = options.hyperparameters;
-  const uint64_t values = environment.observation.size();
-  const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
-  if (options.history_length < 1 || options.history_length > most) {
-    return InvalidNumber("--history", options.history_length,
-                         fmt::format("1..{} with the {} values of an observation of {}", most,
-                                     values, environment.name));
-  }
-  if (options.stop_at_score && !environment.NormalisedScore(0)) {
-    return InvalidNumber(
-        "--stop-at-score", *options.stop_at_score,
-        fmt::format("nothing in {}, which has no scores but returns alone", environment.name));
-  }
-  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
-  return algorithm->check == nullptr ? Status() : algorithm->check(context);
-}
 
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {

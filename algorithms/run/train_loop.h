@@ -24,18 +24,11 @@
 #include "algorithms/base/progress.h"
 #include "algorithms/run/run_record.h"
 #include "algorithms/run/run_result.h"
-#include "proto/base/spec.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
 class Client;
-
-// What can be told of a run before anything is opened: kInvalidArgument, with the option's name,
-// for more observations at once than an agent file holds, for a score to stop at where there are
-// none, and for hyperparameters that do not go together or not with `environment`. Train checks it
-// too.
-Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment);
 
 // `stop`, set by a signal handler, ends the run after the present update with a checkpoint. What
 // comes back is kFinished or kInterrupted; result.json says how any other run ended.

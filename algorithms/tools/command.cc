@@ -62,12 +62,12 @@ CLI::Validator Seed() {
 
 void DaemonOptions::AddTo(CLI::App& app) {
   app.add_option("--endpoint", endpoint,
-                 "a running daemon, as tcp://HOST:PORT or ipc://PATH; "
-                 "without it a private one is started for this command")
+                 "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is "
+                 "started for this command]")
       ->envname("B4MRL_ENDPOINT");
   app.add_option("--data", data_folder,
-                 "dataset folder of the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; a "
-                 "running daemon has its own");
+                 "folder of datasets for the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; "
+                 "a running daemon has its own");
   app.parse_complete_callback([this] {
     if (endpoint.empty() || data_folder.empty()) return;
     throw CLI::ValidationError(

@@ -58,6 +58,7 @@ struct Command {
 std::vector<Command> AddTrainCommand(CLI::App& app, const std::string& command_line);
 std::vector<Command> AddEvaluateCommand(CLI::App& app);
 std::vector<Command> AddDatasetCommands(CLI::App& app);
+std::vector<Command> AddDatasetWriters(CLI::App& group);  // of `dataset`: make and import
 std::vector<Command> AddDemoCommands(CLI::App& app);
 std::vector<Command> AddListCommand(CLI::App& app);
 std::vector<Command> AddStatusCommand(CLI::App& app);

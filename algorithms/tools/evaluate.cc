@@ -31,20 +31,27 @@ struct EvaluateCommand {
 };
 
 void EvaluateCommand::AddOptions() {
-  app->add_option("--agent", agent_path, "agent file")->required();
-  app->add_option("--environment", environment, "where it acts: \"HalfCheetah\"")->required();
-  app->add_option("--simulator", simulator, "perturbations; none: the true environment");
-  app->add_option("--episodes", episodes, "deterministic episodes [10]")
+  app->add_option("--agent", agent_path, "agent file to evaluate")->required();
+  app->add_option("--environment", environment,
+                  "environment in which the agent acts: \"HalfCheetah\"")
+      ->required();
+  app->add_option("--simulator", simulator,
+                  "perturbations of the environment [none: the true one]");
+  app->add_option("--episodes", episodes, "number of episodes, with deterministic actions [10]")
       ->transform(Count(1, limits::kMaxLanesPerSession));
-  app->add_option("--seed", seed, "of the episodes' starts; 0 is the training evaluations' [0]")
+  app->add_option(
+         "--seed", seed,
+         "seed of the episodes' starts; 0 gives those of the evaluations during training [0]")
       ->transform(Seed());
-  app->add_option("--observe", observe,
-                  "trained: dimensions hidden in training are zeroed; full: "
-                  "none is [trained]")
+  app->add_option(
+         "--observe", observe,
+         "what the agent observes: trained sets the dimensions that were hidden in training "
+         "to 0, full hides none [trained]")
       ->check(CLI::IsMember({"trained", "full"}));
-  app->add_option("--video", video_path, "film the first episode into this file (needs ffmpeg)");
-  app->add_flag("--anyway", anyway, "evaluate it also where it was not trained to act");
-  app->add_flag("--json", json, "print JSON");
+  app->add_option("--video", video_path, "file for a film of the first episode (needs ffmpeg)");
+  app->add_flag("--anyway", anyway,
+                "evaluate the agent even in an environment other than its training's");
+  app->add_flag("--json", json, "print returns and score as one JSON object");
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
 }

@@ -10,6 +10,7 @@
 #include <type_traits>
 
 #include "algorithms/list.h"
+#include "algorithms/run/check_training.h"
 #include "algorithms/run/train_loop.h"
 #include "algorithms/tools/command.h"
 #include "data/d4rl/agent_file.h"
@@ -47,7 +48,6 @@ struct TrainCommand {
   std::optional<Failure> ChooseFolder();
   Status MergeRecord(NamedTexts& hyperparameters);
   Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
-  Status CheckNeeds(const Algorithm& algorithm) const;
   std::optional<Failure> CheckEnvironment(Client& client) const;
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
@@ -55,8 +55,8 @@ struct TrainCommand {
   void PrintSummary(const TrainSummary& summary) const;
 };
 
-// "  --batch-size 256 rows      of one update [1..65536]", a line for who chose the default, and
-// one for the environments that have another one.
+// "  --batch-size 256 transitions   transitions in the batch [whole, 1..65536]", a line for who
+// chose the default, and a line for the environments that have another one.
 std::string HelpOf(const Hyperparameter& entry) {
   const std::string unit = entry.unit.empty() ? "" : fmt::format(" {}", entry.unit);
   const std::string allowed =
@@ -98,42 +98,52 @@ std::string AlgorithmHelp(const std::string& chosen, const std::string& environm
 }
 
 void TrainCommand::AddOptions() {
-  app->add_option("--algorithm", options.algorithm, "one of those below");
-  app->add_option("--environment", options.environment, "the true environment: \"HalfCheetah\"");
-  app->add_option("--simulator", options.simulator,
-                  "perturbations of the simulator to learn in: \"gravity,obs-noise-low\"");
-  app->add_option("--dataset", options.dataset, "\"HalfCheetah/medium\"");
+  app->add_option("--algorithm", options.algorithm,
+                  "the learner to train: one of those listed below");
+  app->add_option("--environment", options.environment,
+                  "environment in which the learner is evaluated: \"HalfCheetah\"");
+  app->add_option(
+      "--simulator", options.simulator,
+      "perturbations of the simulator in which the learner acts: \"gravity,obs-noise-low\"");
+  app->add_option("--dataset", options.dataset,
+                  "dataset on which the learner trains: \"HalfCheetah/medium\"");
   app->add_option("--corruption", options.corruption,
                   "corruptions of the dataset: \"hidden-high\"");
-  app->add_option("--history", options.history_length, "observations that the policy sees [1]")
+  app->add_option("--history", options.history_length,
+                  "number of most recent observations in the policy's input [1]")
       ->transform(Count(1, kMaxAgentHistory));
-  app->add_option("--seed", options.seed, "of everything random in the run [0]")->transform(Seed());
-  app->add_option("--updates", options.updates, "gradient steps [1000000]")
+  app->add_option("--seed", options.seed, "seed of everything random in the run [0]")
+      ->transform(Seed());
+  app->add_option("--updates", options.updates, "number of gradient steps of the run [1000000]")
       ->transform(Count(0, kMaxUpdates));
-  app->add_option("--eval-every", options.eval_every, "updates between evaluations [10000]")
+  app->add_option("--eval-every", options.eval_every,
+                  "updates from one evaluation to the next [10000]")
       ->transform(Count(1, kMaxUpdates));
-  app->add_option("--eval-episodes", options.eval_episodes, "episodes of an evaluation [10]")
+  app->add_option("--eval-episodes", options.eval_episodes, "episodes of each evaluation [10]")
       ->transform(Count(1, limits::kMaxLanesPerSession));
   // Hidden: the configurations that earlier versions wrote have it, and shall go on working.
   app->add_flag("--eval-inline", eval_inline)->group("");
-  app->add_option("--log-every", options.log_every, "updates between log lines [1000]")
+  app->add_option("--log-every", options.log_every,
+                  "updates from one row of the logs to the next [1000]")
       ->transform(Count(1, kMaxUpdates));
   app->add_option("--checkpoint-every", options.checkpoint_every,
-                  "updates between checkpoints [10000]")
+                  "updates from one checkpoint to the next [10000]")
       ->transform(Count(1, kMaxUpdates));
-  app->add_option("--stop-at-score", stop_at_score,
-                  "end at the first evaluation whose normalised score is at least this");
+  app->add_option(
+      "--stop-at-score", stop_at_score,
+      "normalised score at which the run ends: the first evaluation that reaches it is the last");
   app->add_option("--threads", options.threads,
-                  "of the updates: twin critics and ensemble members side by side, with the same "
-                  "numbers [1]")
+                  "threads of an update, for twin critics and ensemble members side by side; they "
+                  "change no number [1]")
       ->transform(Count(1, kMaxTrainingThreads));
-  app->add_option("--out", options.folder,
-                  "folder of the run [runs/NAME, with the name made of environment, algorithm, "
-                  "simulator, dataset, corruption, history and seed]");
+  app->add_option(
+      "--out", options.folder,
+      "folder that keeps the run's files [runs/NAME, with the name made of environment, "
+      "algorithm, simulator, dataset, corruption, history and seed]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
-  app->add_flag("--quiet", quiet, "no progress on stderr");
-  app->add_flag("--json", json, "print the result as JSON");
+  app->add_flag("--quiet", quiet, "show no progress on stderr");
+  app->add_flag("--json", json, "print the run's result as one JSON object");
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
   app->allow_extras();  // hyperparameters, whose names depend on the algorithm
@@ -225,8 +235,7 @@ std::vector<std::string> HyperparameterOptions(const Algorithm& algorithm) {
 
 Status TrainCommand::SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded) {
   Hyperparameters& values = options.hyperparameters;
-  values = Hyperparameters(algorithm.hyperparameters, options.environment);
-  for (const auto& [name, text] : recorded) B4MRL_RETURN_IF_ERROR(values.SetText(name, text));
+  B4MRL_ASSIGN_OR_RETURN(values, ReadHyperparameters(algorithm, options.environment, recorded));
   const Hyperparameters before = values;
   B4MRL_ASSIGN_OR_RETURN(const NamedTexts given, ParseExtras(app->remaining()));
   for (const auto& [name, text] : given) {
@@ -244,29 +253,6 @@ Status TrainCommand::SetHyperparameters(const Algorithm& algorithm, const NamedT
   return Status();
 }
 
-Status TrainCommand::CheckNeeds(const Algorithm& algorithm) const {
-  const auto refuse = [&](std::string_view option, std::string_view value, std::string_view rule) {
-    return InvalidArgument(option, value, fmt::format("{} with {}", rule, algorithm.name));
-  };
-  if (options.environment.empty()) return InvalidArgument("--environment", "", "a name");
-  if (algorithm.needs.dataset && options.dataset.empty()) {
-    return refuse("--dataset", "", "a dataset is needed");
-  }
-  if (!algorithm.needs.dataset && !options.dataset.empty()) {
-    return refuse("--dataset", options.dataset, "nothing");
-  }
-  if (!algorithm.needs.dataset && !options.corruption.empty()) {
-    return refuse("--corruption", options.corruption, "nothing");
-  }
-  if (!algorithm.needs.simulator && !options.simulator.empty()) {
-    return refuse("--simulator", options.simulator, "nothing");
-  }
-  if (!algorithm.needs.history && options.history_length != 1) {
-    return refuse("--history", fmt::format("{}", options.history_length), "1");
-  }
-  return Status();
-}
-
 std::optional<Failure> TrainCommand::CheckEnvironment(Client& client) const {
   const auto environment = client.FindEnvironment(options.environment);
   if (!environment.ok()) return FromDaemon(environment.status());
@@ -276,7 +262,7 @@ std::optional<Failure> TrainCommand::CheckEnvironment(Client& client) const {
   return std::nullopt;
 }
 
-// Of a run that had begun: one that diverged is nobody's bad input.
+// Exit code of a run that had started. Divergence is a failure (1), not bad input (3).
 Failure RunFailure(const Status& status) {
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
   if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
@@ -304,7 +290,9 @@ std::optional<Failure> TrainCommand::Run() {
   if (Status status = SetHyperparameters(**algorithm, recorded); !status.ok()) {
     return BadUsage(std::move(status));
   }
-  if (Status status = CheckNeeds(**algorithm); !status.ok()) return BadUsage(std::move(status));
+  if (Status status = CheckNeeds(options, **algorithm); !status.ok()) {
+    return BadUsage(std::move(status));
+  }
   if (Status status = CheckNoEarlierRun(options); !status.ok()) return BadInput(std::move(status));
 
   auto connection = DaemonConnection::Open(daemon);

@@ -4,7 +4,7 @@
 
 #include "algorithms/cores/h2o_core.h"
 #include "algorithms/list.h"
-#include "algorithms/run/train_loop.h"
+#include "algorithms/run/check_training.h"
 #include "client/remote_dataset.h"
 #include "proto/base/limits.h"
 
@@ -91,14 +91,17 @@ TEST_CASE("The widest policy of the longest history fits an agent file and a che
   for (const Algorithm& algorithm : Algorithms()) {
     const Hyperparameters values(algorithm.hyperparameters);
     const double width = values.Find("hidden-width")->high;
+    const double deeper = values.Find("hidden-layers")->high - 1;  // layers behind the first
     INFO(algorithm.name);
-    CHECK((4096 + 1 + width + 1 + 2 * 17) * width * sizeof(float) < 64 << 20);
-    CHECK(2 * (4096 + 17 + 1 + width + 2) * width < static_cast<double>(kMaxReadFloats));
+    CHECK(deeper + 1 <= 16);  // as an agent file holds
+    const double inputs = 4096 + 17;
+    CHECK(2 * ((inputs + 1) + deeper * (width + 1) + 2) * width <
+          static_cast<double>(kMaxReadFloats));
   }
 }
 
 TEST_CASE("A batch whose rows of the dataset no request holds is refused, and the bound is exact") {
-  for (const char* algorithm : {"td3-bc", "iql"}) {
+  for (const char* algorithm : {"bc", "td3-bc", "iql"}) {
     INFO(algorithm);
     CHECK(CheckWith(algorithm, "batch-size", limits::kMaxRowsPerBatch).ok());
     const auto most = RemoteDataset::MaxRowsPerRequest(376, 17);

@@ -1,0 +1,65 @@
+#include "algorithms/run/check_training.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "algorithms/list.h"
+#include "data/d4rl/agent_file.h"
+
+namespace b4mrl {
+
+Result<Hyperparameters> ReadHyperparameters(
+    const Algorithm& algorithm, const std::string& environment,
+    std::span<const std::pair<std::string, std::string>> texts) {
+  Hyperparameters values(algorithm.hyperparameters, environment);
+  for (const auto& [name, text] : texts) B4MRL_RETURN_IF_ERROR(values.SetText(name, text));
+  return values;
+}
+
+Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm) {
+  const auto refuse = [&](std::string_view option, std::string_view value, std::string_view rule) {
+    return InvalidArgument(option, value, fmt::format("{} with {}", rule, algorithm.name));
+  };
+  if (options.environment.empty()) return InvalidArgument("--environment", "", "a name");
+  if (algorithm.needs.dataset && options.dataset.empty()) {
+    return refuse("--dataset", "", "a dataset is needed");
+  }
+  if (!algorithm.needs.dataset && !options.dataset.empty()) {
+    return refuse("--dataset", options.dataset, "nothing");
+  }
+  if (!algorithm.needs.dataset && !options.corruption.empty()) {
+    return refuse("--corruption", options.corruption, "nothing");
+  }
+  if (!algorithm.needs.simulator && !options.simulator.empty()) {
+    return refuse("--simulator", options.simulator, "nothing");
+  }
+  if (!algorithm.needs.history && options.history_length != 1) {
+    return refuse("--history", fmt::format("{}", options.history_length), "1");
+  }
+  return Status();
+}
+
+Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment) {
+  LearnerContext context;
+  context.environment = environment;
+  context.history_length = options.history_length;
+  context.seed = options.seed;
+  context.hyperparameters = options.hyperparameters;
+  const uint64_t values = environment.observation.size();
+  const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
+  if (options.history_length < 1 || options.history_length > most) {
+    return InvalidNumber("--history", options.history_length,
+                         fmt::format("1..{} with the {} values of an observation of {}", most,
+                                     values, environment.name));
+  }
+  if (options.stop_at_score && !environment.NormalisedScore(0)) {
+    return InvalidNumber(
+        "--stop-at-score", *options.stop_at_score,
+        fmt::format("nothing in {}, which has no scores but returns alone", environment.name));
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
+  return algorithm->check == nullptr ? Status() : algorithm->check(context);
+}
+
+}  // namespace b4mrl
