@@ -1,5 +1,5 @@
-// action-delay=STEPS: what is executed is the action of STEPS steps ago; before the first one has
-// come through, zeros. The queue is lane state, oldest action first, so snapshots carry it.
+// action-delay=STEPS: each step executes the action of STEPS steps ago; the first STEPS steps of an
+// episode execute zeros. The queue is lane state, oldest action first, so snapshots carry it.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -54,7 +54,7 @@ constinit const PerturbationEntry kActionDelay = {
     .type = "integer",
     .low = 0,
     .high = kHighSteps,
-    .description = "executes each action a number of steps late; zeros before the first",
+    .description = "executes each action a number of steps later; the first executed actions are 0",
     .corrupts_datasets = false,
     .presets = kPresets,
     .make = Make};

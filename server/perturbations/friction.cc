@@ -1,5 +1,6 @@
 // friction=FACTOR: all three friction coefficients of every geom of the compiled model times a
-// factor, the floor's included, because MuJoCo takes the larger of a pair's. Preset: 0.3.
+// factor, the floor's included, because a contact has the larger coefficient of its two geoms.
+// Preset: 0.3.
 #include <mujoco/mujoco.h>
 
 #include "server/perturbations/list.h"

@@ -151,7 +151,8 @@ constinit const PerturbationEntry kLegLength = {
     .low = 0.25,  // then the torso starts at 0.875 m; the Walker2d falls below 0.8 m
     .high = 2,
     .takes_range = true,
-    .description = "multiplies the length of the lower legs; the torso starts as much lower",
+    .description =
+        "multiplies the length of the lower legs; the torso starts lower by the same length",
     .corrupts_datasets = false,
     .needs = kLowerLegs,
     .presets = kPresets,

@@ -1,6 +1,6 @@
 // model=FILE.xml: a model of the user's in place of the task's own. FILE.xml lies in the models
-// folder and has the task's joints and motors; everything else may differ. Wherever it stands in
-// the list, it comes first: what the other perturbations change is this model.
+// folder and has the task's joints and motors; everything else may differ. Wherever `model` stands
+// in the list of perturbations, it applies first: the others change the user's model.
 //
 // The file itself is never read here. A sandboxed process compiles it and tries it out
 // (server/models/model_compiler.h), and simulators load the compiled copy.
@@ -51,7 +51,7 @@ constinit const PerturbationEntry kUsersModel = {
     .name = kName,
     .parameter = "file",
     .type = "file",
-    .description = "takes a MuJoCo model of the user's from the models folder",
+    .description = "replaces the task's MuJoCo model by a file of the models folder",
     .corrupts_datasets = false,
     .needs = kMujocoModel,
     .make = Make};

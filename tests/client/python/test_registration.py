@@ -23,10 +23,6 @@ def steps_until_the_end(env: gym.Env) -> int:
     return steps
 
 
-def test_every_environment_of_the_daemon_is_registered(environment: str) -> None:
-    assert NAME.format(environment).removeprefix("b4mrl:") in gym.registry
-
-
 @pytest.mark.parametrize("limit", [3, 1200])
 def test_max_episode_steps_reaches_the_daemon_and_the_spec(endpoint: str, limit: int) -> None:
     with gym.make(NAME.format("HalfCheetah"), limit, endpoint=endpoint) as env:
