@@ -28,8 +28,8 @@ double CrossEntropy(Scalar margin, Scalar& slope) {
   return std::log1p(std::exp(-static_cast<double>(margin)));
 }
 
-// Column i's share in the mean cross entropy of real columns plus that of simulated ones; `margin`
-// is the real class's.
+// Column i's share in the loss: the mean cross entropy over real columns plus that over simulated
+// ones. `margin` is how far the real class's logit is above the other's.
 template <typename Scalar>
 double ColumnLoss(const HybridBatch<Scalar>& batch, int i, Scalar margin, Scalar& slope) {
   const bool real = i < batch.real_rows;

@@ -122,7 +122,7 @@ template <typename Scalar>
 PolicyWeights SoftActor<Scalar>::Policy() const {
   PolicyWeights weights = ActorWeights<Scalar>(network_, options_.action_size);
   if (variant_.learns_log_std_scale) {
-    // The head's last layer takes m and b in, so that an agent's file needs no word of them.
+    // m and b are multiplied into the log_std head, so that an agent file need not hold them.
     const std::span<const Scalar> scale = network_.scalars();
     const float m = static_cast<float>(scale[0]), b = static_cast<float>(scale[1]);
     for (float& weight : weights.log_std->weight) weight *= m;

@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-// Columns predicted at once: large enough for full speed, small enough to stay in the cache.
+// Columns of one prediction pass: enough for full speed, few enough to stay in the cache.
 constexpr int kPredictionBlock = 512;
 
 Status Validate(const DynamicsEnsembleOptions& options) {
@@ -154,8 +154,8 @@ MatrixView<Scalar> DynamicsEnsemble<Scalar>::ScaledCopy(MatrixView<const Scalar>
   return block;
 }
 
-// Column i of `head` is what a member answered for column scratch.columns[i] of a batch, variances
-// bounded.
+// Draws samples from `head`, whose column i holds a member's means and bounded log-variances for
+// column scratch.columns[i] of a batch.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, MatrixView<const Scalar> noise,
                                           MatrixView<Scalar> outputs, Scratch& scratch) const {
@@ -171,7 +171,7 @@ void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, MatrixView<co
   for (int i = 0; i < count; ++i) std::copy_n(head.column(i), size, outputs.column(columns[i]));
 }
 
-// The columns that scratch.columns names.
+// Samples of `member` for the columns that scratch.columns names.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> inputs,
                                            MatrixView<const Scalar> noise,
@@ -188,7 +188,7 @@ void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> 
   SampleHead(head, noise, outputs, scratch);
 }
 
-// All columns that drew one member.
+// Samples for all columns that drew `member`.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleDrawn(int member, MatrixView<const Scalar> inputs,
                                            std::span<const int> members,
@@ -207,7 +207,8 @@ void DynamicsEnsemble<Scalar>::SampleDrawn(int member, MatrixView<const Scalar> 
   }
 }
 
-// One block of columns: every member's deviations, and what it predicts where it was drawn.
+// Samples and penalties of one block of columns: every member predicts all of it for the penalty,
+// and samples come from the members that were drawn.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
                                                std::span<const int> members,

@@ -135,8 +135,8 @@ void DynamicsEnsemble<Scalar>::GatherBatch(const DynamicsData<Scalar>& data, int
   }
 }
 
-// A member goes through forward, loss, backward and optimiser in one piece, so that what one of
-// them writes is still in the cache for the next.
+// Each member goes through forward pass, loss, backward pass and optimiser in one piece, so that
+// its numbers are still in the cache at each of these.
 template <typename Scalar>
 double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
                                                MatrixView<const Scalar> targets) {
@@ -257,7 +257,7 @@ bool DynamicsEnsemble<Scalar>::KeepImproved() {
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::FinishTraining() {
   finished_ = 1;
-  // Without any epoch there is nothing better than the present weights.
+  // Before the end of the first epoch no weights are known to be better than the present ones.
   if (epoch_ > 0) weights_.values = best_weights_;
 }
 

@@ -21,8 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kUpdatesPerCall = 100;   // between two looks at the progress bar
-constexpr int64_t kUpdatesPerSave = 1000;  // a quarter of a minute's
+constexpr int64_t kUpdatesPerCall = 100;   // updates between two of the progress bar's
+constexpr int64_t kUpdatesPerSave = 1000;  // about 15 s of updates
 
 // --- Keys ---
 
@@ -54,7 +54,8 @@ void HashState(StreamHash& hash, DynamicsEnsemble<float>& ensemble) {
   });
 }
 
-// Every option by name: one that is added and forgotten here does not compile.
+// All options. The binding has as many names as there are options, so a new option that is
+// forgotten here is a compile error.
 std::string Describe(const DynamicsEnsembleOptions& options) {
   const auto& [observation_size, action_size, members, elites, hidden, initialization,
                learning_rate, batch_size, decay, decay_scale, bound_weight, max_log_var,
@@ -129,7 +130,7 @@ Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<fl
 
 bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
 
-// The longest unused files go until the rest fits.
+// Removes the files that were unused for longest until the others fit into `bytes_max`.
 void BoundCache(const std::string& folder, uint64_t bytes_max) {
   struct Kept {
     fs::path path;
@@ -139,10 +140,12 @@ void BoundCache(const std::string& folder, uint64_t bytes_max) {
   std::vector<Kept> kept;
   std::error_code error;
   uint64_t total = 0;
-  for (const auto& entry : fs::directory_iterator(folder, error)) {
-    if (!entry.is_regular_file(error)) continue;
-    kept.push_back({entry.path(), entry.last_write_time(error), entry.file_size(error)});
-    total += kept.back().bytes;
+  for (fs::directory_iterator entry(folder, error), end; entry != end; entry.increment(error)) {
+    std::error_code gone;  // set if another run removes the file meanwhile
+    const Kept file{entry->path(), entry->last_write_time(gone), entry->file_size(gone)};
+    if (gone || !entry->is_regular_file(gone)) continue;
+    kept.push_back(file);
+    total += file.bytes;
   }
   std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) { return a.used < b.used; });
   for (const Kept& file : kept) {
@@ -156,7 +159,8 @@ Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
                      DynamicsEnsemble<float>& ensemble) {
   if (files.cache_folder.empty()) return Status(StatusCode::kFailedPrecondition, "nothing is kept");
   B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), key, ensemble));
-  std::error_code ignored;  // used just now; if that cannot be noted, it may go earlier
+  // Marks the file as just used. If that fails, the file may be removed too early, no more.
+  std::error_code ignored;
   fs::last_write_time(CachePath(files, key), fs::file_time_type::clock::now(), ignored);
   return Status();
 }
@@ -167,7 +171,7 @@ void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<f
   if (files.cache_folder.empty() || fs::exists(CachePath(files, key), error)) return;
   fs::create_directories(CacheFolder(files), error);
   const Status status = Save(CachePath(files, key), key, ensemble);
-  // Another run that keeps the same one at this moment is as good.
+  // kBusy: another run writes the same ensemble at this moment, which serves as well.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
   }
@@ -183,7 +187,7 @@ Status CheckFinite(const DynamicsProgress& state) {
       fmt::format("the ensemble's loss became {} in epoch {}", state.train_loss, state.epoch));
 }
 
-// What was done before, by this run or another one.
+// Loads the state that this run, or else another run with the same key, has reached before.
 void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
             Progress& progress) {
   const Status own = Load(RunPath(files), key, ensemble);
@@ -247,7 +251,7 @@ Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const Ensembl
     B4MRL_RETURN_IF_ERROR(TrainOn(key, data, files, ensemble, progress, stop));
     if (ensemble.trained()) Keep(key, files, ensemble, progress);
   }
-  // Also of one from the cache, which may be gone when this run is resumed.
+  // An ensemble from the cache is saved too: the cache may have lost it when this run is resumed.
   B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));
   return key;
 }

@@ -16,7 +16,7 @@ namespace {
 constexpr uint32_t kRowsPerRequest = limits::kMaxQueryRows;
 constexpr size_t kRequestsInFlight = 8;
 
-// The columns of a whole dataset. Targets are [o', r] until what o' is compared with is subtracted.
+// The columns of a whole dataset. Targets are [o', r] until the predicted o' is subtracted from o'.
 class Columns {
  public:
   Columns(const LearnerContext& context, RemoteDataset& dataset)

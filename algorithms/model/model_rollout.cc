@@ -10,8 +10,8 @@
 
 namespace b4mrl {
 
-// The start rows [first_row, first_row + places), at one step of their way. The first `rows`
-// columns are those still under way, in order.
+// The rollouts of the start rows [first_row, first_row + places), all at the same step. The first
+// `rows` columns are the rollouts that have not ended, in the order of their start rows.
 struct ModelRollout::Chunk {
   Chunk(const ModelRolloutOptions& options, int first, int places)
       : first_row(first),
@@ -42,9 +42,9 @@ struct ModelRollout::Chunk {
   MatrixBuffer<float> outputs;  // delta above r
   MatrixBuffer<float> next;     // o'_sim (MOPO: o), then o'
   std::vector<double> simulator_rewards;
-  std::vector<uint8_t> terminated, valid;  // as the simulator answers
+  std::vector<uint8_t> terminated, valid;  // from the simulator's reply
   AlignedVector<float> penalties;
-  // Of all steps so far: o, a, o', r, terminated, one after the other.
+  // The transitions of all steps so far: o, a, o', r, terminated, one after the other.
   std::vector<float> records;
   RolloutCounts counts;
 };
@@ -103,7 +103,7 @@ Status ModelRollout::BeginStep(Chunk& chunk) {
   return Status();
 }
 
-// Every start row has its own place in the stream of (cycle, step).
+// Every start row has a fixed place in the random stream of (cycle, step).
 void ModelRollout::DrawNoise(const char* purpose, const Chunk& chunk,
                              MatrixView<float> noise) const {
   Rng rng(RoleSeed(options_.seed, purpose, cycle_), "rollout", static_cast<uint64_t>(chunk.step));
@@ -162,7 +162,7 @@ void ModelRollout::SampleModel(Chunk& chunk) {
                     penalties);
 }
 
-// One step of one chunk.
+// Completes one step of one chunk.
 Status ModelRollout::Advance() {
   // The oldest request is the likeliest to be answered.
   std::unique_ptr<Chunk> chunk = std::move(active_.front());
@@ -195,7 +195,7 @@ Status ModelRollout::ReceiveNext(Chunk& chunk) {
   return Status();
 }
 
-// Rows that go on move up to the front.
+// Moves the rows whose rollouts continue to the front.
 void ModelRollout::CompleteStep(Chunk& chunk) {
   int kept = 0;
   for (int row = 0; row < chunk.rows; ++row) {
@@ -208,7 +208,7 @@ void ModelRollout::CompleteStep(Chunk& chunk) {
   chunk.rows = kept;
 }
 
-// Records one transition; false when nothing follows it.
+// Records one transition; false when its rollout ends with it.
 bool ModelRollout::CompleteRow(Chunk& chunk, int row) {
   const int size = options_.observation_size;
   float* next = chunk.next.view().column(row);
@@ -242,7 +242,7 @@ bool ModelRollout::CompleteRow(Chunk& chunk, int row) {
 Result<RolloutCounts> ModelRollout::Finish(ReplayBuffer& pool) {
   if (!done()) worker_.join();
   B4MRL_RETURN_IF_ERROR(std::exchange(worker_status_, Status()));
-  // A chunk all of whose rows ended early overtook others.
+  // Chunks finish out of order: one whose rollouts all end early overtakes others.
   std::sort(finished_.begin(), finished_.end(),
             [](const auto& a, const auto& b) { return a->first_row < b->first_row; });
   const size_t size = options_.observation_size, actions = options_.action_size;
