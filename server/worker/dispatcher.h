@@ -25,9 +25,13 @@ class Dispatcher {
              Responder::SendFunction send);
   ~Dispatcher();
 
-  // Takes over the sessions of this worker that an earlier process of it has left. To be called
-  // before the first message, and again about once a second.
+  // Takes over all sessions of this worker that an earlier process of it has left. To be called
+  // before the first message.
   void AdoptSessions();
+  // Looks on through the session records, 64 at a time, for a live session of this worker that it
+  // has yet to take over, and builds one at most: the gateway may have acknowledged it late. To be
+  // called about sixteen times a second.
+  void AdoptNext();
   // `more_waiting`: other messages have arrived already, so the request's work goes to the pool
   // instead of being executed at once.
   void Handle(IncomingMessage incoming, bool more_waiting);
@@ -47,6 +51,9 @@ class Dispatcher {
 
  private:
   Result<pb::Reply> HandleAttach(const pb::Request& request);
+  // Takes over the session of record `index`, where it is live and this worker's. Returns whether
+  // the session was built now.
+  bool AdoptIfLive(uint32_t index);
   // Builds the session that has record `index` in this generation, or finds it built.
   Result<Session*> Attach(uint32_t index, uint64_t generation);
   // The mark of the socket's thread.
@@ -77,6 +84,7 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
+  uint32_t next_record_ = 0;  // where AdoptNext goes on
   // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();

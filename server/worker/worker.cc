@@ -19,6 +19,8 @@ namespace {
 // messages are large.
 constexpr int kReceiveBurst = 64;
 constexpr double kReceiveBurstSeconds = 1e-4;
+// Between two looks for sessions to take over; all records have been looked at after a second.
+constexpr int64_t kAdoptIntervalMs = 60;
 
 class Worker {
  public:
@@ -70,7 +72,7 @@ Status Worker::Run() {
   // crash at a message, not at the start.
   context_.Beat();
   const int completion_fd = executor_.completion_fd();
-  int64_t next_reap_ms = 0;
+  int64_t next_reap_ms = 0, next_adopt_ms = 0;
   while (true) {
     ReceiveBurst();
     dispatcher_.EndExpired();
@@ -82,8 +84,11 @@ Status Worker::Run() {
     }
     if (const int64_t now = MonotonicMs(); now >= next_reap_ms) {
       dispatcher_.ReapIdleSessions();
-      dispatcher_.AdoptSessions();
       next_reap_ms = now + kReapIntervalMs;
+    }
+    if (const int64_t now = MonotonicMs(); now >= next_adopt_ms) {
+      dispatcher_.AdoptNext();
+      next_adopt_ms = now + kAdoptIntervalMs;
     }
     if (executor_.RunBite()) continue;
     if (executor_.BeginWait()) {

@@ -84,9 +84,33 @@ TEST_CASE("An opening that ended a worker is left to its next Attach, or adopted
   }
   SECTION("the acknowledgement of the first worker's answer") {
     REQUIRE(SessionTable(worker.state()).MakeLive(index));
-    worker.dispatcher().AdoptSessions();
+    worker.dispatcher().AdoptNext();
   }
   REQUIRE(worker.Reset({1, 1}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A worker that serves messages builds no session before its Attach") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Allocate(2);
+  for (uint32_t i = 0; i < limits::kMaxSessions; ++i) worker.dispatcher().AdoptNext();
+  REQUIRE(worker.dispatcher().session_count() == 0);
+  REQUIRE(worker.Attach(index) == StatusCode::kOk);
+}
+
+TEST_CASE("A worker that serves messages takes over one session at a time") {
+  WorkerFixture worker;
+  std::vector<uint32_t> opening;
+  for (const char* token : {"first token.....", "second token....", "third token....."}) {
+    opening.push_back(worker.Allocate(1, token));
+    REQUIRE(worker.Attach(opening.back()) == StatusCode::kOk);
+    worker.state().session(opening.back()).build_deaths.store(1);  // so that Restart leaves it
+  }
+  worker.Restart();
+  for (const uint32_t index : opening) REQUIRE(SessionTable(worker.state()).MakeLive(index));
+  for (size_t built = 1; built <= 3; ++built) {
+    worker.dispatcher().AdoptNext();
+    REQUIRE(worker.dispatcher().session_count() == built);
+  }
 }
 
 TEST_CASE("What is wrong with an opening is said to its Attach, whoever looked at it before") {
