@@ -34,7 +34,7 @@ uint32_t ItemCost::ItemsPerPiece(uint32_t items, uint32_t threads) const {
 
 uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }
 
-bool ItemCost::too_long_for_bites() const { return Expect(1) > kPieceUs; }
+bool ItemCost::too_long_for_bites() const { return Expect(1) == 0 || Expect(1) > kPieceUs; }
 
 uint32_t ItemCost::ItemsIn(double duration_us) const {
   const double us = Expect(1);

@@ -17,7 +17,8 @@ class ItemCost {
   uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
   // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
-  // Whether one item alone would keep messages waiting for longer than 0.5 ms.
+  // Whether one item alone might keep messages waiting for longer than 0.5 ms: it takes longer, or
+  // nobody has measured any yet.
   bool too_long_for_bites() const;
 
  private:

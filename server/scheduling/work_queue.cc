@@ -25,6 +25,7 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
     std::vector<QueuedWork*>& own = line.work[work->session];
     if (own.empty()) line.sessions.Enter(work->session);
     own.push_back(work);
+    bites_left_it_ = false;  // until the socket's thread has looked at the new work
     const uint32_t items_per_piece = work->cost->ItemsPerPiece(work->items, threads_);
     const uint32_t pieces = (work->items + items_per_piece - 1) / items_per_piece;
     wake = std::min(pieces - for_caller, sleeping_);
