@@ -23,6 +23,12 @@ void FairShare::Serve(uint32_t account, double amount) {
   had += amount;
 }
 
+void FairShare::Forget(uint32_t account) {
+  // Not 0, which a waiting account would make up for before all others.
+  double& had = Had(account);
+  had = std::min(had, level_);
+}
+
 void FairShare::Correct(uint32_t account, double amount) { Had(account) += amount; }
 
 }  // namespace b4mrl

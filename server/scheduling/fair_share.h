@@ -33,6 +33,8 @@ class FairShare {
 
   // The account, which waits, is served `amount`.
   void Serve(uint32_t account, double amount);
+  // Cancels the account's debt: it belongs to somebody else from now on.
+  void Forget(uint32_t account);
   // The account was served `amount` more than Serve said; less where it is negative.
   void Correct(uint32_t account, double amount);
 

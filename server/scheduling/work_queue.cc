@@ -65,6 +65,11 @@ void WorkQueue::Settle(const Piece& piece, double us) {
   lines_[kind].sessions.Correct(piece.work->session, us - piece.expected_us);
 }
 
+void WorkQueue::Forget(uint32_t session) {
+  std::lock_guard lock(mutex_);
+  for (Line& line : lines_) line.sessions.Forget(session);
+}
+
 void WorkQueue::RemoveIfTaken(QueuedWork* work) {
   if (work->left() > 0) return;
   Line& line = LineOf(*work);

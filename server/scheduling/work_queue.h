@@ -4,9 +4,11 @@
 // The next piece is of the kind of work that has had the least time, where a step's time counts a
 // quarter, and of the session that has had the least time in that kind (fair_share.h). Requests of
 // one session and kind keep their order of arrival. So steps have two thirds of a busy worker or
-// more, no request waits for ever, and costly requests hold up only the session that sent them. A
-// piece is cut when it is taken, by the time that items of its kind took lately, so a long request
-// never blocks the others for more than one piece a thread.
+// more, no request waits for ever, and within a kind costly requests hold up only the session that
+// sent them. A costly row is charged to its kind as well: after it the queries of all sessions wait
+// while steps are wanted, for four times as long as the row took. A piece is cut when it is taken,
+// by the time that items of its kind took lately, so a long request never blocks the others for
+// more than one piece a thread.
 //
 // The socket's thread takes small pieces, bites, from the front of a request, the threads of the
 // pool take theirs from its end: when a session sends the same lanes again and again, each thread
@@ -81,6 +83,8 @@ class WorkQueue {
   std::optional<Piece> TakeExpired(QueuedWork* work);
   // Charges the microseconds that a piece took; to be called before the piece's work may end.
   void Settle(const Piece& piece, double us);
+  // Cancels what the account `session` was charged ahead of others: a new session has its number.
+  void Forget(uint32_t session);
 
   // Lets every Take and TakeInstead return nothing. Work that is left stays in the queue.
   void Stop();

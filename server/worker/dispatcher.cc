@@ -164,6 +164,7 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                          Session::Build(shared_, index, generation));
   record.build_deaths.store(0);
+  executor_.ForgetDebts(index);
   return (sessions_[token] = std::move(session)).get();
 }
 

@@ -58,6 +58,11 @@ void Executor::Submit(RequestJob* job) {
   QueueOf(*job).Push(job, /*caller_helps=*/!job->waits_for_painter());
 }
 
+void Executor::ForgetDebts(uint32_t session) {
+  queue_.Forget(session);
+  painter_queue_.Forget(session);
+}
+
 void Executor::EndExpired(RequestJob* job) {
   const std::optional<Piece> rest = QueueOf(*job).TakeExpired(job);
   if (rest) Execute(*rest, socket_thread_);

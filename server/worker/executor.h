@@ -37,6 +37,8 @@ class Executor {
   ~Executor();
 
   void Submit(RequestJob* job);
+  // A new session has the index `session`, whose last one's debts of time are cancelled.
+  void ForgetDebts(uint32_t session);
   bool idle() const { return queue_.empty() && busy_threads_.load() == 0; }
   // Executes all of `job` now and completes it; TakeCompleted does not return it.
   void RunHere(RequestJob* job);

@@ -51,6 +51,16 @@ TEST_CASE("Debts stay while an account wants nothing") {
   REQUIRE(Turns(share, 12, 1) == "222222222221");
 }
 
+TEST_CASE("Forgetting an account cancels its debt and gives it no credit") {
+  FairShare share;
+  share.Enter(1);
+  share.Enter(2);
+  share.Serve(1, 10);
+  REQUIRE(Turns(share, 4, 1) == "2222");
+  share.Forget(1);
+  REQUIRE(Turns(share, 5, 1) == "11212");
+}
+
 TEST_CASE("Whoever is not admitted is passed over") {
   FairShare share;
   share.Enter(1);

@@ -86,6 +86,20 @@ TEST_CASE(
   REQUIRE(std::ranges::count(order, '4') == 20);
 }
 
+TEST_CASE("A session does not pay for the last one that had its number") {
+  WorkQueue queue(1);
+  Cost cost(100);
+  QueuedWork last = Work(1, WorkKind::kQuery, 1, cost);
+  queue.Push(&last);
+  queue.Settle(*queue.TryTakeBite(), 400'000);
+  queue.Forget(1);
+  QueuedWork query = Work(1, WorkKind::kQuery, 3, cost);
+  QueuedWork other = Work(2, WorkKind::kQuery, 3, cost);
+  queue.Push(&query);
+  queue.Push(&other);
+  REQUIRE(Order(queue, 6) == "121212");
+}
+
 TEST_CASE("A step is next however many queries came before it") {
   WorkQueue queue(1);
   Cost cost(100);
