@@ -24,10 +24,15 @@ std::string DefaultDataFolder() {
 }
 
 uint64_t FolderIdentity(const std::string& path) {
-  std::ifstream kernel("/proc/sys/kernel/random/boot_id");
-  std::string boot;
+  // The same until the machine starts anew, so the file is read once.
+  static const std::string boot = [] {
+    std::ifstream kernel("/proc/sys/kernel/random/boot_id");
+    std::string line;
+    std::getline(kernel, line);
+    return line;
+  }();
   struct stat info {};
-  if (!std::getline(kernel, boot) || stat(path.c_str(), &info) != 0 || !S_ISDIR(info.st_mode)) {
+  if (boot.empty() || stat(path.c_str(), &info) != 0 || !S_ISDIR(info.st_mode)) {
     return 0;
   }
   return HashName(fmt::format("{} {} {}", boot, info.st_dev, info.st_ino));

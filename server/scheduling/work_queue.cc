@@ -86,10 +86,14 @@ std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
       return !bite || !line.work[session].front()->cost->too_long_for_bites();
     });
   };
-  const std::optional<uint32_t> kind =
-      kinds_.Next([&](uint32_t candidate) { return next_session(candidate).has_value(); });
+  std::optional<uint32_t> session;  // of the kind that was accepted last, which is the next one
+  const std::optional<uint32_t> kind = kinds_.Next([&](uint32_t candidate) {
+    const std::optional<uint32_t> found = next_session(candidate);
+    if (found) session = found;
+    return found.has_value();
+  });
   if (!kind) return std::nullopt;
-  QueuedWork* work = lines_[*kind].work[*next_session(*kind)].front();
+  QueuedWork* work = lines_[*kind].work[*session].front();
   const Piece piece = Cut(work, bite);
   RemoveIfTaken(work);
   return piece;
