@@ -64,7 +64,7 @@ void Dispatcher::AdoptSessions() {
     const uint64_t generation = record.generation;
     const SessionState state = record.state();
     // The earlier process may have answered the Attach of a session that is opening, so the gateway
-    // may make it live at any moment and send nothing more. An error is told when its Attach
+    // may make it live at any moment and send nothing more. An error is told when the Attach
     // comes again.
     if (state == SessionState::kOpening && record.worker == worker_ && record.build_deaths == 0) {
       record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built

@@ -17,7 +17,8 @@ namespace {
 class RenderJob : public RequestJob {
  public:
   explicit RenderJob(JobInput& input) : RequestJob(input) {
-    // The cost of pictures is never observed, so the queue hands them out one by one.
+    // The cost of pictures is never observed, so each is a piece of its own, and the deadline can
+    // end those that are left.
     ends_at_deadline = true;
   }
   Status Prepare(const pb::Request& request) override;

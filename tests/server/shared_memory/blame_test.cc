@@ -147,7 +147,12 @@ TEST_CASE("Marks that a wild pointer has overwritten harm nobody") {
   state.marks(0)[1].kind.store(static_cast<MarkKind>(77));
   state.marks(0)[2].kind.store(MarkKind::kSession);
   BlameDeath(state, 0, Death::kCrashed);
-  REQUIRE(state.marks(0)[1].kind == MarkKind::kIdle);
+  for (const ThreadMark& mark : state.marks(0)) REQUIRE(mark.kind == MarkKind::kIdle);
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    const SessionRecord& record = state.session(index);
+    REQUIRE(record.build_deaths == 0);
+    for (const RequestBlame& entry : record.request_blames) REQUIRE(entry.blame == 0);
+  }
 }
 
 // Takes more stack than there is: every call keeps its page until the one inside it has returned.
