@@ -26,10 +26,12 @@ void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
   out->set_rows(info.rows);
   out->set_file_bytes(info.file_bytes);
   out->set_sha256(info.sha256);
-  out->set_behaviour_policy(PlainText(info.behaviour_policy, kMaxPolicyBytes));
+  out->set_behaviour_policy(PlainPolicy(info.behaviour_policy));
 }
 
 }  // namespace
+
+std::string PlainPolicy(const std::string& text) { return PlainText(text, kMaxPolicyBytes); }
 
 void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first,
               pb::ListDatasetsReply* out) {

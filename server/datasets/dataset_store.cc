@@ -18,6 +18,7 @@
 #include "proto/base/limits.h"
 #include "proto/base/unique_fd.h"
 #include "server/datasets/corruption.h"
+#include "server/datasets/dataset_replies.h"
 #include "server/datasets/importer.h"
 
 namespace b4mrl {
@@ -187,7 +188,8 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   OpenedDataset opened;
   opened.fingerprint = imported.fingerprint;
   B4MRL_ASSIGN_OR_RETURN(opened.dataset, Admit(imported.fingerprint));
-  imported.behaviour_policy = opened.dataset->property("behaviour_policy");
+  // The whole text may be longer than what DatasetIndex reads again.
+  imported.behaviour_policy = PlainPolicy(opened.dataset->property("behaviour_policy"));
   B4MRL_RETURN_IF_ERROR(index_.Add(name, imported));
   return opened;
 }

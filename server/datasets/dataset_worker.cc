@@ -38,6 +38,7 @@ struct PendingRequest {
   pb::Request request;
   Clock::time_point received;
   Deadline deadline = Deadline::AfterMs(0);
+  bool file_was_imported = false;  // of an OpenDataset: its one import has been asked for
 };
 
 class DatasetWorker {
@@ -220,6 +221,12 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
     SubmitOpen(id, wanted);
   };
   const bool is_import = found.missing == OpenedDataset::Missing::kImport;
+  if (is_import && std::exchange(parked->second.file_was_imported, true)) {
+    return FinishOpen(id, Status(StatusCode::kInternal,
+                                 fmt::format("{} was imported, but its import is not to be found; "
+                                             "did the file change?",
+                                             wanted.name)));
+  }
   PreparationQueue& queue = is_import ? imports_ : derivations_;
   queue.Submit(
       is_import ? wanted.name : found.fingerprint, parked->second.from.peer, found.source_bytes,

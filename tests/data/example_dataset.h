@@ -64,9 +64,10 @@ inline ExampleDataset MakeExampleDataset(const std::vector<size_t>& lengths,
   return data;
 }
 
-// `environment` is what the file says of it; "" for nothing.
+// `environment` and `policy` are what the file says of its environment and its behaviour policy; ""
+// for nothing.
 inline Status WriteExample(const std::string& path, const ExampleDataset& data,
-                           const std::string& environment = "") {
+                           const std::string& environment = "", const std::string& policy = "") {
   DatasetWriterOptions options;
   options.observation_dimensions = data.observation_size;
   options.action_dimensions = data.action_size;
@@ -75,6 +76,7 @@ inline Status WriteExample(const std::string& path, const ExampleDataset& data,
   if (!environment.empty()) {
     B4MRL_RETURN_IF_ERROR(writer.SetMetadata("environment", environment));
   }
+  if (!policy.empty()) B4MRL_RETURN_IF_ERROR(writer.SetMetadata("behaviour_policy", policy));
   return writer.Commit();
 }
 

@@ -100,6 +100,21 @@ TEST_CASE("an unchanged file is imported once, also by another process") {
   CHECK(fixture.OpenMade("")->fingerprint == first->fingerprint);
 }
 
+TEST_CASE("a file with a long text about its behaviour policy opens after one import") {
+  const StoreFixture fixture;
+  // A byte takes six in JSON, so more than an entry of the index may have.
+  const std::string policy(12'000, '\x01');
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, "", policy).ok());
+  DatasetStore store = fixture.Store();
+  const std::atomic<bool> cancelled{false};
+  REQUIRE(store.Import("HalfCheetah/medium", cancelled).ok());
+  const auto opened = store.Open(StoreFixture::Request(""));
+  REQUIRE(opened.ok());
+  CHECK(opened->dataset != nullptr);
+  CHECK(opened->info.behaviour_policy == std::string(200, '?'));
+}
+
 TEST_CASE("a file that was overwritten in place, at equal size, is imported again") {
   const StoreFixture fixture;
   const std::string path = fixture.folder.File("HalfCheetah/medium.h5");
