@@ -30,6 +30,8 @@ namespace {
 constexpr int64_t kTurnMs = 50;
 // How many imports run at once, each in a process, and derivations, each in a thread.
 constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;
+// Requests of one connection that may wait for datasets.
+constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 
 // A request, from its arrival to its reply.
@@ -166,12 +168,21 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
 
 uint64_t DatasetWorker::Park(PendingRequest pending) {
   // A parked request that expires frees its place, but its task stays in the backlog.
+  const RoutingId& peer = pending.from.peer;
   const size_t backlog =
       mapping_.backlog() + imports_.backlog() + derivations_.backlog() + ready_.size();
-  if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests) {
-    replies_.Reply(pending.from, Status(StatusCode::kLimitExceeded,
-                                        fmt::format("{} requests already wait for datasets",
-                                                    limits::kMaxPendingDatasetRequests)));
+  const size_t backlog_of_peer = imports_.BacklogOf(peer) + derivations_.BacklogOf(peer);
+  const size_t parked_of_peer = std::ranges::count_if(
+      parked_, [&](const auto& entry) { return entry.second.from.peer == peer; });
+  if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests ||
+      std::max(parked_of_peer, backlog_of_peer) >= kMaxPendingOfPeer) {
+    replies_.Reply(
+        pending.from,
+        Status(StatusCode::kLimitExceeded,
+               fmt::format("{} requests already wait for datasets, {} of this connection; allowed: "
+                           "{}, {} of one connection",
+                           parked_.size(), parked_of_peer, limits::kMaxPendingDatasetRequests,
+                           kMaxPendingOfPeer)));
     return 0;
   }
   parked_.emplace(next_id_, std::move(pending));
@@ -228,12 +239,13 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
                                              wanted.name)));
   }
   PreparationQueue& queue = is_import ? imports_ : derivations_;
-  queue.Submit(
-      is_import ? wanted.name : found.fingerprint, parked->second.from.peer, found.source_bytes,
-      [this, wanted, is_import](const std::atomic<bool>& cancelled) {
-        return is_import ? store_.Import(wanted.name, cancelled) : store_.Derive(wanted, cancelled);
-      },
-      done);
+  const auto waits = [this, id] { return parked_.contains(id); };
+  queue.Submit(is_import ? wanted.name : found.fingerprint, found.source_bytes,
+               [this, wanted, is_import](const std::atomic<bool>& cancelled) {
+                 return is_import ? store_.Import(wanted.name, cancelled)
+                                  : store_.Derive(wanted, cancelled);
+               },
+               {parked->second.from.peer, waits, done});
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {

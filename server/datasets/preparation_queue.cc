@@ -29,8 +29,7 @@ PreparationQueue::~PreparationQueue() {
   places_.clear();
 }
 
-void PreparationQueue::Submit(const std::string& key, const RoutingId& client, uint64_t bytes,
-                              Work work, Done done) {
+void PreparationQueue::Submit(const std::string& key, uint64_t bytes, Work work, Request request) {
   ++backlog_;
   auto job = std::ranges::find(jobs_, key, &Job::key);
   if (job == jobs_.end()) {
@@ -41,8 +40,15 @@ void PreparationQueue::Submit(const std::string& key, const RoutingId& client, u
                      .turn_ms = short_ms_});
     job = std::prev(jobs_.end());
   }
-  job->clients.push_back(client);
-  job->done.push_back(std::move(done));
+  job->requests.push_back(std::move(request));
+}
+
+size_t PreparationQueue::BacklogOf(const RoutingId& client) const {
+  size_t requests = 0;
+  for (const Job& job : jobs_) {
+    requests += std::ranges::count(job.requests, client, &Request::client);
+  }
+  return requests;
 }
 
 void PreparationQueue::AddDescriptors(std::vector<int>* fds) const {
@@ -58,9 +64,15 @@ void PreparationQueue::Run() {
   for (const bool is_long : {false, true}) {
     const size_t places = is_long ? long_places_ : short_places_;
     while (!free_.empty() && CountRunning(is_long) < places) {
-      Job* job = NextWaiting(is_long);
-      if (job == nullptr) break;
-      Start(job);
+      const auto job = NextWaiting(is_long);
+      if (job == jobs_.end()) break;
+      const bool waited_for = std::ranges::any_of(
+          job->requests, [](const Request& request) { return request.waits(); });
+      if (waited_for) {
+        Start(&*job);
+      } else {
+        Remove(job);
+      }
     }
   }
 }
@@ -73,20 +85,28 @@ size_t PreparationQueue::CountRunning(bool is_long) const {
 size_t PreparationQueue::CountRunningOf(const Job& job) const {
   return std::ranges::count_if(jobs_, [&](const Job& other) {
     return other.place != nullptr &&
-           std::ranges::find_first_of(other.clients, job.clients) != other.clients.end();
+           std::ranges::find_first_of(other.requests, job.requests, {}, &Request::client,
+                                      &Request::client) != other.requests.end();
   });
 }
 
-PreparationQueue::Job* PreparationQueue::NextWaiting(bool is_long) {
+auto PreparationQueue::NextWaiting(bool is_long) -> std::list<Job>::iterator {
   const auto rank = [&](const Job& job) {
     return std::tuple(CountRunningOf(job), job.bytes, job.number);
   };
-  Job* next = nullptr;
-  for (Job& job : jobs_) {
-    if (job.place != nullptr || job.is_long != is_long) continue;
-    if (next == nullptr || rank(job) < rank(*next)) next = &job;
+  auto next = jobs_.end();
+  for (auto job = jobs_.begin(); job != jobs_.end(); ++job) {
+    if (job->place != nullptr || job->is_long != is_long) continue;
+    if (next == jobs_.end() || rank(*job) < rank(*next)) next = job;
   }
   return next;
+}
+
+PreparationQueue::Job PreparationQueue::Remove(std::list<Job>::iterator job) {
+  Job removed = std::move(*job);
+  jobs_.erase(job);
+  backlog_ -= removed.requests.size();
+  return removed;
 }
 
 void PreparationQueue::Start(Job* job) {
@@ -109,10 +129,8 @@ void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& resu
     found->turn_ms *= kTurnGrowth;
     return;
   }
-  const std::vector<Done> done = std::move(found->done);
-  jobs_.erase(found);
-  backlog_ -= done.size();
-  for (const Done& call : done) call(result);
+  const Job ended = Remove(found);
+  for (const Request& request : ended.requests) request.done(result);
 }
 
 void PreparationQueue::MakeWay() {

@@ -6,7 +6,8 @@
 // as long, after which the same rule holds. So a short job waits for seconds at most, whatever
 // other clients want, and no job has to wait for the end of a long one. Of the waiting jobs, those
 // go first whose clients have the fewest running jobs, of these the smallest, of these the oldest.
-// Requests for the same dataset share a job.
+// Requests for the same dataset share a job. A job is dropped when its turn comes and none of its
+// requests waits for it any more.
 //
 // Thread rule: all members belong to the loop's thread; the work runs on the queue's threads.
 // Destruction cancels what runs, waits for its end, and drops the rest.
@@ -34,17 +35,22 @@ class PreparationQueue {
 
   // Runs on a thread of the queue; returns soon after `cancelled` turned true.
   using Work = std::function<Result<OpenedDataset>(const std::atomic<bool>& cancelled)>;
-  using Done = std::function<void(const Result<OpenedDataset>&)>;  // on the loop's thread
+  // A request for a job. Its functions run on the loop's thread.
+  struct Request {
+    RoutingId client;
+    std::function<bool()> waits;  // false: `done` would reach nobody
+    std::function<void(const Result<OpenedDataset>&)> done;
+  };
 
   PreparationQueue(size_t short_places, size_t long_places, int64_t short_ms = kShortMs);
   ~PreparationQueue();
 
   // `key` names the result: if a job of that key waits or runs, the request joins it and `work` is
   // dropped. `bytes`: how much data the work reads.
-  void Submit(const std::string& key, const RoutingId& client, uint64_t bytes, Work work,
-              Done done);
-  // The number of requests whose `done` was not called yet.
+  void Submit(const std::string& key, uint64_t bytes, Work work, Request request);
+  // The number of requests whose jobs have neither ended nor been dropped: of all clients, of one.
   size_t backlog() const { return backlog_; }
+  size_t BacklogOf(const RoutingId& client) const;
   // Adds descriptors of which one is readable while finished work waits for Run. Adds none while no
   // job runs, because the loop looks at all descriptors before every message.
   void AddDescriptors(std::vector<int>* fds) const;
@@ -57,8 +63,7 @@ class PreparationQueue {
     std::string key;
     uint64_t bytes = 0;
     Work work;
-    std::vector<RoutingId> clients;
-    std::vector<Done> done;
+    std::vector<Request> requests;
     bool is_long = false;
     BackgroundThread* place = nullptr;  // null while it waits
     int64_t turn_ms = 0;
@@ -68,8 +73,10 @@ class PreparationQueue {
 
   size_t CountRunning(bool is_long) const;
   size_t CountRunningOf(const Job& job) const;
-  // The waiting job that goes first; null if there is none.
-  Job* NextWaiting(bool is_long);
+  // The waiting job that goes first; the end of jobs_ if there is none.
+  std::list<Job>::iterator NextWaiting(bool is_long);
+  // Takes the job out of the queue.
+  Job Remove(std::list<Job>::iterator job);
   void Start(Job* job);
   void Finish(uint64_t number, const Result<OpenedDataset>& result);
   void MakeWay();

@@ -131,18 +131,28 @@ TEST_CASE("requests that wait for datasets are bounded, and what is mapped is se
   REQUIRE(WriteExample(files.folder.File("HalfCheetah/other.h5"), files.data).ok());
   Daemon daemon(files.folder.path(), files.EndlessImporter());
   REQUIRE(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
-  DealerSocket patient = daemon.Connect();
   pb::Request open;
   open.set_protocol_version(limits::kProtocolVersion);
   open.set_deadline_ms(limits::kMaxDeadlineMs);
   open.mutable_open_dataset()->set_dataset("HalfCheetah/other");
-  for (uint32_t i = 1; i <= limits::kMaxPendingDatasetRequests + 1; ++i) {
-    open.set_request_id(i);
-    REQUIRE(patient.Send({SerializeEnvelope(open).value(), Frame()}).ok());
+  // Sends Opens on a connection of its own; the number of the first one that is refused.
+  std::vector<DealerSocket> connections;
+  const auto ask = [&](uint32_t times) {
+    connections.push_back(daemon.Connect());
+    for (uint32_t i = 1; i <= times; ++i) {
+      open.set_request_id(i);
+      REQUIRE(connections.back().Send({SerializeEnvelope(open).value(), Frame()}).ok());
+    }
+    const auto refused = daemon.Receive(connections.back());
+    CHECK(refused.code() == StatusCode::kLimitExceeded);
+    return refused.reply.request_id();
+  };
+  constexpr uint32_t kOfOneConnection = 64;
+  for (uint32_t waiting = 0; waiting < limits::kMaxPendingDatasetRequests;
+       waiting += kOfOneConnection) {
+    CHECK(ask(kOfOneConnection + 1) == kOfOneConnection + 1);
   }
-  const auto refused = daemon.Receive(patient);
-  CHECK(refused.code() == StatusCode::kLimitExceeded);
-  CHECK(refused.reply.request_id() == limits::kMaxPendingDatasetRequests + 1);
+  CHECK(ask(1) == 1);
   CHECK(daemon.Sample(fingerprint, 0, 1, 5).code() == StatusCode::kOk);
 }
 

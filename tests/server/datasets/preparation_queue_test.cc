@@ -23,11 +23,14 @@ class Fixture {
       if (cancelled) return Status(StatusCode::kUnavailable, "cancelled");
       return OpenedDataset();
     };
-    queue.Submit(key, client, bytes, work, [job](const auto& result) {
+    const auto done = [job](const auto& result) {
       ++job->answers;
       job->code = result.status().code();
-    });
+    };
+    queue.Submit(key, bytes, work, {client, [job] { return job->waits; }, done});
   }
+  // All requests for it expire.
+  void Expire(const std::string& key) { jobs_[key].waits = false; }
   void End(const std::string& key) {
     jobs_[key].may_end = true;
     REQUIRE(Await([&] { return jobs_[key].answers > 0; }));
@@ -50,6 +53,7 @@ class Fixture {
   struct Job {
     std::atomic<int> starts{0};
     std::atomic<bool> may_end{false};
+    bool waits = true;
     int answers = 0;
     StatusCode code = StatusCode::kInternal;
   };
@@ -89,6 +93,22 @@ TEST_CASE("clients with nothing running go first, then small jobs, then old ones
     fixture.End(ended);
     CHECK(fixture.Await([&] { return fixture.starts(started) == 1; }));
   }
+}
+
+TEST_CASE("a job that nobody waits for any more is dropped when its turn comes") {
+  Fixture fixture;
+  for (const char* key : {"1", "2"}) fixture.Submit(key, "greedy");
+  REQUIRE(fixture.Await([&] { return fixture.starts("1") + fixture.starts("2") == 2; }));
+  fixture.Submit("expired", "greedy");
+  fixture.Submit("late", "modest", 1000);
+  CHECK(fixture.queue.BacklogOf("greedy") == 3);
+  CHECK(fixture.queue.BacklogOf("modest") == 1);
+  fixture.Expire("expired");
+  for (const char* key : {"1", "2", "late"}) fixture.End(key);
+  fixture.queue.Run();
+  CHECK(fixture.queue.backlog() == 0);
+  CHECK(fixture.starts("expired") == 0);
+  CHECK(fixture.answers("expired") == 0);
 }
 
 TEST_CASE("long jobs leave the places for short ones to those that wait, and end in their own") {
