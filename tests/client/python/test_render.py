@@ -29,6 +29,20 @@ def test_a_picture_shows_the_present_state(client: b4mrl.Client, environment: st
         np.testing.assert_array_equal(env.render(), first)
 
 
+def test_a_picture_shows_the_number_that_the_episode_drew(client: b4mrl.Client) -> None:
+    options = {"render_mode": "rgb_array", "width": 96, "height": 96}
+    with client.make_vec("Hopper", 3, "leg=0.3..2", seed=1, **options) as ranged:
+        _, infos = ranged.reset()
+        pictures = ranged.render()
+        for lane, length in enumerate(infos["leg"]):
+            with client.make("Hopper", {"leg": length}, seed=1 + lane, **options) as fixed:
+                fixed.reset()
+                np.testing.assert_array_equal(pictures[lane], fixed.render())
+        with client.make("Hopper", seed=1, **options) as whole:
+            whole.reset()
+            assert not np.array_equal(pictures[0], whole.render())
+
+
 def test_pictures_have_the_size_that_was_asked_for(client: b4mrl.Client, environment: str) -> None:
     options = {"render_mode": "rgb_array", "width": 96, "height": 64}
     with (
