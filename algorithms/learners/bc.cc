@@ -28,7 +28,7 @@ namespace {
 constexpr std::string_view kSource = "ours: TD3-BC's, so that the two differ by the value alone";
 
 // The actor and its step. Thread rule: one thread.
-class BcCore {
+class BcCore : public TrainedParts<BcCore, float> {
  public:
   explicit BcCore(const ActorCriticOptions& options)
       : action_size_(options.action_size),
@@ -55,10 +55,11 @@ class BcCore {
 
   int64_t updates() const { return updates_; }
   PolicyWeights Policy() const { return ActorWeights<float>(actor_, action_size_); }
-  void VisitArrays(const ArrayVisitor<float>& visitor) { actor_.Visit("actor", visitor); }
-  void VisitCounters(const CounterVisitor& visitor) {
-    visitor({"updates", &updates_});
-    actor_.VisitCounters("actor", visitor);
+
+  template <typename Body>
+  void ForEachPart(Body body) {
+    body("updates", updates_);
+    body("actor", actor_);
   }
 
  private:

@@ -7,8 +7,8 @@
 // TASK is a line of kTasks below; a new task gets its own. ORIGINAL.xml is its file in
 // gymnasium/envs/mujoco/assets; GRAVITY and FRICTION are factors. START is a recording, whose
 // starts and first STEPS actions are taken (0: all), or a whole number, from which two starts near
-// the model's own and random actions are drawn. OUT.npy has the layout that README.md describes. With
-// factors 1 and all steps of a recording of the same model, OUT.npy is that recording byte for
+// the model's own and random actions are drawn. OUT.npy has the layout that README.md describes.
+// With factors 1 and all steps of a recording of the same model, OUT.npy is that recording byte for
 // byte, which shows that this program records what the originals' recordings hold.
 #include <mujoco/mujoco.h>
 

@@ -227,7 +227,7 @@ def td3(name, seed, bc_alpha=None):
 
 
 def iql(gaussian, name):
-    """Both actors of rl/iql_core.h; the schedule is so short that two updates show it."""
+    """Both actors of cores/iql_core.h; the schedule is so short that two updates show it."""
     torch.manual_seed(4)
     file = File()
     batch = make_batch(file)
