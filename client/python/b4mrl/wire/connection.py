@@ -63,6 +63,7 @@ class Connection:
         self._next_id = 1
         self._handshakes = 0
         self._last_reply = 0.0
+        self._half_sent = False  # perhaps: an interrupt came while a message was being sent
         self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
         self._link = sockets.open_link(address)
@@ -247,8 +248,15 @@ class Connection:
         if pending.payload:
             frames.append(pending.payload)
         try:
+            if self._half_sent:
+                # An interrupt came between two frames of a message, and the next frame would count
+                # as its rest. With two empty frames it becomes a message that the server drops.
+                self._socket.send_multipart([b"", b""], zmq.NOBLOCK)
+            self._half_sent = True
             self._socket.send_multipart(frames, zmq.NOBLOCK)
+            self._half_sent = False
         except zmq.Again:
+            self._half_sent = False  # a queue that is full refuses a message's first frame
             pending.sent = now
             return False
         except zmq.ZMQError as error:

@@ -7,6 +7,7 @@ import pkgutil
 import random
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -29,6 +30,7 @@ INTERRUPTIONS = [
     ("b4mrl.wire.arrays.pack", "after", False),
     ("b4mrl.wire.connection.Connection.send", "before", False),
     ("b4mrl.wire.connection.Connection._transmit", "before", True),
+    ("zmq.Socket.send", "after", True),  # half a message is sent
     ("b4mrl.wire.connection.Connection._transmit", "after", True),
     ("b4mrl.wire.connection.Connection.send", "after", True),
     ("b4mrl.wire.connection.Connection.await_any", "before", True),
@@ -60,8 +62,8 @@ def interrupt(call: Callable[[], object], place: str, when: str) -> None:
     """Makes `call`, into which Ctrl-C comes."""
     original = pkgutil.resolve_name(place)
 
-    def interrupted(*arguments: object) -> None:
-        if when == "after" and original(*arguments) is None and place.endswith("_read"):
+    def interrupted(*arguments: object, **options: object) -> None:
+        if when == "after" and original(*arguments, **options) is None and place.endswith("_read"):
             return None  # there was no message yet
         raise KeyboardInterrupt
 
@@ -144,6 +146,14 @@ def test_an_interrupted_send_may_be_made_again(client: b4mrl.Client, place: str,
         for _ in range(2):  # whichever send is answered first
             observations, *_, info = vec.recv()
             assert_same(observations, expected[info["env_id"]])
+
+
+def test_a_request_that_was_cut_between_its_frames_costs_no_time(pair) -> None:
+    env, twin = pair
+    start = time.monotonic()
+    interrupt(lambda: env.step(np.ones(6)), "zmq.Socket.send", "after")
+    assert_same(env.step(np.ones(6)), twin.step(np.ones(6)))
+    assert time.monotonic() - start < 10  # a resend would come after an eighth of two minutes
 
 
 # Where Python cannot raise, as in a destructor, it says so.
