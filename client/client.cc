@@ -110,6 +110,11 @@ void Client::set_reporter(std::function<void(const std::string&)> reporter) {
   reporter_ = std::move(reporter);
 }
 
+void Client::IgnoreCancellation() {
+  cancelled_ = nullptr;
+  gateway_.IgnoreCancellation();
+}
+
 Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
                                const std::atomic<bool>* cancelled) {
   auto context = std::make_unique<Context>();

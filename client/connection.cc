@@ -118,7 +118,7 @@ Status Connection::CloseSession(Deadline deadline) {
   pending_.clear();
   arrived_.clear();
   // Even after `cancelled`: otherwise the session would stay until its lease runs out.
-  cancelled_ = nullptr;
+  IgnoreCancellation();
   pb::Request request;
   request.mutable_close();
   return Call(std::move(request), Frame(), deadline).status();

@@ -75,6 +75,9 @@ class Connection {
   // lease. Also works after `cancelled` turned true.
   Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
+  // From now on `cancelled` ends no wait.
+  void IgnoreCancellation() { cancelled_ = nullptr; }
+
   // Waits for the first connection; returns whether it was made before the deadline.
   bool AwaitHandshake(const Deadline& deadline);
 

@@ -69,7 +69,9 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
 int RunBody(const CommandBody& body) {
   std::optional<Failure> failure = body();
   if (!failure) return kExitDone;
-  if (Interrupted() && failure->exit_code != kExitInterrupted) {
+  // What else went wrong after an interrupt is told, such as a checkpoint that finds no room.
+  const bool by_interrupt = failure->status.code() == StatusCode::kUnavailable;
+  if (Interrupted() && by_interrupt && failure->exit_code != kExitInterrupted) {
     fmt::print(stderr, "b4mrl: interrupted\n");
     return InterruptExitCode();
   }

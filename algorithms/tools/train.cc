@@ -1,10 +1,8 @@
 // b4mrl train: one learner, one run.
 #include <fmt/format.h>
 
-#include <atomic>
 #include <charconv>
 #include <cmath>
-#include <csignal>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <type_traits>
@@ -13,6 +11,7 @@
 #include "algorithms/run/check_training.h"
 #include "algorithms/run/train_loop.h"
 #include "algorithms/tools/command.h"
+#include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
@@ -21,14 +20,6 @@ namespace b4mrl {
 namespace {
 
 constexpr uint64_t kMaxUpdates = 1'000'000'000'000;  // years
-
-std::atomic<bool> g_stop = false;
-
-// The first signal ends the run with a checkpoint; the second ends the process.
-void RequestStop(int signal_number) {
-  g_stop = true;
-  std::signal(signal_number, SIG_DFL);
-}
 
 // Hyperparameters as written, in the order in which they were given.
 using NamedTexts = std::vector<std::pair<std::string, std::string>>;
@@ -298,14 +289,14 @@ std::optional<Failure> TrainCommand::Run() {
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   if (auto failure = CheckEnvironment(connection->client())) return failure;
-  std::signal(SIGINT, RequestStop);
-  std::signal(SIGTERM, RequestStop);
+  // From here on an interrupt ends the run with a checkpoint, for which learners ask the daemon.
+  connection->client().IgnoreCancellation();
   Progress progress(quiet);
   if (Given("eval-inline")) {
     progress.Message("--eval-inline changes nothing: every evaluation runs in this process");
   }
   if (options.resume) SayStateOf(options.folder, progress);
-  const auto summary = Train(options, connection->client(), progress, g_stop);
+  const auto summary = Train(options, connection->client(), progress, Interrupted());
   progress.Finish();
   if (!summary.ok()) return RunFailure(summary.status());
   PrintSummary(*summary);

@@ -59,6 +59,23 @@ TEST_CASE("A dataset that is interrupted while it is made leaves nothing behind"
   CHECK(fs::is_empty(data.File("HalfCheetah")));
 }
 
+TEST_CASE("A training that a script put into the background outlives the script's Ctrl-C") {
+  const TemporaryFolder folder;
+  const std::string run = folder.File("run");
+  fs::create_directory(run);
+  FolderWatch watch(run);
+  Tool tool({"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--updates", "50",
+             "--warm-up", "300", "--eval-every", "50", "--hidden-width", "16", "--batch-size", "32",
+             "--eval-episodes", "1", "--out", run},
+            {}, SIG_IGN);
+  REQUIRE(watch.WaitFor("result.json"));  // its handlers stand
+  tool.Signal(SIGINT);
+  const Outcome outcome = tool.Wait();
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(outcome.err.find("interrupted") == std::string::npos);
+}
+
 TEST_CASE("A computation ends when it is interrupted") {
   Tool tool({"demo", "confounding", "--decisions", "1e9"});
   REQUIRE(tool.WaitUntilItCatchesInterrupts());

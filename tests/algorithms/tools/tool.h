@@ -40,7 +40,10 @@ inline const std::string& UsersFolder() {
 // A running b4mrl-tools with both outputs in pipes.
 class Tool {
  public:
-  explicit Tool(const Words& arguments, const Words& environment = {}) {
+  // `at_interrupt`: what SIGINT does when the program begins; a test that runs in the background
+  // would inherit an ignored one.
+  explicit Tool(const Words& arguments, const Words& environment = {},
+                void (*at_interrupt)(int) = SIG_DFL) {
     std::array<int, 2> out{}, err{};
     REQUIRE(pipe2(out.data(), O_CLOEXEC) == 0);
     REQUIRE(pipe2(err.data(), O_CLOEXEC) == 0);
@@ -49,8 +52,7 @@ class Tool {
     REQUIRE(process_id_ >= 0);
     if (process_id_ == 0) {
       for (const char* name : {"B4MRL_ENDPOINT", "B4MRL_SERVER", "B4MRL_TOOLS"}) unsetenv(name);
-      // A test that runs in the background inherits an ignored one.
-      std::signal(SIGINT, SIG_DFL);
+      std::signal(SIGINT, at_interrupt);
       setenv("B4MRL_DATA", data.c_str(), 1);
       setenv("XDG_CACHE_HOME", cache.c_str(), 1);
       dup2(out[1], STDOUT_FILENO);
