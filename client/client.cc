@@ -9,6 +9,7 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/version.h"
+#include "proto/wire/named_arguments.h"
 
 namespace b4mrl {
 namespace {
@@ -20,15 +21,6 @@ std::string DrawToken() {
   // getrandom neither interrupts nor shortens requests of up to 256 bytes (getrandom(2)).
   (void)!getrandom(token.data(), token.size(), 0);
   return token;
-}
-
-void AddNamedArguments(const std::vector<NamedArgument>& items,
-                       google::protobuf::RepeatedPtrField<pb::NamedArgument>* out) {
-  for (const NamedArgument& item : items) {
-    pb::NamedArgument* entry = out->Add();
-    entry->set_name(item.name);
-    entry->set_argument(item.argument);
-  }
 }
 
 SpaceSpec SpaceOf(const pb::Space& space) {

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "proto/base/limits.h"
+#include "proto/wire/named_arguments.h"
 
 namespace b4mrl {
 namespace {
@@ -53,11 +54,7 @@ void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out) {
   out->set_rows(opened.dataset->rows());
   out->set_observation_size(opened.dataset->columns().observation_size);
   out->set_action_size(opened.dataset->columns().action_size);
-  for (const NamedArgument& item : opened.corruptions) {
-    pb::NamedArgument* named = out->add_corruptions();
-    named->set_name(item.name);
-    named->set_argument(item.argument);
-  }
+  AddNamedArguments(opened.corruptions, out->mutable_corruptions());
   for (const uint32_t dimension : opened.hidden_dimensions) out->add_hidden_dimensions(dimension);
   out->set_environment(PlainText(opened.environment, kMaxEnvironmentBytes));
 }

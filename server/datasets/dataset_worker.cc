@@ -14,6 +14,7 @@
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
+#include "proto/wire/named_arguments.h"
 #include "server/datasets/dataset_batches.h"
 #include "server/datasets/dataset_replies.h"
 #include "server/datasets/dataset_store.h"
@@ -205,9 +206,7 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
                           InvalidNumber("number of corruptions", request.corruptions_size(),
                                         fmt::format("0..{}", limits::kMaxPerturbations)));
   }
-  for (const pb::NamedArgument& item : request.corruptions()) {
-    wanted.corruptions.push_back({item.name(), item.argument()});
-  }
+  wanted.corruptions = NamedArgumentsOf(request.corruptions());
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
   SubmitOpen(id, std::move(wanted));

@@ -7,7 +7,7 @@
 
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
-#include "proto/base/spec.h"
+#include "proto/wire/named_arguments.h"
 
 namespace b4mrl {
 namespace {
@@ -85,13 +85,9 @@ void StatusReport::FillSessions(pb::ServerStatusReply* out) const {
     if (++count > kMaxListedSessions) continue;
     pb::SessionStatus* session = out->add_sessions();
     session->set_environment(request.environment());
-    std::string perturbations;
-    for (const pb::NamedArgument& item : request.perturbations()) {
-      perturbations += perturbations.empty() ? "" : ",";
-      perturbations += NamedArgument{item.name(), item.argument()}.ToString();
-    }
     // A long list is cut, so that 256 sessions fit the envelope.
-    session->set_perturbations(perturbations.substr(0, 96));
+    session->set_perturbations(
+        FormatNamedArguments(NamedArgumentsOf(request.perturbations())).substr(0, 96));
     session->set_num_envs(record.lane_count);
     session->set_worker(record.worker);
     session->set_steps(record.steps);

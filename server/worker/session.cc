@@ -4,6 +4,7 @@
 #include <xxhash.h>
 
 #include "proto/base/limits.h"
+#include "proto/wire/named_arguments.h"
 #include "server/environments/mujoco/compiled_model.h"
 
 namespace b4mrl {
@@ -12,9 +13,7 @@ namespace {
 SimulatorRequest SimulatorOf(const pb::OpenRequest& request) {
   SimulatorRequest simulator;
   simulator.environment = request.environment();
-  for (const pb::NamedArgument& item : request.perturbations()) {
-    simulator.perturbations.push_back({item.name(), item.argument()});
-  }
+  simulator.perturbations = NamedArgumentsOf(request.perturbations());
   simulator.config = request.config();
   if (!request.compiled_model().empty()) {
     simulator.compiled_model = CompiledModelAt(request.compiled_model());

@@ -11,6 +11,7 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
+#include "proto/wire/named_arguments.h"
 #include "server/datasets/dataset_worker.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
@@ -94,12 +95,8 @@ class Daemon {
               const std::string& rule = "") {
     pb::Request request;
     request.mutable_open_dataset()->set_dataset(name);
-    const std::vector<NamedArgument> items = ParseNamedArguments(corruptions).value();
-    for (const NamedArgument& item : items) {
-      pb::NamedArgument* out = request.mutable_open_dataset()->add_corruptions();
-      out->set_name(item.name);
-      out->set_argument(item.argument);
-    }
+    AddNamedArguments(ParseNamedArguments(corruptions).value(),
+                      request.mutable_open_dataset()->mutable_corruptions());
     request.mutable_open_dataset()->set_seed(seed);
     request.mutable_open_dataset()->set_transition_rule(rule);
     return Ask(request);
