@@ -40,8 +40,8 @@ class Client {
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs,
                                 const std::atomic<bool>* cancelled = nullptr);
 
-  // From now on nothing cancels the waits of the client and of what it will open: for a program that
-  // needs the server to end in order.
+  // From now on nothing cancels the waits of the client and of what it will open: for a program
+  // that needs the server to end in order.
   void IgnoreCancellation();
 
   const pb::HelloReply& hello() const { return hello_; }
