@@ -2,7 +2,7 @@
 //
 // Names are "/"-separated paths. Both classes remember their first error and then do nothing more,
 // so that a learner lists its state in one run of lines and the status is asked for once at the
-// end. Big data does not belong here: a replay file is named by its length
+// end. A replay file stays outside, for its size, and is named by its length
 // (experience/replay_buffer.h). Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h;
 // kDataLoss also when a stored array has another size than the learner's.
 #pragma once
@@ -28,13 +28,13 @@ class CheckpointWriter {
   void Unsigned(std::string_view name, uint64_t value);  // all 64 bits
   void Number(std::string_view name, double value);
   void Text(std::string_view name, std::string_view text);
-  // Either may be empty.
+  // `values` may be empty.
   void Floats(std::string_view name, std::span<const float> values);
   void Bytes(std::string_view name, std::span<const uint8_t> values);
-  // Visitors that store what a core shows, under "<prefix>/".
+  // Visitors that store the arrays and counters that a core shows, under "<prefix>/".
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
-  // All that a core shows.
+  // Stores all arrays and counters that a core shows.
   template <typename Core>
   void State(const std::string& prefix, Core& core) {
     core.VisitArrays(Arrays(prefix));
@@ -43,7 +43,7 @@ class CheckpointWriter {
   // The first array of a core with a value that is not finite: a learner that diverged.
   const std::optional<std::string>& first_nonfinite() const { return first_nonfinite_; }
 
-  // Flushes, fsyncs, renames into place; or the first error.
+  // Flushes the file, syncs it to disk and renames it into place; or returns the first error.
   Status Commit();
 
  private:
@@ -61,19 +61,19 @@ class CheckpointReader {
  public:
   static Result<CheckpointReader> Open(const std::string& path);
 
-  // What versions added: checkpoints of older ones lack it.
+  // Whether the checkpoint has the name: checkpoints of older versions lack what newer ones added.
   bool Has(std::string_view name) const { return file_.Exists(name); }
   int64_t Integer(std::string_view name);
   uint64_t Unsigned(std::string_view name);
   double Number(std::string_view name);
   std::string Text(std::string_view name);
   std::vector<float> Floats(std::string_view name);
-  // The same into place, which must have the stored length.
+  // Reads an array into `out`, which must have the stored length.
   void FloatsInto(std::string_view name, std::span<float> out);
   std::vector<uint8_t> Bytes(std::string_view name);
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
-  // The same for all that a core shows.
+  // Reads all arrays and counters that a core shows.
   template <typename Core>
   void StateInto(const std::string& prefix, Core& core) {
     core.VisitArrays(Arrays(prefix));

@@ -30,7 +30,7 @@ struct Hyperparameter {
   std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
   std::span<const EnvironmentDefault> by_environment = {};  // where another default holds
 
-  // The names in `choices`; none for a number.
+  // The names in `choices`; empty for a number.
   std::vector<std::string_view> ChoiceNames() const;
   // Whether the choices are false and true, which 0 and 1 stand for as well.
   bool IsSwitch() const { return choices == "false|true"; }
@@ -68,7 +68,7 @@ HyperparameterTable operator+(HyperparameterTable table, const HyperparameterTab
 class Hyperparameters {
  public:
   Hyperparameters() = default;
-  // The defaults, those for `environment` where it has its own.
+  // The table's defaults; where a row has another default for `environment`, that one.
   explicit Hyperparameters(std::span<const Hyperparameter> table,
                            std::string_view environment = {});
 
@@ -80,7 +80,7 @@ class Hyperparameters {
   const Hyperparameter* Find(std::string_view name) const;
   // Ends the program with the name when it does not stand in the table: a programmer's error.
   double Number(std::string_view name) const;
-  // The same where the table may lack the name: then `fallback`.
+  // The value of `name`, or `fallback` where the table lacks it.
   double NumberOr(std::string_view name, double fallback) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
   uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }

@@ -22,14 +22,14 @@ struct CollectOptions {
   std::string environment;
   uint64_t rows = 1'000'000;
   uint64_t seed = 0;
-  uint32_t lanes_max = 64;  // of each group
+  uint32_t lanes_max = 64;  // largest number of lanes of each group
 };
 
 struct CollectSummary {
   uint64_t rows = 0;
   uint64_t episodes = 0;  // written, the cut one included
   uint64_t whole_episodes = 0;
-  double mean_return = 0;  // of whole episodes
+  double mean_return = 0;  // over whole episodes
 };
 
 // Appends exactly `rows` rows; the writer's columns include action_log_probs. kInvalidArgument when

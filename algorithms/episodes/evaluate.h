@@ -4,7 +4,8 @@
 // Episode i of every evaluation starts from the seed RoleSeed(seed, "evaluation", i): the same for
 // all runs and agents, and apart from every training seed. Actions come from the fixed-order
 // inference, so returns have equal bits for any number of workers and threads and on any x86-64
-// processor with AVX2 and FMA. A policy that needs a history gets it stacked here. Thread rule: one
+// processor with AVX2 and FMA. The last observations are stacked here for a
+// policy that takes a history. Thread rule: one
 // thread.
 #pragma once
 
@@ -25,10 +26,10 @@
 namespace b4mrl {
 
 struct EvaluationResult {
-  std::vector<double> returns;  // undiscounted, one an episode
+  std::vector<double> returns;  // undiscounted return of each episode
   std::vector<uint32_t> lengths;
-  // Episodes that the daemon or the physics engine gave up: cut short through no rule of the task,
-  // they count in the mean with what they had until then.
+  // Episodes that the daemon or the physics engine gave up (StepOutcome::given_up). They count in
+  // the mean with their return until then.
   uint32_t given_up = 0;
   double mean_return = 0;
   double std_return = 0;        // over episodes, population

@@ -1,5 +1,6 @@
-// The numbers behind a TransitionBatch: gathered rows, features x batch. Sized once. Thread rule:
-// one thread. A view stays valid until the buffer is destroyed and shows whatever was written last.
+// Memory of a TransitionBatch: its matrices have a column for each transition. Sized once. A view
+// stays valid until the buffer is destroyed and shows what was written last. Thread rule: one
+// thread.
 #pragma once
 
 #include <algorithm>
@@ -25,8 +26,9 @@ struct BatchBuffer {
   }
   int size() const { return observations.columns(); }
 
-  // Served rows, row-major, into the first columns. Served actions are in the environment's units,
-  // `scale`; here they are in [-1, 1].
+  // Writes the first columns of `actions` from the actions that a daemon served, row-major and in
+  // the environment's units; `scale` is the unit of each dimension, so that the columns are in [-1,
+  // 1].
   void SetActions(std::span<const float> rows, std::span<const float> scale) {
     for (size_t i = 0; i < rows.size(); ++i) {
       const size_t row = i / scale.size(), dimension = i % scale.size();
@@ -34,7 +36,7 @@ struct BatchBuffer {
           rows[i] / scale[dimension];
     }
   }
-  // Of the first `count` columns, to [-1, 1].
+  // Clips the actions of the first `count` columns to [-1, 1].
   void ClipActions(size_t count) {
     const auto clipped =
         std::span<float>(actions.values()).first(count * static_cast<size_t>(actions.rows()));
@@ -46,7 +48,7 @@ struct BatchBuffer {
       not_terminated[i] = terminals[i] != 0 ? 0.0f : 1.0f;
     }
   }
-  // Rows [first, first + count) of what was served.
+  // Writes the first `count` columns from the served rows [first, first + count).
   void SetRows(const TransitionRows& rows, size_t first, size_t count,
                std::span<const float> scale) {
     const size_t size = static_cast<size_t>(observations.rows());

@@ -13,7 +13,8 @@ struct Normaliser {
   std::vector<float> mean;
   std::vector<float> std;
 
-  // `epsilon` is added to each deviation, so that a constant dimension becomes 0 and not NaN.
+  // `epsilon` is added to each standard deviation, so that a constant dimension becomes 0 and not
+  // NaN.
   static Normaliser Of(const DatasetStats& stats, double epsilon) {
     Normaliser normaliser;
     for (const double mean : stats.observation_mean) {
@@ -25,7 +26,7 @@ struct Normaliser {
     return normaliser;
   }
 
-  // `rows` is row-major with one observation a row; columns of `out` are observations.
+  // Normalises `rows`, row-major with one observation a row, into the columns of `out`.
   void Apply(std::span<const float> rows, MatrixView<float> out) const {
     const size_t size = mean.size();
     for (int column = 0; column < out.columns; ++column) {

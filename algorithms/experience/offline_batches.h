@@ -3,7 +3,7 @@
 //
 // Observations and next observations are (o - mean) / (std + 0.001), mean and std over the
 // dataset's observations; actions are in [-1, 1]. Batch b is a function of (run seed, b), so a
-// resumed learner only says with which one it goes on. Thread rule: one thread. Errors: those of
+// resumed learner need only name its next batch. Thread rule: one thread. Errors: those of
 // the daemon and its connection.
 #pragma once
 
@@ -28,7 +28,7 @@ struct OfflineBatchOptions {
   double action_clip = 0;  // actions are clipped to +-(1 - action_clip); 0: they are not clipped
 };
 
-// kInvalidArgument for a batch-size that no request holds.
+// kInvalidArgument for a batch-size with more rows than one request to the daemon holds.
 Status CheckOfflineBatches(const LearnerContext& context);
 
 class OfflineBatches {
@@ -38,17 +38,17 @@ class OfflineBatches {
   static Result<OfflineBatches> Open(const LearnerContext& context,
                                      const OfflineBatchOptions& options);
 
-  // Must come before the first Next: the number of the batch that it returns.
+  // Must be called before the first Next, with the number of the batch that Next then returns.
   void Start(uint64_t first_batch) { dataset_.Start(first_batch); }
-  // Views of one buffer, which the next call overwrites.
+  // The next batch, as views of one buffer that the next call overwrites.
   Result<TransitionBatch<float>> Next();
 
-  // `policy` with mean and std of its observations and the mask of those that the dataset hid.
+  // `policy` with the observations' mean and standard deviation and the mask of hidden dimensions.
   PolicyWeights WithInputs(PolicyWeights policy) const;
   const std::string& dataset_sha256() const { return dataset_.sha256(); }
 
   void Save(CheckpointWriter& writer) const;
-  // kDataLoss when the checkpoint is of another dataset. Then Start.
+  // Goes on with `next_batch`, as Start does. kDataLoss when the checkpoint is of another dataset.
   Status Load(CheckpointReader& reader, uint64_t next_batch);
 
  private:

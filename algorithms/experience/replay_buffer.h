@@ -1,9 +1,9 @@
-// Transitions to draw batches from: one class for an online learner's experience, which lives in a
-// file, and for model rollouts, which live in memory.
+// Transitions from which batches are drawn: one class for an online learner's experience, which
+// lives in a file, and for model rollouts, which live in memory.
 //
 // Records have a fixed size: observation, action, next observation, reward, 1 - terminated, all
-// float32. They are numbered from 0 in the order of Append, for ever; a window of at most
-// `capacity` newest ones can be sampled.
+// float32. Records are numbered from 0 in the order of Append, for ever; batches are
+// drawn from a window of at most `capacity` newest records.
 //   In a file: append-only behind a 64-byte header, mapped into memory. Older records stay in the
 //     file, so the whole experience can become a dataset later, and a checkpoint need only store
 //     length(): whatever lies beyond it is cut off when a run resumes. Disk space is reserved
@@ -41,9 +41,9 @@ class ReplayBuffer {
   };
 
   static Result<ReplayBuffer> InMemory(const Options& options);
-  // Starts an empty file, replacing one of that name.
+  // Starts an empty file, replacing any file of that name.
   static Result<ReplayBuffer> CreateFile(const std::string& path, const Options& options);
-  // Takes up the first `length` records of a file; later ones are dropped.
+  // Takes up the first `length` records of a file; later records are dropped.
   static Result<ReplayBuffer> ResumeFile(const std::string& path, const Options& options,
                                          uint64_t length);
   ReplayBuffer(ReplayBuffer&& other) noexcept;
@@ -69,7 +69,7 @@ class ReplayBuffer {
 
  private:
   ReplayBuffer(const Options& options, UniqueFd fd, std::string path);
-  Status Reserve(uint64_t records);  // maps at least this many
+  Status Reserve(uint64_t records);  // maps memory for at least so many records
   float* Record(uint64_t number) const;
 
   Options options_;

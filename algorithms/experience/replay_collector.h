@@ -3,15 +3,15 @@
 //
 // A vector step takes one step in every lane of the simulator and appends as many transitions to
 // the replay file `replay.bin` of the run's folder. The policy sees the last `history_length`
-// observations of a lane, stacked. An episode that ends is followed by the next one at once; its
-// last transition leads to the observation it ended in, and is `terminated` only if the task's rule
-// ended it: the value of an episode that ends by the step limit bootstraps. Steps that the daemon
-// or the physics engine gave up have no outcome to learn from and are left out.
+// observations of a lane, stacked. When an episode ends, the lane begins the next one at
+// once. The last transition of an episode leads to its final observation, and is `terminated` only
+// if the task's rule ended the episode: after the step limit, the value bootstraps. Steps that the
+// daemon or the physics engine gave up have no outcome to learn from and are left out.
 //
 // Hyperparameters read, with the value where a table lacks them: lanes (1), replay-capacity (1e6),
 // exploration-noise (0). Random numbers are functions of (run seed, vector step), so that a resumed
-// run needs only the counter. Thread rule: one thread. Ownership: the context outlives it. Errors:
-// those of the session and of the replay file.
+// run needs only the number of vector steps. Thread rule: one thread. Ownership: the context
+// outlives the collector. Errors: those of the session and of the replay file.
 #pragma once
 
 #include <cstdint>
@@ -30,13 +30,13 @@ namespace b4mrl {
 class ReplayCollector {
  public:
   // Opens the session. `mask` says what the policy may see of one observation (1 seen, 0 hidden;
-  // empty: everything), as the dataset of a hybrid learner shows it; without one it sees what the
-  // simulator shows.
+  // empty: everything), which for a hybrid learner is what its dataset shows. Without a mask the
+  // policy sees what the simulator shows.
   static Result<ReplayCollector> Open(const LearnerContext& context,
                                       std::optional<std::vector<float>> mask = {});
 
-  // A fresh run: an empty replay file, an episode begun in every lane. Load takes its place when a
-  // run is resumed.
+  // Begins a fresh run: an empty replay file, and an episode in every lane. A resumed run calls
+  // Load instead.
   Status Start();
   Status Save(CheckpointWriter& writer);
   Status Load(CheckpointReader& reader);
@@ -44,19 +44,19 @@ class ReplayCollector {
   // Vector steps of uniform actions until the replay file holds `transitions`, or the context's
   // `stop` is set. kFailedPrecondition after many steps in a row that could not be stored.
   Status WarmUp(uint64_t transitions, Progress& progress);
-  // One vector step under `policy`: sampled from it, or, where it is deterministic, its action plus
-  // N(0, exploration-noise), clipped to [-1, 1]. Returns of episodes that end become the metric
-  // "episodic_return", but for those that began in the warm-up.
+  // One vector step under `policy`. Actions are sampled from it, or, where it is deterministic, are
+  // its own plus N(0, exploration-noise), clipped to [-1, 1]. The return of each episode that ends
+  // becomes the metric "episodic_return", unless the episode began in the warm-up.
   Status Step(const FixedOrderPolicy& policy, MetricMeans& metrics);
 
-  // Vector steps under one policy until the lanes have taken at least `steps` steps together.
+  // Takes vector steps under `policy` until the lanes have taken at least `steps` steps together.
   Status Collect(const PolicyWeights& policy, uint64_t steps, MetricMeans& metrics);
 
   uint32_t lanes() const { return count_; }
   uint64_t environment_steps() const { return vector_steps_ * count_; }
-  // Of what the policy sees: all observations of a history together.
+  // Length of the policy's input: all observations of a history together.
   int observation_size() const { return replay_options_.observation_size; }
-  // `policy` with the mask of what it sees.
+  // `policy` with the mask of its input.
   PolicyWeights WithInputs(PolicyWeights policy) const;
   const ReplayBuffer& replay() const { return *replay_; }  // only after Start or Load
 
@@ -68,7 +68,7 @@ class ReplayCollector {
   void Explore(const FixedOrderPolicy& policy);
   Result<StepOutcome> StepAndStore();
   Status Store(int lane, const StepOutcome& outcome, std::span<const float> final_observation);
-  // The observation without what the mask hides; valid until the next call.
+  // The observation with hidden dimensions set to 0; valid until the next call.
   std::span<const float> Visible(std::span<const float> observation);
 
   const LearnerContext* context_;
@@ -81,13 +81,13 @@ class ReplayCollector {
 
   std::optional<ReplayBuffer> replay_;
   ObservationHistory histories_;        // what the policy sees in every lane
-  std::vector<float> previous_;         // one lane's, before a step
+  std::vector<float> previous_;         // one lane's history before a step
   std::vector<float> visible_;          // one observation
   MatrixBuffer<float> actions_;         // in [-1, 1]
   MatrixBuffer<float> scaled_actions_;  // the same in the environment's units
   MatrixBuffer<float> noise_;
   uint64_t vector_steps_ = 0;
-  uint64_t warm_up_steps_ = 0;  // of them
+  uint64_t warm_up_steps_ = 0;  // vector steps of the warm-up
 };
 
 }  // namespace b4mrl

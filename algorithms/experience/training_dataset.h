@@ -1,8 +1,8 @@
 // The dataset of a run: opened with its corruptions, streamed ahead as random rows for each update,
 // and known again by a resumed run.
 //
-// The rows of update u are a function of (run seed, u), so a resumed learner only says with which
-// update it goes on. Thread rule: one thread. Errors: those of the daemon and its connection.
+// The rows of update u are a function of (run seed, u), so a resumed learner need only name its
+// next update. Thread rule: one thread. Errors: those of the daemon and its connection.
 #pragma once
 
 #include <cstdint>
@@ -19,28 +19,28 @@
 
 namespace b4mrl {
 
-// The context's dataset with its corruptions, whose noise is RoleSeed(run seed, "corruption").
-// kInvalidArgument when it was recorded in another environment, or its sizes are not the
-// environment's. The pointer stays valid: streams need it.
+// Opens the context's dataset with its corruptions, whose noise is RoleSeed(run seed,
+// "corruption"). kInvalidArgument when the dataset was recorded in another environment, or its
+// sizes are not the environment's. A pointer, since streams need the dataset to stay where it is.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
 class TrainingDataset {
  public:
-  // `rows`: that each update takes; may be 0.
+  // `rows`: how many rows each update takes from the dataset; may be 0.
   static Result<TrainingDataset> Open(const LearnerContext& context, int rows);
 
-  // Must come before the first Next: the number of the update whose rows Next then returns.
+  // Must be called before the first Next, with the number of the update whose rows Next returns.
   void Start(uint64_t update);
   // The next update's rows, valid until the next call; empty where an update takes none.
   Result<TransitionRows> Next();
 
   void Save(CheckpointWriter& writer) const { writer.Text("dataset", remote_->fingerprint()); }
-  // kDataLoss when the checkpoint is of another file, other corruptions or another seed. Then
-  // Start.
+  // Goes on with `update`, as Start does. kDataLoss when the checkpoint is of another file, other
+  // corruptions or another seed.
   Status Load(CheckpointReader& reader, uint64_t update);
 
   RemoteDataset& remote() const { return *remote_; }
-  // Of an observation: 1 seen, 0 hidden by the corruptions; empty: nothing hidden.
+  // For each dimension of an observation 1, or 0 where corruptions hide it; empty: none is hidden.
   const std::vector<float>& mask() const { return mask_; }
   const std::string& sha256() const { return remote_->in_force().info().sha256(); }
 
@@ -57,12 +57,12 @@ class TrainingDataset {
 // Rows of a batch that come from the dataset: real-ratio * batch-size, fractions dropped.
 int RealRows(const Hyperparameters& values);
 // Whether one request holds the `rows` rows that an update takes from the dataset; kInvalidArgument
-// otherwise. `name` says what they are: "batch-size". Needs the context's environment alone.
+// otherwise, naming `name` ("batch-size"). Needs the context's environment alone.
 Status CheckRowsPerUpdate(const LearnerContext& context, std::string_view name, uint64_t rows);
 
 // Observations of `rows` rows, row-major, for rollout number `cycle` to start from: a function of
-// (seed, cycle, rows and width of the dataset). Wide rows take several requests, each a batch of
-// its own; where one request holds them all, they are those of batch `cycle`.
+// (seed, cycle, number and width of the rows). Wide rows take several requests, each a batch of its
+// own; where one request holds all rows, they are those of batch `cycle`.
 Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uint64_t seed,
                                       uint64_t cycle);
 

@@ -9,9 +9,9 @@
 
 namespace b4mrl {
 
-// A session of the context's simulator with so many lanes, which begin their next episode within
-// the step that ended one; 0: for queries alone. kInvalidArgument when its sizes are not the
-// environment's, from which everything else takes its own.
+// Opens a session of the context's simulator with `lanes` lanes, which begin their next episode
+// within the step that ends one; with 0 lanes the session serves queries alone. kInvalidArgument
+// when the simulator's observation or action has another size than the environment's.
 Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, uint32_t lanes);
 
 }  // namespace b4mrl

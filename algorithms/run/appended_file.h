@@ -15,11 +15,11 @@ namespace b4mrl {
 
 class AppendedFile {
  public:
-  // Cut to its first `bytes`; zero: a new file.
+  // Opens the file, cut to its first `bytes`; with 0, a new file.
   static Result<AppendedFile> Open(const std::string& path, uint64_t bytes);
 
   Status Append(std::string_view text);
-  // Makes what was appended durable.
+  // Returns once everything appended is on disk.
   Status Sync();
   uint64_t bytes() const { return bytes_; }
 

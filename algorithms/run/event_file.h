@@ -17,15 +17,15 @@
 
 namespace b4mrl {
 
-// CRC-32C (Castagnoli), and as event files store it.
+// CRC-32C (Castagnoli), and the masked form in which event files store it.
 uint32_t Crc32c(std::string_view bytes);
 uint32_t MaskedCrc32c(std::string_view bytes);
-// One message as it stands in an event file.
+// The frame of one message.
 std::string FrameRecord(std::string_view message);
 
 class EventFile {
  public:
-  // Cut to its first `bytes`; zero: a new file.
+  // Opens the file, cut to its first `bytes`; with 0, a new file.
   static Result<EventFile> Open(const std::string& path, uint64_t bytes);
 
   // Names are tags: "losses/critic_loss".

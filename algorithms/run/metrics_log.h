@@ -1,6 +1,6 @@
 // The logs of one run, from the same rows:
 //
-//   metrics.jsonl              one object a row, under the learner's own names; what the run knows
+//   metrics.jsonl              one JSON object for each row, under the learner's own names
 //   progress.csv               the same under the names of Stable-Baselines3's CSV logger
 //   events.out.tfevents.b4mrl  the same for TensorBoard: charts/..., losses/...
 //
@@ -38,16 +38,16 @@ class MetricsLog {
   // Opens the logs in `folder`, cut to `offsets` (zero: new files).
   static Result<MetricsLog> Open(const std::string& folder, const Offsets& offsets);
 
-  // Of update `update`, which is the row's first value.
+  // Appends one row to all three logs; its first value is the number of its update.
   Status Write(const MetricRow& row);
   Offsets offsets() const { return {json_.bytes(), events_.bytes()}; }
-  // Makes what was written durable.
+  // Returns once everything written is on disk.
   Status Sync();
 
  private:
   MetricsLog(std::string folder, AppendedFile json, EventFile events)
       : folder_(std::move(folder)), json_(std::move(json)), events_(std::move(events)) {}
-  // Gives every name of `row` a column; true when one was new.
+  // Gives every name of `row` a column of progress.csv; true when a name was new.
   bool AddColumns(const MetricRow& row);
   std::string TableLine(const MetricRow& row) const;
   Status RewriteTable();

@@ -28,7 +28,8 @@ class RunLog {
   // All three outlive the log. Asks the daemon whether the evaluations can be done.
   static Result<RunLog> Open(const TrainOptions& options, Client& client, Progress& progress);
 
-  // Before the first row: new files, or those that the checkpoint names.
+  // One of the two comes before the first row: Begin makes new files, Load continues those that a
+  // checkpoint names.
   Status Begin();
   Status Load(CheckpointReader& reader);
   Status Save(CheckpointWriter& writer);
@@ -41,7 +42,7 @@ class RunLog {
   Status Write(MetricRow row, EvaluationResult result);
 
   std::string AgentPath() const { return options_->folder + "/agent.h5"; }
-  // The newest ten.
+  // The newest ten evaluations, oldest first.
   const std::vector<EvaluationResult>& evaluations() const { return evaluations_; }
 
  private:

@@ -21,9 +21,9 @@ struct TrainOptions {
   // Identity: two runs that agree here compute the same numbers, and a resumed run must agree.
   std::string algorithm;
   std::string environment;
-  std::string simulator;   // perturbations as written; "" is the true environment
+  std::string simulator;   // perturbations as users write them; "" is the true environment
   std::string dataset;     // "" for none
-  std::string corruption;  // as written
+  std::string corruption;  // corruptions of the dataset as users write them; "" for none
   uint32_t history_length = 1;
   uint64_t seed = 0;
   Hyperparameters hyperparameters;
@@ -34,22 +34,23 @@ struct TrainOptions {
   uint32_t eval_episodes = 10;
   uint64_t log_every = 1'000;
   uint64_t checkpoint_every = 10'000;
-  std::optional<double> stop_at_score;  // normalised
+  std::optional<double> stop_at_score;  // normalised score at which the run ends
   uint32_t threads = 1;
 
   std::string folder;
   bool resume = false;
-  std::string command;  // that began the run, as typed
+  std::string command;  // the command line that began the run, as typed
 };
 
-// What tells a run apart from others, as a folder's name: "HalfCheetah-hymopo-gravity-medium-s0",
+// A folder's name that tells a run apart from others: "HalfCheetah-hymopo-gravity-medium-s0",
 // with the corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). Of
-// letters, digits and ".,=+-_", at most kMaxRunNameBytes long. Where that leaves anything out, a
-// hash of all of it follows.
+// letters, digits and ".,=+-_", at most kMaxRunNameBytes long. Where the name leaves anything out,
+// a hash of all these options follows.
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
 
-// Under what a run computed: training is reproducible among sessions that are equal.
+// The program and BLAS kernel that computed a part of a run. Training is reproducible bit for bit
+// among equal sessions.
 struct RunSession {
   std::string version;  // of the program
   std::string blas_kernel;
@@ -57,12 +58,12 @@ struct RunSession {
 };
 RunSession PresentSession();
 
-// Atomic. `before`: what the run's earlier record says; the present session is added where it
-// differs from the last one.
+// Writes run.json atomically. `before`: the sessions of the run's earlier record; the present
+// session is added where it differs from the last of them.
 Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> before = {});
 
-// config.toml: every option and hyperparameter in force, so that `b4mrl train --config FILE --out
-// FOLDER` repeats the run. Atomic.
+// Writes config.toml atomically: every option and hyperparameter in force, so that `b4mrl train
+// --config FILE --out FOLDER` repeats the run.
 Status WriteRunConfiguration(const TrainOptions& options);
 
 // kFailedPrecondition when the folder holds checkpoints and the run is not to be resumed.

@@ -3,8 +3,8 @@
 //
 // The file says `running` from when the folder is locked, and how the run ended on every way out.
 // Whoever is killed writes nothing more, and the kernel gives the lock back: a file that says
-// `running` while nobody holds the lock is that of a killed run. A run that is continued keeps the
-// scores that it had, until it has its own. Any process may read the file at any time; it is only
+// `running` while nobody holds the lock is that of a killed run. A run that is continued keeps its
+// scores until it has new ones. Any process may read the file at any time; it is only
 // ever replaced as a whole. Value types; no thread rule.
 #pragma once
 
@@ -24,17 +24,17 @@ enum class RunState {
   kRunning,
   kFinished,     // all updates done, or the score reached
   kInterrupted,  // told to stop
-  kDiverged,     // its numbers are not finite any more
+  kDiverged,     // losses or weights are not finite any more
   kFailed,       // any other error
-  kKilled,       // never written: see above
+  kKilled,       // the file says `running`, but nobody holds the lock; never written
 };
-// "running" and so on, as in the file.
+// The state's name in the file: "running".
 std::string_view RunStateName(RunState state);
 
 struct TrainSummary {
   RunState state = RunState::kRunning;
-  std::string reason;    // why it ended before its last update; otherwise ""
-  uint64_t updates = 0;  // done so far
+  std::string reason;    // why the run ended before its last update; otherwise ""
+  uint64_t updates = 0;  // gradient steps done so far
   uint64_t environment_steps = 0;
   std::optional<EvaluationResult> last;  // the last evaluation
   // Means over the last ten evaluations, or all if there were fewer.
@@ -43,14 +43,15 @@ struct TrainSummary {
   std::string agent_path;
 };
 
-// One JSON object, without a line's end: what result.json holds.
+// The JSON object that result.json holds, without a newline.
 std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary);
-// Atomic.
+// Writes result.json atomically.
 Status WriteResult(const TrainOptions& options, const TrainSummary& summary);
-// Atomic: the same file with another state, its scores kept.
+// Gives result.json another state atomically, and keeps its scores.
 Status WriteResultState(const TrainOptions& options, RunState state, const std::string& reason);
 
-// Held until the descriptor closes. kBusy when another process trains in the folder.
+// The lock of a run's folder, held until the descriptor closes. kBusy when another process trains
+// in the folder.
 Result<UniqueFd> LockRunFolder(const std::string& folder);
 
 struct RunStatus {
@@ -58,8 +59,9 @@ struct RunStatus {
   std::string reason;
   uint64_t updates = 0;  // as of when the state was written: of a killed run, where it began
 };
-// Takes nobody's lock away. kIoError when the folder has no result.json: no run, or one that was
-// killed before it began. kDataLoss when the file cannot be understood.
+// Reads result.json without disturbing whoever holds the lock. kIoError when the folder has no
+// result.json: no run, or one that was killed before it began. kDataLoss when the file cannot be
+// understood.
 Result<RunStatus> ReadRunStatus(const std::string& folder);
 
 }  // namespace b4mrl
