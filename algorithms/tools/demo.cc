@@ -129,14 +129,16 @@ struct DemoCommand {
 
 std::vector<Command> AddDemoCommands(CLI::App& app) {
   auto command = std::make_shared<DemoCommand>();
-  CLI::App* demo = app.add_subcommand("demo", "the paper's examples");
+  CLI::App* demo = app.add_subcommand("demo", "small examples from the paper");
   demo->require_subcommand(1);
   command->app = demo->add_subcommand("confounding",
                                       "why logged decisions mislead when their reason is hidden");
-  command->app->add_option("--decisions", command->decisions, "in the log [1000000]")
+  command->app
+      ->add_option("--decisions", command->decisions, "number of decisions in the log [1000000]")
       ->transform(Count(1, 1'000'000'000));
-  command->app->add_option("--seed", command->seed, "of the draws [0]")->transform(Seed());
-  command->app->add_flag("--json", command->json, "print JSON");
+  command->app->add_option("--seed", command->seed, "seed of the random draws [0]")
+      ->transform(Seed());
+  command->app->add_flag("--json", command->json, "print the result as one JSON object");
   return {{command->app, [command] { return command->Confounding(); }}};
 }
 

@@ -220,10 +220,15 @@ void ListCommand::Print(const Json& items) const {
 std::vector<Command> AddListCommand(CLI::App& app) {
   auto command = std::make_shared<ListCommand>();
   command->app = app.add_subcommand(
-      "list", "environments, dimensions E, perturbations, corruptions, datasets or algorithms");
-  command->app->add_option("kind", command->kind, "what to list")->required();
-  command->app->add_option("environment", command->environment, "of `list dimensions`");
-  command->app->add_flag("--json", command->json, "print one JSON array");
+      "list",
+      "list environments, dimensions E, perturbations, corruptions, datasets or algorithms");
+  command->app
+      ->add_option("kind", command->kind,
+                   "environments, dimensions, perturbations, corruptions, datasets or algorithms")
+      ->required();
+  command->app->add_option("environment", command->environment,
+                           "environment whose dimensions `list dimensions` names");
+  command->app->add_flag("--json", command->json, "print the list as one JSON array");
   command->daemon.AddTo(*command->app);
   return {{command->app, [command] { return command->Run(); }}};
 }

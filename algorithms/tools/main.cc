@@ -56,8 +56,8 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
   std::vector<Command> commands;
   for (const auto& [name, description] :
        {std::pair{"serve", "run the daemon (b4mrl serve --help)"},
-        std::pair{"perf", "measure it against the machine's limits (b4mrl perf --help)"},
-        std::pair{"help", "of a command: b4mrl help train"}}) {
+        std::pair{"perf", "measure the daemon against the machine's limits (b4mrl perf --help)"},
+        std::pair{"help", "show a command's help: b4mrl help train"}}) {
     const Status status(StatusCode::kUnsupported,
                         fmt::format("'{0}' is for the launcher: b4mrl {0}", name));
     commands.push_back(
