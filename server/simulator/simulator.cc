@@ -148,7 +148,8 @@ QueryResult Simulator::Query(Environment& environment, const QueryRow& row,
     return OnlyFinite(environment.Query(observation, action, next_observation), next_observation);
   }
   const DrawContext context = {DrawContext::Kind::kQuery, row.seed, row.draw, row.row};
-  if (!DrawParameters(environment, context).ok()) {
+  const bool draws = !perturbations_.parameter_names().empty();
+  if (draws && !DrawParameters(environment, context).ok()) {
     std::ranges::fill(next_observation, 0);
     return {};
   }
