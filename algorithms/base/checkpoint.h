@@ -1,8 +1,8 @@
 // A learner's whole state in one HDF5 file that appears complete or not at all.
 //
-// Names are "/"-separated paths. Both classes remember their first error and then do nothing more,
-// so that a learner lists its state in one run of lines and the status is asked for once at the
-// end. A replay file stays outside, for its size, and is named by its length
+// Names are "/"-separated paths. Reader and writer remember their first error and then do nothing
+// more, so a learner lists its state line by line and asks for the status once at the end. Big data
+// does not belong here: of a replay file, a checkpoint stores the length
 // (experience/replay_buffer.h). Thread rule: one thread. Errors: as data/hdf5/hdf5_file.h;
 // kDataLoss also when a stored array has another size than the learner's.
 #pragma once
@@ -28,22 +28,22 @@ class CheckpointWriter {
   void Unsigned(std::string_view name, uint64_t value);  // all 64 bits
   void Number(std::string_view name, double value);
   void Text(std::string_view name, std::string_view text);
-  // `values` may be empty.
+  // Floats and Bytes also store empty arrays.
   void Floats(std::string_view name, std::span<const float> values);
   void Bytes(std::string_view name, std::span<const uint8_t> values);
-  // Visitors that store the arrays and counters that a core shows, under "<prefix>/".
+  // Visitors that store each array and each counter of a core under "<prefix>/".
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
-  // Stores all arrays and counters that a core shows.
+  // Stores all arrays and counters of `core` under "<prefix>/".
   template <typename Core>
   void State(const std::string& prefix, Core& core) {
     core.VisitArrays(Arrays(prefix));
     core.VisitCounters(Counters(prefix));
   }
-  // The first array of a core with a value that is not finite: a learner that diverged.
+  // Name of the first array with a value that is not finite, which shows that the learner diverged.
   const std::optional<std::string>& first_nonfinite() const { return first_nonfinite_; }
 
-  // Flushes the file, syncs it to disk and renames it into place; or returns the first error.
+  // Flushes and fsyncs the file and renames it into place, or returns the first error.
   Status Commit();
 
  private:
@@ -61,19 +61,19 @@ class CheckpointReader {
  public:
   static Result<CheckpointReader> Open(const std::string& path);
 
-  // Whether the checkpoint has the name: checkpoints of older versions lack what newer ones added.
+  // Whether `name` is stored; checkpoints of older program versions lack newer names.
   bool Has(std::string_view name) const { return file_.Exists(name); }
   int64_t Integer(std::string_view name);
   uint64_t Unsigned(std::string_view name);
   double Number(std::string_view name);
   std::string Text(std::string_view name);
   std::vector<float> Floats(std::string_view name);
-  // Reads an array into `out`, which must have the stored length.
+  // Reads an array of floats into `out`, which must have the stored length.
   void FloatsInto(std::string_view name, std::span<float> out);
   std::vector<uint8_t> Bytes(std::string_view name);
   ArrayVisitor<float> Arrays(std::string prefix);
   CounterVisitor Counters(std::string prefix);
-  // Reads all arrays and counters that a core shows.
+  // Reads all arrays and counters of `core` from under "<prefix>/".
   template <typename Core>
   void StateInto(const std::string& prefix, Core& core) {
     core.VisitArrays(Arrays(prefix));
@@ -95,11 +95,11 @@ class CheckpointReader {
   Status status_;
 };
 
-// The files of one run: "checkpoint-<update>.h5" in its folder, of which the newest two are kept.
+// Path of a run's checkpoint after `update` updates: "<folder>/checkpoint-<update>.h5".
 std::string CheckpointPath(const std::string& folder, uint64_t update);
-// Updates of the checkpoints in `folder`, newest first.
+// Update numbers of the checkpoints in `folder`, newest first.
 std::vector<uint64_t> ListCheckpoints(const std::string& folder);
-// Removes all but the newest `keep`.
+// Removes all checkpoints in `folder` but the newest `keep`.
 void RemoveOldCheckpoints(const std::string& folder, size_t keep = 2);
 
 }  // namespace b4mrl

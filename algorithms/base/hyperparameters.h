@@ -1,4 +1,5 @@
-// What a user may set of a learner, and the values in force. Value types; no thread rule.
+// Hyperparameters of a learner: the table of those that a user may set, and the values in force.
+// Value types; no thread rule.
 #pragma once
 
 #include <cstdint>
@@ -16,8 +17,8 @@ struct EnvironmentDefault {
   double value;
 };
 
-// What a user may set: `--<name> value` or `<name> = value` in a TOML file. A number, or one of
-// several choices, which users give by name. Real, Whole, Switch and Choice below make them.
+// One hyperparameter, set by `--<name> value` or by `<name> = value` in a TOML file: a number, or a
+// choice among several names. Real, Whole, Switch and Choice below make hyperparameters.
 struct Hyperparameter {
   std::string_view name;
   double value = 0;  // the default
@@ -25,16 +26,16 @@ struct Hyperparameter {
   double high = 0;
   bool whole = false;  // takes whole numbers only
   std::string_view meaning;
-  std::string_view unit = {};     // "updates", "rows", "steps"; none: a pure number
+  std::string_view unit = {};     // "updates", "rows", "steps"; empty: a number without a unit
   std::string_view source = {};   // who chose the default, and why where sources disagree
-  std::string_view choices = {};  // "deterministic|gaussian": the value is the place in this list
-  std::span<const EnvironmentDefault> by_environment = {};  // where another default holds
+  std::string_view choices = {};  // "deterministic|gaussian": `value` is an index into this list
+  std::span<const EnvironmentDefault> by_environment = {};  // environments with another default
 
-  // The names in `choices`; empty for a number.
+  // The names in `choices`; empty if the hyperparameter is a number.
   std::vector<std::string_view> ChoiceNames() const;
-  // Whether the choices are false and true, which 0 and 1 stand for as well.
+  // Whether the choices are false and true; users may write 0 and 1 for them, too.
   bool IsSwitch() const { return choices == "false|true"; }
-  // A value as users write it: "0.0003", "gaussian".
+  // TextOf writes `any`, Text the present value, as users write values: "0.0003", "gaussian".
   std::string TextOf(double any) const;
   std::string Text() const { return TextOf(value); }
 };
@@ -43,14 +44,15 @@ struct Range {
   double low, high;
 };
 
-// What a number's row may say besides: the fields of that name in Hyperparameter.
+// Optional fields of a numeric hyperparameter, with the meaning that they have in Hyperparameter.
 struct RowDetails {
   std::string_view unit = {};
   std::string_view source = {};
   std::span<const EnvironmentDefault> by_environment = {};
 };
 
-// A row for a real number, for a whole number, for true or false, and for one of several choices.
+// Table rows: Real makes a real number, Whole a whole number, Switch true or false, and Choice a
+// choice among the names in `choices`, of which `value` is the default's index.
 Hyperparameter Real(std::string_view name, double value, Range range, std::string_view meaning,
                     const RowDetails& details = {});
 Hyperparameter Whole(std::string_view name, double value, Range range, std::string_view meaning,
@@ -60,27 +62,27 @@ Hyperparameter Switch(std::string_view name, bool value, std::string_view meanin
 Hyperparameter Choice(std::string_view name, std::string_view choices, int value,
                       std::string_view meaning, std::string_view source);
 
-// The rows of a learner's table: its own, then those that it shares with others.
+// A learner's hyperparameters. operator+ appends rows that several learners share to its own.
 using HyperparameterTable = std::vector<Hyperparameter>;
 HyperparameterTable operator+(HyperparameterTable table, const HyperparameterTable& more);
 
-// The values in force: a learner's table with the user's changes.
+// The hyperparameter values in force: the defaults of a learner's table with the user's changes.
 class Hyperparameters {
  public:
   Hyperparameters() = default;
-  // The table's defaults; where a row has another default for `environment`, that one.
+  // Starts from the table's defaults; a default given for `environment` goes before the general.
   explicit Hyperparameters(std::span<const Hyperparameter> table,
                            std::string_view environment = {});
 
-  // kUnknownName with the nearest known one; kInvalidArgument with the allowed range.
+  // kUnknownName suggests the nearest known name; kInvalidArgument states the allowed range.
   Status Set(std::string_view name, double value);
-  // The value as a user wrote it. Choices are set by name; their numeric codes are internal.
+  // Sets a value from the text that a user wrote. Choices are set by name, not by index.
   Status SetText(std::string_view name, std::string_view text);
   // nullptr when `name` does not stand in the table.
   const Hyperparameter* Find(std::string_view name) const;
-  // Ends the program with the name when it does not stand in the table: a programmer's error.
+  // The value of `name`. Aborts, naming it, if the table lacks `name`: a programming error.
   double Number(std::string_view name) const;
-  // The value of `name`, or `fallback` where the table lacks it.
+  // The value of `name`, or `fallback` if the table lacks `name`.
   double NumberOr(std::string_view name, double fallback) const;
   int Integer(std::string_view name) const { return static_cast<int>(Number(name)); }
   uint64_t Unsigned(std::string_view name) const { return static_cast<uint64_t>(Number(name)); }

@@ -41,20 +41,20 @@ inline constinit const std::atomic<bool> kNeverStops = false;
 
 struct LearnerContext {
   Client* client = nullptr;
-  EnvironmentSpec environment;           // the true one's
+  EnvironmentSpec environment;           // of the true environment, on which scores are measured
   std::vector<NamedArgument> simulator;  // perturbations of the simulator to learn in
   std::string dataset;                   // "" for none
   std::vector<NamedArgument> corruption;
   uint32_t history_length = 1;
   uint64_t seed = 0;
-  uint32_t threads = 1;  // of the updates; they change no bit
-  std::string folder;    // for files that are too big for a checkpoint
+  uint32_t threads = 1;  // that compute an update; results have equal bits for any number
+  std::string folder;    // the run's; holds files that are too big for a checkpoint
   Hyperparameters hyperparameters;
   const std::atomic<bool>* stop = &kNeverStops;  // set when the run is to end soon
 
   int observation_size() const { return static_cast<int>(environment.observation.size()); }
   int action_size() const { return static_cast<int>(environment.action.size()); }
-  // The environment's unit of each action dimension; learners work in [-1, 1].
+  // Factor of each action dimension from a learner's [-1, 1] to the environment's units.
   std::vector<float> ActionScale() const;
 };
 
@@ -64,24 +64,24 @@ class Learner {
 
   virtual Status Prepare(Progress& progress) = 0;
   virtual Status Update(MetricMeans& metrics) = 0;
-  // Its input is `history_length` observations, oldest first; mean, std and mask included.
+  // The present policy with observation mean, std and mask. Its input is `history_length`
+  // observations, oldest first.
   virtual PolicyWeights Policy() const = 0;
 
   // Load takes the place of Prepare when a run is resumed.
   virtual Status Save(CheckpointWriter& writer) = 0;
   virtual Status Load(CheckpointReader& reader) = 0;
-  // True of a learner whose Save asks the daemon for nothing, and whose Update, when it fails,
-  // leaves what Save stores (and the metrics) as they were: a run that loses its daemon then loses
-  // no update.
+  // Whether Save asks the daemon for nothing and a failed Update changes neither the state that
+  // Save stores nor the metrics. A run of such a learner loses no update when its daemon is lost.
   virtual bool outlives_daemon() const { return false; }
 
   // Steps taken in the simulator so far, warm-up included and queries not.
   virtual uint64_t environment_steps() const { return 0; }
-  // Of the dataset's file; "" without a dataset.
+  // SHA-256 of the dataset's file; "" without a dataset.
   virtual std::string dataset_sha256() const { return ""; }
 };
 
-// Of each request of a training run: a machine that is busy with other things must not end it.
+// Deadline of each request of a training run. It is long so that a run survives a busy machine.
 inline constexpr int64_t kLearnerDeadlineMs = 120'000;
 
 struct LearnerNeeds {
@@ -90,15 +90,17 @@ struct LearnerNeeds {
   bool history = false;    // supports --history above 1
 };
 
-// An algorithm that `b4mrl train` knows. Each learner's file defines one, which list.cc names.
+// An algorithm that `b4mrl train` knows. Each learner's file defines one Algorithm; list.cc lists
+// all of them.
 struct Algorithm {
   std::string_view name;  // "td3-bc"
   std::string_view description;
   LearnerNeeds needs;
   HyperparameterTable hyperparameters;
   Result<std::unique_ptr<Learner>> (*create)(const LearnerContext& context);
-  // What no range of a single value can say: kInvalidArgument where values do not go together, or
-  // not with the environment's sizes. Asks no daemon. nullptr: every combination will do.
+  // Checks combinations, which ranges of single values cannot: kInvalidArgument where values
+  // contradict each other or the environment's sizes. Asks no daemon. nullptr: all combinations
+  // fit.
   Status (*check)(const LearnerContext& context) = nullptr;
 };
 

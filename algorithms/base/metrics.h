@@ -1,5 +1,5 @@
-// What a run measures: means between two rows of its logs (run/metrics_log.h). Thread rule: one
-// thread.
+// Metrics of a run: means over the updates between two rows of its logs (run/metrics_log.h).
+// Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -23,10 +23,10 @@ using MetricRow = std::vector<Metric>;
 class MetricMeans {
  public:
   void Add(std::string_view name, double value);
-  // None, one or several values. Gives the name its place in the order even without a value.
+  // Adds any number of values. Gives the name its place in the order even if `values` is empty.
   void AddAll(std::string_view name, std::span<const double> values);
   MetricRow Take();
-  // The first value that was not finite since construction: a learner that diverged.
+  // The first value since construction that was not finite; it shows that the learner diverged.
   const std::optional<Metric>& first_nonfinite() const { return first_nonfinite_; }
 
   void Save(CheckpointWriter& writer) const;

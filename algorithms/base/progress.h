@@ -25,10 +25,10 @@ class Progress {
   void Start(std::string_view stage, std::string_view unit, uint64_t total, uint64_t first = 0);
   // `note` is shown behind the numbers ("score 31.2").
   void Update(uint64_t done, std::string_view note = "");
-  // Shown behind the numbers from now on.
+  // Shows `note` behind the numbers from now on.
   void Note(std::string_view note) { note_ = note; }
   void Message(std::string_view text);
-  // Ends the stage with its line. Does nothing when none is open.
+  // Ends the open stage with a last line; does nothing if no stage is open.
   void Finish();
 
  private:
@@ -44,7 +44,7 @@ class Progress {
   Clock::time_point start_, last_drawn_;
 };
 
-// "1:02:03" or "2:03".
+// A duration as "h:mm:ss", or as "m:ss" below one hour.
 std::string FormatDuration(double seconds);
 
 }  // namespace b4mrl
