@@ -1,7 +1,7 @@
-// A log that only grows, and is cut back to where a checkpoint saw it.
+// An append-only log, which a resumed run first cuts back to the length that its checkpoint stores.
 //
 // Each Append is one write call, so that a reader never sees half an entry. Thread rule: one
-// thread. Errors: kIoError; kDataLoss when the file is shorter than it is to be.
+// thread. Errors: kIoError; kDataLoss when the file is shorter than that length.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +15,11 @@ namespace b4mrl {
 
 class AppendedFile {
  public:
-  // Opens the file, cut to its first `bytes`; with 0, a new file.
+  // Opens the file cut to its first `bytes` bytes; 0: an empty file, created if there is none.
   static Result<AppendedFile> Open(const std::string& path, uint64_t bytes);
 
   Status Append(std::string_view text);
-  // Returns once everything appended is on disk.
+  // Makes all appended entries durable (fsync).
   Status Sync();
   uint64_t bytes() const { return bytes_; }
 

@@ -1,5 +1,5 @@
-// What can be told of a run before anything is opened for it, so that whoever plans many runs can
-// check each without starting it. Thread rule: pure functions.
+// Checks of a run's options that open nothing, so that a script that plans many runs can check them
+// all before it starts one. Thread rule: pure functions.
 #pragma once
 
 #include <span>
@@ -13,19 +13,19 @@
 
 namespace b4mrl {
 
-// The algorithm's defaults in `environment` with `texts`, names and values as users write them, in
-// their order. kUnknownName with the nearest known name; kInvalidArgument with the allowed range.
+// The algorithm's defaults in `environment`, changed by `texts`: (name, value) as users write them,
+// applied in order. kUnknownName suggests the nearest name; kInvalidArgument states the range.
 Result<Hyperparameters> ReadHyperparameters(
     const Algorithm& algorithm, const std::string& environment,
     std::span<const std::pair<std::string, std::string>> texts);
 
-// kInvalidArgument, with the option's name, where the algorithm takes no simulator, dataset or
-// history and the options name one, or it needs a dataset and they do not. Asks no daemon.
+// kInvalidArgument, naming the option, if the options give a simulator, dataset or history that the
+// algorithm does not take, or lack an environment or a needed dataset. Asks no daemon.
 Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm);
 
-// kInvalidArgument, with the option's name, for more observations at once than an agent file holds,
-// for a score to stop at where the environment has none, and for hyperparameters that do not go
-// together or not with `environment`. Train checks it too.
+// kInvalidArgument, naming the option, for a --history longer than an agent file holds, for a
+// --stop-at-score in an environment without normalised scores, and for hyperparameters that
+// contradict each other or `environment`. Train runs this check, too.
 Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment);
 
 }  // namespace b4mrl

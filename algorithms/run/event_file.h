@@ -17,18 +17,18 @@
 
 namespace b4mrl {
 
-// CRC-32C (Castagnoli), and the masked form in which event files store it.
+// CRC-32C (Castagnoli) of `bytes`, and the masked form of that checksum which event files store.
 uint32_t Crc32c(std::string_view bytes);
 uint32_t MaskedCrc32c(std::string_view bytes);
-// The frame of one message.
+// The frame of one message: length, checksums and `message`.
 std::string FrameRecord(std::string_view message);
 
 class EventFile {
  public:
-  // Opens the file, cut to its first `bytes`; with 0, a new file.
+  // Opens the file cut to its first `bytes` bytes; 0: a new file.
   static Result<EventFile> Open(const std::string& path, uint64_t bytes);
 
-  // Names are tags: "losses/critic_loss".
+  // Appends the values of one row. The names in `row` are tags: "losses/critic_loss".
   Status Write(int64_t step, const MetricRow& row);
   Status Sync() { return file_.Sync(); }
   uint64_t bytes() const { return file_.bytes(); }

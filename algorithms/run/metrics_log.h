@@ -1,12 +1,12 @@
-// The logs of one run, from the same rows:
+// The three log files of one run, which hold the same rows:
 //
-//   metrics.jsonl              one JSON object for each row, under the learner's own names
-//   progress.csv               the same under the names of Stable-Baselines3's CSV logger
-//   events.out.tfevents.b4mrl  the same for TensorBoard: charts/..., losses/...
+//   metrics.jsonl              one JSON object per row, with the learner's own names of metrics
+//   progress.csv               a table with the names of Stable-Baselines3's CSV logger
+//   events.out.tfevents.b4mrl  TensorBoard's event file: charts/..., losses/...
 //
 // A value that was not measured is NaN in a row, an empty cell of the CSV and absent elsewhere. A
-// resumed run cuts metrics.jsonl and the event file back to what its checkpoint saw and writes
-// progress.csv anew from metrics.jsonl, as it also does when a row brings a new column.
+// resumed run cuts metrics.jsonl and the event file back to the lengths in its checkpoint.
+// progress.csv is written anew from metrics.jsonl on resuming and when a row brings a new column.
 // Thread rule: one thread. Errors: run/appended_file.h, data/files/atomic_file.h.
 #pragma once
 
@@ -23,31 +23,34 @@
 
 namespace b4mrl {
 
-// "critic_loss" -> "losses/critic_loss", "episodic_return" -> "charts/episodic_return".
+// A metric's name in TensorBoard: "critic_loss" -> "losses/critic_loss", "episodic_return" ->
+// "charts/episodic_return".
 std::string TagOf(std::string_view name);
-// "critic_loss" -> "train/critic_loss", "episodic_return" -> "rollout/ep_rew_mean".
+// A metric's column in progress.csv: "critic_loss" -> "train/critic_loss", "episodic_return" ->
+// "rollout/ep_rew_mean".
 std::string ColumnOf(std::string_view name);
 
 class MetricsLog {
  public:
+  // Lengths of metrics.jsonl and of the event file.
   struct Offsets {
     uint64_t json_bytes = 0;
     uint64_t event_bytes = 0;
   };
 
-  // Opens the logs in `folder`, cut to `offsets` (zero: new files).
+  // Opens the logs in `folder`, cut to `offsets`; 0: new files.
   static Result<MetricsLog> Open(const std::string& folder, const Offsets& offsets);
 
-  // Appends one row to all three logs; its first value is the number of its update.
+  // Appends a row to all three files. The row's first value is the number of the update.
   Status Write(const MetricRow& row);
   Offsets offsets() const { return {json_.bytes(), events_.bytes()}; }
-  // Returns once everything written is on disk.
+  // Makes the rows in metrics.jsonl and in the event file durable (fsync).
   Status Sync();
 
  private:
   MetricsLog(std::string folder, AppendedFile json, EventFile events)
       : folder_(std::move(folder)), json_(std::move(json)), events_(std::move(events)) {}
-  // Gives every name of `row` a column of progress.csv; true when a name was new.
+  // Gives every name in `row` a column; returns whether that added a column.
   bool AddColumns(const MetricRow& row);
   std::string TableLine(const MetricRow& row) const;
   Status RewriteTable();
@@ -58,7 +61,7 @@ class MetricsLog {
   AppendedFile json_;
   EventFile events_;
   std::optional<AppendedFile> table_;  // progress.csv
-  std::vector<std::string> columns_;   // names of its columns, in order; "critic_loss"
+  std::vector<std::string> columns_;   // metrics of progress.csv's columns, in order: "critic_loss"
 };
 
 }  // namespace b4mrl

@@ -25,24 +25,24 @@ class Client;
 
 class RunLog {
  public:
-  // All three outlive the log. Asks the daemon whether the evaluations can be done.
+  // `options`, `client` and `progress` outlive the log. Asks the daemon whether it can open the
+  // sessions of the evaluations.
   static Result<RunLog> Open(const TrainOptions& options, Client& client, Progress& progress);
 
-  // One of the two comes before the first row: Begin makes new files, Load continues those that a
-  // checkpoint names.
+  // Before the first row, Begin creates new files, or Load cuts files to a checkpoint's lengths.
   Status Begin();
   Status Load(CheckpointReader& reader);
   Status Save(CheckpointWriter& writer);
 
   // Writes the agent file and runs the agent's episodes.
   Result<EvaluationResult> Evaluate(const Agent& agent);
-  // A row starts with {"update", ...}.
+  // Writes a row without an evaluation. The row's first metric is {"update", ...}.
   Status Write(const MetricRow& row) { return log_->Write(row); }
-  // A row together with the evaluation of its update, which is also shown as progress.
+  // Writes a row with the evaluation of its update, and shows that evaluation as progress.
   Status Write(MetricRow row, EvaluationResult result);
 
   std::string AgentPath() const { return options_->folder + "/agent.h5"; }
-  // The newest ten evaluations, oldest first.
+  // The newest ten evaluations of the run, oldest first.
   const std::vector<EvaluationResult>& evaluations() const { return evaluations_; }
 
  private:

@@ -1,6 +1,5 @@
-// What a run was asked to do, and the two files that keep it in the run's folder: run.json, from
-// which the run is resumed, and config.toml, with which it is repeated. Value types; no thread
-// rule.
+// The options of a run, and the two files that keep them in the run's folder: run.json, from which
+// the run is resumed, and config.toml, with which it is repeated. Value types; no thread rule.
 #pragma once
 
 #include <cstdint>
@@ -18,55 +17,54 @@ namespace b4mrl {
 inline constexpr uint32_t kMaxTrainingThreads = 64;
 
 struct TrainOptions {
-  // Identity: two runs that agree here compute the same numbers, and a resumed run must agree.
+  // Identity: runs with equal values of these fields compute equal numbers. Resuming keeps them.
   std::string algorithm;
   std::string environment;
-  std::string simulator;   // perturbations as users write them; "" is the true environment
+  std::string simulator;   // perturbations as the user wrote them; "" is the true environment
   std::string dataset;     // "" for none
-  std::string corruption;  // corruptions of the dataset as users write them; "" for none
+  std::string corruption;  // as the user wrote it
   uint32_t history_length = 1;
   uint64_t seed = 0;
   Hyperparameters hyperparameters;
 
-  // How far and how it is watched; may change when a run is resumed.
+  // Length of the run and of its intervals, in updates; these fields may change on resuming.
   uint64_t updates = 1'000'000;
   uint64_t eval_every = 10'000;
   uint32_t eval_episodes = 10;
   uint64_t log_every = 1'000;
   uint64_t checkpoint_every = 10'000;
-  std::optional<double> stop_at_score;  // normalised score at which the run ends
+  std::optional<double> stop_at_score;  // normalised score that ends the run
   uint32_t threads = 1;
 
   std::string folder;
   bool resume = false;
-  std::string command;  // the command line that began the run, as typed
+  std::string command;  // command line that began the run, as typed
 };
 
-// A folder's name that tells a run apart from others: "HalfCheetah-hymopo-gravity-medium-s0",
-// with the corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). Of
-// letters, digits and ".,=+-_", at most kMaxRunNameBytes long. Where the name leaves anything out,
-// a hash of all these options follows.
+// A folder name that distinguishes runs: "HalfCheetah-hymopo-gravity-medium-s0", with the
+// corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). It has only
+// letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. Where these limits change the
+// name, it ends with a hash of the unchanged name.
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
 
-// The program and BLAS kernel that computed a part of a run. Training is reproducible bit for bit
-// among equal sessions.
+// Program and BLAS kernel of one session of a run. Sessions with equal values train reproducibly.
 struct RunSession {
-  std::string version;  // of the program
+  std::string version;  // of b4mrl
   std::string blas_kernel;
   bool operator==(const RunSession&) const = default;
 };
 RunSession PresentSession();
 
-// Writes run.json atomically. `before`: the sessions of the run's earlier record; the present
-// session is added where it differs from the last of them.
+// Writes run.json, atomically. `before`: the sessions in the run's earlier record; the present
+// session is added to them if it differs from the last of them.
 Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> before = {});
 
-// Writes config.toml atomically: every option and hyperparameter in force, so that `b4mrl train
+// Writes config.toml, atomically: every option and hyperparameter in force, so that `b4mrl train
 // --config FILE --out FOLDER` repeats the run.
 Status WriteRunConfiguration(const TrainOptions& options);
 
-// kFailedPrecondition when the folder holds checkpoints and the run is not to be resumed.
+// kFailedPrecondition if options.folder holds checkpoints and options.resume is not set.
 Status CheckNoEarlierRun(const TrainOptions& options);
 
 struct RunRecord {
@@ -75,8 +73,8 @@ struct RunRecord {
   std::vector<RunSession> sessions;                                  // oldest first
 };
 bool HasRunRecord(const std::string& folder);
-// kIoError when the folder has none; kDataLoss when it cannot be understood or holds a number that
-// no option takes, with its name and what is allowed.
+// kIoError if the folder has no run.json; kDataLoss if run.json cannot be parsed, or holds a number
+// outside its option's range (the message names the option and the range).
 Result<RunRecord> ReadRunRecord(const std::string& folder);
 
 }  // namespace b4mrl

@@ -1,11 +1,11 @@
-// result.json: what has become of a run; and the lock by which one process at a time trains in a
-// folder.
+// result.json, which holds a run's state and scores, and the lock by which one process at a time
+// trains in a folder.
 //
-// The file says `running` from when the folder is locked, and how the run ended on every way out.
-// Whoever is killed writes nothing more, and the kernel gives the lock back: a file that says
-// `running` while nobody holds the lock is that of a killed run. A run that is continued keeps its
-// scores until it has new ones. Any process may read the file at any time; it is only
-// ever replaced as a whole. Value types; no thread rule.
+// The state is `running` from when the folder is locked, and every way out of training replaces it.
+// A killed process writes nothing more and the kernel releases its lock, so a state `running` in an
+// unlocked folder is that of a killed run. A resumed run keeps its earlier scores until it has new
+// ones. Any process may read result.json at any time, since it is only ever replaced as a whole.
+// Value types; no thread rule.
 #pragma once
 
 #include <cstdint>
@@ -24,44 +24,42 @@ enum class RunState {
   kRunning,
   kFinished,     // all updates done, or the score reached
   kInterrupted,  // told to stop
-  kDiverged,     // losses or weights are not finite any more
-  kFailed,       // any other error
-  kKilled,       // the file says `running`, but nobody holds the lock; never written
+  kDiverged,     // some of its numbers are no longer finite
+  kFailed,       // ended by any other error
+  kKilled,       // never in the file: ReadRunStatus reports `running` without a lock as killed
 };
-// The state's name in the file: "running".
+// The state's name in result.json: "running", "finished", "interrupted", ...
 std::string_view RunStateName(RunState state);
 
 struct TrainSummary {
   RunState state = RunState::kRunning;
   std::string reason;    // why the run ended before its last update; otherwise ""
-  uint64_t updates = 0;  // gradient steps done so far
+  uint64_t updates = 0;  // updates done so far
   uint64_t environment_steps = 0;
   std::optional<EvaluationResult> last;  // the last evaluation
-  // Means over the last ten evaluations, or all if there were fewer.
+  // Means over the last ten evaluations, or over all evaluations if there are fewer.
   double mean_return_of_last_ten = 0;
   std::optional<double> mean_score_of_last_ten;
   std::string agent_path;
 };
 
-// The JSON object that result.json holds, without a newline.
+// The content of result.json: one JSON object, without a newline.
 std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary);
-// Writes result.json atomically.
+// Writes result.json, atomically.
 Status WriteResult(const TrainOptions& options, const TrainSummary& summary);
-// Gives result.json another state atomically, and keeps its scores.
+// Replaces the state and reason in result.json, atomically; scores already there are kept.
 Status WriteResultState(const TrainOptions& options, RunState state, const std::string& reason);
 
-// The lock of a run's folder, held until the descriptor closes. kBusy when another process trains
-// in the folder.
+// Locks the folder until the returned descriptor closes. kBusy if another process trains there.
 Result<UniqueFd> LockRunFolder(const std::string& folder);
 
 struct RunStatus {
   RunState state = RunState::kRunning;
   std::string reason;
-  uint64_t updates = 0;  // as of when the state was written: of a killed run, where it began
+  uint64_t updates = 0;  // when the state was written: for a killed run, at its session's start
 };
-// Reads result.json without disturbing whoever holds the lock. kIoError when the folder has no
-// result.json: no run, or one that was killed before it began. kDataLoss when the file cannot be
-// understood.
+// Reads result.json without locking out a training. kIoError if the folder has no result.json: no
+// run, or a run killed before it began. kDataLoss if result.json cannot be parsed.
 Result<RunStatus> ReadRunStatus(const std::string& folder);
 
 }  // namespace b4mrl

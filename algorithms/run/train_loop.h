@@ -1,11 +1,11 @@
 // The loop around every learner: updates, evaluations, logs, checkpoints, the end.
 //
 // A run lives in one folder:
-//   run.json, config.toml     what was asked (run/run_record.h)
+//   run.json, config.toml     the run's options (run/run_record.h)
 //   metrics.jsonl, progress.csv, events.out.tfevents.b4mrl     logs (run/metrics_log.h)
 //   agent.h5                  the policy last evaluated
-//   checkpoint-<update>.h5    the newest two
-//   replay.bin                online learners and H2O
+//   checkpoint-<update>.h5    the newest two checkpoints
+//   replay.bin                experience of online learners and H2O (experience/replay_buffer.h)
 //   ensemble.h5               the model of MOPO and HyMOPO (model/ensemble_store.h)
 //   result.json               the run's state and scores, and lock (run/run_result.h)
 // An evaluation is `eval_episodes` deterministic episodes of the present policy on the true
@@ -30,8 +30,9 @@ namespace b4mrl {
 
 class Client;
 
-// `stop`, set by a signal handler, ends the run after the present update with a checkpoint. What
-// comes back is kFinished or kInterrupted; result.json says how any other run ended.
+// `stop`, set by a signal handler, ends the run after the present update with a checkpoint. The
+// returned state is kFinished or kInterrupted; a run that ended otherwise returns an error, and
+// result.json holds its state.
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop);
 
