@@ -1,5 +1,5 @@
-// The hyperparameters that several learners' tables share, and the options of a core that they
-// become. Names mean the same in every table; where a table lacks one, the core's default holds.
+// Hyperparameters that several learners share, and the core options made from them. A name means
+// the same in every learner's table; where a table lacks a name, the core's default holds.
 //
 //   all cores   batch-size, hidden-width, hidden-layers, learning-rate, gamma, tau
 //   SAC         initial-alpha, target-entropy
@@ -13,19 +13,19 @@
 
 namespace b4mrl {
 
-// Rows of a table. `source`: who chose the defaults.
+// Rows for a learner's table. `source`: who chose the defaults.
 HyperparameterTable NetworkRows(std::string_view source);      // batch, layers, learning rate
-HyperparameterTable ActorCriticRows(std::string_view source);  // the same, gamma and tau
-HyperparameterTable Td3Rows(std::string_view source);          // the same, and TD3's own
-// Where an online learner acts and what it keeps: lanes, replay-capacity.
+HyperparameterTable ActorCriticRows(std::string_view source);  // NetworkRows, gamma and tau
+HyperparameterTable Td3Rows(std::string_view source);          // ActorCriticRows, and TD3's own
+// Hyperparameters of a ReplayCollector: lanes, replay-capacity.
 HyperparameterTable ReplayRows(std::string_view source);
 Hyperparameter InitialAlphaRow(std::string_view source);
 Hyperparameter NormaliseRow(std::string_view source);
 
-// `observation_size`: of the policy's input, all observations of a history together.
+// `observation_size`: length of the policy's input, which stacks all observations of a history.
 SacOptions SacOptionsOf(const LearnerContext& context, int observation_size);
 Td3Options Td3OptionsOf(const LearnerContext& context, int observation_size);
-// The options that cores share, for another core's.
+// Set the hyperparameters above in the options of a core that extends these option types.
 void SetActorCriticOptions(const LearnerContext& context, int observation_size,
                            ActorCriticOptions& options);
 void SetSacOptions(const LearnerContext& context, int observation_size, SacOptions& options);

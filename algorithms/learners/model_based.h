@@ -1,11 +1,11 @@
-// What MOPO and HyMOPO have in common: SAC on short rollouts in a learned model. mopo.cc and
-// hymopo.cc put the steps below together.
+// The steps that MOPO and HyMOPO share: SAC on short rollouts in a learned model. mopo.cc and
+// hymopo.cc put these steps together.
 //
 // D_model keeps the rollouts of the last `model-retain` cycles. They are a function of the policies
-// that made them, so a checkpoint keeps those policies, and resuming rolls them out again. With
-// `rollout-lag` 1 a cycle uses the rollouts of the policy one cycle ago, which the daemon simulates
-// while this process updates; with 0 it waits for the present policy's. The ensemble, too, is named
-// by a checkpoint and not in it: ensemble.h5 in the run's folder.
+// that made them, so a checkpoint keeps the policies, and resuming rolls them out again. With
+// `rollout-lag` 1 a cycle uses the rollouts of the previous cycle's policy, which the daemon
+// simulates while this process updates; with 0 it waits for rollouts of the present policy. A
+// checkpoint stores only the key of the ensemble, which lies in ensemble.h5 of the run's folder.
 // Thread rule: one thread, but for rollouts under way (model/model_rollout.h).
 #pragma once
 
@@ -29,7 +29,7 @@ namespace b4mrl {
 
 class ModelBased : public Learner {
  public:
-  // What a learner is made of, opened by Open.
+  // The parts of a learner, made by Open.
   struct Parts {
     SacCore<float> core;
     DynamicsEnsemble<float> ensemble;
@@ -49,13 +49,14 @@ class ModelBased : public Learner {
   std::string dataset_sha256() const override { return dataset_.sha256(); }
 
  protected:
-  // Trains f on `data`, or takes up the ensemble that was trained alike. Then Update may follow.
+  // Trains f on `data`, or loads an ensemble that was trained with equal data and options. To be
+  // called before the first Update.
   Status TrainModel(const ModelData& data, Progress& progress);
   // Every `rollout-every` updates, at the start of a cycle: D_model <- D_model + rollouts of pi.
-  // What Save stores changes only after the daemon's last answer.
+  // The state that Save stores changes only after the daemon's last answer.
   Status RollOut(MetricMeans& metrics);
-  // A batch for SAC: `real`, and the rest from D_model. Real rows keep the dataset's reward; the
-  // penalty is in the model's rows. Valid until the next call.
+  // A batch for SAC: the rows `real`, filled up with rows from D_model. Real rows keep the
+  // dataset's reward; the model's rewards include the penalty. Valid until the next call.
   TransitionBatch<float> FillBatch(const TransitionRows& real);
   PolicyWeights MaskedPolicy() const;
 
@@ -69,8 +70,8 @@ class ModelBased : public Learner {
   // One cycle's rollouts in D_model.
   struct Generation {
     uint64_t cycle;
-    std::vector<float> policy;  // FlattenPolicy of the policy that made it
-    uint64_t first_record;      // in D_model
+    std::vector<float> policy;  // FlattenPolicy of the policy that was rolled out
+    uint64_t first_record;      // number of its first record in D_model
   };
   Result<Generation> BeginRollout(uint64_t cycle, const PolicyWeights& policy);
   void Keep(Generation generation);
@@ -82,8 +83,8 @@ class ModelBased : public Learner {
   ModelRollout rollout_;
   ReplayBuffer pool_;                   // D_model
   std::deque<Generation> generations_;  // in D_model, oldest first
-  std::optional<Generation> pending_;   // under way, with lag 1
-  BatchBuffer batch_;                   // real rows first
+  std::optional<Generation> pending_;   // being rolled out, with `rollout-lag` 1
+  BatchBuffer batch_;                   // dataset rows, then rows of D_model
   std::vector<float> action_scale_;
 };
 

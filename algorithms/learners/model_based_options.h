@@ -1,4 +1,4 @@
-// What users may set of a model-based learner, and the options that it becomes.
+// Hyperparameters of model-based learners, and the options of ensemble and rollouts made from them.
 #pragma once
 
 #include <optional>
@@ -12,17 +12,17 @@
 
 namespace b4mrl {
 
-// The rows that MOPO's and HyMOPO's tables share, and their row `penalty`.
+// Hyperparameters that MOPO and HyMOPO share, and `penalty`, whose default differs between them.
 HyperparameterTable ModelBasedRows();
 Hyperparameter PenaltyRow(double value, std::string_view source);
 
 DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context);
-// kInvalidArgument for more elites than members, for an ensemble that its file would not hold, and
-// for more rows of the dataset in a batch than a request holds.
+// kInvalidArgument for more elites than ensemble members, for an ensemble too large for its file,
+// and for more dataset rows in a batch than one request holds.
 Status CheckModelBased(const LearnerContext& context);
 EnsembleFiles EnsembleFilesOf(const LearnerContext& context);
-// `mask`: of an observation. Without chunk-rows and chunks-in-flight in the table, nothing is asked
-// of a simulator: one chunk at a time.
+// `mask`: the dimensions of an observation that the policy may see (TrainingDataset::mask). A
+// learner without a simulator has no chunk-rows and chunks-in-flight: one chunk at a time.
 ModelRolloutOptions RolloutOptionsOf(const LearnerContext& context, std::vector<float> mask,
                                      std::optional<Termination> termination);
 

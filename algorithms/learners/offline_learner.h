@@ -1,5 +1,5 @@
-// Checkpoints and members of a learner that trains one core on a dataset alone: bc.cc, td3_bc.cc
-// and iql.cc add what is the algorithm's. Core: Td3Core, for instance. Thread rule: one thread.
+// Checkpoints and members that bc.cc, td3_bc.cc and iql.cc share: learners that train one core on a
+// dataset alone. Core: Td3Core, for instance. Thread rule: one thread.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
-// Checkpoints, counters and members of a learner that trains one core on its own experience: sac.cc
-// and td3.cc add what is the algorithm's. Core: SacCore or Td3Core. Thread rule: one thread.
+// Checkpoints, counters and members that sac.cc and td3.cc share: learners that train one core on
+// their own experience. Core: SacCore or Td3Core. Thread rule: one thread.
 #pragma once
 
 #include <utility>
