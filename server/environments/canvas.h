@@ -1,6 +1,6 @@
-// Where an Environment draws its state. Environments know what there is to see; how it becomes
-// pixels is the Canvas's business, whose implementation (server/render) only the program
-// b4mrl-render links: the daemon itself loads no graphics library.
+// Where an Environment draws its state. An environment describes the scene, a Canvas turns the
+// scene into pixels. Only the program b4mrl-render links an implementation of Canvas
+// (server/render): the daemon itself loads no graphics library.
 //
 // Thread rule: one thread, the one that made the canvas.
 #pragma once
@@ -36,9 +36,9 @@ struct PlanPolygon {
 // A flat world from above: filled polygons, later ones over earlier ones.
 struct PlanView {
   Colour background;
-  PlanPoint origin;        // this point of the world ...
-  PlanPoint anchor;        // ... stands at this fraction of the picture, from its top left
-  double metres_wide = 0;  // what the picture's width shows; heights have the same scale
+  PlanPoint origin;        // m, the point of the world that is drawn at `anchor`
+  PlanPoint anchor;        // fraction of the picture's width and height, from its top left
+  double metres_wide = 0;  // m, what the picture's width shows; heights have the same scale
   std::vector<PlanPolygon> polygons;
 };
 

@@ -11,12 +11,12 @@ namespace b4mrl {
 namespace {
 
 constexpr int kMaxDepth = 8;
-constexpr size_t kShownBytes = 100;  // of a text that is wrong
+constexpr size_t kShownBytes = 100;  // of a refused text, in its error message
 
-// Where a text stops being JSON: the library tells a handler of its events, and no one else.
+// Finds where a text stops being JSON: nlohmann::json tells the place to a SAX handler only.
 struct ErrorFinder final : nlohmann::json_sax<Config> {
-  size_t position = 0;  // in bytes, from 1
-  std::string near;     // what was read last
+  size_t position = 0;  // of the error in the text: bytes, from 1
+  std::string near;     // the last token read
 
   bool null() override { return true; }
   bool boolean(bool) override { return true; }

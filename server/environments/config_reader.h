@@ -11,7 +11,7 @@
 
 namespace b4mrl {
 
-// What lies strictly between two numbers, which may be infinite.
+// An open interval: the numbers strictly between `low` and `high`, which may be infinite.
 struct Interval {
   double low = 0;
   double high = 0;
@@ -19,8 +19,8 @@ struct Interval {
   bool Contains(double x) const { return low < x && x < high; }
 };
 
-// Reads settings one by one, keeps the first error, and knows afterwards which keys nobody asked
-// for.
+// Reads settings one by one and keeps the first error; Finish then refuses the keys that were not
+// read.
 //   ConfigReader reader(config);
 //   const double scale = reader.Number("reset_noise_scale", 0.1, 0, 10);
 //   B4MRL_RETURN_IF_ERROR(reader.Finish());
@@ -35,11 +35,11 @@ class ConfigReader {
   bool Bool(const std::string& key, bool fallback);
   // Two numbers [low, high]; null is an open end, because JSON has no infinity.
   Interval Range(const std::string& key, Interval fallback);
-  // One of `allowed`; the first is the fallback.
+  // The text of `key`, one of `allowed`; allowed[0] where `key` is absent.
   std::string Choice(const std::string& key, const std::vector<std::string>& allowed);
 
-  // For values of other shapes: the JSON of `key`, or nullptr where it is absent; what it means,
-  // defaults included; why it is refused.
+  // For values of other types. Find: the JSON value of `key`, or nullptr where it is absent. Keep:
+  // stores the completed value of `key`. Fail: reports why a value is refused.
   const Config* Find(const std::string& key);
   void Keep(const std::string& key, Config value) { completed_[key] = std::move(value); }
   void Fail(Status status);

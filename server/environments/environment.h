@@ -7,10 +7,10 @@
 // SaveState read, so one object can serve lanes in any order and the numbers never depend on which
 // object or thread served.
 //
-// An Environment knows no perturbations or wires. Thread rule: one thread at a
+// An Environment knows neither perturbations nor the network protocol. Thread rule: one thread at a
 // time per Environment; an EnvironmentModel is immutable and shared. Arrays are float64 and
-// row-major; sizes are those of spec() and state_size(), and callers guarantee them (a peer's bytes
-// are checked before).
+// row-major; callers guarantee the sizes that spec() and state_size() say (a client's bytes are
+// checked before).
 #pragma once
 
 #include <algorithm>
@@ -32,8 +32,8 @@ class Canvas;
 struct StepResult {
   double reward = 0;
   bool terminated = false;
-  // kNone, kUnhealthy (with terminated) or kNumericalError. After the last the object holds no
-  // meaningful state until the next LoadState, Reset or Query; reward is 0.
+  // kNone, kUnhealthy (with terminated) or kNumericalError. After kNumericalError the reward is 0,
+  // and the object holds no meaningful state until the next LoadState, Reset or Query.
   Cause cause = Cause::kNone;
 };
 
@@ -43,7 +43,7 @@ struct QueryResult {
   bool valid = false;  // false: an input was not finite or the engine warned; all outputs are 0
 };
 
-// A state for users: name -> values, such as "qpos" -> 9 numbers.
+// A state as users read and set it: name -> values, such as "qpos" -> 9 numbers.
 using NamedState = std::map<std::string, std::vector<double>>;
 
 class Environment {
@@ -51,19 +51,20 @@ class Environment {
   virtual ~Environment() = default;
 
   virtual const EnvironmentSpec& spec() const = 0;
-  // Doubles that SaveState writes.
+  // Number of doubles in a state, as SaveState writes it.
   virtual size_t state_size() const = 0;
 
-  // Brings into force the numbers that perturbations draw anew for each episode, before its start,
-  // steps or query (EnvironmentSetup::parameters has those at the opening). Cheap if they are in
-  // force already. After an error none are, and the object must not be used before a success.
+  // Sets the parameters: the numbers that perturbations draw anew for each episode and each row of
+  // a query. To be called before an episode's start or steps and before a query; equal parameters
+  // cost a comparison. After an error the object must not be used until a call succeeds.
   Status SetParameters(std::span<const double> parameters);
   std::span<const double> parameters() const { return parameters_; }
 
-  // Starts an episode with noise from `rng`. Fails only if the engine cannot hold the state.
+  // Starts an episode with noise from `rng`. Fails only if the physics engine refuses the start
+  // state.
   virtual Status Reset(Rng& rng) = 0;
-  // Starts the episode that a lane's seed and the number of its reset name. A task whose original's
-  // own generator is matched (Highway) overrides it.
+  // Starts episode number `episode` (from 0) of a lane with seed `lane_seed`. Highway overrides
+  // this function, to draw the random numbers that highway-env draws.
   virtual Status StartEpisode(uint64_t lane_seed, uint64_t episode) {
     Rng rng(lane_seed, "reset", episode);
     return Reset(rng);
@@ -71,24 +72,24 @@ class Environment {
   // One control step. `action` is finite; values outside the action space follow the task's own
   // rule.
   virtual StepResult Step(std::span<const double> action) = 0;
-  // The same for an action that came as float32. It differs where the original computes in the
-  // action's own precision (Highway).
+  // Step for an action that arrived as float32. Only Highway's differs from Step, because
+  // highway-env computes in the action's own precision.
   virtual StepResult StepFloat32(std::span<const double> action) { return Step(action); }
-  // Whether the episode's time is over after `elapsed_steps` steps. Highway counts the simulated
-  // time, which is part of its state.
+  // Whether an episode of `elapsed_steps` steps has reached its time limit. Highway compares the
+  // simulated time instead, which is part of its state.
   virtual bool TimeIsOver(uint64_t elapsed_steps) const {
     return elapsed_steps >= spec().max_episode_steps;
   }
   virtual void Observe(std::span<double> observation) const = 0;
-  // What Gymnasium reports beside the observation, under spec().info_names, of the last Reset, Set
-  // or Step (LoadState does not bring it back). A reset fills in spec().reset_info_names; the
-  // others are 0.
+  // The values of Gymnasium's info dictionary, in the order of spec().info_names, after the last
+  // Reset, SetNamedState or Step (LoadState does not restore them). A reset fills in those of
+  // spec().reset_info_names; the others are 0.
   virtual void Infos(std::span<double> /*infos*/) const {}
   virtual void SaveState(std::span<double> state) const = 0;
   virtual void LoadState(std::span<const double> state) = 0;
 
-  // A state for reading, and its inverse. SetNamedState refuses unknown names, missing parts, wrong
-  // sizes and values that are not finite.
+  // GetNamedState gives the state under readable names, and SetNamedState sets it. Unknown names,
+  // missing parts, wrong sizes and values that are not finite are refused.
   virtual NamedState GetNamedState() const = 0;
   virtual Status SetNamedState(const NamedState& state) = 0;
 
@@ -98,13 +99,13 @@ class Environment {
                             std::span<double> next_observation) = 0;
 
   // Draws the state that LoadState brought. Afterwards the object holds no meaningful state until
-  // the next LoadState, Reset or Query. kUnsupported where nobody has written it.
+  // the next LoadState, Reset or Query. kUnsupported for a task that cannot be drawn.
   virtual Status Draw(Canvas& /*canvas*/) {
     return Status(StatusCode::kUnsupported, spec().name + " cannot be drawn");
   }
 
  private:
-  // Changes settings or model to what they are under `parameters`. Afterwards the object holds no
+  // Changes the task's settings or model as `parameters` demand. Afterwards the object holds no
   // meaningful state until the next LoadState, Reset or Query.
   virtual Status ApplyParameters(std::span<const double> /*parameters*/) { return Status(); }
 
@@ -127,7 +128,7 @@ class EnvironmentModel {
   virtual const EnvironmentSpec& spec() const = 0;
   // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
   virtual std::string Identity() const = 0;
-  // Whether observations tell the state that a query starts from; else the reason.
+  // OK if an observation tells the state that a query has to start from; else the reason.
   virtual Status CheckQueryable() const { return Status(); }
   virtual Result<std::unique_ptr<Environment>> NewEnvironment() const = 0;
 };

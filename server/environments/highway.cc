@@ -27,7 +27,7 @@
 namespace b4mrl {
 namespace {
 
-// Beyond this a number of a state or an observation is refused.
+// Greatest absolute value accepted in a state, a query's observation or a query's action.
 constexpr double kLargestValue = 1e10;
 
 size_t Capacity(const HighwaySettings& settings) {
@@ -42,8 +42,8 @@ using ConfigUnder = std::function<Config(std::span<const double> parameters)>;
 
 class Highway final : public Environment {
  public:
-  // `spec` and `config_under` (EnvironmentSetup's) outlive the object. There is room for as many
-  // cars as `settings` has.
+  // `spec` and `config_under` (EnvironmentSetup's) outlive the object. It has room for the cars,
+  // and the rows of observations, that `settings` asks for.
   Highway(const EnvironmentSpec& spec, const HighwaySettings& settings,
           const ConfigUnder& config_under)
       : spec_(spec),
@@ -53,7 +53,7 @@ class Highway final : public Environment {
   Highway(const Highway&) = delete;  // simulation_ refers to settings_
 
   const EnvironmentSpec& spec() const override { return spec_; }
-  // The time, then the cars.
+  // A state is the time, then the cars as Traffic::Save writes them.
   size_t state_size() const override { return 1 + Traffic::StateSize(traffic().capacity()); }
 
   Status Reset(Rng& rng) override { return StartEpisode(rng.NextUint64(), 0); }
@@ -76,7 +76,7 @@ class Highway final : public Environment {
  private:
   const Traffic& traffic() const { return simulation_.traffic; }
   StepResult Step(std::span<const double> action, bool single_precision);
-  // After a reset or a set state, which no action led to.
+  // Sets outcome_ and action_ after a reset or SetNamedState, which no action led to.
   void Settle();
   std::vector<double> Vehicles() const;
   Status CheckVehicles(std::span<const double> vehicles) const;
@@ -85,7 +85,7 @@ class Highway final : public Environment {
   const ConfigUnder& config_under_;
   HighwaySettings settings_;
   HighwaySimulation simulation_;
-  // For Infos.
+  // The last step's outcome and action, for Infos.
   HighwayOutcome outcome_;
   std::array<double, 2> action_ = {};
 };
@@ -96,7 +96,7 @@ void Highway::Settle() {
 }
 
 Status Highway::StartEpisode(uint64_t lane_seed, uint64_t episode) {
-  // What perturbations vary, the number of cars, counts at the start alone; reading costs 10 us.
+  // Perturbations vary the number of cars alone, which only a start reads. This takes 10 us.
   if (!parameters().empty()) settings_ = ReadHighwaySettings(config_under_(parameters()));
   simulation_.Reset(lane_seed, episode);
   Settle();
@@ -156,7 +156,7 @@ Status Highway::CheckVehicles(std::span<const double> vehicles) const {
         "length of state part 'vehicles'", std::to_string(vehicles.size()),
         fmt::format("{} numbers for each of 1 to {} cars", kVehicleColumns, capacity));
   }
-  constexpr size_t kLane = 4, kTargetLane = 5;  // in a row; traffic.h
+  constexpr size_t kLane = 4, kTargetLane = 5;  // columns of a car's row (traffic.h)
   for (size_t i = 0; i < vehicles.size(); ++i) {
     const size_t row = i / kVehicleColumns;
     const size_t column = i % kVehicleColumns;
@@ -240,7 +240,7 @@ SpaceSpec ObservationSpace(const HighwayObservationSettings& settings) {
   return space;
 }
 
-// Steps until the time is over, which the original sums up step by step.
+// Steps until `duration` is over; the time is summed up step by step, as in highway-env.
 uint32_t EpisodeSteps(const HighwaySettings& settings) {
   uint32_t steps = 0;
   double time = 0;

@@ -12,8 +12,8 @@
 namespace b4mrl {
 namespace {
 
-constexpr double kLargest = 1e6;  // of any number
-// 128 cars in one heap cost 1 ms a frame; a step must not look like a frozen process.
+constexpr double kLargest = 1e6;  // greatest absolute value of a reward or of the end of a range
+// 128 cars in one heap cost 1 ms a frame; a longer step would look like a frozen process.
 constexpr double kMaxFramesPerStep = 500;
 
 Status Unsupported(const std::string& key, const Config& value, std::string_view reason) {
@@ -118,7 +118,7 @@ std::vector<Observation::Column> ReadFeatures(ConfigReader& reader) {
   return columns;
 }
 
-// Which columns are mapped to [-1, 1], and from where.
+// Reads which observation columns are mapped to [-1, 1], and from which ranges.
 void ReadNormalisation(ConfigReader& reader, int lanes, Observation* settings) {
   const double width = 4.0 * lanes;
   const std::vector<std::pair<std::string, NumberRange>> defaults = {
@@ -152,7 +152,7 @@ Observation ReadObservation(ConfigReader& reader, int lanes) {
   settings.see_behind = reader.Bool("see_behind", settings.see_behind);
   settings.sorted = reader.Choice("order", {"sorted", "unsorted"}) == "sorted";
   ReadFixed(reader, "observe_intentions", false, "cars have no destinations here");
-  reader.Bool("include_obstacles", true);  // there are none
+  reader.Bool("include_obstacles", true);  // no effect: the road has no obstacles
   return settings;
 }
 
@@ -191,11 +191,11 @@ void ReadFrequencies(ConfigReader& reader, HighwaySettings* settings) {
   }
 }
 
-// What belongs to the original's window; pictures are drawn elsewhere and take the size from here.
+// Reads the settings of highway-env's window. Of these, pictures use the width and height only.
 void ReadPictures(ConfigReader& reader) {
   reader.Integer("screen_width", 600, 16, 1920);
   reader.Integer("screen_height", 150, 16, 1920);
-  reader.Bool("offscreen_rendering", true);  // always
+  reader.Bool("offscreen_rendering", true);  // no effect: there is no window
   reader.Bool("real_time_rendering", false);
   ReadFixed(reader, "manual_control", false, "actions come from the client");
   ReadFixed(reader, "show_trajectories", false, "pictures show cars, not trajectories");
@@ -233,7 +233,7 @@ HighwaySettings Read(ConfigReader& reader) {
   }
   ReadRewards(reader, &settings);
   reader.Choice("other_vehicles_type", {"highway_env.vehicle.behavior.IDMVehicle"});
-  reader.Bool("neighbour_vehicles_connected_lanes", false);  // there is one road
+  reader.Bool("neighbour_vehicles_connected_lanes", false);  // no effect: there is one road
   settings.action = ReadDictionary(reader, "action", ReadAction);
   settings.observation = ReadDictionary(reader, "observation", [&](ConfigReader& inner) {
     return ReadObservation(inner, settings.lanes_count);

@@ -8,10 +8,10 @@
 
 namespace b4mrl {
 
-// Checks what is given and fills in the rest: without `env_id` as highway-fast-v0 with 3 other
-// cars, with it as that environment has it. The dictionaries `action` and `observation` replace the
-// default ones whole, as in the original. Unknown keys, and values that would need what this
-// simulator does not have, are errors that name the key.
+// Checks the given settings and fills in the defaults of the environment `env_id`; without `env_id`
+// those of highway-fast-v0 with 3 other cars. The dictionaries `action` and `observation` replace
+// the default dictionaries whole, as in highway-env. Unknown keys, and values that this simulator
+// does not support, are errors that name the key.
 Result<Config> CompleteHighwayConfig(const Config& config);
 
 // `completed`: a result of CompleteHighwayConfig.

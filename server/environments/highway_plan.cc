@@ -13,7 +13,7 @@ constexpr PlanPoint kEgoAnchor = {0.3, 0.5};
 constexpr double kLaneWidth = 4;
 constexpr double kStripeWidth = 0.3;
 constexpr double kStripeLength = 3;
-constexpr double kStripePeriod = 13;  // stripe and gap
+constexpr double kStripePeriod = 13;  // m, a stripe and a gap
 constexpr double kCarLength = 5;
 constexpr double kCarWidth = 2;
 constexpr double kOutline = 0.2;
@@ -65,7 +65,7 @@ void AddRoad(uint32_t lanes, double left, double right, std::vector<PlanPolygon>
       stripe(left, right);
       continue;
     }
-    // Counted, since far out a number is too coarse for x += kStripePeriod to end.
+    // Stripes are counted, because far from 0 a double is too coarse for x += kStripePeriod to end.
     const double first = std::floor(left / kStripePeriod) * kStripePeriod;
     const int stripes = static_cast<int>(kMetresWide / kStripePeriod) + 2;
     for (int i = 0; i < stripes; ++i) {

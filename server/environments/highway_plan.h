@@ -1,6 +1,6 @@
-// What a picture of Highway shows: the road around the ego, and every car on it. Proportions are
-// those of highway-env's pictures (5.5 pixels a metre at 600 x 150, the ego at 0.3 of the width);
-// colours are ours. Pure function; any thread.
+// What a picture of Highway shows: the road around the ego car, and all cars on that stretch.
+// Proportions are those of highway-env's pictures (5.5 pixels a metre at 600 x 150, the ego at 0.3
+// of the width); colours are ours. Pure function; any thread.
 #pragma once
 
 #include <cstdint>

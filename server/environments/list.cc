@@ -41,7 +41,7 @@ Result<EnvironmentSpec> DescribeEnvironment(std::string_view name) {
 }
 
 std::string DefaultModelsFolder() {
-  // Looked up once: a process keeps its folder, also when its program's file is replaced.
+  // The folder is looked up once: a process keeps it, also when its program's file is replaced.
   static const std::string folder = SharedFolder("models", B4MRL_MODELS_FOLDER);
   return folder;
 }

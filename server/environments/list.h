@@ -1,6 +1,5 @@
-// The table of environments: the one place that knows them all. Adding one is a .cc file and a line
-// in list.cc. Everything here but EnvironmentEntry::open works without the physics engine. Any
-// thread.
+// The table of all environments. Adding an environment takes a .cc file and a line in list.cc.
+// Everything here but EnvironmentEntry::open works without the physics engine. Any thread.
 #pragma once
 
 #include <functional>
@@ -19,35 +18,36 @@ struct mjModel_;  // MuJoCo's mjModel
 
 namespace b4mrl {
 
-// What perturbations may need of an environment: EnvironmentSpec::features.
+// Features of an environment (EnvironmentSpec::features) that a perturbation may need.
 inline constexpr std::string_view kMujocoModel = "a MuJoCo model";
 inline constexpr std::string_view kLowerLegs = "lower legs";
 inline constexpr std::string_view kOtherCars = "other cars";
 
-// A user's model in compiled form, made by server/models/model_compiler.h. Empty: there is none.
+// A user's MuJoCo model, compiled by server/models/model_compiler.h. Both texts are "" without one.
 struct CompiledModel {
   std::string path;
-  std::string hash;  // of its content
+  std::string hash;  // of the compiled file's content
 };
 
-// What an environment is opened from. The functions may be called by any thread and stay valid as
-// long as the EnvironmentModel and its Environments; all else lasts only during open.
+// The arguments of EnvironmentEntry::open. Any thread may call the functions, which stay valid as
+// long as the EnvironmentModel and its Environments; the other members last only during open.
 struct EnvironmentSetup {
   const Config& config;          // as completed by EnvironmentEntry::complete, under `parameters`
-  std::string users_model = {};  // the file that takes the place of the task's own; "" for none
-  CompiledModel compiled_model = {};  // of that file
-  // The numbers that are drawn anew for each episode, each at the upper end of its range; empty
-  // where all are fixed. Spaces and sizes of the environment are those under these numbers.
+  std::string users_model = {};  // MJCF file that replaces the task's own; "" for none
+  CompiledModel compiled_model = {};  // users_model, compiled
+  // The numbers that perturbations draw anew for each episode, each at the upper end of its range;
+  // empty if none is drawn. These numbers decide the environment's spaces and sizes.
   std::vector<double> parameters = {};
-  // The settings under other numbers, completed; called only where there are parameters.
+  // The completed settings under other `parameters`; called only if numbers are drawn.
   std::function<Config(std::span<const double> parameters)> config_under = {};
-  // Changes the model that was loaded as these numbers want it. An error says what it lacks.
+  // Applies the perturbations, with these parameters, to a model. An error says what the model
+  // lacks.
   std::function<Status(std::span<const double> parameters, mjModel_*)> change_model =
       [](std::span<const double>, mjModel_*) { return Status(); };
 };
 
-// A perturbation with its argument under a name of its own: how strong an error of an environment's
-// simulator or data is in the paper.
+// A short name for a perturbation with a fixed argument: the strength that the paper gives to an
+// error of one environment's simulator or dataset.
 struct Preset {
   std::string_view name;         // "obs-noise-low"; "gravity" without an argument is a preset too
   std::string_view environment;  // "HalfCheetah"
@@ -57,7 +57,7 @@ struct Preset {
 
 struct EnvironmentEntry {
   std::string_view name;
-  // Checks the settings and fills in those left out; refuses unknown ones.
+  // Checks the settings and fills in defaults; refuses unknown keys.
   Result<Config> (*complete)(const Config& config);
   // The task's spaces and limits under a completed configuration.
   EnvironmentSpec (*describe)(const Config& config);
@@ -67,15 +67,15 @@ struct EnvironmentEntry {
   std::span<const Preset> presets = {};
 };
 
-// In the catalogue's order.
+// All environments, in the catalogue's order.
 std::span<const EnvironmentEntry> EnvironmentList();
-// kUnknownName with the nearest known one.
+// The entry of that name; else kUnknownName, with the nearest known name.
 Result<const EnvironmentEntry*> FindEnvironment(std::string_view name);
-// The specification under the default configuration.
+// The environment's specification under its default configuration.
 Result<EnvironmentSpec> DescribeEnvironment(std::string_view name);
 
-// The folder with the tasks' own MJCF files, and the users' when none is given: the installation's,
-// else the checkout's data/models.
+// The folder of the tasks' own MJCF files, and of users' files unless another folder is given: the
+// installed one, else data/models of the checkout.
 std::string DefaultModelsFolder();
 
 }  // namespace b4mrl

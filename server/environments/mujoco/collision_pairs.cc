@@ -7,8 +7,8 @@
 namespace b4mrl {
 namespace {
 
-// Bodies that are welded together move as one; a body and its parent overlap at their joint, so the
-// engine lets them pass through each other, unless the parent is the world.
+// MuJoCo's rule: bodies that are welded together move as one and never touch; a body and its parent
+// overlap at their joint, so they pass through each other, unless the parent is the world.
 bool BodiesMayTouch(const mjModel& model, int body1, int body2) {
   const int weld1 = model.body_weldid[body1];
   const int weld2 = model.body_weldid[body2];
@@ -24,7 +24,7 @@ bool GeomsMayTouch(const mjModel& model, int geom1, int geom2) {
          (model.geom_contype[geom2] & model.geom_conaffinity[geom1]);
 }
 
-// How much of the mixed solver parameters comes from the first geom.
+// Weight of the first geom, 0 to 1, in the mixed solver parameters of a pair.
 mjtNum MixingWeight(mjtNum solmix1, mjtNum solmix2) {
   if (solmix1 >= mjMINVAL && solmix2 >= mjMINVAL) return solmix1 / (solmix1 + solmix2);
   if (solmix1 < mjMINVAL && solmix2 < mjMINVAL) return 0.5;
@@ -43,7 +43,8 @@ void AddPair(const mjModel& model, int geom1, int geom2, CollisionPairs& pairs) 
     return weight * values[geom1 * size + k] + (1 - weight) * values[geom2 * size + k];
   };
   const mjtNum* reference = model.geom_solref;
-  // Not positive: stiffness and damping themselves, of which the smaller numbers count.
+  // Where a geom's solref is not positive, it is stiffness and damping; then the smaller one
+  // counts.
   const bool standard = reference[geom1 * mjNREF] > 0 && reference[geom2 * mjNREF] > 0;
 
   pairs.geom1.push_back(geom1);
@@ -60,12 +61,12 @@ void AddPair(const mjModel& model, int geom1, int geom2, CollisionPairs& pairs) 
   for (int k = 0; k < mjNIMP; ++k) {
     pairs.impedance.push_back(mixed(model.geom_solimp, mjNIMP, k));
   }
-  // A geom has one number for sliding, spinning and rolling; a contact has two axes of the first
-  // and of the last.
+  // A geom has one friction coefficient for sliding, one for spinning and one for rolling; a
+  // contact has two sliding axes, one spinning axis and two rolling axes.
   for (const int k : {0, 0, 1, 2, 2}) pairs.friction.push_back(larger(model.geom_friction, 3, k));
 }
 
-// Nothing where the engine's own search has to remain.
+// The pairs that can touch; nullopt where the engine's own search has to remain.
 std::optional<CollisionPairs> FindPairs(const mjModel& model) {
   if (model.npair > 0 || model.nexclude > 0 || model.opt.collision != mjCOL_ALL) return {};
   const int* priorities = model.geom_priority;

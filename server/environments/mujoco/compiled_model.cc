@@ -43,7 +43,7 @@ Status CheckSizes(const mjModel& model) {
 }
 
 // MuJoCo's message on one line: "Schema violation: unrecognized attribute: 'sise', Element 'geom',
-// line 31". That memory was refused says more with the limit.
+// line 31". For refused memory the limit is added.
 Status Refusal(std::string_view message) {
   std::string line;
   for (const char c : message) {

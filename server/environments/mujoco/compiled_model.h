@@ -1,5 +1,5 @@
-// Compiles a user's MJCF file to the binary model that simulators load. The header needs no type of
-// the engine; server/models/model_compiler.h runs it in a sandboxed process.
+// Compiles a user's MJCF file to the binary model that simulators load. This header needs no type
+// of MuJoCo. server/models/model_compiler.h runs CompileModelFile in a sandboxed process.
 #pragma once
 
 #include <string>

@@ -38,8 +38,8 @@ class HalfCheetah final : public PlanarRunner {
     spec.reward =
         "forward_reward_weight * (x_after - x_before) / dt - ctrl_cost_weight * sum(action^2)";
     spec.step_seconds = kShape.timestep * settings.frame_skip;
-    spec.termination.emplace();        // never
-    spec.reference_min = -280.178953;  // D4RL's
+    spec.termination.emplace();        // no rules: never terminates
+    spec.reference_min = -280.178953;  // D4RL's reference scores
     spec.reference_max = 12135.0;
     return spec;
   }

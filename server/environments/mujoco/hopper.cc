@@ -37,11 +37,12 @@ class Hopper final : public PlanarRunner {
     EnvironmentSpec spec = DescribePlanarRunner("Hopper", kJoints, settings);
     DescribePlanarWalker(settings, &spec);
     spec.step_seconds = kShape.timestep * settings.frame_skip;
-    spec.reference_min = -20.272305;  // D4RL's
+    spec.reference_min = -20.272305;  // D4RL's reference scores
     spec.reference_max = 3234.3;
     if (!settings.terminate_when_unhealthy) return spec;
-    // MOPO's source takes the absolute value of the comparison instead of the number, and so asks
-    // for the upper bound of healthy_state_range alone. Its results were made with that.
+    // MOPO's source takes the absolute value of a comparison instead of the number's, and so tests
+    // the upper bound of healthy_state_range alone. MOPO's published results were made with this
+    // rule.
     for (uint32_t i = HeightDimension(settings) + 2; i < spec.observation.size(); ++i) {
       spec.termination->push_back({i, -kInfinity, settings.healthy_state.high});
     }

@@ -40,12 +40,12 @@ constexpr const char* kMotors[] = {
     "left-knee",      "right-shoulder1", "right-shoulder2", "right-elbow", "left-shoulder1",
     "left-shoulder2", "left-elbow"};
 
-// A dimension's name behind its body's or joint's, and its unit.
+// The part of a dimension's name that follows the body's or joint's name, and the dimension's unit.
 using Component = std::pair<const char*, const char*>;
 constexpr Component kRootVelocities[] = {{"v-root-x", "m/s"},   {"v-root-y", "m/s"},
                                          {"v-root-z", "m/s"},   {"w-root-x", "rad/s"},
                                          {"w-root-y", "rad/s"}, {"w-root-z", "rad/s"}};
-// About the whole body's centre of mass, in world axes.
+// Inertia of a body (cinert) about the humanoid's centre of mass, in world axes.
 constexpr Component kInertia[] = {
     {"ixx", "kg m^2"}, {"iyy", "kg m^2"}, {"izz", "kg m^2"}, {"ixy", "kg m^2"}, {"ixz", "kg m^2"},
     {"iyz", "kg m^2"}, {"mdx", "kg m"},   {"mdy", "kg m"},   {"mdz", "kg m"},   {"mass", "kg"}};
@@ -55,7 +55,7 @@ constexpr Component kForce[] = {{"tx", "N m"}, {"ty", "N m"}, {"tz", "N m"},
                                 {"fx", "N"},   {"fy", "N"},   {"fz", "N"}};
 
 struct HumanoidSettings : LocomotionSettings {
-  // Version 5's.
+  // Settings of version 5 only.
   double contact_cost_weight = 0;
   Interval contact_cost_range;
   bool with_inertia = true;
@@ -103,7 +103,7 @@ class Humanoid final : public Locomotion {
     Locomotion::AfterForward();
     FindCentre();
   }
-  // A query has no step before it, so its reward starts from the exact centre.
+  // A query has no step before it, so its reward starts from the exact centre of mass.
   void BeforeQuery() override {
     mj_kinematics(&model(), mutable_data());
     FindCentre();
@@ -113,7 +113,7 @@ class Humanoid final : public Locomotion {
   void FindCentre();
 
   const HumanoidSettings& settings_;
-  Point centre_{};  // of mass; x and y
+  Point centre_{};  // centre of mass: x and y, m
 };
 
 void Humanoid::FindCentre() {
@@ -158,7 +158,7 @@ void Humanoid::StateFromObservation(std::span<const double> observation, std::sp
   const size_t positions = qpos.size() - skipped;
   std::ranges::copy(observation.first(positions), qpos.begin() + skipped);
   std::ranges::copy(observation.subspan(positions, qvel.size()), qvel.begin());
-  mju_normalize4(qpos.data() + 3);  // zeros become the upright orientation
+  mju_normalize4(qpos.data() + 3);  // a quaternion of zeros becomes the upright one
 }
 
 HumanoidSettings Humanoid::ReadSettings(ConfigReader& reader) {

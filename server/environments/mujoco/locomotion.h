@@ -32,7 +32,7 @@ struct LocomotionSettings {
   bool with_positions = false;  // not exclude_current_positions_from_observation
   uint32_t max_episode_steps = 1000;
 
-  // Only of tasks that can fall.
+  // Settings of the tasks that can fall, used by no other.
   double healthy_reward = 0;
   bool terminate_when_unhealthy = true;
   Interval healthy_z;
@@ -40,23 +40,23 @@ struct LocomotionSettings {
   Interval healthy_state;
 };
 
-// The arguments that every task has; those of `settings` are the defaults and are replaced.
+// Reads the arguments that every runner has; `settings` holds the defaults and gets the values.
 void ReadCommonSettings(ConfigReader& reader, LocomotionSettings* settings);
-// healthy_reward, terminate_when_unhealthy and healthy_z_range.
+// Reads healthy_reward, terminate_when_unhealthy and healthy_z_range in the same way.
 void ReadHealthSettings(ConfigReader& reader, LocomotionSettings* settings);
 
 // What an info column reports.
 enum class Info {
-  kX,  // of Position(), after the step
+  kX,  // of Position(), after the step, m
   kY,
-  kDistance,  // of Position() from the origin
+  kDistance,  // of Position() from the origin, m
   kRootX,     // of qpos
   kRootY,
   kRootDistance,
-  kHeightGain,  // qpos[1] above the model's
-  kXVelocity,   // of Position(), averaged over the step
+  kHeightGain,  // qpos[1] above the model's initial one, m
+  kXVelocity,   // of Position(), averaged over the step, m/s
   kYVelocity,
-  kForward,  // reward terms; costs are reported negative
+  kForward,  // first of the four reward terms; costs are reported negative
   kSurvive,
   kControl,
   kContact,
@@ -78,7 +78,8 @@ class Locomotion : public MujocoEnvironment {
   const EnvironmentSpec& spec() const override { return spec_; }
   void Infos(std::span<double> infos) const override;
 
-  // What a version changes in the task's own compiled model; a task hides it with its own.
+  // Version-dependent changes of the task's own compiled model: none here. A task that has some
+  // hides this function by its own.
   static void AdaptModel(const LocomotionSettings& /*settings*/, mjModel* /*model*/) {}
 
  protected:
@@ -90,14 +91,14 @@ class Locomotion : public MujocoEnvironment {
 
   const LocomotionSettings& settings() const { return settings_; }
 
-  // qpos[0] unless a task measures its progress otherwise.
+  // The point whose motion along x is the task's progress: qpos[0] unless overridden.
   virtual Point Position() const { return {data().qpos[0], 0}; }
   virtual bool Healthy() const { return true; }
   virtual double ContactCost() const { return 0; }
-  // qpos and qvel plus U(-reset_noise_scale, reset_noise_scale), positions first.
+  // Adds U(-reset_noise_scale, reset_noise_scale) to each number of qpos, then of qvel.
   void DrawInitialState(Rng& rng, std::span<double> qpos, std::span<double> qvel) const override;
 
-  // An overriding hook calls these.
+  // A task that overrides one of these two hooks calls it.
   void BeforeStep() override { before_ = Position(); }
   void AfterForward() override { terms_.reset(); }
 
@@ -117,7 +118,7 @@ class Locomotion : public MujocoEnvironment {
   std::optional<Terms> terms_;  // of the last step; none after a reset
 };
 
-// The parts of a spec that follow from the settings and infos alone: step limit, names of infos.
+// Fills in what follows from the settings and info columns alone: step limit and info names.
 void DescribeLocomotion(const LocomotionSettings& settings, std::span<const InfoColumn> columns,
                         EnvironmentSpec* spec);
 

@@ -12,7 +12,7 @@
 namespace b4mrl {
 namespace {
 
-// Beyond this MuJoCo calls a number bad and resets its data (mjMAXVAL).
+// Greatest absolute value that MuJoCo accepts; beyond it MuJoCo resets its data (mjMAXVAL).
 constexpr double kLargestValue = 1e10;
 
 void CopyInto(std::span<const double> from, double* to) { std::copy(from.begin(), from.end(), to); }
@@ -30,9 +30,9 @@ Status CheckPart(const std::string& name, std::span<const double> values, size_t
   return Status();
 }
 
-// mj_forward normalises the quaternions of `positions`, once more than mj_step had when the state
-// was read. What it changed by rounding alone gets its `given` bits back: the next step is then the
-// same.
+// mj_forward normalises the quaternions of `positions`, which mj_step had already normalised when
+// the state was read. Numbers that this changed by rounding alone get their `given` bits back, so
+// that the next step has equal bits.
 void KeepUnitQuaternions(std::span<const double> given, std::span<double> positions) {
   for (size_t i = 0; i < positions.size(); ++i) {
     if (std::abs(given[i] - positions[i]) < 1e-12) positions[i] = given[i];
@@ -146,7 +146,7 @@ Status MujocoEnvironment::SetNamedState(const NamedState& state) {
   if (!Forward()) {
     return Status(StatusCode::kInvalidArgument, "the physics engine refuses the state");
   }
-  copy_parts(false);  // only now: mj_forward writes its own warm start and derived numbers
+  copy_parts(false);  // after mj_forward, which writes its own warm start and derived numbers
   KeepUnitQuaternions(state.at("qpos"), qpos());
   return Status();
 }

@@ -1,15 +1,15 @@
-// What the MuJoCo tasks share beside their models (mujoco_model.h): an Environment whose state is
-// time, qpos, qvel, the warm start of the solver and whatever else a task names. A task adds its
-// observation, reward and termination (locomotion.h).
+// The base class of the MuJoCo tasks: an Environment whose state is time, qpos, qvel, the solver's
+// warm start (qacc_warmstart) and the parts that a task adds. A task brings its observation, reward
+// and termination (locomotion.h); mujoco_model.h has its model.
 //
-// A control step writes the action into ctrl, calls mj_step frame_skip times and no mj_forward:
-// that would change the warm start. LoadState copies numbers and calls nothing either; mj_step
-// computes all else from them, with equal bits (tests compare with recorded trajectories).
+// A control step writes the action into ctrl and calls mj_step frame_skip times. It never calls
+// mj_forward, which would change the warm start, and neither does LoadState, which only copies the
+// state: mj_step computes all else, with equal bits (tests compare with recorded trajectories).
 // Actuators clip their own copy of the action.
 //
-// Under RK4 the arrays that MuJoCo derives from positions and velocities (xipos, cinert, cvel,
-// cfrc_ext) are not those of the state that mj_step leaves, but of the last stage before it. A task
-// that reads them between steps keeps them as parts of its state.
+// With the RK4 integrator, the arrays that MuJoCo derives from positions and velocities (xipos,
+// cinert, cvel, cfrc_ext) belong after mj_step to the last Runge-Kutta stage, not to the new state.
+// A task that reads these arrays between steps keeps them as parts of its state.
 #pragma once
 
 #include <mujoco/mujoco.h>
@@ -47,41 +47,43 @@ class MujocoEnvironment : public Environment {
   // Simulated seconds of one control step.
   double step_seconds() const { return model_.opt.timestep * frame_skip_; }
 
-  // Adds numbers of the task's own to the state, saved and loaded from where they are; they must
-  // not move. Only in a constructor.
+  // Adds the task's own numbers `values` to the state. They are saved from and loaded into their
+  // place and must not move. Only a constructor calls this.
   void AddStatePart(const char* name, std::span<double> values);
   mjData* mutable_data() { return data_; }
 
-  // Fills qpos and qvel, which hold the model's initial values, with an episode's start.
+  // Writes an episode's start state over qpos and qvel, which hold the model's initial values.
   virtual void DrawInitialState(Rng& rng, std::span<double> qpos, std::span<double> qvel) const = 0;
-  // The state that `observation` describes; both spans hold zeros.
+  // Writes the state that `observation` describes: all of qvel, and what is known of qpos, which
+  // holds zeros.
   virtual void StateFromObservation(std::span<const double> observation, std::span<double> qpos,
                                     std::span<double> qvel) const = 0;
   // Reward and termination of the step that has just been simulated.
   virtual StepResult Judge(std::span<const double> action) = 0;
 
   // Hooks that run under MuJoCo's error guard: they own no object with a destructor.
-  // Before a step: remember what the reward compares with.
+  // Before a step's first mj_step: stores the values that the reward compares with.
   virtual void BeforeStep() {}
-  // After the last mj_step of a step: what else the original computes then.
+  // After a step's last mj_step: computes what Gymnasium's task computes there.
   virtual void AfterStep() {}
-  // A state was set and mj_forward has derived the rest from it.
+  // After a reset or SetNamedState, when mj_forward has derived all else from the state.
   virtual void AfterForward() {}
-  // A query has set qpos, qvel and a warm start of 0, and nothing is derived from them yet.
+  // Before a query's step: qpos, qvel and a warm start of 0 are set, and nothing is derived from
+  // them.
   virtual void BeforeQuery() {}
 
  private:
   struct StatePart {
     const char* name;
     std::span<double> values;
-    bool required;  // by SetNamedState: what mj_forward starts from
+    bool required;  // in SetNamedState, because mj_forward starts from it
   };
   std::span<double> qpos() { return {data_->qpos, static_cast<size_t>(model_.nq)}; }
   std::span<double> qvel() { return {data_->qvel, static_cast<size_t>(model_.nv)}; }
-  // A control step up to the task's judgement; false after an error or a warning, with the data
-  // reset.
+  // The physics and hooks of a control step, without reward and termination. False after an error
+  // or a warning of MuJoCo, which also resets *data_.
   bool Simulate(std::span<const double> action);
-  // mj_forward; the same.
+  // Calls mj_forward and AfterForward; fails as Simulate does.
   bool Forward();
   bool Guarded(void (*function)(void*));
 
@@ -90,8 +92,8 @@ class MujocoEnvironment : public Environment {
   }
 
   MujocoScratch scratch_;
-  const mjModel& model_;  // scratch_'s
-  mjData* data_;          // scratch_'s
+  const mjModel& model_;  // scratch_.model()
+  mjData* data_;          // scratch_.data()
   int frame_skip_;
   std::vector<StatePart> parts_;
 };

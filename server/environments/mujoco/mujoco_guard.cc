@@ -24,10 +24,10 @@ void JumpBack(const char* message) {
 
 void EndProcess(const char* message) {
   spdlog::critical("MuJoCo error outside a step: {}", message);
-  std::abort();  // a signal, so that a worker records which thread it was
+  std::abort();  // its signal makes a worker record which thread failed
 }
 
-// The counters in mjData say the same; by default MuJoCo would also write a file.
+// Drops MuJoCo's warning texts: mjData counts warnings, and MuJoCo's own handler writes a file.
 void DropWarning(const char*) {}
 
 }  // namespace

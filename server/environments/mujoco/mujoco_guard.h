@@ -1,10 +1,10 @@
 // Keeps the physics engine from ending or hanging the process, and its warnings from being lost.
 //
 // MuJoCo's own error path writes a file, waits for a key and exits. InstallMujocoHandlers replaces
-// it for the process: an error outside a guard ends the process at once (the supervisor replaces
-// it). Inside RunGuarded an error is caught: MuJoCo's handler for the calling thread jumps back, as
-// MuJoCo's own Python binding does. The mjData that was in use is then in an unknown state and must
-// be deleted or reset.
+// that path for the process: an error outside a guard ends the process at once (the supervisor
+// starts another). Inside RunGuarded an error is caught: MuJoCo's handler for the calling thread
+// jumps back, as MuJoCo's own Python binding does. The mjData that was in use is then in an unknown
+// state and must be deleted or reset.
 #pragma once
 
 #include <mujoco/mujoco.h>

@@ -43,7 +43,7 @@ Result<MjModelPtr> Copy(const mjModel& model) {
   return Status(StatusCode::kUnavailable, "no memory for a model's copy");
 }
 
-// A copy of the task's own model, which no folder of users has a say in.
+// A copy of the task's own model, which is never read from a folder of users' models.
 Result<LoadedModel> LoadOwnModel(const std::string& file_name) {
   static std::mutex mutex;
   static std::map<std::string, LoadedModel>* compiled = new std::map<std::string, LoadedModel>;
@@ -102,7 +102,7 @@ const char* JointTypeName(int type) {
   }
 }
 
-// Observations, actions and rewards count on these; what else a model holds is its own affair.
+// Checks what observations, actions and rewards rely on; a user's model may differ in all else.
 Status CheckFits(const mjModel& own, const mjModel& model, const std::string& file_name) {
   const auto number_of = [&](const char* what) {
     return fmt::format("number of {} of {}", what, file_name);
@@ -194,7 +194,7 @@ Result<MujocoScratch> MujocoScratch::Create(const LoadedModel& loaded) {
 
 Status MujocoScratch::SetParameters(std::span<const double> parameters) {
   if (own_ == nullptr) return Status();
-  mj_copyModel(own_.get(), loaded_->model.get());  // in place, 3 us
+  mj_copyModel(own_.get(), loaded_->model.get());  // overwrites own_ in place, 3 us
   B4MRL_RETURN_IF_ERROR(loaded_->change_copy(parameters, own_.get()));
   pairs_ = ListCollisionPairs(own_.get());
   return Status();

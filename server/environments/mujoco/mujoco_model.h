@@ -1,8 +1,8 @@
-// Compiled MuJoCo models: the tasks' own, the user's in their place, and their perturbed copies.
+// Compiled MuJoCo models: the tasks' own, users' models in their place, and perturbed copies.
 //
-// A task's own MJCF is compiled once per process. A user's is never parsed here: a sandboxed
-// process compiles it (CompileModelFile, called by server/models/model_compiler.cc) and everybody
-// else loads the compiled copy, whose content names it. Any thread.
+// A task's own MJCF is compiled once per process. A user's MJCF is never parsed here: a sandboxed
+// process compiles it (CompileModelFile, called by server/models/model_compiler.cc), and all others
+// load the compiled copy, a file named by the hash of its content. Any thread.
 #pragma once
 
 #include <mujoco/mujoco.h>
@@ -32,50 +32,52 @@ using MjDataPtr = std::unique_ptr<mjData, MjDataDeleter>;
 struct LoadedModel {
   MjModelPtr model;
   std::string identity;    // "half_cheetah.xml:<64-bit hash of the file, hexadecimal>"
-  std::string users_file;  // in place of the task's own; "" for that
-  CollisionPairs pairs;    // once listed: memory of the model's
-  // Where perturbations draw numbers anew for each episode, `model` is without any perturbation and
-  // without listed pairs, and this applies them to a copy: EnvironmentSetup::change_model.
+  std::string users_file;  // user's MJCF in place of the task's own; "" without one
+  CollisionPairs pairs;    // if pairs are listed: memory that `model` uses
+  // EnvironmentSetup::change_model, set only if perturbations draw numbers anew for each episode.
+  // `model` then has neither perturbations nor listed pairs; this function perturbs a copy of it.
   std::function<Status(std::span<const double> parameters, mjModel*)> change_copy;
 };
 
-// The arrays that a task's code expects of its model.
+// The array sizes and the timestep that a task's code expects of its model.
 struct ModelShape {
   int positions;
   int velocities;
   int motors;
   double timestep;  // s
-  int bodies = 0;   // with the world; 0: any number
+  int bodies = 0;   // the world included; 0: any number
 };
 
-// kDataLoss if a task's own model does not have the shape, kInvalidArgument if a user's has not.
+// kDataLoss if a task's own model has another shape than `needed`, kInvalidArgument if a user's
+// has.
 Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed);
 
-// The task's own model is that file of DefaultModelsFolder(), compiled on first use and kept until
-// the process ends, so that a later change of the file has no effect. The task may `adapt` it. A
-// user's model replaces it (setup.users_model), and must have the same joints, motors and timestep.
-// Then the perturbations apply (setup.change_model), unless they draw numbers anew for each
-// episode. kIoError or kDataLoss when a file cannot be read or compiled, kInvalidArgument when the
-// user's model does not fit the task.
+// Loads a user's model (setup.users_model), which must have the joints, motors and timestep of the
+// task's own, or else the task's own, changed by `adapt`. Then the perturbations apply
+// (setup.change_model), unless they draw numbers anew for each episode. The task's own model is
+// `file_name` of DefaultModelsFolder(), compiled on first use and kept until the process ends, so
+// that a later change of the file has no effect. kIoError or kDataLoss when a file cannot be read
+// or compiled, kInvalidArgument when the user's model does not fit the task.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});
 
-// mj_makeData that answers refused memory with kUnavailable.
+// Calls mj_makeData; kUnavailable where memory is refused.
 Result<MjDataPtr> MakeMujocoData(const mjModel& model);
 
-// What one Environment simulates with: an mjData, and the task's shared model or, where
-// perturbations draw numbers anew for each episode, a copy of its own. Belongs to one thread.
+// The MuJoCo objects of one Environment: an mjData, and the task's shared model or, where
+// perturbations draw numbers anew for each episode, a private copy of that model. Belongs to one
+// thread.
 class MujocoScratch {
  public:
   // `loaded` outlives the object. kUnavailable where memory is refused.
   static Result<MujocoScratch> Create(const LoadedModel& loaded);
 
-  // Both stay where they are for the object's life.
+  // Model and data keep their addresses for the object's life.
   const mjModel& model() const { return own_ == nullptr ? *loaded_->model : *own_; }
   mjData* data() const { return data_.get(); }
 
-  // Makes the copy equal, bit by bit, to a model that was loaded under fixed numbers of the values
-  // of `parameters`. Without such numbers there is nothing to do.
+  // Makes the private copy equal, bit by bit, to a model that was loaded with `parameters` as fixed
+  // numbers. Without a private copy this does nothing.
   Status SetParameters(std::span<const double> parameters);
 
  private:

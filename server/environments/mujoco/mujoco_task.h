@@ -1,6 +1,6 @@
 // The compiled model of a MuJoCo task and what its scratch simulators share, for any `Task` that
 // has
-//   Settings                         what its configuration says
+//   Settings                         the task's settings, read from its configuration
 //   kModelFile, kShape               the model that its code expects
 //   ReadSettings(ConfigReader&)      -> Settings: defaults and allowed arguments
 //   Describe(settings)               -> EnvironmentSpec: spaces, names, limits

@@ -30,9 +30,9 @@ class PlanarRunner : public Locomotion {
   double velocity_limit_;
 };
 
-// The parts of a spec that the joints decide: dimensions "rootz", "rooty", the joints, "v-root-x",
-// "v-root-z", "v-rooty", "v-<joint>" ("rootx" first if positions are not excluded), unbounded as in
-// Gymnasium; one action in -1..1 for each joint.
+// The parts of a specification that follow from the joints: dimensions "rootz", "rooty", the
+// joints, "v-root-x", "v-root-z", "v-rooty", "v-<joint>" ("rootx" first if positions are not
+// excluded), unbounded as in Gymnasium; one action in -1..1 for each joint.
 EnvironmentSpec DescribePlanarRunner(const char* name, std::span<const char* const> joints,
                                      const LocomotionSettings& settings);
 
@@ -40,16 +40,16 @@ EnvironmentSpec DescribePlanarRunner(const char* name, std::span<const char* con
 LocomotionSettings ReadPlanarWalkerSettings(ConfigReader& reader, Interval healthy_z,
                                             Interval healthy_angle);
 
-// Infos of those runners.
+// Info columns of Hopper and Walker2d.
 std::span<const InfoColumn> PlanarWalkerInfos(const LocomotionSettings& settings);
 
-// The dimension of their observation that holds the torso's height; its pitch follows.
+// Index of the torso's height in the observation of Hopper and Walker2d; the pitch is the next.
 inline uint32_t HeightDimension(const LocomotionSettings& settings) {
   return settings.with_positions ? 1 : 0;
 }
 
-// Their reward, infos and step limit, termination by the healthy ranges of height and pitch, and
-// the lower legs that perturbations may change.
+// Fills in what Hopper and Walker2d share: reward, infos, step limit, termination by the healthy
+// ranges of height and pitch, and the lower legs as a feature that perturbations may change.
 void DescribePlanarWalker(const LocomotionSettings& settings, EnvironmentSpec* spec);
 
 }  // namespace b4mrl

@@ -32,12 +32,12 @@ class Walker2d final : public PlanarRunner {
     EnvironmentSpec spec = DescribePlanarRunner("Walker2d", kJoints, settings);
     DescribePlanarWalker(settings, &spec);
     spec.step_seconds = kShape.timestep * settings.frame_skip;
-    spec.reference_min = 1.629008;  // D4RL's
+    spec.reference_min = 1.629008;  // D4RL's reference scores
     spec.reference_max = 4592.3;
     return spec;
   }
 
-  // Friction is used as it stands in the model, so nothing has to be compiled again.
+  // MuJoCo reads friction from the compiled model at each step, so a change needs no compiling.
   static void AdaptModel(const LocomotionSettings& settings, mjModel* model) {
     const int foot = mj_name2id(model, mjOBJ_GEOM, "foot_geom");
     if (settings.v5 && foot >= 0) model->geom_friction[3 * foot] = 1.9;
