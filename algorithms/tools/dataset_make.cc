@@ -174,11 +174,23 @@ Status InTermsOf(const std::string& original, const std::string& copy, const Sta
   return Status(status.code(), std::move(message));
 }
 
+// Whether the daemon would refuse the file again. A deadline, an interrupt or a full queue says
+// nothing about the file.
+bool LiesInFile(const Status& failure) {
+  return failure.code() == StatusCode::kInvalidArgument ||
+         failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||
+         failure.code() == StatusCode::kVersionMismatch;
+}
+
 std::optional<Failure> WriteCommand::Import() {
   Destination destination;
   if (auto failure = Prepare(destination, "choose another --name or remove it")) return failure;
   if (Status status = CopyInto(destination.path); !status.ok()) return BadInput(std::move(status));
   const auto dataset = destination.connection->client().OpenDataset(name);
+  if (!dataset.ok() && !LiesInFile(dataset.status())) {
+    return BadInput(dataset.status().WithContext(fmt::format(
+        "{} was copied to {}, where it stays, but not imported yet", file, destination.path)));
+  }
   if (!dataset.ok()) {
     std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
     fs::remove(destination.path, ignored);

@@ -68,6 +68,35 @@ TEST_CASE("No dataset is written for a daemon whose data folder is not the one o
   CHECK(fs::is_empty(folder.path()));
 }
 
+TEST_CASE("The copy of a file that is imported stays unless the daemon found fault with the file") {
+  const auto [code, stays] = GENERATE(std::pair{StatusCode::kLimitExceeded, true},
+                                      std::pair{StatusCode::kDeadlineExceeded, true},
+                                      std::pair{StatusCode::kDataLoss, false});
+  const TemporaryFolder folder;
+  fs::create_directory(folder.File("data"));
+  WriteBytes(folder.File("file.h5"), "any");
+  const FakeDaemon refusing([&, code = code](FakeServer& server, FakeCall& call) {
+    pb::Reply reply;
+    if (call.request.has_server_status()) {
+      reply.mutable_server_status()->set_data_folder(folder.File("data"));
+      reply.mutable_server_status()->set_data_folder_id(FolderIdentity(folder.File("data")));
+    } else if (call.request.has_open_dataset()) {
+      SetStatus(Status(code, "refused"), reply.mutable_status());
+    } else {
+      return false;
+    }
+    server.Reply(call, std::move(reply));
+    return true;
+  });
+  const Outcome outcome = Run({"dataset", "import", folder.File("file.h5"), "--name", "zz/y",
+                               "--endpoint", refusing.address()});
+  CAPTURE(StatusCodeName(code), outcome.err);
+  CHECK(outcome.exit_code == 3);
+  CHECK(Says(outcome.err, "refused"));
+  CHECK(Says(outcome.err, folder.File("data/zz/y.h5")) == stays);
+  CHECK(fs::exists(folder.File("data/zz/y.h5")) == stays);
+}
+
 TEST_CASE("What cannot be imported is told by its own name and reason, and leaves no folder") {
   const TemporaryFolder folder;
   WriteBytes(folder.File("bad.h5"), "no HDF5");
