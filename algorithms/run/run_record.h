@@ -22,7 +22,7 @@ struct TrainOptions {
   std::string environment;
   std::string simulator;   // perturbations as the user wrote them; "" is the true environment
   std::string dataset;     // "" for none
-  std::string corruption;  // as the user wrote it
+  std::string corruption;  // of the dataset, as the user wrote it; "" for none
   uint32_t history_length = 1;
   uint64_t seed = 0;
   Hyperparameters hyperparameters;
@@ -43,8 +43,8 @@ struct TrainOptions {
 
 // A folder name that distinguishes runs: "HalfCheetah-hymopo-gravity-medium-s0", with the
 // corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). It has only
-// letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. Where these limits change the
-// name, it ends with a hash of the unchanged name.
+// letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. If these limits change the
+// name, or the dataset is of another environment, the name ends with a hash of the unchanged name.
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
 

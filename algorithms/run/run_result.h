@@ -24,7 +24,7 @@ enum class RunState {
   kRunning,
   kFinished,     // all updates done, or the score reached
   kInterrupted,  // told to stop
-  kDiverged,     // some of its numbers are no longer finite
+  kDiverged,     // a loss or weight is no longer finite
   kFailed,       // ended by any other error
   kKilled,       // never in the file: ReadRunStatus reports `running` without a lock as killed
 };
