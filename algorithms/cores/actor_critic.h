@@ -1,9 +1,9 @@
-// What the actor-critic cores share: the common part of their options, twin critics, and an actor's
-// weights as a policy.
+// Parts that the actor-critic cores share: common options, twin critics, and an actor's weights as
+// a policy.
 //
 // Every core has one Update(batch, noise): one gradient step of all its networks. `noise` holds the
-// step's standard normals, so that tests can give them; without it they are drawn from the core's
-// seed and the number of the update, so a resumed run needs that number alone.
+// step's standard normals, which tests give. Without `noise` they are a function of the core's seed
+// and the number of the update, so a resumed run needs that number alone.
 #pragma once
 
 #include <cstdint>
@@ -20,13 +20,13 @@ struct ActorCriticOptions {
   int observation_size = 0;
   int action_size = 0;
   std::vector<int> hidden = {256, 256};  // widths of the hidden layers of the actor and each critic
-  int batch_max = 256;                   // most transitions of an update
+  int batch_max = 256;                   // largest batch of an update, in transitions
   double actor_learning_rate = 3e-4;
   double critic_learning_rate = 3e-4;
   double gamma = 0.99;  // discount
   double tau = 0.005;   // Polyak rate: target <- tau * online + (1 - tau) * target
   uint64_t seed = 0;    // of the initial weights and of the updates' noise
-  int threads = 1;      // that evaluate the twin critics; no bit depends on their number
+  int threads = 1;      // threads that evaluate the twin critics; their number changes no bit
 };
 
 Status ValidateSizes(int observation_size, int action_size, const std::vector<int>& hidden,
@@ -35,16 +35,18 @@ Status ValidateActorCritic(const ActorCriticOptions& options);
 Status ValidateRate(std::string_view name, double value);          // finite and >= 0
 Status ValidateUnitInterval(std::string_view name, double value);  // in [0, 1]
 
-// Of a network from observations to `outputs` numbers.
+// Shape of an actor network, from an observation to `outputs` numbers.
 MlpShape ActorShape(const ActorCriticOptions& options, int outputs);
 
-// Q_1 and Q_2, the members of one network from (s, a) to a value, and their targets Q'_1 and Q'_2.
+// Q_1 and Q_2, the two members of one network from (s, a) to a value, with their target networks
+// Q'_1 and Q'_2.
 // Thread rule: one thread.
 template <typename Scalar>
 struct TwinCritics : Network<Scalar> {
   TwinCritics(const ActorCriticOptions& options, const InitialWeights& weights);
 
-  // The values of n pairs (s, a), 2 x n. Both leave the pairs in `input`.
+  // Evaluate the critics, and their targets, at n pairs (s, a): 2 x n values. Leave the pairs in
+  // `input`.
   MatrixView<Scalar> Evaluate(MatrixView<const Scalar> observations,
                               MatrixView<const Scalar> actions) {
     return Network<Scalar>::Forward(Stack(observations, actions));
@@ -53,11 +55,11 @@ struct TwinCritics : Network<Scalar> {
                                      MatrixView<const Scalar> actions) {
     return Network<Scalar>::ForwardTarget(Stack(observations, actions));
   }
-  // Writes `input`: s above a.
+  // Writes `input`: each column holds s, then a.
   MatrixView<const Scalar> Stack(MatrixView<const Scalar> observations,
                                  MatrixView<const Scalar> actions);
-  // One step of the critics from workspace.output_gradient() of the n pairs evaluated last, then
-  // one of their targets.
+  // One Adam step of the critics from workspace.output_gradient() of the n pairs evaluated last,
+  // then one Polyak step of their targets.
   void Train(int n, double tau) {
     Network<Scalar>::Backward(input.view(n));
     Network<Scalar>::StepWithTarget(tau);
@@ -67,7 +69,8 @@ struct TwinCritics : Network<Scalar> {
   AlignedVector<Scalar> targets;  // batch: y of the core's Bellman equation
 };
 
-// The actor as one mean head, or, when it has 2 * action_size outputs, as mean and log_std heads.
+// The actor's weights as a policy: its output layer becomes the mean head or, if it has 2 *
+// action_size outputs, the mean and log_std heads.
 template <typename Scalar>
 PolicyWeights ActorWeights(const Network<Scalar>& actor, int action_size);
 

@@ -6,13 +6,13 @@
 //   P(. | s, a, s') = softmax(D_sas + D_sa)
 //   L_sa  = mean over real -log P(real | s, a) + mean over simulated -log P(simulated | s, a)
 //   L_sas = the same of P(. | s, a, s'); its gradient reaches both networks
-// A step descends L_sa + L_sas, with noise of deviation `input_noise` on s, a and s', the same for
-// both networks. By Bayes' rule (Eysenbach et al. 2021, DARC) the ratio of the dynamics is
+// A step descends L_sa + L_sas, with normal noise of standard deviation `input_noise` on s, a and
+// s', equal for both networks. By Bayes' rule (Eysenbach et al. 2021, DARC) the dynamics ratio is
 //   p_real(s' | s, a) / p_sim(s' | s, a) = exp(g_0 - g_1),  g the logits of D_sas alone,
 // so its logarithm lies in [-4, 4], and no probability is ever formed.
 //
-// The noise is Rng(seed, "discriminator-noise", step number), so a resumed run needs only the
-// counter. Allocates nothing of its own after construction. Thread rule: one thread.
+// The noise is Rng(seed, "discriminator-noise", step number), so a resumed run needs only the step
+// number. Allocates nothing of its own after construction. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -30,11 +30,11 @@ struct DiscriminatorOptions {
   int observation_size = 0;
   int action_size = 0;
   std::vector<int> hidden = {256, 256};
-  int batch_max = 512;  // most rows of an update, real and simulated together; LogDynamicsRatios
-                        // takes as many columns in one pass
+  int batch_max = 512;  // most rows of an update, both kinds together, and most columns that
+                        // LogDynamicsRatios evaluates in one pass
   double learning_rate = 3e-4;
-  double input_noise = 0.1;
-  uint64_t seed = 0;  // of the initial weights and of the steps' noise
+  double input_noise = 0.1;  // standard deviation
+  uint64_t seed = 0;         // of the initial weights and of the steps' noise
 };
 
 struct DiscriminatorMetrics {
@@ -47,18 +47,18 @@ class Discriminators {
  public:
   static Result<Discriminators> Create(const DiscriminatorOptions& options);
 
-  // One gradient step. Rewards and ends of episodes are not read. `noise`: standard normals in rows
-  // for s, a and s', a column for each of the batch; drawn if empty.
+  // One gradient step. Rewards and not_terminated are not read. `noise`: standard normals, with
+  // rows for s, a and s' and as many columns as the batch; drawn if empty.
   DiscriminatorMetrics Update(const HybridBatch<Scalar>& batch,
                               MatrixView<const Scalar> noise = {});
 
-  // log_ratios[i] = log p_real / p_sim with column i of `next_observations` for s' and the batch's
-  // column i mod n for s and a: a whole number of times, each of its n columns gets another s'.
+  // log_ratios[i] = log p_real / p_sim at s, a of the batch's column i mod n and s' in column i of
+  // `next_observations`, which has a multiple of the batch's n columns.
   void LogDynamicsRatios(const TransitionBatch<Scalar>& batch,
                          MatrixView<const Scalar> next_observations, std::span<Scalar> log_ratios);
 
   const DiscriminatorOptions& options() const { return options_; }
-  int64_t steps() const { return transition_.adam.steps(); }  // so far
+  int64_t steps() const { return transition_.adam.steps(); }  // gradient steps so far
 
   template <typename Body>
   void ForEachPart(Body body) {
@@ -67,14 +67,14 @@ class Discriminators {
   }
 
  private:
-  // From (s, a) or (s, a, s') to two logits.
+  // A network from (s, a) or (s, a, s') to two logits, for real and simulated.
   struct Classifier : Network<Scalar> {
     Classifier(const DiscriminatorOptions& options, int inputs, std::string_view weights);
-    // Writes `logits`.
+    // Writes the logits of all columns of `input` to `logits`.
     void Classify(MatrixView<const Scalar> input);
     // One step of gradient descent, from `slopes` = d loss / d margin of each column.
     void Train(MatrixView<const Scalar> input, std::span<const Scalar> slopes);
-    // How far the real class's logit is above the other's.
+    // The logit of class real minus the logit of class simulated.
     Scalar margin(int column) const { return logits.view()(0, column) - logits.view()(1, column); }
 
     MatrixBuffer<Scalar> logits;  // 2 x batch
@@ -86,7 +86,7 @@ class Discriminators {
   DiscriminatorOptions options_;
   Classifier state_action_;             // D_sa
   Classifier transition_;               // D_sas
-  MatrixBuffer<Scalar> input_, noise_;  // rows: s, a, s'; D_sa sees the first two
+  MatrixBuffer<Scalar> input_, noise_;  // rows: s, a, s'; D_sa reads the rows of s and a
   AlignedVector<Scalar> state_action_slopes_, transition_slopes_;
 };
 

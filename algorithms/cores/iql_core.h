@@ -10,10 +10,10 @@
 //   3. critics: y = r + not_terminated gamma V(s'), with the V of step 1
 //               L = sum_k mean (Q_k(s, a) - y)^2
 //   4. Q' <- tau Q + (1 - tau) Q'
-// pi(s) = tanh of the actor network: the action of either actor, and the mean of the Gaussian one.
-// The Gaussian's standard deviations sigma = exp(clamp(log_std)) do not depend on s, and it is not
-// squashed. iql-pytorch's deterministic actor has twice as many outputs, of which it reads half;
-// the other half is left out here.
+// pi(s) = tanh of the actor network: the deterministic action, or the mean of the Gaussian actor.
+// The Gaussian's standard deviations sigma = exp(clamp(log_std)) do not depend on s, and its
+// samples are not squashed. iql-pytorch's deterministic actor has twice as many outputs and reads
+// half of them; our actor has no unread outputs.
 //
 // An update draws no random numbers and allocates nothing of its own. Thread rule: one thread.
 #pragma once
@@ -50,12 +50,12 @@ struct IqlMetrics {
   double value_loss = 0;
   double actor_loss = 0;
   double critic_loss = 0;
-  double mean_value = 0;   // V(s) of step 2
-  double mean_weight = 0;  // w
-  double mean_q = 0;       // of both critics on the batch
-  double mean_target = 0;  // y
+  double mean_value = 0;   // mean of V(s) in step 2
+  double mean_weight = 0;  // mean of the actor's weights w
+  double mean_q = 0;       // mean of Q_1 and Q_2 over the batch
+  double mean_target = 0;  // mean of the Bellman targets y
 };
-// Adds these numbers under the names that they have in every learner's logs.
+// Adds IQL's metrics under the names that every learner's logs use for them.
 void AddMetrics(const IqlMetrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
@@ -71,8 +71,8 @@ class IqlCore : public TrainedParts<IqlCore<Scalar>, Scalar> {
   // The learning rate that the actor's Adam will have in the next update.
   double actor_learning_rate() const;
 
-  // pi for the fixed-order inference; without its standard deviations, since an agent file's
-  // stochastic policies are squashed and this Gaussian is not.
+  // pi as weights for the fixed-order inference. They lack the Gaussian's standard deviations,
+  // since stochastic policies in agent files are squashed and this Gaussian is not.
   PolicyWeights Policy() const;
 
   template <typename Body>
@@ -87,7 +87,8 @@ class IqlCore : public TrainedParts<IqlCore<Scalar>, Scalar> {
  private:
   explicit IqlCore(const IqlOptions& options);
 
-  // The lines of the legend, in this order.
+  // The steps of the header comment, in this order: q, then steps 1 to 3; UpdateCritics also
+  // does 4.
   void EvaluateTargetCritics(const TransitionBatch<Scalar>& batch);
   void UpdateValue(const TransitionBatch<Scalar>& batch, IqlMetrics& metrics);
   void UpdateActor(const TransitionBatch<Scalar>& batch, IqlMetrics& metrics);
@@ -97,7 +98,7 @@ class IqlCore : public TrainedParts<IqlCore<Scalar>, Scalar> {
   int64_t updates_ = 0;
   Network<Scalar> value_;  // after step 1 its workspace has V(s), then V(s')
   Network<Scalar> actor_;
-  TrainedVector<Scalar> log_std_;  // one number an action; none if deterministic
+  TrainedVector<Scalar> log_std_;  // one per action dimension; empty if the actor is deterministic
   TwinCritics<Scalar> critics_;
 
   MatrixBuffer<Scalar> value_input_;      // observation x 2 batch: s, then s'

@@ -28,8 +28,8 @@ class SacCore : public TrainedParts<SacCore<Scalar>, Scalar> {
  public:
   static Result<SacCore> Create(const SacOptions& options);
 
-  // One gradient step on n transitions, 1 <= n <= batch_max. `noise` as SoftActor::DrawNoise has
-  // it, action x 2 n; drawn if empty.
+  // One gradient step on n transitions, 1 <= n <= batch_max. `noise`: standard normals, action x 2
+  // n, in the layout of SoftActor::DrawNoise; drawn if empty.
   SacMetrics Update(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise = {});
 
   const SacOptions& options() const { return options_; }

@@ -1,8 +1,8 @@
 // The stochastic actor of soft actor-critic with its entropy weight, as SAC and H2O train it.
 //
 // pi(. | s) is a squashed Gaussian (nn/squashed_gaussian.h) whose mean and log_std are the outputs
-// of one network. alpha = exp(log_alpha), trained beside it, weighs the entropy of pi. H2O's actor
-// has a learned scale m and offset b besides: log_std = clamp(m raw + b), with m = 1 and b = -1 at
+// of one network. alpha = exp(log_alpha), trained beside pi, weighs the entropy of pi. H2O's actor
+// also learns a scale m and an offset b: log_std = clamp(m raw + b), with m = 1 and b = -1 at
 // first. Allocates nothing of its own after construction. Thread rule: one thread.
 #pragma once
 
@@ -23,7 +23,7 @@ class MetricMeans;
 struct SacOptions : ActorCriticOptions {
   double alpha_learning_rate = 3e-4;
   double initial_alpha = 1.0;
-  std::optional<double> target_entropy;  // in nats; nothing: -action_size
+  std::optional<double> target_entropy;  // in nats; without a value: -action_size
   SquashedGaussianOptions policy;
 };
 
@@ -31,17 +31,17 @@ struct SacMetrics {
   double critic_loss = 0;
   double actor_loss = 0;
   double alpha_loss = 0;
-  double alpha = 0;        // used in this update
-  double mean_q = 0;       // of both critics on the batch
-  double mean_target = 0;  // y
+  double alpha = 0;        // entropy weight used in this update
+  double mean_q = 0;       // mean of Q_1 and Q_2 over the batch
+  double mean_target = 0;  // mean of the Bellman targets y
   double entropy = 0;      // -mean log pi(a|s), in nats
 };
-// Adds these numbers under the names that they have in every learner's logs.
+// Adds SAC's metrics under the names that every learner's logs use for them.
 void AddMetrics(const SacMetrics& values, MetricMeans& metrics);
 
-// In what H2O's actor differs from SAC's.
+// The differences of H2O's actor from SAC's.
 struct SoftActorVariant {
-  bool learns_log_std_scale = false;  // whether there are m and b
+  bool learns_log_std_scale = false;  // whether the actor learns m and b of log_std
   std::optional<double> head_gain;  // the output layer starts as MlpLayout::InitializeHead draws it
 };
 
@@ -66,8 +66,8 @@ class SoftActor {
   void Update(const TransitionBatch<Scalar>& batch, MatrixView<const Scalar> noise,
               TwinCritics<Scalar>& critics, SacMetrics& metrics);
 
-  Scalar alpha() const { return alpha_; }  // of this update
-  // a' and log pi(a'|s') of the last Sample, on a batch of n.
+  Scalar alpha() const { return alpha_; }  // as taken by the last UpdateAlpha
+  // a' and log pi(a'|s') of the last Sample, whose batch had n transitions.
   MatrixView<const Scalar> next_actions(int n) const {
     return actions_.view(2 * n).ColumnBlock(n, n);
   }
@@ -75,7 +75,7 @@ class SoftActor {
     return std::span<const Scalar>(log_probs_).subspan(n, n);
   }
 
-  // The present actor for the fixed-order inference: what acts, evaluates and goes into files.
+  // The present actor as weights for the fixed-order inference (policy/inference.h).
   PolicyWeights Policy() const;
 
   template <typename Body>
@@ -85,16 +85,16 @@ class SoftActor {
   }
 
  private:
-  // Mean and log_std rows of the first `columns` columns of the last pass.
+  // Mean and log_std rows for the first `columns` columns of the network's last forward pass.
   MatrixView<const Scalar> Head(int columns);
 
   SacOptions options_;
   SoftActorVariant variant_;
   Network<Scalar> network_;          // its scalars are {m, b}
-  TrainedVector<Scalar> log_alpha_;  // one number
+  TrainedVector<Scalar> log_alpha_;  // of length 1
   Scalar alpha_ = 0;
 
-  // Columns [0, n) belong to s, [n, 2 n) to s'.
+  // Buffers of one update: columns [0, n) belong to s, columns [n, 2 n) to s'.
   MatrixBuffer<Scalar> input_;            // observation x 2 batch
   MatrixBuffer<Scalar> scaled_head_;      // 2 action x 2 batch: the output with m raw + b
   MatrixBuffer<Scalar> noise_;            // action x 2 batch

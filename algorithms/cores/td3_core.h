@@ -29,21 +29,21 @@ class MetricMeans;
 struct Td3Options : ActorCriticOptions {
   double policy_noise = 0.2;       // standard deviation of the target action's noise
   double noise_clip = 0.5;         // largest magnitude of that noise
-  int policy_frequency = 2;        // updates of the critics for one of the actor
-  std::optional<double> bc_alpha;  // 2.5 for TD3-BC; nothing: TD3
+  int policy_frequency = 2;        // critic updates per update of the actor and the targets
+  std::optional<double> bc_alpha;  // alpha of TD3-BC's lambda (2.5 there); no value: plain TD3
 };
 
 struct Td3Metrics {
   double critic_loss = 0;
-  double mean_q = 0;        // of both critics on the batch
-  double mean_target = 0;   // y
+  double mean_q = 0;        // mean of Q_1 and Q_2 over the batch
+  double mean_target = 0;   // mean of the Bellman targets y
   bool actor_step = false;  // whether this update trained the actor
-  // From the last update that trained the actor; bc_loss and lambda for TD3-BC alone.
+  // Values of the last update that trained the actor; bc_loss and lambda exist for TD3-BC alone.
   double actor_loss = 0;
   std::optional<double> bc_loss;  // mean (pi(s) - a)^2
   std::optional<double> lambda;
 };
-// Adds these numbers under the names that they have in every learner's logs.
+// Adds TD3's metrics under the names that every learner's logs use for them.
 void AddMetrics(const Td3Metrics& values, MetricMeans& metrics);
 
 template <typename Scalar>
@@ -58,7 +58,8 @@ class Td3Core : public TrainedParts<Td3Core<Scalar>, Scalar> {
   const Td3Options& options() const { return options_; }
   int64_t updates() const { return updates_; }
 
-  // The present actor for the fixed-order inference; observation mean and std are the learner's.
+  // The present actor as weights for the fixed-order inference, without observation mean and std,
+  // which the learner adds.
   PolicyWeights Policy() const;
 
   template <typename Body>

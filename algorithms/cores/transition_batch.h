@@ -15,7 +15,7 @@ struct TransitionBatch {
   MatrixView<const Scalar> actions;            // action size x batch, in [-1, 1]
   std::span<const Scalar> rewards;             // batch
   MatrixView<const Scalar> next_observations;  // observation size x batch
-  // 1 - terminated. A truncated transition keeps 1: its value still bootstraps.
+  // 1 - terminated. It is 1 for a truncated transition, since the value of s' still counts in y.
   std::span<const Scalar> not_terminated;  // batch
 
   int size() const { return observations.columns; }
@@ -26,7 +26,7 @@ struct TransitionBatch {
   }
 };
 
-// Transitions of the real dynamics, followed by those of a simulator; at least one of each.
+// Transitions of the real dynamics, then transitions of a simulator; at least one of each kind.
 template <typename Scalar>
 struct HybridBatch {
   TransitionBatch<Scalar> rows;
