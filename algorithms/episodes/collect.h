@@ -27,7 +27,7 @@ struct CollectOptions {
 
 struct CollectSummary {
   uint64_t rows = 0;
-  uint64_t episodes = 0;  // written, the cut one included
+  uint64_t episodes = 0;  // episodes written, including a last one that was cut
   uint64_t whole_episodes = 0;
   double mean_return = 0;  // over whole episodes
 };

@@ -4,9 +4,8 @@
 // Episode i of every evaluation starts from the seed RoleSeed(seed, "evaluation", i): the same for
 // all runs and agents, and apart from every training seed. Actions come from the fixed-order
 // inference, so returns have equal bits for any number of workers and threads and on any x86-64
-// processor with AVX2 and FMA. The last observations are stacked here for a
-// policy that takes a history. Thread rule: one
-// thread.
+// processor with AVX2 and FMA. For a policy with a history, the evaluator stacks each lane's last
+// observations. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -32,22 +31,22 @@ struct EvaluationResult {
   // the mean with their return until then.
   uint32_t given_up = 0;
   double mean_return = 0;
-  double std_return = 0;        // over episodes, population
-  std::optional<double> score;  // of the mean, normalised as D4RL; none without reference returns
+  double std_return = 0;        // population standard deviation over episodes
+  std::optional<double> score;  // D4RL's normalised score of mean_return; needs reference returns
 };
 
 class Evaluator {
  public:
-  // Checks with the daemon that such a session can be opened. Errors: the daemon's, as
-  // client/client.h, which must outlive the evaluator.
+  // Checks with the daemon that it can open a session with these settings. `client` must outlive
+  // the evaluator. Errors: those of client/client.h.
   static Result<Evaluator> Open(Client& client, const std::string& environment,
                                 const std::vector<NamedArgument>& perturbations, uint32_t episodes,
                                 uint64_t seed = 0);
 
-  // In a session of its own, since hours may pass between two evaluations and an idle session's
-  // lease ends. kInvalidArgument when the policy's sizes do not fit the environment.
+  // Runs the episodes in a new session, since hours may pass between two evaluations and the lease
+  // of an idle session ends. kInvalidArgument when the policy's sizes do not fit the environment.
   // `watch`, if given, is called with the session after the reset and after each step of lane 0
-  // until its episode has ended; an error of its own ends the evaluation.
+  // until that lane's episode has ended; an error that it returns ends the evaluation.
   using Watcher = std::function<Status(RemoteEnvironment& session)>;
   Result<EvaluationResult> Run(const AgentPolicy& policy, const Watcher& watch = nullptr);
 
@@ -64,7 +63,7 @@ class Evaluator {
   uint64_t seed_;
 };
 
-// One result in a checkpoint, under "<name>/".
+// Write and read one evaluation in a checkpoint, under "<name>/".
 void SaveEvaluation(CheckpointWriter& writer, const std::string& name,
                     const EvaluationResult& result);
 EvaluationResult LoadEvaluation(CheckpointReader& reader, const std::string& name);

@@ -26,9 +26,8 @@ struct BatchBuffer {
   }
   int size() const { return observations.columns(); }
 
-  // Writes the first columns of `actions` from the actions that a daemon served, row-major and in
-  // the environment's units; `scale` is the unit of each dimension, so that the columns are in [-1,
-  // 1].
+  // Writes the first columns of `actions`, in [-1, 1], from served actions `rows`, which are
+  // row-major and in the environment's units; `scale` holds the largest action of each dimension.
   void SetActions(std::span<const float> rows, std::span<const float> scale) {
     for (size_t i = 0; i < rows.size(); ++i) {
       const size_t row = i / scale.size(), dimension = i % scale.size();

@@ -1,5 +1,5 @@
-// The batches that an offline learner trains on: random rows of its dataset, corrupted if so asked,
-// streamed in ahead of their use; and what a policy trained on them must know of its inputs.
+// The batches that an offline learner trains on: random rows of its dataset, with corruptions if
+// asked for, received ahead of their use; and the input statistics for the trained policy.
 //
 // Observations and next observations are (o - mean) / (std + 0.001), mean and std over the
 // dataset's observations; actions are in [-1, 1]. Batch b is a function of (run seed, b), so a
@@ -22,8 +22,9 @@ namespace b4mrl {
 
 struct OfflineBatchOptions {
   int batch_size = 256;
-  bool normalise = true;  // otherwise observations stay as they are
-  // Rewards times 1000 / (largest - smallest return of a complete episode of the dataset).
+  bool normalise = true;  // whether observations are normalised as above
+  // Whether rewards are multiplied by 1000 / (largest - smallest return of the dataset's complete
+  // episodes).
   bool scale_rewards = false;
   double action_clip = 0;  // actions are clipped to +-(1 - action_clip); 0: they are not clipped
 };

@@ -2,8 +2,8 @@
 // lives in a file, and for model rollouts, which live in memory.
 //
 // Records have a fixed size: observation, action, next observation, reward, 1 - terminated, all
-// float32. Records are numbered from 0 in the order of Append, for ever; batches are
-// drawn from a window of at most `capacity` newest records.
+// float32. Records are numbered from 0 in the order of Append, for ever; batches are drawn from a
+// window of at most `capacity` newest records.
 //   In a file: append-only behind a 64-byte header, mapped into memory. Older records stay in the
 //     file, so the whole experience can become a dataset later, and a checkpoint need only store
 //     length(): whatever lies beyond it is cut off when a run resumes. Disk space is reserved
@@ -61,7 +61,7 @@ class ReplayBuffer {
   // Fills columns [first_column, first_column + rows) of `batch` with rows drawn uniformly, with
   // replacement, from the window. Needs size() > 0; one draw of `rng` a row.
   void Sample(Rng& rng, int first_column, int rows, BatchBuffer& batch) const;
-  // Copies record `number`, which must lie in the window.
+  // Copies record `number`, which must lie in the window, into column `column` of `batch`.
   void Get(uint64_t number, int column, BatchBuffer& batch) const;
 
   // Makes all records durable (files only). To be called before a checkpoint names their length.
@@ -69,12 +69,12 @@ class ReplayBuffer {
 
  private:
   ReplayBuffer(const Options& options, UniqueFd fd, std::string path);
-  Status Reserve(uint64_t records);  // maps memory for at least so many records
+  Status Reserve(uint64_t records);  // maps memory for at least `records` records
   float* Record(uint64_t number) const;
 
   Options options_;
   uint64_t record_floats_ = 0;
-  UniqueFd fd_;  // invalid: in memory
+  UniqueFd fd_;  // invalid if the buffer is in memory
   std::string path_;
   std::byte* mapping_ = nullptr;
   uint64_t mapping_bytes_ = 0;

@@ -3,10 +3,10 @@
 //
 // A vector step takes one step in every lane of the simulator and appends as many transitions to
 // the replay file `replay.bin` of the run's folder. The policy sees the last `history_length`
-// observations of a lane, stacked. When an episode ends, the lane begins the next one at
-// once. The last transition of an episode leads to its final observation, and is `terminated` only
-// if the task's rule ended the episode: after the step limit, the value bootstraps. Steps that the
-// daemon or the physics engine gave up have no outcome to learn from and are left out.
+// observations of a lane, stacked. When an episode ends, the lane begins the next one at once. The
+// last transition of an episode leads to its final observation, and is `terminated` only if the
+// task's rule ended the episode: after the step limit, the value bootstraps. Steps that the daemon
+// or the physics engine gave up have no outcome to learn from and are left out.
 //
 // Hyperparameters read, with the value where a table lacks them: lanes (1), replay-capacity (1e6),
 // exploration-noise (0). Random numbers are functions of (run seed, vector step), so that a resumed
@@ -41,8 +41,9 @@ class ReplayCollector {
   Status Save(CheckpointWriter& writer);
   Status Load(CheckpointReader& reader);
 
-  // Vector steps of uniform actions until the replay file holds `transitions`, or the context's
-  // `stop` is set. kFailedPrecondition after many steps in a row that could not be stored.
+  // Takes vector steps with uniformly random actions until the replay file holds `transitions`
+  // records, or the context's `stop` is set. kFailedPrecondition after many vector steps in a row
+  // that stored nothing.
   Status WarmUp(uint64_t transitions, Progress& progress);
   // One vector step under `policy`. Actions are sampled from it, or, where it is deterministic, are
   // its own plus N(0, exploration-noise), clipped to [-1, 1]. The return of each episode that ends
@@ -84,7 +85,7 @@ class ReplayCollector {
   std::vector<float> previous_;         // one lane's history before a step
   std::vector<float> visible_;          // one observation
   MatrixBuffer<float> actions_;         // in [-1, 1]
-  MatrixBuffer<float> scaled_actions_;  // the same in the environment's units
+  MatrixBuffer<float> scaled_actions_;  // actions_ in the environment's units
   MatrixBuffer<float> noise_;
   uint64_t vector_steps_ = 0;
   uint64_t warm_up_steps_ = 0;  // vector steps of the warm-up

@@ -1,5 +1,5 @@
-// The dataset of a run: opened with its corruptions, streamed ahead as random rows for each update,
-// and known again by a resumed run.
+// The dataset of a run: opened with its corruptions, received ahead as random rows for each update,
+// and checked by a resumed run to be the same dataset.
 //
 // The rows of update u are a function of (run seed, u), so a resumed learner need only name its
 // next update. Thread rule: one thread. Errors: those of the daemon and its connection.
@@ -47,7 +47,7 @@ class TrainingDataset {
  private:
   TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed);
 
-  std::unique_ptr<RemoteDataset> remote_;  // the stream points at it
+  std::unique_ptr<RemoteDataset> remote_;  // stream_ points at the dataset
   int rows_;
   uint64_t seed_;
   std::vector<float> mask_;
