@@ -9,7 +9,7 @@
 namespace b4mrl {
 
 std::span<const Algorithm> Algorithms();
-// kUnknownName with the nearest known one.
+// kUnknownName suggests the nearest known name.
 Result<const Algorithm*> FindAlgorithm(std::string_view name);
 
 }  // namespace b4mrl

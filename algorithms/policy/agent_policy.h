@@ -12,7 +12,7 @@
 //
 // So every action that makes data or scores goes through the fixed-order inference. A network may
 // have any number of hidden layers that an agent file may have. Thread rule: AgentPolicy is
-// immutable; any number of threads may use one.
+// immutable; any number of threads may share it.
 #pragma once
 
 #include <span>
@@ -28,13 +28,13 @@ namespace b4mrl {
 
 // Which dimensions of an observation an evaluated policy sees (`--observe`).
 enum class Observe {
-  kTrained,  // those that its training showed; the others are zero
-  kFull,     // all
+  kTrained,  // the dimensions that the policy saw in training; hidden dimensions are zero
+  kFull,     // all dimensions
 };
 
 class AgentPolicy {
  public:
-  // kUnsupported for a network that is not ReLU.
+  // kUnsupported for a network whose nonlinearity is not ReLU.
   static Result<AgentPolicy> Create(const Agent& agent, Observe observe = Observe::kTrained);
 
   int history_length() const { return history_length_; }
@@ -42,11 +42,11 @@ class AgentPolicy {
   int action_size() const { return network_.action_size(); }
   bool stochastic() const { return network_.stochastic(); }
 
-  // histories: stacked observations (observation_history.h), one column a row; actions in the
-  // environment's units.
+  // Computes deterministic actions, in the environment's units. Each column of `histories` holds
+  // the stacked observations of one lane (observation_history.h).
   void Act(MatrixView<const float> histories, MatrixView<float> actions) const;
-  // The stochastic action for standard normals `noise` (action x n), and its log density under the
-  // unscaled policy, as rlkit stores it.
+  // Computes stochastic actions, in the environment's units, from standard normals `noise` (action
+  // x n), and their log densities under the unscaled policy, as rlkit stores them.
   void Sample(MatrixView<const float> histories, MatrixView<const float> noise,
               MatrixView<float> actions, std::span<float> log_probs) const;
 
@@ -60,9 +60,9 @@ class AgentPolicy {
   std::vector<float> action_scale_;
 };
 
-// An agent of a learner's policy, without provenance, which the caller adds. The weights' input is
-// `history_length` observations of equal mean, std and mask; `action_scale` is the largest action
-// in the environment's units, one number a dimension.
+// Makes an agent from a learner's policy, without provenance, which the caller adds. The network's
+// input is `history_length` observations of equal mean, std and mask; `action_scale` holds the
+// largest action of each dimension in the environment's units.
 Agent MakeAgent(const PolicyWeights& weights, uint32_t history_length,
                 std::span<const float> action_scale);
 

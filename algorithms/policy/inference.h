@@ -1,11 +1,11 @@
 // Fixed-order inference of a policy: the arithmetic behind everything that makes data or scores.
 //
-// BLAS gives other last bits on other processors and for other batch sizes. Here every output is
-// one chain of fused multiply-adds over the inputs in index order, whatever the batch, so a row's
-// action has equal bits on any x86-64 processor with AVX2 and FMA, alone or among thousands. tanh
-// and exp are our own (errors below 4e-7 absolute and 4e-7 relative). The kernels are compiled for
+// The last bits of BLAS products depend on the processor and on the batch size. Here every output
+// is one chain of fused multiply-adds over the inputs in index order, so an observation's action
+// has equal bits in a batch of any size, on any x86-64 processor with AVX2 and FMA. tanh and exp
+// are our own (errors below 4e-7 absolute and 4e-7 relative). The kernels are compiled for
 // x86-64-v3 and use neither Eigen nor BLAS nor libm. Thread rule: FixedOrderPolicy is immutable
-// after Create and holds no scratch space shared between calls; any number of threads may use one.
+// after Create and shares no scratch space between calls; any number of threads may share it.
 #pragma once
 
 #include <memory>
@@ -35,16 +35,18 @@ struct PolicyWeights {
   std::optional<DenseWeights> log_std;
   float log_std_min = -20;
   float log_std_max = 2;
-  // The network's input is mask * (observation - mean) / std; each empty or observation_size long.
+  // The network's input is mask * (observation - mean) / std. Each of these vectors is empty or has
+  // observation_size numbers.
   std::vector<float> observation_mean;
   std::vector<float> observation_std;
   std::vector<float> observation_mask;  // 1 seen, 0 hidden
 };
 
-// All weights as one run of numbers, for checkpoints: hidden layers, mean, log_std, each weight
-// then bias. Normaliser and mask are not included.
+// All weights as one vector, for checkpoints: hidden layers, mean and log_std head, of each layer
+// the weight and then the bias. Observation mean, std and mask are left out.
 std::vector<float> FlattenPolicy(const PolicyWeights& policy);
-// Into a policy of the same shape; false, changing nothing, when the length does not fit.
+// Writes the weights `numbers` into `policy`, which has the shape of the flattened policy. Returns
+// false and changes nothing if the number of weights differs.
 bool UnflattenPolicy(std::span<const float> numbers, PolicyWeights& policy);
 
 class FixedOrderPolicy {
@@ -58,13 +60,13 @@ class FixedOrderPolicy {
 
   int observation_size() const;
   int action_size() const;
-  bool stochastic() const;  // has a log_std head
+  bool stochastic() const;  // whether the policy has a log_std head
 
   // actions (action x n) = tanh(mean) for observations (observation x n).
   void Act(MatrixView<const float> observations, MatrixView<float> actions) const;
-  // The stochastic action for the standard normals `noise` (action x n). Needs stochastic().
-  // `log_probs` (n, or empty): sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2 + 1e-6)], in
-  // fixed order too; dataset files store it.
+  // Computes stochastic actions from standard normals `noise` (action x n). Needs stochastic().
+  // `log_probs` (n, or empty) receives sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2 +
+  // 1e-6)], also in fixed order; dataset files store these log densities.
   void Sample(MatrixView<const float> observations, MatrixView<const float> noise,
               MatrixView<float> actions, std::span<float> log_probs = {}) const;
 

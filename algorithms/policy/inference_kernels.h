@@ -3,8 +3,8 @@
 // policy/inference.cc.
 //
 // A layer's weights are packed in panels of kPanel outputs: panel p holds, for each input k, the
-// weights of outputs [kPanel p, kPanel p + kPanel), zero beyond the last output. Rows of
-// activations are one observation each, with strides that are multiples of kPanel.
+// weights of outputs [kPanel p, kPanel p + kPanel), zero beyond the last output. Activations have
+// one row per observation, and row strides that are multiples of kPanel numbers.
 #pragma once
 
 namespace b4mrl::inference {
@@ -13,8 +13,8 @@ inline constexpr int kPanel = 16;
 
 constexpr int Padded(int count) { return (count + kPanel - 1) / kPanel * kPanel; }
 
-// output[row][o] = bias[o] + sum_k weight[o][k] input[row][k], then max(., 0) if `relu`: one chain
-// of fused multiply-adds in the order of k for every element. `weights` has Padded(outputs) *
+// output[row][o] = bias[o] + sum_k weight[o][k] input[row][k], then max(., 0) if `relu`. Every
+// output is one chain of fused multiply-adds in the order of k. `weights` has Padded(outputs) *
 // inputs numbers, `bias` Padded(outputs).
 void Dense(const float* weights, const float* bias, int inputs, int outputs, bool relu,
            const float* input, int input_stride, int rows, float* output, int output_stride);
@@ -22,8 +22,8 @@ void Dense(const float* weights, const float* bias, int inputs, int outputs, boo
 // values[i] = tanh(values[i]) for i in [0, Padded(count)).
 void TanhInPlace(int count, float* values);
 
-// mean[i] = tanh(mean[i] + exp(clamp(log_std[i], low, high)) * noise[i]), likewise; terms[i] = the
-// log-density of that action's component i, as FixedOrderPolicy::Sample gives it.
+// mean[i] = tanh(mean[i] + exp(clamp(log_std[i], low, high)) * noise[i]) for i in [0,
+// Padded(count)); terms[i] = term i of the action's log density in FixedOrderPolicy::Sample.
 void SquashSample(int count, float low, float high, const float* log_std, const float* noise,
                   float* mean, float* terms);
 

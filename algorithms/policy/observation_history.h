@@ -1,6 +1,6 @@
 // The last `length` observations of each lane, stacked: the input of a policy with a history.
 //
-// A column of view() is one lane: its observations oldest first, (length * size) values. After a
+// A column of view() holds one lane's observations, oldest first: length * size numbers. After a
 // reset the episode's first observation fills all places. Thread rule: one thread.
 #pragma once
 
@@ -31,7 +31,7 @@ class ObservationHistory {
   std::span<const float> lane(int index) const {
     return {stacked_.view().column(index), static_cast<size_t>(length_) * size_};
   }
-  // All lanes' numbers, which a checkpoint holds.
+  // The numbers of all lanes, which a checkpoint stores.
   std::span<float> values() { return stacked_.values(); }
 
  private:

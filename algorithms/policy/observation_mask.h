@@ -12,8 +12,8 @@
 
 namespace b4mrl {
 
-// From a session's perturbations in their parametric form ("hidden" with "9+10" or dimension
-// names).
+// The mask of a session, from its perturbations in parametric form: "hidden" with the argument
+// "9+10" or with dimension names.
 template <typename NamedArguments>
 Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
                                                const NamedArguments& perturbations) {
@@ -33,7 +33,7 @@ Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
   return mask;
 }
 
-// From the list that an opened dataset reports.
+// The mask of an opened dataset, from the hidden dimensions that the daemon reports for it.
 template <typename Dimensions>
 std::vector<float> MaskOfDimensions(size_t observation_size, const Dimensions& hidden) {
   std::vector<float> mask;
