@@ -1,26 +1,27 @@
 // An ensemble of probabilistic networks (o, a) -> N(mean, diag(exp(log_var))), as MOPO trains it.
 //
 // Yu et al., "MOPO" (2020); defaults are those of the implementation B4MRL used
-// (junming-yang/mopo): no input scaling, no bootstrap, the data's last tenth held out. The target
-// of a row is given by the caller, observation part first, reward last: MOPO passes [o' - o, r],
-// HyMOPO [o' - o'_sim, r]. Loss of one minibatch (B columns, K = observation_size + 1 outputs):
+// (junming-yang/mopo): no input scaling, no bootstrap, the data's last tenth held out. The caller
+// gives each row's target, observation part first, reward last: MOPO passes [o' - o, r], HyMOPO
+// [o' - o'_sim, r]. Loss of one minibatch (B columns, K = observation_size + 1 outputs):
 //   sum over members of mean_{B,K}((mean - target)^2 exp(-lv)) + mean_{B,K}(lv)
 //   + decay_scale * sum over layers of decay[layer] * sum(weight^2)
 //   + bound_weight * (sum(max_log_var) - sum(min_log_var))
 //   with lv = max - softplus(max - raw), then lv = min + softplus(lv - min),
 // max and min being trained vectors of length K that all members share. After each epoch a member's
-// weights are kept if its hold-out squared error fell by more than min_improvement (relative);
-// training ends after patience_epochs epochs in a row without such a member, or max_updates. The
-// kept weights are then restored; elites are the members of smallest hold-out error.
+// weights are kept if its hold-out squared error fell by more than min_improvement (relative).
+// Training ends after patience_epochs epochs in a row in which no member improved, or after
+// max_updates updates. The kept weights are then restored; elites are the members of smallest
+// hold-out error.
 //
-// The decay term's gradient is added by the optimiser, not part of VisitGradients.
-// dynamics_training.cc holds what trains (StartTraining to UpdateOnBatch), dynamics_ensemble.cc
+// The optimiser adds the decay term's gradient, so VisitGradients does not show it.
+// dynamics_training.cc holds the training (StartTraining to UpdateOnBatch), dynamics_ensemble.cc
 // construction, prediction and visitors; ensemble_store.h keeps trained ensembles on disk.
 //
-// Training: StartTraining, Train until progress.finished (or FinishTraining at any time). Its state
-// between two calls of Train is complete in Visit*, so a run may be resumed there; the data given
-// must be the same each time. Thread rule: one thread at a time; threads of its own share out the
-// members, with the same bits.
+// Training: StartTraining, then Train until progress.finished (or FinishTraining at any time).
+// Visit* show the complete state between two calls of Train, so training may be resumed there; all
+// calls must be given equal data. Thread rule: one thread at a time; the ensemble's own threads
+// share out the members, and their number changes no bit.
 #pragma once
 
 #include <cstdint>
@@ -76,12 +77,12 @@ struct DynamicsData {
 
 struct DynamicsProgress {
   int64_t epoch = 0;    // epochs completed
-  int64_t updates = 0;  // in all
+  int64_t updates = 0;  // updates in all epochs
   int64_t updates_per_epoch = 0;
   double train_loss = 0;     // of the last minibatch, all terms
-  bool epoch_ended = false;  // by this call; then holdout_mse is fresh
+  bool epoch_ended = false;  // whether this call ended an epoch and updated holdout_mse
   bool finished = false;
-  std::vector<double> holdout_mse;  // per member, of the last epoch
+  std::vector<double> holdout_mse;  // hold-out squared error per member after the last epoch
 };
 
 // The layout of all members' networks.
@@ -90,19 +91,19 @@ MlpLayout LayoutOf(const DynamicsEnsembleOptions& options);
 template <typename Scalar>
 class DynamicsEnsemble {
  public:
-  // At most `options.members` threads are of use. Copies of an ensemble share its threads.
+  // Uses at most `options.members` threads. Copies of an ensemble share its threads.
   static Result<DynamicsEnsemble> Create(const DynamicsEnsembleOptions& options, int threads = 1);
 
-  // Chooses the hold-out rows and the input scaling. A resumed ensemble needs the call too: of what
-  // Visit* shows it writes the scaling alone, with the same numbers.
+  // Chooses the hold-out rows and the input scaling. To be called for a resumed ensemble, too: of
+  // the state that Visit* show, the call writes only the scaling, with the same numbers.
   Status StartTraining(const DynamicsData<Scalar>& data);
-  // Up to `max_updates` minibatches, fewer where an epoch or the training ends. An epoch's end
-  // evaluates the hold-out rows. After the finish it does nothing.
+  // Trains on up to `max_updates` minibatches, fewer if an epoch or the training ends. The end of
+  // an epoch evaluates the hold-out rows. Does nothing once the training has finished.
   DynamicsProgress Train(const DynamicsData<Scalar>& data, int64_t max_updates);
-  // Restores each member's best weights. Train does it itself when it finishes.
+  // Restores each member's best weights. Train calls this when the training finishes.
   void FinishTraining();
-  // One gradient step on given columns (observations | actions, already scaled): shared by the
-  // members, or one block of rows for each; at most batch_size of them. Returns the loss without
+  // One gradient step on at most batch_size given columns (observations | actions, already scaled);
+  // the members share the rows of `inputs`, or have a block of rows each. Returns the loss without
   // DecayLoss(). For tests and benchmarks.
   double UpdateOnBatch(MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets);
 
@@ -117,8 +118,8 @@ class DynamicsEnsemble {
 
   // outputs (output_size x n) = mean + exp(log_var / 2) * noise of member members[i] for column i
   // of `inputs` (observation + action x n). With an empty `penalty` only the drawn members are
-  // evaluated; otherwise all are, and penalty[i] is the largest L2 norm of a member's deviations.
-  // Not const: it uses the ensemble's workspaces.
+  // evaluated; otherwise all members are, and penalty[i] becomes the largest L2 norm of a member's
+  // standard deviations. Not const, since prediction uses the ensemble's workspaces.
   void Sample(MatrixView<const Scalar> inputs, std::span<const int> members,
               MatrixView<const Scalar> noise, MatrixView<Scalar> outputs,
               std::span<Scalar> penalty = {});
@@ -132,11 +133,11 @@ class DynamicsEnsemble {
   void VisitGradients(const ArrayVisitor<Scalar>& visitor);
 
  private:
-  // The buffers with which a thread predicts: one member's pass over one block of columns.
+  // Buffers of one predicting thread, for one member's pass over one block of columns.
   struct Scratch {
     MlpWorkspace<Scalar> workspace;
     MatrixBuffer<Scalar> inputs, noise;
-    std::vector<int> columns;  // of the block, that drew the member
+    std::vector<int> columns;  // columns of the block that drew the member
   };
 
   DynamicsEnsemble(const DynamicsEnsembleOptions& options, int threads);
@@ -181,7 +182,7 @@ class DynamicsEnsemble {
   int64_t epochs_without_improvement_ = 0;
   int64_t finished_ = 0;  // 0 or 1
 
-  // Derived from the data and the epoch; never saved.
+  // State derived from the data and the epoch number; never saved.
   std::vector<int32_t> train_rows_, holdout_rows_;
   std::vector<int32_t> order_;  // positions in train_rows_, in the order of order_epoch_
   int64_t order_epoch_ = -1;
@@ -189,8 +190,8 @@ class DynamicsEnsemble {
   double train_loss_ = 0;
 
   std::shared_ptr<ThreadTeam> team_;
-  std::vector<MlpWorkspace<Scalar>> workspaces_;  // of a thread: one member, batch_size columns
-  std::vector<Scratch> scratch_;                  // of a thread
+  std::vector<MlpWorkspace<Scalar>> workspaces_;  // per thread, for a member and batch_size columns
+  std::vector<Scratch> scratch_;                  // per thread
   MatrixBuffer<Scalar> inputs_;                   // (members or 1) * inputs x batch
   MatrixBuffer<Scalar> targets_;                  // (members or 1) * outputs x batch
   MatrixBuffer<Scalar> member_bounds_gradient_;   // max, then min x members

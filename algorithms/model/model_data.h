@@ -2,13 +2,12 @@
 // order.
 //
 //   MOPO    [o' - o, r]       the change of the observation
-//   HyMOPO  [o' - o'_sim, r]  the simulator's error: a pre-pass asks for o'_sim = T_sim(o, a) of
-//   each
-//                             row once, with noise named by draw 0 and the row's number
-// Both o and o' are what the daemon serves, so nothing that a corruption hides can enter; o' is the
-// stored next observation, which at the end of an episode is not the next row. Rows whose target is
-// not finite, or that the simulator cannot answer, are dropped and counted; if no row is left, the
-// error is kFailedPrecondition.
+//   HyMOPO  [o' - o'_sim, r]  the simulator's error: a pre-pass queries o'_sim = T_sim(o, a) once
+//                             for each row, with noise addressed by draw 0 and the row's number
+// The daemon serves both o and o', so nothing that a corruption hides can enter; o' is the stored
+// next observation, which at the end of an episode is not the next row. Rows whose target is not
+// finite, or whose simulation fails, are dropped and counted; if no row is left, the error is
+// kFailedPrecondition.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +24,8 @@ struct ModelData {
   MatrixBuffer<float> observations;  // columns are rows of the dataset, in order
   MatrixBuffer<float> actions;       // in [-1, 1]
   MatrixBuffer<float> targets;
-  int rows = 0;  // valid ones: the leading columns
-  uint64_t invalid_rows = 0;
+  int rows = 0;               // number of valid rows, which are the leading columns
+  uint64_t invalid_rows = 0;  // number of dropped rows
 
   DynamicsData<float> view() const {
     return {observations.view(rows), actions.view(rows), targets.view(rows)};
@@ -36,8 +35,8 @@ struct ModelData {
 // The training rows of MOPO.
 Result<ModelData> ReadChanges(const LearnerContext& context, RemoteDataset& dataset,
                               Progress& progress);
-// The training rows of HyMOPO. `simulator`: a session of the simulator for queries; `query_seed`
-// names its noise.
+// The training rows of HyMOPO. `simulator`: a session of the simulator for queries; `query_seed`:
+// the seed of the simulator's noise.
 Result<ModelData> QueryCorrections(const LearnerContext& context, RemoteDataset& dataset,
                                    RemoteEnvironment& simulator, uint64_t query_seed,
                                    Progress& progress);

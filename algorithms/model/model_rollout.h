@@ -3,24 +3,25 @@
 // From each start row, `horizon` steps:   a ~ pi(o);   one elite f_i at random;
 //   (delta, r) ~ f_i(o, a);   r~ = r - penalty * max_i |std_i(o, a)|
 //   MOPO:    o' = o + delta
-//   HyMOPO:  o' = o'_sim + delta,  o'_sim = T_sim(o, a), asked of the daemon
+//   HyMOPO:  o' = o'_sim + delta,  o'_sim = T_sim(o, a), simulated by the daemon
 // A row also ends where the termination function says that o' ends the episode; without a
-// termination function, where the simulator says so of o'_sim. A row whose query or prediction is
-// not finite is dropped and counted. Rows that have ended take no part in later steps.
+// termination function, where the simulator reports that o'_sim ends it. A row whose query or
+// prediction is not finite is dropped and counted. Ended rows take no part in later steps.
 //
-// Rows go in chunks. Several chunks are at the daemon at any time, and while it simulates, this
-// thread infers the policy and the ensemble for others: the correction needs o and a only, not
-// o'_sim.
+// Rows are processed in chunks. While the daemon simulates several chunks, the thread of the
+// rollout evaluates policy and ensemble for other chunks; it can, since the correction depends on o
+// and a only, not on o'_sim.
 //
-// Noise is a function of its address, never of timing. Ours: (cycle, step, start row). The
-// simulator's: (cycle, step, chunk, position among the chunk's surviving rows). Transitions are
-// appended in chunk order. So results depend neither on when answers arrive nor on the daemon's
-// threads. Dimensions that the dataset hides stay zero in o', as the policy will meet them.
+// Noise is a function of its address, never of timing. Address of the noise of policy and model:
+// (cycle, step, start row); of the simulator's noise: (cycle, step, chunk, position among the
+// chunk's surviving rows). Transitions are appended in chunk order. So results depend neither on
+// when answers arrive nor on the daemon's threads. Dimensions that the dataset hides stay zero in
+// o', as the policy always sees them.
 //
 // Thread rule: one thread calls. From Begin to Finish a thread of this object does the work, so
-// that the caller's updates overlap with inference and not only with the simulator. Meanwhile
-// nobody else may use the simulator session (num_envs 0) or the ensemble, except to read the
-// ensemble's arrays. Both outlive the object.
+// that the caller's updates overlap with inference and not only with the simulator. Meanwhile no
+// other thread may use the simulator session (num_envs 0) or the ensemble, except to read the
+// ensemble's arrays. Session and ensemble outlive the object.
 #pragma once
 
 #include <cstdint>
@@ -44,20 +45,20 @@ struct ModelRolloutOptions {
   int observation_size = 0;
   int action_size = 0;
   int horizon = 5;
-  double penalty = 0;
-  int chunk_rows = 2'000;  // at most limits::kMaxQueryRows
-  int chunks_in_flight = 6;
+  double penalty = 0;        // factor on max_i |std_i(o, a)|
+  int chunk_rows = 2'000;    // at most limits::kMaxQueryRows
+  int chunks_in_flight = 6;  // most chunks at the daemon at once
   uint64_t seed = 0;
   std::vector<float> action_scale;         // largest action in the environment's units
   std::vector<float> mask;                 // of an observation: 1 seen, 0 hidden; empty: all seen
-  std::optional<Termination> termination;  // none: the simulator says where an episode ends
+  std::optional<Termination> termination;  // without it, the simulator reports the end of episodes
 };
 
 struct RolloutCounts {
   uint64_t rows = 0;             // transitions made
   uint64_t invalid_rows = 0;     // rows dropped because a number was not finite
   uint64_t terminated_rows = 0;  // those of `rows` that ended an episode
-  double reward_sum = 0;         // after the penalty, over `rows`
+  double reward_sum = 0;         // sum of the rewards r~, penalty included, over `rows`
 };
 
 class ModelRollout {
@@ -71,8 +72,8 @@ class ModelRollout {
   // done().
   Status Begin(uint64_t cycle, std::vector<float> starts, const PolicyWeights& policy);
   bool done() const { return !worker_.joinable(); }
-  // Waits for the end, then appends all transitions to `pool`: chunk by chunk, in each step by
-  // step, in the order of start rows.
+  // Waits for the end of the rollout, then appends all transitions to `pool`, ordered by chunk,
+  // then by step, then by start row.
   Result<RolloutCounts> Finish(ReplayBuffer& pool);
 
  private:

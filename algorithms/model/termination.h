@@ -1,8 +1,9 @@
-// When a predicted observation ends an episode: when a number of it is outside the bounds that the
-// daemon's catalogue has for the environment (EnvironmentSpec::termination), compared in float32.
+// Whether a predicted observation ends an episode: it does if one of its numbers is outside the
+// bounds that the daemon's catalogue gives for the environment (EnvironmentSpec::termination),
+// compared in float32.
 //
 // The bounds apply to observations as the policy sees them: a dimension that the dataset hides is
-// always zero and says nothing about health, so its bounds are left out. Value type; no thread
+// always zero and says nothing about the state, so its bounds are left out. Value type; no thread
 // rule.
 #pragma once
 
@@ -17,9 +18,9 @@ namespace b4mrl {
 
 class Termination {
  public:
-  // `mask`: by dimension of the observation, 1 seen and 0 hidden; empty: all seen. kUnsupported for
-  // an environment whose observations do not tell that an episode ends; kInternal for bounds on a
-  // dimension that the environment does not have.
+  // `mask`: for each dimension of an observation 1 if it is seen, 0 if hidden; empty: all are seen.
+  // kUnsupported for an environment whose observations do not tell that an episode ends; kInternal
+  // for bounds on a dimension that the environment does not have.
   static Result<Termination> Of(const EnvironmentSpec& environment,
                                 std::span<const float> mask = {});
 
@@ -27,7 +28,7 @@ class Termination {
   bool Ends(std::span<const float> next_observation) const;
 
  private:
-  // DimensionBounds in float32.
+  // A DimensionBounds with low and high rounded to float32.
   struct Bound {
     size_t dimension;
     float low;
