@@ -1,7 +1,7 @@
 // action-noise=STD: adds STD times an independent standard normal to every component of the action
 // that is executed, and clips the sum to the action space. The caller still records the action that
-// it chose; reward and control cost are those of the executed action. Two levels scale one stream
-// of normals.
+// it chose; reward and control cost are those of the executed action. Another STD scales the same
+// normals.
 #include <fmt/format.h>
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// How hidden dimensions are written; for list.cc, which also answers which ones a set hides. Any
-// thread.
+// Reads the argument of hidden=A+B+...; list.cc needs this to answer which dimensions a set hides.
+// Any thread.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,8 @@
 
 namespace b4mrl {
 
-// "9+v-root-x", "y+vx+vy": indices, names and features in any order. Sorted, without repetition.
+// The dimension indices that `text` names ("9+v-root-x", "y+vx+vy": indices, names and features in
+// any order), sorted and without repetition.
 Result<std::vector<uint32_t>> ParseDimensions(std::string_view text, const EnvironmentSpec& spec);
 
 }  // namespace b4mrl

@@ -25,12 +25,12 @@ namespace {
 
 constexpr double kDensity = 1000;  // kg/m^3, MuJoCo's default, which both models keep
 
-// To 1e-12 m; through decimal text, for 3e11 * 1e-12 is not the double nearest to 0.3.
+// Rounds to 1e-12 m, through decimal text, since 3e11 * 1e-12 is not the double nearest to 0.3.
 double Rounded(double metres) {
   return std::strtod(fmt::format("{:.12f}", metres).c_str(), nullptr);
 }
 
-// The parts of one leg.
+// MuJoCo ids of one lower leg's body, geom, knee joint and foot body.
 struct Leg {
   int body = -1, geom = -1, knee = -1, foot = -1;
 };
@@ -66,7 +66,7 @@ class LegLength final : public NumberPerturbation {
   }
 
  private:
-  // False if there is no such leg, which is an error only for the first one.
+  // False if the model has no leg with this suffix; without the first leg, an error.
   static Result<bool> FindLeg(const mjModel& model, const std::string& suffix, Leg* leg) {
     const auto find = [&](mjtObj type, const std::string& name) {
       return mj_name2id(&model, type, name.c_str());
@@ -87,7 +87,7 @@ class LegLength final : public NumberPerturbation {
                               suffix));
   }
 
-  // Returns by how much the distance from knee to ankle shrinks.
+  // Resizes one lower leg; returns by how much the distance from knee to ankle shrinks, in m.
   static double Resize(const Leg& leg, double factor, mjModel* model) {
     double* size = model->geom_size + 3 * leg.geom;
     const double before = size[1];
@@ -96,7 +96,7 @@ class LegLength final : public NumberPerturbation {
     model->geom_rbound[leg.geom] = size[0] + after;
     SetCapsuleInertia(size[0], after, model->body_mass + leg.body,
                       model->body_inertia + 3 * leg.body);
-    const double change = before - after;  // of each half
+    const double change = before - after;  // of each half of the cylinder, m
     double& leg_z = model->body_pos[3 * leg.body + 2];
     double& knee_z = model->jnt_pos[3 * leg.knee + 2];
     double& foot_z = model->body_pos[3 * leg.foot + 2];

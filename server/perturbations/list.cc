@@ -61,7 +61,7 @@ const PerturbationEntry* FindEntry(std::string_view name) {
   return nullptr;
 }
 
-// "gravity=<factor>, friction=<factor>, ...": those that the environment takes.
+// The parametric forms that the environment takes: "gravity=<factor>, friction=<factor>, ...".
 std::string ParametricForms(std::string_view environment) {
   const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   std::string forms;
@@ -72,7 +72,7 @@ std::string ParametricForms(std::string_view environment) {
   return forms;
 }
 
-// The parametric form of a preset of any environment, or the form of that name; null if neither.
+// The entry that preset `name` of any environment stands for, or the entry named so; else null.
 const PerturbationEntry* FindForm(std::string_view name) {
   for (const Preset& preset : PresetList()) {
     if (preset.name == name) return FindEntry(preset.parametric);
@@ -80,13 +80,13 @@ const PerturbationEntry* FindForm(std::string_view name) {
   return FindEntry(name);
 }
 
-// Why `name`, which is no preset of `environment` and no parametric form with an argument, is
-// refused.
+// The error for `name`, which is neither a preset of `environment` nor a parametric form with an
+// argument.
 Status RefusePreset(std::string_view name, std::string_view environment) {
   const PerturbationEntry* form = FindForm(name);
   const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
   if (form == nullptr) {
-    // "hidden=1,2": a comma ends the item before it.
+    // In "hidden=1,2" the comma ends the item, and "2" arrives here as a name of its own.
     if (spec.ok() && spec->observation.FindDimensions(name).ok()) {
       return Status(StatusCode::kUnknownName,
                     fmt::format("unknown perturbation '{0}'; the dimensions of one perturbation "
@@ -108,7 +108,7 @@ Status RefusePreset(std::string_view name, std::string_view environment) {
                 fmt::format("{} has no preset '{}' ({}); {}", environment, name, reason, instead));
 }
 
-// One end of a range, or a number.
+// Reads one end of a range, or a number.
 Result<double> ParseEnd(const PerturbationEntry& entry, const std::string& what,
                         std::string_view text) {
   if (entry.type == "number") return ParseFinite(what, text, entry.low, entry.high);
@@ -118,7 +118,8 @@ Result<double> ParseEnd(const PerturbationEntry& entry, const std::string& what,
   return static_cast<double>(value);
 }
 
-// `info` names a drawn number by its perturbation, so that another one of that name would hide it.
+// Refuses a range beside another perturbation of its name: `info` has one entry a name, which is
+// the drawn number.
 Status CheckRangesAreAlone(const PerturbationSet& set) {
   for (const std::string& name : set.parameter_names()) {
     const auto items = set.items();

@@ -16,7 +16,7 @@
 
 namespace b4mrl {
 
-// What a set is built for.
+// What a PerturbationSet is built for.
 enum class PerturbationUse { kSimulator, kDataset };
 
 struct PerturbationEntry;
@@ -25,7 +25,7 @@ struct PerturbationInput {
   const PerturbationEntry* entry = nullptr;
   const EnvironmentSpec* spec = nullptr;
   std::string_view argument;  // as written after '='; never empty
-  uint64_t occurrence = 0;    // how many of the same name stand before it
+  uint64_t occurrence = 0;    // number of perturbations of this name before it
 };
 
 struct PerturbationEntry {
@@ -34,17 +34,18 @@ struct PerturbationEntry {
   std::string_view type;       // "number", "integer", "dimensions" or "file"
   double low = 0;              // least and greatest value of a number or integer
   double high = 0;
-  bool takes_range = false;      // LOW..HIGH, drawn anew at each episode
+  bool takes_range = false;      // accepts LOW..HIGH, drawn anew for each episode
   std::string_view description;  // one line
   bool corrupts_datasets = false;
   // What the environment must have: one of EnvironmentSpec::features; "" for nothing.
   std::string_view needs;
-  std::span<const Preset> presets;  // of all environments: the paper's values
+  std::span<const Preset> presets;  // for all environments: the paper's values
   Result<std::unique_ptr<Perturbation>> (*make)(const PerturbationInput& input);
 };
 
-// The argument as a number, or as a range where the entry takes one. kInvalidArgument names what is
-// allowed for what is no number or not within the entry's bounds, and for a range upside down.
+// The argument as a number, or as a range where the entry takes one. kInvalidArgument, with the
+// allowed values, where it is neither, exceeds the entry's bounds, or is a range with LOW above
+// HIGH.
 Result<NumberArgument> ParseNumber(const PerturbationInput& input);
 
 // PerturbationEntry::make of a NumberPerturbation.
@@ -56,9 +57,9 @@ Result<std::unique_ptr<Perturbation>> MakeNumberPerturbation(const PerturbationI
 
 std::span<const PerturbationEntry> PerturbationList();
 bool Applies(const PerturbationEntry& entry, const EnvironmentSpec& spec);
-// What model=FILE.xml accepts: a plain name without folders.
+// Whether model=FILE.xml accepts this file name: a plain name without folders.
 bool IsModelFileName(std::string_view name);
-// Those of all perturbations and environments.
+// The presets of all perturbations and environments.
 const std::vector<Preset>& PresetList();
 
 // A preset becomes its parametric form; a parametric form stays. Unknown names and missing presets

@@ -1,6 +1,6 @@
 // obs-noise=STD: adds STD times an independent standard normal to every dimension of an
-// observation. The normals are those of the row's place in the stream, whatever STD is: two levels
-// scale one noise matrix.
+// observation. The normals depend on the row's DrawContext and not on STD: another STD scales the
+// same noise matrix.
 //
 // Where an observation has rows (Highway's vehicles, already normalised), flags (presence) get no
 // noise, and neither do rows of zeros, which stand for vehicles that are not there.
@@ -42,7 +42,7 @@ class ObservationNoise final : public Perturbation {
     const bool empty =
         skips_empty_rows_ && std::ranges::all_of(row, [](double value) { return value == 0; });
     for (size_t i = 0; i < row.size(); ++i) {
-      const double normal = rng->Normal();  // drawn for all, so that places in the stream are fixed
+      const double normal = rng->Normal();  // drawn for every dimension: fixed stream positions
       if (!empty && flags[i] == 0) row[i] += std_ * normal;
     }
   }
@@ -51,7 +51,7 @@ class ObservationNoise final : public Perturbation {
   uint64_t occurrence_;
   size_t row_size_;
   bool skips_empty_rows_;
-  std::vector<uint8_t> flags_;  // by dimension
+  std::vector<uint8_t> flags_;  // 1 for a dimension that is a flag, else 0
 };
 
 Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {

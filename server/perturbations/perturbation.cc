@@ -79,7 +79,7 @@ std::vector<double> PerturbationSet::LargestParameters() const {
 void PerturbationSet::DrawParameters(const DrawContext& context,
                                      std::span<double> parameters) const {
   DrawContext drawn = context;
-  if (context.kind == DrawContext::Kind::kEpisode) drawn.minor = 0;  // the same for all its steps
+  if (context.kind == DrawContext::Kind::kEpisode) drawn.minor = 0;  // one draw for all steps
   size_t at = 0;
   for (const auto& member : members_) {
     if (!HasRange(*member)) continue;

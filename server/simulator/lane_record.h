@@ -6,8 +6,8 @@
 //
 // The last step's outcome is part of the record, so whoever holds a committed record can answer the
 // step again without simulating. Records of one LaneLayout are interchangeable; the block is 8-byte
-// aligned and at most limits::kLaneBufferBytes long. Views do not own; no thread rule beyond
-// memory's own.
+// aligned and at most limits::kLaneBufferBytes long. Views own no memory; threads share a record as
+// they share any memory.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ namespace b4mrl {
 enum class LanePhase : uint32_t {
   kFresh = 0,  // never reset: cannot be stepped
   kRunning = 1,
-  kEnded = 2,  // the episode is over; what a step does now is the auto-reset mode's rule
+  kEnded = 2,  // the episode is over; the auto-reset mode says what a step does
 };
 
 struct LaneHeader {
@@ -38,7 +38,7 @@ struct LaneHeader {
   uint8_t terminated = 0;
   uint8_t truncated = 0;
   Cause cause = Cause::kNone;
-  // Terminated or truncated: the final observation, infos, return and length are filled in.
+  // 1 after a termination or truncation: the final observation, infos, return and length are valid.
   uint8_t episode_ended = 0;
   double reward = 0;
   double final_return = 0;
@@ -59,7 +59,7 @@ struct LaneLayout {
   bool operator==(const LaneLayout&) const = default;
 };
 
-// A view; Byte is std::byte or const std::byte.
+// A view of a lane's memory; Byte is std::byte or const std::byte.
 template <typename Byte>
 class BasicLaneRecord {
   template <typename T>
@@ -74,7 +74,7 @@ class BasicLaneRecord {
   std::span<Like<double>> perturbation_state() const {
     return Part(layout_.state_size, layout_.perturbation_state_size);
   }
-  // What the client sees after the last operation.
+  // The observation that the client sees after the last operation.
   std::span<Like<double>> observation() const {
     return Part(observation_offset(), layout_.observation_size);
   }
@@ -82,7 +82,7 @@ class BasicLaneRecord {
   std::span<Like<double>> final_observation() const {
     return Part(observation_offset() + layout_.observation_size, layout_.observation_size);
   }
-  // Environment::Infos of the last operation, and of the episode that ended.
+  // infos: Environment::Infos after the last operation. final_infos: those at an episode's end.
   std::span<Like<double>> infos() const { return Part(info_offset(), layout_.info_size); }
   std::span<Like<double>> final_infos() const {
     return Part(info_offset() + layout_.info_size, layout_.info_size);
@@ -104,8 +104,7 @@ class BasicLaneRecord {
 using LaneRecord = BasicLaneRecord<std::byte>;
 using ConstLaneRecord = BasicLaneRecord<const std::byte>;
 
-// Whether bytes from a peer may become a lane: right length, known enumerators, every number
-// finite.
+// OK if a client's bytes may become a lane: right length, known enumerators, every number finite.
 Status CheckLaneRecord(const LaneLayout& layout, std::span<const std::byte> bytes);
 
 }  // namespace b4mrl

@@ -30,7 +30,8 @@ void AbsorbOutcome(LaneRecord record) {
   header.digest = Absorb(header.digest, outcome);
 }
 
-// False for what a perturbation has changed: NumPy's noise makes a float64 of a float32, too.
+// Whether all values are float32 numbers. Perturbed actions are not: in NumPy, too, float64 noise
+// turns a float32 action into float64.
 bool AllFloat32(std::span<const double> values) {
   return std::ranges::all_of(values, [](double x) { return static_cast<float>(x) == x; });
 }
@@ -39,7 +40,7 @@ void CopyRecord(ConstLaneRecord from, LaneRecord to) {
   std::memcpy(to.bytes().data(), from.bytes().data(), from.bytes().size());
 }
 
-// For who writes the state anyway.
+// Copies all parts of a record but the state, which the caller writes.
 void CopyAllButState(ConstLaneRecord from, LaneRecord to) {
   to.header() = from.header();
   const size_t rest = sizeof(LaneHeader) + from.state().size_bytes();
@@ -224,7 +225,7 @@ Status LaneStepper::TruncateAfterCrash(Environment& environment, ConstLaneRecord
   if (header.phase == LanePhase::kRunning || mode_ == AutoresetMode::kDisabled) {
     ++header.elapsed_steps;
   } else {
-    // The start that this step was to be crashed: the next reset must not draw it again.
+    // The step that crashed was to start the next episode. A reset must not draw this start again.
     ++header.episode;
     header.elapsed_steps = 0;
     header.episode_return = 0;
@@ -245,7 +246,7 @@ Status LaneStepper::SetNamedState(Environment& environment, ConstLaneRecord befo
   LaneHeader& header = after.header();
   ClearOutcome(header);
   if (header.phase != LanePhase::kRunning) {
-    if (header.phase == LanePhase::kEnded) ++header.episode;  // whose noise was drawn already
+    if (header.phase == LanePhase::kEnded) ++header.episode;  // the ended one's noise is drawn
     header.phase = LanePhase::kRunning;
     header.elapsed_steps = 0;
     header.episode_return = 0;

@@ -29,7 +29,7 @@
 
 namespace b4mrl {
 
-// The type in which an action came.
+// The number type in which the client sent an action.
 enum class ActionPrecision { kFloat64, kFloat32 };
 
 class LaneStepper {
@@ -55,17 +55,17 @@ class LaneStepper {
   Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
               LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;
 
-  // Instead of a step that ended its process twice: the episode ends as truncated with cause
-  // kCrash, at the last observation. In mode same_step the next episode starts at once, else it is
-  // due.
+  // Replaces a step that has ended its process twice: the episode ends as truncated with cause
+  // kCrash, at the last observation. In mode same_step the next episode starts at once, else with
+  // the next reset.
   Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
                             LaneRecord after) const;
 
-  // The simulator's state under readable names.
+  // The environment's state in the lane `before`, under readable names.
   NamedState GetNamedState(Environment& environment, ConstLaneRecord before) const;
-  // Puts the lane into that state and observes it. A running episode goes on (seed, steps and
-  // return and perturbations' state kept); a lane that was never reset runs from step 0 of its
-  // first episode, and one whose episode has ended from step 0 of the next.
+  // Puts the lane into `state` and observes it. A running episode goes on (seed, steps and return
+  // and perturbations' state kept); a lane that was never reset runs from step 0 of its first
+  // episode, and one whose episode has ended from step 0 of the next.
   Status SetNamedState(Environment& environment, ConstLaneRecord before, const NamedState& state,
                        LaneRecord after) const;
 
@@ -73,11 +73,11 @@ class LaneStepper {
   LaneStepper(std::shared_ptr<const Simulator> simulator, AutoresetMode mode, LaneLayout layout)
       : simulator_(std::move(simulator)), mode_(mode), layout_(layout) {}
 
-  // What Step refuses.
+  // The error with which Step refuses a lane or an action; else OK.
   Status CheckStep(ConstLaneRecord before, std::span<const double> action) const;
   void Observe(const Environment& environment, LaneRecord record) const;
   Status TryStart(Environment& environment, LaneRecord record) const;
-  // The record's episode, or the first after it whose start the engine accepts.
+  // Starts the record's episode, or the first later one whose start the engine accepts.
   Status StartEpisode(Environment& environment, LaneRecord record) const;
   Status Finish(Environment& environment, LaneRecord record) const;
 

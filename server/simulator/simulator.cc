@@ -18,8 +18,8 @@
 namespace b4mrl {
 namespace {
 
-// Scaling and noise may overflow: such a row is invalid and holds zeros, like one that the engine
-// warned about.
+// Scaling and noise may overflow. An overflowed row becomes invalid and holds zeros, like a row
+// that the engine warned about.
 QueryResult OnlyFinite(const QueryResult& result, std::span<double> next_observation) {
   if (std::isfinite(result.reward) && AllFinite(next_observation)) return result;
   std::ranges::fill(next_observation, 0);
@@ -49,7 +49,7 @@ Result<std::shared_ptr<const Simulator>> Simulator::Open(const SimulatorRequest&
       fmt::format("{}\n{}\n{}\n{}", entry->name, config.dump(),
                   FormatNamedArguments(perturbations.items()), request.compiled_model.path);
   Registry& registry = OpenSimulators();
-  // Held while building, so that two sessions that open at once compile once.
+  // The lock is held while building, so that two sessions that open at once compile once.
   const std::lock_guard lock(registry.mutex);
   std::erase_if(registry.open, [](const auto& item) { return item.second.expired(); });
   if (const auto it = registry.open.find(key); it != registry.open.end()) {
@@ -67,7 +67,7 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentEntry* entry, FindEnvironment(environment));
   std::shared_ptr<Simulator> simulator(new Simulator);
   simulator->perturbations_ = std::move(perturbations);
-  // Of the simulator, which outlives its model and environments.
+  // The functions below may refer to `set`: the simulator outlives its model and environments.
   const PerturbationSet& set = simulator->perturbations_;
   const std::vector<double> largest = set.LargestParameters();
   Config changed = config;

@@ -25,19 +25,19 @@ struct SimulatorRequest {
   std::string environment;
   std::vector<NamedArgument> perturbations;  // presets or parametric forms, applied in this order
   std::string config;                        // JSON object of settings; "" for none
-  CompiledModel compiled_model = {};         // of model=FILE.xml, if that is among them
+  CompiledModel compiled_model = {};         // of the perturbation model=FILE.xml, if given
 };
 
-// Which noise a query draws: row i of a request has that of (seed, draw, first_row + i).
+// The address of a query's noise: row i of a request draws that of (seed, draw, first_row + i).
 struct QueryRow {
   uint64_t seed = 0;
   uint64_t draw = 0;
   uint64_t row = 0;
 };
 
-// Of what our own code computes in a start, step or query. Raise it with every change of these
-// numbers: what was made by another version then has another experiment_id, and its snapshots are
-// refused.
+// The version of the numbers that our own code computes in a start, step or query. Raise it with
+// every change of these numbers: experiments of another version then have another experiment_id,
+// and snapshots of another version are refused.
 inline constexpr int kDynamicsVersion = 1;
 
 class Simulator {
@@ -45,16 +45,17 @@ class Simulator {
   // Unknown names, settings and values are typed errors. Any thread; compiling a model takes about
   // a millisecond and is serialised by MuJoCo.
   static Result<std::shared_ptr<const Simulator>> Open(const SimulatorRequest& request);
-  // From perturbations that the caller built; not shared. `config` may leave settings out.
+  // A Simulator with perturbations that the caller built; not shared. `config` may leave settings
+  // out.
   static Result<std::shared_ptr<const Simulator>> Build(std::string_view environment,
                                                         const Config& config,
                                                         PerturbationSet perturbations,
                                                         const CompiledModel& compiled_model = {});
 
-  // That of the environment, and an info for each number that is drawn anew at each episode.
+  // The environment's specification, with an info for each number that is drawn for each episode.
   const EnvironmentSpec& spec() const { return spec_; }
   const PerturbationSet& perturbations() const { return perturbations_; }
-  // Everything in force: presets resolved, defaults filled in.
+  // The perturbations with presets resolved, and the settings with defaults filled in.
   std::vector<NamedArgument> resolved_perturbations() const { return perturbations_.items(); }
   const std::string& config_json() const { return config_json_; }
   // Text that names the dynamics: environment, settings, perturbations, model content, the versions
@@ -84,8 +85,8 @@ class Simulator {
   // leases. Where numbers are drawn anew for each episode, call EnterEpisode before all else.
   Result<Lease> Borrow() const;
 
-  // Brings the numbers that the perturbations draw for this episode into force; before the
-  // environment starts, steps or draws a lane of it. An error says what the model lacks.
+  // Sets the numbers that the perturbations draw for this episode. To be called before the
+  // environment starts, steps or draws a lane in this episode. An error says what the model lacks.
   Status EnterEpisode(Environment& environment, uint64_t lane_seed, uint64_t episode) const {
     if (perturbations_.parameter_names().empty()) return Status();
     return DrawParameters(environment, {DrawContext::Kind::kEpisode, lane_seed, episode, 0});
