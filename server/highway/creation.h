@@ -1,4 +1,5 @@
-// How an episode starts: the cars that highway-env creates for a seed, number for number.
+// Creates the cars of an episode's start: those of highway-env for the same seed, number for
+// number.
 #pragma once
 
 #include <cstdint>

@@ -8,7 +8,7 @@
 namespace b4mrl {
 namespace {
 
-// Along the road.
+// Intelligent driver model along the road; accelerations in m/s2.
 constexpr double kMaxAcceleration = 6;  // m/s2, in both directions
 constexpr double kComfortAcceleration = 3;
 constexpr double kComfortDeceleration = 5;
@@ -16,13 +16,13 @@ constexpr double kJamDistance = 5 + kVehicleLength;  // m between centres
 constexpr double kTimeGap = 1.5;                     // s
 const double kTwiceComfort = 2 * std::sqrt(kComfortAcceleration * kComfortDeceleration);
 
-// Lane changes.
+// MOBIL lane changes.
 constexpr double kThinkEvery = 1.0;         // s
 constexpr double kMinThinkingSpeed = 1.0;   // m/s
 constexpr double kMaxImposedBraking = 2.0;  // m/s2
 constexpr double kMinGain = 0.2;            // m/s2
 
-// Steering.
+// Steering controller; angles in rad.
 constexpr double kLateralGain = 1 / 0.6;  // 1/s
 constexpr double kHeadingGain = 1 / 0.2;  // 1/s
 constexpr double kMaxSteering = kPi / 3;
@@ -33,7 +33,7 @@ double NotZero(double value) {
   return value >= 0 ? 0.01 : -0.01;
 }
 
-// The distance that `vehicle` would keep from `front`; may be negative.
+// The distance in m, between centres, that `vehicle` would keep from `front`; may be negative.
 double DesiredGap(const Traffic& t, int vehicle, int front) {
   const double c = t.cos_heading[vehicle];
   const double s = t.sin_heading[vehicle];
@@ -46,7 +46,7 @@ double DesiredGap(const Traffic& t, int vehicle, int front) {
 
 class LaneChoice {
  public:
-  // `free_acceleration`: the vehicle's own.
+  // `free_acceleration`: FreeAcceleration of `vehicle`, m/s2.
   LaneChoice(Traffic& traffic, const Neighbours& neighbours, int lanes, int vehicle,
              double free_acceleration)
       : t_(traffic),
@@ -65,7 +65,7 @@ class LaneChoice {
   }
 
  private:
-  // Gives up a change that is under way when another car ahead heads for the same lane.
+  // Gives up a lane change under way when another car close ahead heads for the same lane.
   void GiveWay() {
     const int target = t_.target_lane[vehicle_];
     for (int other = kEgo + 1; other < t_.count; ++other) {
@@ -125,7 +125,7 @@ double Interaction(const Traffic& t, int vehicle, int front) {
 double SteeringTowards(const Traffic& t, int vehicle, int lane) {
   const double heading = t.heading[vehicle];
   const double offset = t.y[vehicle] - LaneCentre(lane);
-  if (offset == 0 && heading == 0) return 0;  // what all that follows would give
+  if (offset == 0 && heading == 0) return 0;  // as the lines below would give
   const double speed = NotZero(t.speed[vehicle]);
   const double command = std::asin(std::clamp(-kLateralGain * offset / speed, -1.0, 1.0));
   const double wanted = std::clamp(command, -kMaxHeadingCommand, kMaxHeadingCommand);

@@ -9,17 +9,17 @@
 
 namespace b4mrl {
 
-// Decides for all cars, in the order of the list, and stores their steering, acceleration, target
-// lane and timer. The cars that decide later in the order know the target lanes chosen before.
-// `neighbours` has been updated since the cars last moved.
+// Decides for all cars but the ego, in the order of the list, and stores their steering,
+// acceleration, target lane and timer. The cars that decide later in the order know the target
+// lanes chosen before. `neighbours` has been updated since the cars last moved.
 void Drive(Traffic& traffic, const Neighbours& neighbours, int lanes);
 
-// The steering that brings a car to the centre of `lane`.
+// The steering angle, in rad, that brings a car to the centre of `lane`.
 double SteeringTowards(const Traffic& traffic, int vehicle, int lane);
 
 // The acceleration without a car in front, in m/s2, of a driver with exponent `delta`.
 double FreeAcceleration(const Traffic& traffic, int vehicle, double delta);
-// By how much a car in front lowers the free acceleration: m/s2, never negative.
+// By how much the car `front` lowers the free acceleration of `vehicle`: m/s2, never negative.
 double Interaction(const Traffic& traffic, int vehicle, int front);
 
 }  // namespace b4mrl

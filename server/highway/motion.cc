@@ -12,7 +12,7 @@ namespace {
 
 constexpr NumberRange kSpeedRange = {-kMaxSpeed, kMaxSpeed};
 
-// Writes into the stored command, so that it stays until a new one comes.
+// Bounds the stored command of car `i`, which keeps the bounded numbers until a new command comes.
 void BoundCommand(Traffic& t, int i, const NumberRange& speed_range) {
   if (t.crashed[i]) {
     t.steering[i] = 0;
@@ -29,7 +29,7 @@ void MoveOne(Traffic& t, int i, double dt) {
   const double v = t.speed[i];
   double dx, dy;
   double turn = 0;
-  if (t.steering[i] == 0) {  // most cars; the functions below would say the same
+  if (t.steering[i] == 0) {  // most cars; both branches give equal numbers
     dx = v * t.cos_heading[i] * dt;
     dy = v * t.sin_heading[i] * dt;
   } else {
@@ -95,7 +95,7 @@ NumberRange Project(const Corners& corners, const Point& axis) {
   return {low, high};
 }
 
-// Negative when the intervals overlap.
+// The gap between two intervals; negative when they overlap.
 double Distance(const NumberRange& a, const NumberRange& b) {
   return a.low < b.low ? b.low - a.high : a.low - b.high;
 }
@@ -103,10 +103,10 @@ double Distance(const NumberRange& a, const NumberRange& b) {
 struct Contact {
   bool now = true;
   bool soon = true;
-  Point push = {0, 0};  // that would separate the first car from the second
+  Point push = {0, 0};  // m; would separate the first car from the second
 };
 
-// `sweep`: how far the first car moves relative to the second within the frame.
+// `sweep`: how far, in m, the first car moves relative to the second within the frame.
 Contact FindContact(const Corners& a, const Corners& b, const Point& sweep) {
   Contact contact;
   double least = std::numeric_limits<double>::infinity();
@@ -171,10 +171,10 @@ void Move(Traffic& t, int lanes, const NumberRange& ego_speed_range, double dt) 
 void Collide(Traffic& t, bool others_collide, double dt) {
   const int firsts = others_collide ? t.count : 1;
   for (int a = 0; a < firsts; ++a) {
-    // Cars whose centres are farther apart cannot touch.
+    // Cars whose centres are more than `reach` m apart cannot touch.
     const double reach = kVehicleDiagonal + t.speed[a] * dt;
     if (reach < 0) continue;
-    // Squares decide but for the rounding of the root; close to it the root itself does.
+    // Most pairs are told apart by squared distances; close to `reach` the rounded root decides.
     const double clearly_apart = reach * reach * (1 + 1e-9);
     for (int b = a + 1; b < t.count; ++b) {
       const double dx = t.x[b] - t.x[a];

@@ -10,7 +10,7 @@ namespace b4mrl {
 
 Neighbours::Neighbours(size_t capacity) : by_rank_(capacity), rank_(capacity) {}
 
-// By insertion: cars start in this order and overtake rarely.
+// Insertion sort: an episode starts with the cars in the order of x, and cars overtake rarely.
 void Neighbours::Sort() {
   const int count = traffic_->count;
   const double* x = traffic_->x.data();

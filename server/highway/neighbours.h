@@ -1,5 +1,5 @@
 // Finds the cars in front of and behind a car on each lane. Positions do not change while the
-// drivers of one frame decide, so the cars are sorted once a frame and each search looks at bits.
+// drivers of one frame decide, so the cars are sorted once a frame and each search scans a bit set.
 // Memory is taken at construction. One thread.
 #pragma once
 
@@ -16,14 +16,15 @@ class Neighbours {
  public:
   explicit Neighbours(size_t capacity);
 
-  // Sorts the cars of `traffic`, which must neither move nor end before the last use of Front and
-  // Rear.
+  // Sorts the cars of `traffic`. It must neither change nor be destroyed before the last call of
+  // Front and Rear.
   void Update(const Traffic& traffic, int lanes);
 
   // The next car at or ahead of `vehicle`'s x among all others on `lane`, with a margin of 1 m, or
-  // kNoVehicle. Of several cars at the same x it is the last in the list.
+  // kNoVehicle. Of several cars at the same x the last in the list.
   int Front(int vehicle, int lane) const;
-  // The next car behind the x of `vehicle`; of several at the same x the first in the list.
+  // The next car behind the x of `vehicle`, found as in Front. Of several cars at the same x the
+  // first in the list.
   int Rear(int vehicle, int lane) const;
 
  private:

@@ -5,7 +5,7 @@
 namespace b4mrl {
 namespace {
 
-// Hashes one word at a time; the running constant makes equal words different.
+// SeedSequence's hash of one word at a time; its running constant makes equal words different.
 class WordHash {
  public:
   WordHash(uint32_t start, uint32_t multiplier) : constant_(start), multiplier_(multiplier) {}
@@ -56,7 +56,7 @@ constexpr Uint128 kMultiplier =
 Pcg64::Pcg64(uint64_t seed) {
   const std::array<uint64_t, 4> words = GenerateState(seed);
   increment_ = (Uint128{words[2]} << 64 | words[3]) << 1 | 1;
-  state_ = increment_;  // 0, advanced
+  state_ = increment_;  // state 0, advanced by one draw
   state_ += Uint128{words[0]} << 64 | words[1];
   state_ = state_ * kMultiplier + increment_;
 }
@@ -68,7 +68,7 @@ uint64_t Pcg64::Next() {
 }
 
 void Pcg64::Advance(uint64_t draws) {
-  // The affine map of one draw, squared again and again.
+  // Squares the affine map of one draw again and again.
   Uint128 multiplier = kMultiplier, increment = increment_;
   for (; draws > 0; draws >>= 1) {
     if (draws & 1) state_ = state_ * multiplier + increment;
@@ -111,7 +111,7 @@ void NumpyRandom::Skip(uint64_t doubles, uint64_t words, uint64_t doubles_after_
     return;
   }
   generator_.Advance(draws - 1 - doubles_after_last_word);
-  NextWord();  // keeps the half that comes next
+  NextWord();  // uses the lower half and keeps the upper half
   generator_.Advance(doubles_after_last_word);
 }
 

@@ -71,7 +71,7 @@ double Normalise(const NumberRange& range, bool clip, double value) {
   return clip ? std::clamp(mapped, -1.0, 1.0) : mapped;
 }
 
-// The cars in sight, in the order of their rows; the number of them that have one.
+// Chooses the cars in sight, in the order of their rows; returns how many cars get a row.
 size_t ChooseCars(const HighwayObservationSettings& settings, const Traffic& t,
                   std::array<int, kMaxVehicles>& chosen) {
   std::array<double, kMaxVehicles> distance;
@@ -82,7 +82,7 @@ size_t ChooseCars(const HighwayObservationSettings& settings, const Traffic& t,
     if (!(std::sqrt(dx * dx + dy * dy) < kSight)) continue;
     if (!settings.see_behind && !(-kSightBehind < dx)) continue;
     size_t place = count++;
-    if (settings.sorted) {  // insertion keeps equals in order
+    if (settings.sorted) {  // insertion keeps cars at equal distance in order
       for (; place > 0 && distance[place - 1] > std::abs(dx); --place) {
         distance[place] = distance[place - 1];
         chosen[place] = chosen[place - 1];
@@ -94,7 +94,7 @@ size_t ChooseCars(const HighwayObservationSettings& settings, const Traffic& t,
   return std::min(count, settings.rows - 1);
 }
 
-// What a row says about a car, in metres and metres a second.
+// A car's position (m) and velocity (m/s) as a row of an observation says them.
 struct Sight {
   double presence = 0, x = 0, y = 0, vx = 0, vy = 0;
 };
@@ -157,7 +157,7 @@ void ObserveTraffic(const HighwayObservationSettings& settings, const Traffic& t
         value -= Feature(t, kEgo, column.feature);
       }
       if (column.range.has_value()) value = Normalise(*column.range, settings.clip, value);
-      *out++ = static_cast<float>(value);  // the original's type
+      *out++ = static_cast<float>(value);  // highway-env's type
     }
   }
   std::fill(out, observation.data() + observation.size(), 0);

@@ -10,9 +10,9 @@
 
 namespace b4mrl {
 
-// "presence", "x", ..., highway-env's name of a feature.
+// highway-env's name of a feature: "presence", "x", ...
 std::string_view FeatureName(HighwayFeature feature);
-// "m", "m/s", "rad" or "".
+// A feature's unit: "m", "m/s", "rad" or "".
 std::string_view FeatureUnit(HighwayFeature feature);
 
 // Row 0 is the ego, absolute; the others are the cars nearest along the road within 200 m and,
@@ -32,9 +32,9 @@ bool DescribesTraffic(const HighwayObservationSettings& settings);
 // timer follows from its place, its commands are 0 and nothing has crashed; delta is the mean, 4,
 // and the target speed is its own, brought into the range of new cars (21..24 m/s). Cars that are
 // not shown do not exist. A value that was clipped stays at the clip's bound, so the ego is at most
-// 200 m down the road. A 0 is the middle of its range: for a hidden ego speed that is standing
-// still, for another car's the ego's own speed; for a hidden y the leftmost lane, or the ego's.
-// False, and no car, unless all numbers are finite.
+// 200 m down the road. A number hidden as 0 is the middle of its range: a hidden ego speed means
+// standing still, another car's the ego's speed; a hidden y of the ego means the leftmost lane,
+// another car's the ego's y. Returns false, without any car, unless all numbers are finite.
 bool TrafficFromObservation(const HighwayObservationSettings& settings, int lanes,
                             std::span<const double> observation, Traffic& traffic);
 

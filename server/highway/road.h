@@ -19,7 +19,7 @@ inline const double kVehicleDiagonal = std::sqrt(29.0);
 
 inline double LaneCentre(int lane) { return kLaneWidth * lane; }
 
-// To [-pi, pi), by the same rounding steps as Python's floored modulo.
+// Wraps an angle to [-pi, pi), by the same rounding steps as Python's floored modulo.
 inline double WrapAngle(double angle) {
   constexpr double kTurn = 2 * kPi;
   double shifted = angle + kPi;
@@ -51,7 +51,7 @@ inline bool Reachable(double x, double y, int lane) {
 inline int ClosestLane(double x, double y, double heading, int lanes, int before) {
   const double behind = std::max(0.0 - x, 0.0);
   const double beyond = std::max(x - kRoadLength, 0.0);
-  // Nearer than half a lane, with room for any rounding: the answer without a search.
+  // A car nearer than half a lane, with room for any rounding, keeps its lane without a search.
   constexpr double kClearlyNearest = kLaneWidth / 2 - 0.01;
   if (std::abs(y - LaneCentre(before)) < kClearlyNearest && behind + beyond < 1e6) return before;
   const double angle = std::abs(WrapAngle(heading));

@@ -10,7 +10,7 @@
 
 namespace b4mrl {
 
-// The ego and all others. A lane's record (limits::kLaneBufferBytes) holds no more.
+// Cars, the ego included: a lane's record (limits::kLaneBufferBytes) holds no more.
 inline constexpr size_t kMaxVehicles = 128;
 inline constexpr size_t kMaxRoadLanes = 16;
 
@@ -22,10 +22,10 @@ struct NumberRange {
 struct HighwayActionSettings {
   bool longitudinal = true;  // the throttle is a component
   bool lateral = true;       // the steering is a component, after the throttle
-  bool clip = true;          // components to [-1, 1] before they are mapped
+  bool clip = true;          // clips components to [-1, 1] before they are mapped
   NumberRange acceleration_range = {-5, 5};
   NumberRange steering_range = {-0.78539816339744828, 0.78539816339744828};  // pi/4
-  std::optional<NumberRange> speed_range;                                    // of the ego
+  std::optional<NumberRange> speed_range;                                    // of the ego, m/s
 
   size_t size() const { return size_t{longitudinal} + size_t{lateral}; }
 };
@@ -49,7 +49,7 @@ enum class HighwayFeature {
 struct HighwayObservationSettings {
   struct Column {
     HighwayFeature feature;
-    std::optional<NumberRange> range;  // mapped to [-1, 1]; none: as it is
+    std::optional<NumberRange> range;  // mapped to [-1, 1]; none: not mapped
   };
   std::vector<Column> columns = {{HighwayFeature::kPresence, {}},
                                  {HighwayFeature::kX, NumberRange{-200, 200}},
@@ -59,7 +59,7 @@ struct HighwayObservationSettings {
   size_t rows = 5;  // the ego's included
   bool absolute = false;
   bool sorted = true;  // by distance along the road; else in the order of creation
-  bool clip = true;    // columns with a range, to [-1, 1]
+  bool clip = true;    // clips columns with a range to [-1, 1]
   bool see_behind = false;
 
   size_t size() const { return rows * columns.size(); }
@@ -73,7 +73,7 @@ struct HighwaySettings {
   double duration = 30;
   double ego_spacing = 1.5;
   double vehicles_density = 1;
-  std::optional<int> initial_lane_id;  // of the ego; none: drawn
+  std::optional<int> initial_lane_id;  // of the ego; none: random
   double collision_reward = -1;
   double right_lane_reward = 0.1;
   double high_speed_reward = 0.4;

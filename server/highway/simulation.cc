@@ -11,7 +11,7 @@
 namespace b4mrl {
 namespace {
 
-// [-1, 1] to `range`; Number is the type in which every operation is rounded.
+// Maps [-1, 1] to `range`; Number is the type in which every operation is rounded.
 template <typename Number>
 double MapComponent(double component, const NumberRange& range, bool clip) {
   auto a = static_cast<Number>(component);

@@ -1,11 +1,11 @@
-// The highway task without any wire: an independent double-precision implementation of highway-env
+// The simulator of the highway task: an independent double-precision implementation of highway-env
 // 1.12's highway-v0 and highway-fast-v0 with continuous control of one car. Trajectories agree with
 // the original's to rounding (it calls NumPy's sine and cosine, this the C library's), as
 // tests/server/highway shows on recordings.
 //
 // One control step is floor(simulation_frequency / policy_frequency) frames. In a frame all drivers
-// decide, then all cars move, then collisions are found. Stepping past an end goes on by the same
-// rules. No memory is taken after construction. One thread.
+// decide, then all cars move, then collisions are found. A step after a crash or the end of the
+// time follows the same rules. No memory is taken after construction. One thread.
 #pragma once
 
 #include <cstdint>
@@ -17,19 +17,19 @@
 
 namespace b4mrl {
 
-// Of the ego: acceleration in m/s2, steering in rad.
+// The ego's command: acceleration in m/s2, steering angle in rad.
 struct HighwayCommand {
   double acceleration = 0;
   double steering = 0;
 };
 
-// An action's command. `action` has settings.size() numbers, throttle before steering. NumPy
+// The ego's command for an action of settings.size() numbers, throttle before steering. NumPy
 // computes in the action's own precision: with `single_precision` every operation is rounded to
 // float32, as for a float32 array.
 HighwayCommand MapAction(const HighwayActionSettings& settings, std::span<const double> action,
                          bool single_precision);
 
-// highway-env's components of the reward, and what is made of them.
+// highway-env's components of the reward, the reward itself, and whether the episode terminates.
 struct HighwayOutcome {
   bool crashed = false;
   bool on_road = false;
@@ -44,7 +44,7 @@ class HighwaySimulation {
   // Room for `capacity` cars. `settings` outlives the object.
   HighwaySimulation(const HighwaySettings& settings, size_t capacity);
 
-  // CreateTraffic at time 0.
+  // Starts an episode: CreateTraffic, at time 0.
   void Reset(uint64_t seed, uint64_t episode);
   void Step(const HighwayCommand& command);
   // One frame of a step; the ego keeps its command.
@@ -53,7 +53,7 @@ class HighwaySimulation {
   HighwayOutcome Judge() const;
   bool TimeIsOver() const { return time >= settings_.duration; }
 
-  // May be set between steps; traffic holds at least the ego.
+  // Callers may set `traffic`, with at least the ego, and `time` between steps.
   Traffic traffic;
   double time = 0;  // of policy steps since the reset, s
 

@@ -6,7 +6,7 @@
 namespace b4mrl {
 namespace {
 
-// In the order that traffic.h states.
+// Calls `visit` with each column, in the order that traffic.h states.
 template <typename AnyTraffic, typename Visit>
 void ForEachColumn(AnyTraffic& traffic, Visit visit) {
   visit(traffic.x);
@@ -26,7 +26,7 @@ void ForEachColumn(AnyTraffic& traffic, Visit visit) {
   visit(traffic.delta);
 }
 
-// Truncated, but within -1 and a million; -1 for what is no number.
+// The value truncated to an integer, from -1 to a million; -1 for NaN.
 int SafeInteger(double value) {
   constexpr double kLargest = 1e6;
   return value > -1 ? static_cast<int>(std::min(value, kLargest)) : -1;
@@ -91,13 +91,13 @@ void Traffic::Clear() {
 
 void Traffic::Turn(int vehicle) {
   const double angle = heading[vehicle];
-  const bool straight = angle == 0;  // most cars; the functions would say the same
+  const bool straight = angle == 0;  // most cars; cos and sin would say the same
   cos_heading[vehicle] = straight ? 1 : std::cos(angle);
   sin_heading[vehicle] = straight ? 0 : std::sin(angle);
 }
 
 bool Traffic::AllFinite() const {
-  double sum = 0;  // of zeros, or not a number
+  double sum = 0;  // 0, or NaN after a number that is not finite
   for (int i = 0; i < count; ++i) {
     sum += 0 * x[i] + 0 * y[i] + 0 * heading[i] + 0 * speed[i] + 0 * timer[i] +
            0 * acceleration[i] + 0 * impact_x[i] + 0 * impact_y[i];

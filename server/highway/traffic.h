@@ -10,27 +10,28 @@ namespace b4mrl {
 
 inline constexpr int kEgo = 0;
 inline constexpr int kNoVehicle = -1;
-inline constexpr int kNoLane = -1;  // the ego's target lane
-// Numbers that describe a car for users, in this order: x, y, heading, speed, lane, target_lane,
-// timer, crashed, impact_pending, impact_x, impact_y, steering, acceleration, target_speed, delta.
+inline constexpr int kNoLane = -1;  // the ego has no target lane
+// Number of columns that describe a car for users, in this order: x, y, heading, speed, lane,
+// target_lane, timer, crashed, impact_pending, impact_x, impact_y, steering, acceleration,
+// target_speed, delta.
 inline constexpr size_t kVehicleColumns = 15;
 
 struct Traffic {
   explicit Traffic(size_t capacity);
 
-  // Doubles of Save: the count, then the columns above, `capacity` numbers each.
+  // Number of doubles that Save writes: the count, then the columns above, `capacity` numbers each.
   static size_t StateSize(size_t capacity) { return 1 + kVehicleColumns * capacity; }
   void Save(std::span<double> state) const;
-  // Any numbers do: counts, lanes and flags are brought into range, so that no state can make the
-  // simulation reach beyond its arrays.
+  // Accepts any numbers: counts, lanes and flags are brought into range, so that no state can make
+  // the simulation reach beyond its arrays.
   void Load(std::span<const double> state, int lanes);
 
   // `row` has kVehicleColumns numbers. Set brings lanes and flags into range as Load does.
   void Get(int vehicle, std::span<double> row) const;
   void Set(int vehicle, std::span<const double> row, int lanes);
-  // Removes all cars; what is beyond the count is always 0.
+  // Removes all cars. Numbers beyond `count` are always 0.
   void Clear();
-  // Recomputes the direction from the heading.
+  // Recomputes cos_heading and sin_heading from heading.
   void Turn(int vehicle);
 
   size_t capacity() const { return x.size(); }
@@ -40,14 +41,14 @@ struct Traffic {
   std::vector<double> x, y;                // of the centre, m
   std::vector<double> heading;             // rad, 0 along the road; never wrapped
   std::vector<double> speed;               // m/s along the heading; negative: backwards
-  std::vector<int> lane;                   // that the car counts to
+  std::vector<int> lane;                   // the lane that the car counts to (ClosestLane)
   std::vector<int> target_lane;            // kNoLane for the ego
-  std::vector<double> timer;               // s since the last thought of a lane change
+  std::vector<double> timer;               // s since the driver last considered a lane change
   std::vector<int> crashed;                // 0 or 1
   std::vector<int> impact_pending;         // 0 or 1: the impact below is applied by the next motion
   std::vector<double> impact_x, impact_y;  // m
   std::vector<double> steering;            // rad, the command in force
-  std::vector<double> acceleration;        // m/s2
+  std::vector<double> acceleration;        // m/s2, the command in force
   std::vector<double> target_speed;        // m/s; unused by the ego
   std::vector<double> delta;               // exponent of the driver's model; unused by the ego
 

@@ -30,7 +30,7 @@ struct RequestHeader {
   uint64_t identity;
   uint64_t lane_seed;
   uint64_t episode;
-  std::array<uint64_t, kTexts> text_bytes;  // of SimulatorTexts, which follow one after another
+  std::array<uint64_t, kTexts> text_bytes;  // of SimulatorTexts, which follow the header
 };
 
 struct AnswerHeader {

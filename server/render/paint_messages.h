@@ -1,6 +1,6 @@
-// What an environment worker and its b4mrl-render say to each other, over one end each of a stream
-// socket. The two programs are built together and run on one machine, so that numbers travel as
-// they lie in memory. One request, one answer, in turn.
+// The messages between an environment worker and its b4mrl-render process, which have one end each
+// of a stream socket. The two programs are built together and run on one machine, so that numbers
+// travel as they lie in memory. One request, one answer, in turn.
 //
 // Thread rule: one thread an end. Errors of the conversation itself are kUnavailable (the other end
 // is gone), kDeadlineExceeded and kDataLoss (bytes that this build would not have written).
@@ -18,7 +18,7 @@
 
 namespace b4mrl {
 
-// One picture of one lane.
+// Asks for one picture of one lane.
 struct PaintRequest {
   SimulatorRequest simulator;
   // Simulator::identity_hash(): the model file may have changed since the session was opened.
@@ -33,17 +33,17 @@ struct PaintRequest {
 // Bytes of a picture: rows from the top, pixels from the left, red, green, blue.
 inline size_t PictureBytes(uint32_t width, uint32_t height) { return size_t{3} * width * height; }
 
-// Worker's end. `picture` has PictureBytes(width, height). A refusal of the painter is returned as
-// it said it; then, as after OK, the conversation can go on.
+// The worker's end. `picture` has PictureBytes(width, height) bytes. A painter's refusal is
+// returned as the painter sent it; the next request may follow, as after OK.
 Status SendPaintRequest(int fd, const PaintRequest& request, const Deadline& deadline);
-// *refused tells the painter's own errors from those of the conversation.
+// *refused is true for an error that the painter sent, false for one of the connection.
 Status ReceivePicture(int fd, std::span<std::byte> picture, const Deadline& deadline,
                       bool* refused);
 
-// Painter's end. Waits for the first byte until `idle`, for the rest of it until `idle` and
-// limits::kPaintMs.
+// The painter's end. Waits for a request's first byte until `idle`, and then limits::kPaintMs for
+// all of its bytes.
 Result<PaintRequest> ReceivePaintRequest(int fd, const Deadline& idle);
-// `picture` is looked at only if `status` is OK.
+// Sends `picture` if `status` is OK, else the status alone.
 Status SendPicture(int fd, const Status& status, std::span<const std::byte> picture);
 
 }  // namespace b4mrl

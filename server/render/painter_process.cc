@@ -36,7 +36,7 @@ Status PainterProcess::Start() {
                   fmt::format("this server draws no pictures: there is no {}", program));
   }
   ProgramOnSocket started;
-  // It gets none of the worker's listeners.
+  // The painter inherits none of the worker's listening sockets.
   if (const int error = StartOnSocket(program, {kProgramName}, &started); error != 0) {
     return IoError("start", program, error);
   }
@@ -76,7 +76,7 @@ Status PainterProcess::Exchange(const PaintRequest& request, std::span<std::byte
 }
 
 Status PainterProcess::Paint(const PaintRequest& request, std::span<std::byte> picture) {
-  // Twice, because an idle process may end while the request is on its way.
+  // Two attempts, because an idle painter may end while the request is on its way.
   for (int attempt = 0; attempt < 2; ++attempt) {
     if (!Alive()) B4MRL_RETURN_IF_ERROR(Start());
     bool conversing = false;

@@ -21,18 +21,18 @@ namespace b4mrl {
 
 class PainterProcess {
  public:
-  // `program`: the executable; "" is b4mrl-render beside the running one.
+  // `program`: the executable; "" is b4mrl-render beside the running program.
   explicit PainterProcess(std::string program = "") : program_(std::move(program)) {}
   ~PainterProcess();
   PainterProcess(const PainterProcess&) = delete;
   PainterProcess& operator=(const PainterProcess&) = delete;
 
   // Draws into `picture`, which has PictureBytes(width, height). kUnsupported without the program
-  // or where Mesa cannot draw; kInternal when drawing ended the process or did not end; else what
-  // the painter says.
+  // or where Mesa cannot draw; kInternal when drawing ended the process or did not end; else the
+  // painter's answer.
   Status Paint(const PaintRequest& request, std::span<std::byte> picture);
 
-  // 0: none runs.
+  // Of the painter; 0 if none runs.
   pid_t process_id() const { return process_id_; }
 
  private:
@@ -40,7 +40,7 @@ class PainterProcess {
   // True if the process runs; reaps one that has ended.
   bool Alive();
   Status Exchange(const PaintRequest& request, std::span<std::byte> picture, bool* conversing);
-  // Ends what is left of the process and says how it ended, as waitpid does.
+  // Kills the process if it still runs; returns its wait status, as waitpid does.
   int End();
 
   std::string program_;

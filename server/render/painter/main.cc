@@ -2,6 +2,6 @@
 
 #include "server/render/painter/painter.h"
 
-// Without exit handlers: Mesa's and LLVM's have nothing to save, and must not turn an end in order
-// into a crash.
+// Skips exit handlers: Mesa's and LLVM's have nothing to save, and must not turn a normal end into
+// a crash.
 int main() { std::_Exit(b4mrl::RunPainter()); }

@@ -25,11 +25,11 @@
 namespace b4mrl {
 namespace {
 
-constexpr int kNiceness = 5;                   // a third of the share of somebody who steps
-constexpr uint64_t kMemoryBytes = 4ull << 30;  // of addresses; LLVM takes 0.4 GiB of them
+constexpr int kNiceness = 5;                   // a third of the CPU share of a process that steps
+constexpr uint64_t kMemoryBytes = 4ull << 30;  // of address space; LLVM takes 0.4 GiB of it
 constexpr size_t kMaxKinds = 4;
 
-// Pictures of one simulator in one size.
+// Draws the pictures of one simulator in one size.
 class PictureKind : public Canvas {
  public:
   // kFailedPrecondition if the model is not the one that the session was opened with.
@@ -56,7 +56,7 @@ class PictureKind : public Canvas {
   uint32_t width_, height_;
   std::shared_ptr<const Simulator> simulator_;
   std::optional<Simulator::Lease> environment_;
-  std::unique_ptr<SceneRenderer> scene_;  // made for the first picture of a model
+  std::unique_ptr<SceneRenderer> scene_;  // made for the first picture of a MuJoCo scene
   std::vector<std::byte> picture_;
 };
 
@@ -92,7 +92,7 @@ Status PictureKind::DrawModel(const mjModel_& model, mjData_& data) {
   return Status();
 }
 
-// The kinds of picture drawn lately, the latest first.
+// Keeps the PictureKinds that were drawn lately, the latest first.
 class Painter {
  public:
   Result<std::span<const std::byte>> Paint(const PaintRequest& request);
@@ -114,14 +114,14 @@ Result<std::span<const std::byte>> Painter::Paint(const PaintRequest& request) {
   return kinds_.front()->Paint(request);
 }
 
-// A variable that the user has set stays as it is.
+// Sets an environment variable, unless the user has set it.
 void SetDefault(const char* variable, const char* value) { setenv(variable, value, 0); }
 
 void Settle() {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   signal(SIGINT, SIG_IGN);
   signal(SIGTERM, SIG_IGN);
-  // Whoever steps comes first. A picture then takes longer, but is drawn.
+  // Processes that step lanes come first; beside them a picture takes longer, but is drawn.
   setpriority(PRIO_PROCESS, 0, kNiceness);
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);
@@ -130,7 +130,7 @@ void Settle() {
   const rlimit memory{kMemoryBytes, kMemoryBytes};
   setrlimit(RLIMIT_AS, &memory);
 #endif
-  // Rasterise on this thread: one picture is to cost one core. And leave no files behind.
+  // Mesa rasterises on this thread, so that a picture takes one core, and leaves no files behind.
   SetDefault("LP_NUM_THREADS", "0");
   SetDefault("MESA_SHADER_CACHE_DISABLE", "true");
 }
@@ -146,7 +146,7 @@ int RunPainter() {
     const auto request =
         ReceivePaintRequest(STDIN_FILENO, Deadline::AfterMs(limits::kPainterIdleMs));
     if (!request.ok()) {
-      if (request.status().code() != StatusCode::kDataLoss) return 0;  // idle, or alone
+      if (request.status().code() != StatusCode::kDataLoss) return 0;  // idle, or no worker left
       spdlog::error(request.status().message());
       return 1;
     }

@@ -3,14 +3,14 @@
 //
 // It is a process of its own because Mesa must not be able to end, block or slow down a worker: it
 // brings LLVM along, its contexts are bound to a thread, a picture takes a thousand times as long
-// as a step, and it runs at lower priority. It keeps nothing that matters: simulators and OpenGL
-// contexts of the last few kinds of picture. It ends when its worker does, or when nobody has asked
-// for a picture for limits::kPainterIdleMs.
+// as a step, and it runs at lower priority. It keeps caches alone: simulators and OpenGL contexts
+// of the last few kinds of picture. The program ends with its worker, or when no picture has been
+// asked for in limits::kPainterIdleMs.
 #pragma once
 
 namespace b4mrl {
 
-// The program's main function; an exit code. 0: the worker is gone, or nothing was to be done.
+// The program's main function; returns the exit code, 0 if the worker is gone or asked for nothing.
 int RunPainter();
 
 }  // namespace b4mrl

@@ -8,7 +8,7 @@
 namespace b4mrl {
 namespace {
 
-// Cairo's coordinates have 24 bits before the point; what is further out cannot be seen anyway.
+// Cairo's coordinates have 24 bits before the point; points beyond this bound are never visible.
 constexpr double kFarOutPixels = 100'000;
 
 struct CairoDeleter {

@@ -10,13 +10,13 @@
 namespace b4mrl {
 namespace {
 
-constexpr int kMaxShapes = 2000;  // of one scene; MuJoCo drops those beyond
-constexpr int kSamples = 4;       // a pixel
+constexpr int kMaxShapes = 2000;  // of one scene; MuJoCo drops further ones
+constexpr int kSamples = 4;       // multisampling: samples a pixel
 // MuJoCo's own default of 4096 makes each picture 8 ms slower and looks the same.
 constexpr int kShadowSize = 2048;
 
 // The process's OpenGL context. Pictures are drawn into a framebuffer object of each renderer; the
-// context's own is too small to matter.
+// context's own framebuffer is too small to matter.
 class OffscreenContext {
  public:
   static Status MakeCurrent() {

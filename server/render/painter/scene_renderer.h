@@ -19,8 +19,8 @@ namespace b4mrl {
 
 class SceneRenderer {
  public:
-  // For pictures of `model` of this size, which should be at most limits::kMaxPictureSide on a
-  // side. kUnsupported where Mesa gives no context or no frame of this size.
+  // A renderer for pictures of `model`, of at most limits::kMaxPictureSide pixels a side.
+  // kUnsupported where Mesa gives no context or no frame of this size.
   static Result<std::unique_ptr<SceneRenderer>> Create(const mjModel& model, uint32_t width,
                                                        uint32_t height);
   ~SceneRenderer();
