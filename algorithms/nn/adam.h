@@ -1,13 +1,13 @@
 // Adam (Kingma and Ba 2015, algorithm 1, as torch.optim.Adam computes it) over one flat buffer, and
-// Polyak averaging, which can ride in the same pass.
+// Polyak averaging, which the same pass over memory can do.
 //
 //   m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2
 //   p -= lr / (1 - b1^t) * m / (sqrt(v) / sqrt(1 - b2^t) + eps)
 //   target = (1 - tau) target + tau p
 //
-// Ranges of the buffer may carry an L2 term: g there is the gradient plus coefficient * p, added in
-// the same pass (the L2 penalty of a loss, not decoupled decay). Thread rule: one thread, but for
-// StepPart.
+// Ranges of the buffer may have an L2 penalty: there, g is the gradient plus coefficient * p, added
+// in the same pass (part of the loss, not decoupled weight decay). Thread rule: one thread, except
+// for StepPart.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +34,7 @@ struct DecayRange {
   double coefficient;
 };
 
-// The constants of one step, from its number.
+// The constants of one step, computed from the step's number.
 template <typename Scalar>
 struct AdamStep {
   Scalar beta1, beta2, step_size, root_scale, epsilon;
@@ -47,9 +47,9 @@ class Adam {
   // `decay`: ascending ranges that do not overlap.
   Adam(const AdamOptions& options, int64_t size, const std::vector<DecayRange>& decay = {});
 
-  // One step; the spans have the size given at construction.
+  // One Adam step; the spans have the size given at construction.
   void Step(std::span<Scalar> parameters, std::span<const Scalar> gradient);
-  // The same, followed by target <- tau * parameters + (1 - tau) * target in the same pass.
+  // One Adam step, then target <- tau * parameters + (1 - tau) * target in the same pass.
   void StepWithPolyak(std::span<Scalar> parameters, std::span<const Scalar> gradient, double tau,
                       std::span<Scalar> target);
 
@@ -63,7 +63,8 @@ class Adam {
   void set_learning_rate(double learning_rate) { options_.learning_rate = learning_rate; }
   int64_t steps() const { return steps_; }
 
-  // "<prefix>/first_moment" and "<prefix>/second_moment"; the counter "<prefix>/steps".
+  // Visit shows the arrays "<prefix>/first_moment" and "<prefix>/second_moment", VisitCounters the
+  // counter "<prefix>/steps".
   void Visit(std::string_view prefix, const ArrayVisitor<Scalar>& visitor);
   void VisitCounters(std::string_view prefix, const CounterVisitor& visitor);
 

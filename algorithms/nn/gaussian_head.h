@@ -22,7 +22,7 @@ double GaussianHeadLoss(MatrixView<const Scalar> output, MatrixView<const Scalar
                         std::span<const Scalar> bounds, MatrixView<Scalar> output_gradient,
                         std::span<Scalar> bounds_gradient);
 
-// raw (K x n) becomes lv, in place.
+// Replaces the raw log-variances `raw` (K x n) by the bounded lv, in place.
 template <typename Scalar>
 void BoundLogVariances(std::span<const Scalar> bounds, MatrixView<Scalar> raw);
 

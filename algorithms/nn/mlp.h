@@ -1,5 +1,5 @@
-// Multi-layer perceptrons: one network, or several of equal shape side by side as the members of
-// one. An actor has one member, twin critics have two, a dynamics ensemble has seven.
+// Multi-layer perceptrons: one network, or several networks of equal shape as members of one
+// object. An actor has one member, twin critics have two, a dynamics ensemble has seven.
 //
 // MlpLayout says where each layer's numbers lie in one flat parameter buffer; gradients, targets
 // and optimiser moments use the same layout, so Adam, Polyak averaging and checkpoints are one loop
@@ -11,9 +11,9 @@
 // member's activations are still in the cache when its next layer reads them; for the same reason a
 // member's hidden activations are one dense width x batch block. The output alone is stacked:
 // (members * outputs) x batch, with member m in rows [m * outputs, (m + 1) * outputs). A workspace
-// may have threads of its own, which share out the members with the same bits. nn/network.h bundles
-// a layout and a workspace with weights and their optimiser. Thread rule: a layout is immutable; a
-// workspace belongs to one thread at a time.
+// may have its own threads, which share out the members; their number changes no bit. nn/network.h
+// bundles a layout and a workspace with weights and their optimiser. Thread rule: a layout is
+// immutable; a workspace belongs to one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -44,17 +44,18 @@ struct MlpShape {
 
 enum class Initialization {
   kTorchUniform,     // weight and bias ~ U(-1/sqrt(inputs), 1/sqrt(inputs)): torch.nn.Linear
-  kTruncatedNormal,  // weight ~ N(0, 1/(4 inputs)) cut at two deviations, bias 0: MOPO's original
+  kTruncatedNormal,  // weight ~ N(0, 1/(4 inputs)) within two deviations, bias 0: MOPO's original
   kOrthogonal,       // nn/orthogonal.h with gain sqrt(2), bias 0: IQL's original
 };
 
 class MlpLayout {
  public:
+  // Sizes of one layer, and the offsets of its arrays in a flat buffer, in numbers.
   struct Layer {
     int inputs;           // of one member
     int outputs;          // of one member
-    int64_t weight;       // offset of (members, outputs, inputs)
-    int64_t bias;         // offset of (members, outputs)
+    int64_t weight;       // offset of the weight (members, outputs, inputs)
+    int64_t bias;         // offset of the bias (members, outputs)
     int64_t weight_size;  // members * outputs * inputs
     int64_t bias_size;    // members * outputs
   };
@@ -64,10 +65,10 @@ class MlpLayout {
   const MlpShape& shape() const { return shape_; }
   int members() const { return shape_.members; }
   const std::vector<Layer>& layers() const { return layers_; }
-  // Length of a flat buffer. Arrays start on cache lines; the gaps stay zero under every update.
+  // Length of a flat buffer. Arrays start on cache lines; gaps between them stay zero in updates.
   int64_t size() const { return size_; }
 
-  // body(first, size) for each array of one member in a flat buffer.
+  // Calls body(first, size) for each array of one member in a flat buffer.
   template <typename Body>
   void ForEachRange(int member, Body body) const {
     for (const Layer& layer : layers_) {
@@ -99,25 +100,25 @@ class MlpLayout {
 
 template <typename Scalar>
 struct MlpWorkspace {
-  // For passes over `members` of the layout's members and up to `batch_max` columns, by `threads`
-  // threads, of which at most `members` are of use. `keep_gradients` false saves the memory that
-  // only the backward pass needs.
+  // A workspace for passes over `members` of the layout's members and up to `batch_max` columns, by
+  // `threads` threads, of which at most `members` are used. `keep_gradients` false saves the memory
+  // that only the backward pass needs.
   MlpWorkspace(const MlpLayout& layout, int members, int batch_max, int threads = 1,
                bool keep_gradients = true);
 
   int members;
   int batch = 0;  // columns of the last forward pass
-  // Per hidden layer width x (members * batch_max), member m in the columns from m * batch_max on;
-  // the last one is the stacked output.
+  // Per hidden layer a matrix of width x (members * batch_max), with member m in the columns from
+  // m * batch_max on; the last matrix is the stacked output.
   std::vector<MatrixBuffer<Scalar>> activations;
-  std::vector<MatrixBuffer<Scalar>> slopes;  // swish's derivative per hidden layer; ReLU: none
+  std::vector<MatrixBuffer<Scalar>> slopes;  // swish's derivative per hidden layer; ReLU: empty
   std::vector<MatrixBuffer<Scalar>>
-      gradients;  // d loss / d activation; the last: d loss / d output
+      gradients;  // d loss / d activation per hidden layer, then d loss / d output
   std::vector<MatrixBuffer<Scalar>> transposed;  // per thread: one layer's weights of one member
   std::shared_ptr<ThreadTeam> team;              // copies of a workspace share it
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
-  // To be filled between MlpForward and MlpBackward.
+  // d loss / d output, which the caller fills between MlpForward and MlpBackward.
   MatrixView<Scalar> output_gradient() { return gradients.back().view(batch); }
 };
 
@@ -131,8 +132,8 @@ MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> p
 
 // Gradients of a loss from workspace.output_gradient(), for the members of the last MlpForward on
 // this workspace, which must have had the same `input` and `first_member`. Overwrites these
-// members' places in `parameter_gradient`, which has the layout's size or is empty: then no weight
-// gradient is computed.
+// members' ranges of `parameter_gradient`, which has the layout's size. If `parameter_gradient` is
+// empty, no gradient of the parameters is computed.
 template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,

@@ -1,12 +1,13 @@
-// A network in training as one bundle: its weights with all that a gradient step needs.
+// A network in training: its weights, and the gradients, workspace and optimiser of a gradient
+// step.
 //
 //   network.Forward(input); fill network.workspace.output_gradient();
 //   network.Backward(input); network.Step();
 //
-// is one step of gradient descent. A core (algorithms/cores) owns a bundle for each network of its
-// algorithm and lists them once, in ForEachPart; TrainedParts makes of the list what checkpoints
-// and tests visit. All memory is taken at construction: passes and steps allocate nothing. Thread
-// rule: one thread; threads of the workspace share out the members.
+// is one step of gradient descent. A core (algorithms/cores) owns a Network for each network of its
+// algorithm and lists them once, in ForEachPart; from this list, TrainedParts makes the visitors
+// for checkpoints and tests. All memory is allocated at construction, none by passes and steps.
+// Thread rule: one thread; the workspace's threads share out the members.
 #pragma once
 
 #include <optional>
@@ -31,7 +32,8 @@ struct TrainedVector {
   // One step of Adam along `gradient`.
   void Step() { adam.Step(values, gradient); }
 
-  // The values under `name`, Adam's moments under "<name>/adam/..."; nothing where there are none.
+  // Visits the values as `name` and Adam's moments as "<name>/adam/...", unless there are no
+  // values.
   void Visit(const std::string& name, const ArrayVisitor<Scalar>& visitor) {
     if (values.empty()) return;
     visitor({name, {static_cast<int>(values.size())}, values});
@@ -48,21 +50,21 @@ struct TrainedVector {
   Adam<Scalar> adam;
 };
 
-// How a network's weights begin.
+// How the initial weights of a network are drawn.
 struct InitialWeights {
-  Rng stream;  // from which they are drawn
+  Rng stream;  // random numbers of the draw
   Initialization initialization = Initialization::kTorchUniform;
-  std::optional<double> head_gain;  // draw the output layer again: MlpLayout::InitializeHead
+  std::optional<double> head_gain;  // if given, MlpLayout::InitializeHead draws the output layer
 };
 
 struct NetworkOptions {
   MlpShape shape;
   double learning_rate = 3e-4;  // Adam's
   int batch_max = 256;          // most columns of a pass
-  int threads = 1;              // of a pass; at most shape.members are of use
-  bool has_target = false;      // whether a slow copy of the weights is kept
-  int scalars = 0;              // numbers behind the layers that the same Adam trains, 0 at first
-  std::string scalars_name;     // under which "<network's name>/<scalars_name>" shows them
+  int threads = 1;              // threads of a pass; at most shape.members are used
+  bool has_target = false;      // whether to keep a target network
+  int scalars = 0;              // extra numbers that the same Adam trains, 0 at first
+  std::string scalars_name;     // Visit shows the scalars as "<network's name>/<scalars_name>"
   InitialWeights weights;
 };
 
@@ -83,8 +85,8 @@ struct Network : TrainedVector<Scalar> {
   void Backward(MatrixView<const Scalar> input) {
     MlpBackward<Scalar>(layout, values, input, workspace, gradient);
   }
-  // Instead of Backward, where the weights are not trained: writes d loss / d input of the input's
-  // rows [first_row, first_row + input_gradient.rows), summed over the members.
+  // Backward pass to the input instead of the weights: writes d loss / d input for the input's rows
+  // [first_row, first_row + input_gradient.rows), summed over the members.
   void BackwardToInput(MatrixView<const Scalar> input, int first_row,
                        MatrixView<Scalar> input_gradient) {
     MlpBackward<Scalar>(layout, values, input, workspace, {});
@@ -93,13 +95,13 @@ struct Network : TrainedVector<Scalar> {
   // One step of Adam, then target <- tau * weights + (1 - tau) * target, in one pass.
   void StepWithTarget(double tau) { adam.StepWithPolyak(values, gradient, tau, target); }
 
-  // The numbers behind the layers, and their gradient.
+  // The NetworkOptions::scalars extra numbers, stored behind the layers, and their gradient.
   std::span<Scalar> scalars() { return BehindLayers<Scalar>(values); }
   std::span<const Scalar> scalars() const { return BehindLayers<const Scalar>(values); }
   std::span<Scalar> scalar_gradient() { return BehindLayers<Scalar>(gradient); }
 
-  // Layers under "<name>/...", the target's under "<name>_target/...", Adam's moments under
-  // "<name>/adam/...".
+  // Visits the layers as "<name>/...", the target's layers as "<name>_target/...", and Adam's
+  // moments as "<name>/adam/...".
   void Visit(const std::string& name, const ArrayVisitor<Scalar>& visitor) {
     VisitWeights(name, values, visitor);
     if (!target.empty()) layout.Visit<Scalar>(name + "_target", target, visitor);
@@ -110,7 +112,7 @@ struct Network : TrainedVector<Scalar> {
   }
 
   MlpLayout layout;              // of `values`, `gradient` and `target`
-  AlignedVector<Scalar> target;  // empty without one
+  AlignedVector<Scalar> target;  // the target network's weights; empty without a target network
   MlpWorkspace<Scalar> workspace;
 
  private:
@@ -143,8 +145,8 @@ Network<Scalar>::Network(const NetworkOptions& options)
   if (options.has_target) target = values;
 }
 
-// The visitors of a core's state, made of one list of its parts. A core derives from this class and
-// has a public
+// Makes the visitors of a core's state from one list of the core's parts. A core derives from this
+// class and has a public
 //
 //   template <typename Body>
 //   void ForEachPart(Body body) { body("updates", updates_); body("critic", critics_); ... }

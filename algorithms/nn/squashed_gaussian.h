@@ -1,14 +1,14 @@
-// The policies whose actions are a tanh: deterministic, or a squashed Gaussian with log-density,
+// Policies whose actions are tanh(u): deterministic, or a squashed Gaussian with log-density,
 //
 //   log_std = clamp(raw, min, max);  u = mean + exp(log_std) e;  a = tanh(u)
 //   log pi = sum_i [-e^2/2 - log_std - log(2 pi)/2 - log(1 - a^2)]
-// with the standard normals e given (the reparameterisation trick). Gradients with e fixed, for a
-// loss with derivatives g_a by an action's number and g_l by a row's log pi:
+// with given standard normals e (the reparameterisation trick). Gradients with e fixed, for a loss
+// with derivatives g_a by a component of an action and g_l by an action's log pi:
 //   d/du = g_a (1 - a^2) + g_l * 2 a (1 - a^2) / (1 - a^2 + epsilon)
 //   d mean = d/du;   d raw = d/du * exp(log_std) e - g_l, or 0 where raw was clamped.
-// kEpsilon is the form log(1 - a^2 + epsilon) of Stable-Baselines3; kExact is the stable
-// 2 (log 2 - u - softplus(-2u)), whose derivative has no epsilon.
-// `head` is the actor's output, mean rows first, then raw log_std rows; at most kActionMax actions.
+// LogProbForm::kEpsilon computes log(1 - a^2) as log(1 - a^2 + epsilon), like Stable-Baselines3;
+// kExact as the stable 2 (log 2 - u - softplus(-2u)), whose derivative has no epsilon. `head` is
+// the actor's output, mean rows first, then raw log_std rows; at most kActionMax action dimensions.
 // Thread rule: pure functions.
 #pragma once
 
@@ -24,7 +24,7 @@ enum class LogProbForm { kEpsilon, kExact };
 
 struct SquashedGaussianOptions {
   LogProbForm form = LogProbForm::kEpsilon;
-  double epsilon = 1e-6;  // of kEpsilon
+  double epsilon = 1e-6;  // of LogProbForm::kEpsilon
   double log_std_min = -20;
   double log_std_max = 2;
 };
@@ -44,8 +44,8 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
                               MatrixView<const Scalar> action_gradient, Scalar log_prob_gradient,
                               MatrixView<Scalar> head_gradient);
 
-// A head whose log_std rows are scaled: log_std = m raw + b, {m, b} = `scale`. The mean rows stay
-// as they are. `scaled` has head's shape and another place.
+// Scales the log_std rows of a head: log_std = m raw + b, {m, b} = `scale`; copies the mean rows.
+// `scaled` has head's shape and must not overlap it.
 template <typename Scalar>
 void ScaleLogStd(MatrixView<const Scalar> head, std::span<const Scalar> scale,
                  MatrixView<Scalar> scaled);
@@ -55,8 +55,8 @@ template <typename Scalar>
 void ScaleLogStdBackward(MatrixView<const Scalar> head, std::span<const Scalar> scale,
                          MatrixView<Scalar> gradient, std::span<Scalar> scale_gradient);
 
-// The deterministic policy: actions = tanh(head), both action x n (same place allowed), and
-// head_gradient = action_gradient (1 - actions^2).
+// The deterministic policy: actions = tanh(head), both action x n (in place allowed), and its
+// backward pass head_gradient = action_gradient (1 - actions^2).
 template <typename Scalar>
 void TanhForward(MatrixView<const Scalar> head, MatrixView<Scalar> actions);
 template <typename Scalar>

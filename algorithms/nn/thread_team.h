@@ -1,8 +1,8 @@
-// Threads that share out numbered pieces of work: how a learner uses more than one core.
+// Threads that share out numbered pieces of work, by which a learner uses more than one core.
 //
-// Which thread takes which piece is left to chance, so a piece must not read what another piece
-// writes; results are then the same bits for any number of threads. Thread rule: one thread at a
-// time calls ForEach, and a body never does.
+// Any thread may take any piece, so a piece must not read what another piece writes; results then
+// have equal bits for any number of threads. Thread rule: one thread at a time calls ForEach, and a
+// body never calls it.
 #pragma once
 
 #include <condition_variable>
@@ -14,7 +14,7 @@ namespace b4mrl {
 
 class ThreadTeam {
  public:
-  // `threads`, at least 1, counts the caller of ForEach: a team of one thread starts none.
+  // `threads`, at least 1, includes the caller of ForEach: a team of one starts no thread.
   explicit ThreadTeam(int threads);
   ~ThreadTeam();
   ThreadTeam(const ThreadTeam&) = delete;
@@ -23,7 +23,7 @@ class ThreadTeam {
   int threads() const { return static_cast<int>(helpers_.size()) + 1; }
 
   // Calls body(piece, thread) once for every piece in [0, pieces), `thread` in [0, threads()) being
-  // the number of the calling thread. Returns when all calls have. Allocates nothing.
+  // the number of the calling thread. Returns when all calls have returned. Allocates nothing.
   template <typename Body>
   void ForEach(int pieces, Body body) {
     Run(pieces, &body, [](void* context, int piece, int thread) {
@@ -36,7 +36,7 @@ class ThreadTeam {
 
   void Run(int pieces, void* context, Call call);
   void HelperMain(int thread);
-  // Takes pieces until there are none; `lock` holds mutex_ before and after.
+  // Takes and runs pieces until none is left; `lock` holds mutex_ before and after the call.
   void Work(std::unique_lock<std::mutex>& lock, int thread);
 
   std::mutex mutex_;

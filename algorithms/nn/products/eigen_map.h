@@ -35,7 +35,7 @@ void CopyMatrix(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
   ToEigen(to) = ToEigen(from);
 }
 
-// Writes `parts`, which have as many columns as `to`, into it one below the other.
+// Writes `parts`, which have as many columns as `to`, into `to`, one below the other.
 template <typename Scalar>
 void StackRows(std::initializer_list<MatrixView<const Scalar>> parts, MatrixView<Scalar> to) {
   int row = 0;

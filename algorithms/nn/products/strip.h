@@ -1,7 +1,7 @@
 // Packing of narrow column blocks, so that element-wise mathematics fills whole SIMD registers.
 //
-// Actions and observations have few dimensions: one column is shorter than a register, or its last
-// numbers do not fill one. Several columns are therefore packed side by side into one strip on the
+// Actions and observations have few dimensions: one column is shorter than a register, or does not
+// fill its last register. Several columns are therefore packed side by side into one strip on the
 // stack, and Eigen's vectorised functions run over the strip. Thread rule: pure functions. Internal
 // to nn/.
 #pragma once
@@ -13,12 +13,12 @@
 
 namespace b4mrl {
 
-inline constexpr int kStripMax = 1024;  // numbers; 4 kB of floats: a strip and its like stay in L1
+inline constexpr int kStripMax = 1024;  // numbers: 4 kB of floats, so several strips fit L1
 
 template <typename Scalar>
 using Strip = Eigen::Array<Scalar, Eigen::Dynamic, 1, 0, kStripMax, 1>;
 
-// How many columns of `rows` <= kStripMax numbers a strip takes.
+// Number of columns of `rows` <= kStripMax numbers that fit into one strip.
 inline int ColumnsPerStrip(int rows) { return std::max(1, kStripMax / rows); }
 
 template <typename Scalar>
@@ -32,7 +32,7 @@ void Unpack(const Strip<Scalar>& strip, MatrixView<Scalar> block) {
   CopyMatrix<Scalar>({strip.data(), block.rows, block.columns}, block);
 }
 
-// `column` once for each of `columns` columns.
+// Fills `strip` with `columns` copies of `column`.
 template <typename Scalar>
 void Tile(std::span<const Scalar> column, int columns, Strip<Scalar>& strip) {
   const int rows = static_cast<int>(column.size());

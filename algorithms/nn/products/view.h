@@ -1,9 +1,9 @@
-// MatrixView: a column-major window on numbers that someone else owns.
+// MatrixView: a column-major view of numbers that another object owns.
 //
-// Everything in algorithms/ that is a batch is features x batch: one column is one row of a data
-// set, and its features are adjacent in memory. A view is a pointer and three numbers: cheap to
-// copy, and copying or assigning one never copies elements. MatrixView<const T> is read-only.
-// Kept free of Eigen, so that a learner's file need not compile it; eigen_map.h adds the maps.
+// Every batch in algorithms/ is a matrix of features x batch: one column is one row of a dataset,
+// and its features are adjacent in memory. A view is a pointer and three numbers: cheap to copy,
+// and copying or assigning a view never copies elements. MatrixView<const T> is read-only. This
+// header does not include Eigen, so that learners compile quickly; eigen_map.h adds Eigen's maps.
 #pragma once
 
 #include <cstddef>
@@ -38,11 +38,11 @@ struct MatrixView {
     return {column(first), rows, count, stride};
   }
   bool dense() const { return stride == rows; }
-  // All numbers, column by column; of a dense view only.
+  // All numbers, column by column; for dense views only.
   std::span<Scalar> values() const { return {data, static_cast<std::size_t>(rows) * columns}; }
 };
 
-// A vector whose first element lies on a cache line, as the SIMD passes over parameters want it.
+// Allocator of AlignedVector, whose first element starts a cache line for the SIMD passes.
 template <typename T>
 struct CacheLineAllocator {
   using value_type = T;
@@ -59,7 +59,8 @@ struct CacheLineAllocator {
 template <typename T>
 using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
-// Owns rows x columns numbers, zero at first. Sized once; views of it stay valid when it is moved.
+// Owns rows x columns numbers, zero at first. Its size never changes; moving a buffer keeps views
+// of its numbers valid.
 template <typename Scalar>
 class MatrixBuffer {
  public:
