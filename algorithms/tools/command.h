@@ -1,4 +1,4 @@
-// What the commands of b4mrl-tools share: exit codes, the connection to a daemon, output.
+// Shared by the commands of b4mrl-tools: exit codes, option values, the connection to a daemon.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -18,66 +18,69 @@ namespace b4mrl {
 
 enum ExitCode : int {
   kExitDone = 0,
-  kExitFailed = 1,  // our own mistake, or a run that diverged
-  kExitBadUsage = 2,
-  kExitBadInput = 3,
-  kExitNoDaemon = 4,
-  kExitRefused = 5,  // by the daemon
+  kExitFailed = 1,    // a bug in b4mrl, or a run that diverged
+  kExitBadUsage = 2,  // invalid options
+  kExitBadInput = 3,  // an input or output file or folder is unusable
+  kExitNoDaemon = 4,  // the daemon cannot be reached or does not answer
+  kExitRefused = 5,   // the daemon refused a request
   kExitInterrupted = 130,
 };
 
-// An error with the exit code that it deserves; a plain Status is one from the daemon or from
-// files.
+// An error of a command with the exit code that it causes.
 struct Failure {
   int exit_code;
   Status status;
 };
 Failure BadUsage(Status status);
 Failure BadInput(Status status);
-// Of a status met while a daemon is in use: 4 when it cannot be reached, 3 for files, 5 otherwise.
+// The failure of a command that uses a daemon: exit code 4 if the daemon does not answer or lost
+// the session, 3 for errors of files, 1 for kInternal, 5 otherwise.
 Failure FromDaemon(Status status);
 
-// "unknown option '--updats'; did you mean '--updates'?" among `app`'s options and `more` names.
+// The error "unknown option '--updats'; did you mean '--updates'?", with the options of `app` and
+// the names in `more` as known names.
 Status UnknownOption(const CLI::App& app, std::string_view option,
                      const std::vector<std::string>& more = {});
 
-// A whole number of low..high as an option's value: `app.add_option(...)->transform(Count(1, 9))`.
-// proto/base/count.h says how it may be written.
+// Accepts a whole number in low..high as an option's value, written as proto/base/count.h allows:
+// `app.add_option(...)->transform(Count(1, 9))`.
 CLI::Validator Count(uint64_t low, uint64_t high);
-// Any seed.
+// Accepts any unsigned 64-bit number as an option's value, in the same notation as Count.
 CLI::Validator Seed();
 
-// A command: options bound to a CLI11 subcommand, and what runs when it was chosen.
+// A command: options bound to a CLI11 subcommand, and the function that runs it.
 using CommandBody = std::function<std::optional<Failure>()>;
 struct Command {
   CLI::App* app;
   CommandBody body;
 };
 
-// Each adds its subcommand (dataset and demo: several) to `app`.
+// These functions add subcommands to `app`: one each; dataset and demo add several.
 std::vector<Command> AddTrainCommand(CLI::App& app, const std::string& command_line);
 std::vector<Command> AddEvaluateCommand(CLI::App& app);
 std::vector<Command> AddDatasetCommands(CLI::App& app);
-std::vector<Command> AddDatasetWriters(CLI::App& group);  // of `dataset`: make and import
+std::vector<Command> AddDatasetWriters(CLI::App& group);  // `dataset make` and `dataset import`
 std::vector<Command> AddDemoCommands(CLI::App& app);
 std::vector<Command> AddListCommand(CLI::App& app);
 std::vector<Command> AddStatusCommand(CLI::App& app);
 
-// Where the daemon is: `--endpoint`, else B4MRL_ENDPOINT, else a private one for this command.
+// Options that choose a command's daemon: the daemon at `--endpoint` or B4MRL_ENDPOINT, or, without
+// an endpoint, a private daemon for this command.
 struct DaemonOptions {
   std::string endpoint;
-  std::string data_folder;  // of a private daemon; "" is its default. Refused beside an endpoint.
+  std::string data_folder;  // of a private daemon; "": the default. Refused with an endpoint.
   void AddTo(CLI::App& app);
 };
 
 class DaemonConnection {
  public:
-  // An interrupt (client/interrupt.h) ends every wait of the client.
+  // Connects to the daemon of `options`. An interrupt (client/interrupt.h) ends every wait of the
+  // client.
   static Result<DaemonConnection> Open(const DaemonOptions& options);
   Client& client() { return *client_; }
 
-  // The folder in which the daemon looks for datasets, for a command that wants to write one.
-  // kFailedPrecondition where that is not a folder of this machine, or not the same one.
+  // The daemon's data folder, for a command that writes a dataset. kFailedPrecondition if this
+  // process does not reach the same folder by that path, as on another machine.
   Result<std::string> DataFolder();
 
  private:

@@ -1,4 +1,4 @@
-// Where a new dataset goes in a daemon's data folder. One thread.
+// The path of a new dataset in a daemon's data folder. One thread.
 #pragma once
 
 #include <string>
@@ -8,18 +8,18 @@
 
 namespace b4mrl {
 
-// A dataset's name in its two parts: "HalfCheetah/medium".
+// The two parts of a dataset's name: "HalfCheetah/medium" has folder HalfCheetah and file medium.
 struct DatasetName {
   std::string folder, file;
 };
-// Refuses whatever could point outside the data folder.
+// Refuses names that could point outside the data folder: parts have letters, digits, '-' and '_'.
 Result<DatasetName> ParseDatasetName(const std::string& name);
 
-// "<data>/HalfCheetah/medium.h5"; "d4rl/..." keeps D4RL's ".hdf5".
+// The dataset's path, "<data>/HalfCheetah/medium.h5"; names "d4rl/..." end with D4RL's ".hdf5".
 std::string DatasetPath(const std::string& data_folder, const DatasetName& name);
 
-// Folders that are made for a file. Those that hold nothing when the object goes, because the file
-// could not be written, go as well.
+// Folders that are made for a new file. The destructor removes those that are empty, because the
+// file could not be written.
 class NewFolders {
  public:
   NewFolders() = default;
@@ -27,7 +27,7 @@ class NewFolders {
   NewFolders& operator=(const NewFolders&) = delete;
   ~NewFolders();
 
-  // Makes the folder, those above it included, as far as they are not there.
+  // Makes the folder and its parent folders, as far as they do not exist.
   Status Make(const std::string& folder);
 
  private:

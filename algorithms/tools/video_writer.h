@@ -15,19 +15,19 @@ namespace b4mrl {
 
 class VideoWriter {
  public:
-  // `path` is replaced; its ending chooses the container (".mp4"). Sides are even, as the format
-  // demands. kUnsupported where ffmpeg cannot be run.
+  // Replaces the file `path`, whose ending chooses the container (".mp4"). Width and height, in
+  // pixels, must be even, as H.264 demands. kUnsupported if ffmpeg is not installed.
   static Result<VideoWriter> Open(const std::string& path, uint32_t width, uint32_t height,
                                   double frames_per_second);
   VideoWriter(VideoWriter&& other) noexcept;
   VideoWriter& operator=(VideoWriter&&) = delete;
-  // Without Finish the file is removed.
+  // Ends ffmpeg and removes the file, unless Finish was called.
   ~VideoWriter();
 
-  // `frame`: height x width x (red, green, blue), top row first. kIoError when ffmpeg has given up;
-  // it has said why on stderr.
+  // Adds a picture. `frame`: height x width x (red, green, blue), top row first. kIoError when
+  // ffmpeg does not take the picture; ffmpeg reports the reason on stderr.
   Status Write(std::span<const uint8_t> frame);
-  // Completes the file.
+  // Waits until ffmpeg has completed the file. kIoError if ffmpeg failed; the file is then removed.
   Status Finish();
 
  private:
