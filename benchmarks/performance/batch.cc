@@ -1,8 +1,8 @@
 // Microseconds until a client has 256 rows of HalfCheetah data (five columns), with and without
-// credit ahead, against a local gather of the same rows.
+// batches requested ahead (credits), against a local gather of the same rows.
 //
-// Measured on a synthetic dataset of a million rows, the size of the paper's: content does not
-// matter, the memory that it fills does.
+// The dataset is synthetic and has a million rows, as the paper's. Its content does not change the
+// times, but its size in memory does.
 #include <unistd.h>
 
 #include <filesystem>
@@ -53,7 +53,7 @@ LocalColumns MakeColumns() {
   return columns;
 }
 
-// Writes them as FOLDER/HalfCheetah/perf.h5.
+// Writes `columns` as FOLDER/HalfCheetah/perf.h5.
 Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder + "/HalfCheetah", error);
@@ -78,7 +78,7 @@ Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
   return writer.Commit();
 }
 
-// A temporary folder that goes with the object.
+// A temporary folder that the destructor removes.
 class TemporaryFolder {
  public:
   TemporaryFolder()
@@ -107,7 +107,7 @@ class LocalGather {
     Add(columns.terminals.data(), 1);
   }
 
-  // Microseconds of one batch; which rows it has is not part of the time.
+  // Microseconds of one batch's gather; the draw of its row numbers is not part of the time.
   double Batch() {
     SampleRows(0, next_batch_++, kDatasetRows, rows_);
     const Clock::time_point start = Clock::now();

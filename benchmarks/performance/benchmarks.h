@@ -1,5 +1,6 @@
-// The measurements, one function a source file. Each reports what it measured, or returns the error
-// that kept it from measuring. Names, fields and limits are listed in benchmarks/RESULTS.md.
+// The measurements, one function a source file. Each function reports its figures and their limits,
+// or returns the error that prevented the measurement. Names, fields and limits are listed in
+// benchmarks/RESULTS.md.
 #pragma once
 
 #include <string>
@@ -10,28 +11,29 @@
 namespace b4mrl::perf {
 
 struct Options {
-  std::string endpoint;    // of a running daemon; "": a private one
-  int turns = 5;           // how often value and limit are measured in turns
-  double seconds = 1;      // of one turn of a throughput measurement
-  std::string agent_file;  // whose states queries start from; "": HalfCheetah/medium's policy
+  std::string endpoint;    // of a running daemon; "": starts a private daemon
+  int turns = 5;           // how often a value and its limit are measured, in turns
+  double seconds = 1;      // length of one turn of a throughput measurement
+  std::string agent_file;  // its policy visits the states of queries; "": HalfCheetah/medium's
 };
 
-// step-<Environment>, of each MuJoCo task: 64 lanes, one client over tcp, several requests in
-// flight.
+// step-<Environment>, for each MuJoCo task: steps a second of 64 lanes, one client over tcp,
+// several requests in flight.
 Status MeasureStep(const Options& options, Reporter& reporter);
-// latency-tcp, latency-ipc: one lane, one request at a time.
+// latency-tcp, latency-ipc: median time of a step, one lane, one request at a time.
 Status MeasureLatency(const Options& options, Reporter& reporter);
-// latency-beside-queries: the same, while another client asks for 50,000 rows at a time.
+// latency-beside-queries: 99th percentile of one lane's step time, while another client sends
+// queries of 50,000 rows.
 Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter);
-// query-HalfCheetah: rows from recorded on-policy states, requests in flight.
+// query-HalfCheetah: rows of queries a second, from recorded on-policy states.
 Status MeasureQuery(const Options& options, Reporter& reporter);
-// batch-cold, batch-stream: 256 rows of HalfCheetah data.
+// batch-cold, batch-stream: time until a client has 256 rows of HalfCheetah data.
 Status MeasureBatch(const Options& options, Reporter& reporter);
-// highway-bare, highway-socket, highway-socket-cpu: steps of Highway with 15 other cars.
+// highway-bare, highway-socket, highway-ipc, ...-cpu: steps of Highway with 15 other cars.
 Status MeasureHighway(const Options& options, Reporter& reporter);
 // update-sac, update-td3, update-td3-bc, update-ensemble: gradient steps on one thread.
 Status MeasureUpdate(const Options& options, Reporter& reporter);
-// hymopo-cycle: 1,000 updates beside the 250,000 queries of a rollout.
+// hymopo-cycle: time of 1,000 updates beside the 250,000 queries of a rollout.
 Status MeasureCycle(const Options& options, Reporter& reporter);
 
 }  // namespace b4mrl::perf

@@ -1,8 +1,10 @@
-// HyMOPO's cycle as its learner runs it with rollout-lag 1: 1,000 updates of SAC on what the last
-// rollout made, while the next one's 250,000 queries are simulated. The limit is the processor time
-// of everybody, spread evenly over the cores: what a learner that never waits would take.
+// HyMOPO's cycle as its learner runs it with rollout-lag 1: 1,000 updates of SAC on the rows of the
+// last rollout, while the 250,000 queries of the next rollout are simulated. The limit is the
+// processor time of all processes, spread evenly over the cores: the time of a learner that never
+// waits.
 //
-// The ensemble is untrained, with deviations so small that rows stay near the recorded states.
+// The ensemble is untrained, and its standard deviations are so small that rows stay near the
+// recorded states.
 #include <vector>
 
 #include "algorithms/cores/sac_core.h"
@@ -71,7 +73,7 @@ class Cycle {
     }
   }
 
-  // The first rollout, which no update accompanies.
+  // Makes the first rollout, without updates beside it.
   Status Start() {
     B4MRL_RETURN_IF_ERROR(rollout_.Begin(0, starts_, core_.Policy()));
     return rollout_.Finish(pool_).status();
@@ -125,7 +127,7 @@ Status MeasureCycle(const Options& options, Reporter& reporter) {
   Cycle cycle(std::move(core), std::move(ensemble), std::move(pool), std::move(simulator),
               recorded);
   B4MRL_RETURN_IF_ERROR(cycle.Start());
-  // One run gives both: the limit is what that very run used.
+  // One run gives both numbers: the limit is the processor time of the same run.
   double processor_seconds = 0;
   const double cores = static_cast<double>(AvailableCores().size());
   B4MRL_ASSIGN_OR_RETURN(const Medians medians,

@@ -1,5 +1,6 @@
-// Highway's steps: bare on one core against the C library's functions that they call, and through
-// the daemon against bare steps on all cores, in steps a second and in processor time.
+// Highway's steps: bare steps on one core against the C library's functions that they call, and
+// steps through the daemon against bare steps on all cores, in steps a second and in processor
+// time.
 #include <fmt/format.h>
 
 #include <functional>
@@ -20,7 +21,7 @@ namespace {
 constexpr size_t kActionRows = 4096;
 constexpr size_t kRecordedSteps = 2000;
 constexpr double kBareTarget = 0.35;
-// What a batch may cost beyond its bare steps, in seconds of processor time.
+// Processor time, in s, that a batch of 64 steps may take beyond that of its bare steps.
 constexpr double kMaxBatchOverhead = 200e-6;
 
 // Steps a second of `step` on this thread.
@@ -73,14 +74,15 @@ Status MeasureSocket(const Options& options, Transport transport, const std::str
   B4MRL_ASSIGN_OR_RETURN(StepLoop loop,
                          StepLoop::Open(daemon.client(), "Highway", {{"cars", "15"}}, 1));
   loop.UseActions(actions);
-  // As many roads as the daemon has lanes, in turn: one road alone stays in the first-level cache.
+  // As many roads as the daemon has lanes, stepped in turn: one road alone would stay in the
+  // first-level cache.
   const size_t roads = (StepLoop::kLanes + cores.size() - 1) / cores.size();
   const auto bare_rate = [&](size_t thread) -> std::function<void(size_t)> {
     auto bare = std::make_shared<std::vector<BareHighway>>();
     for (size_t road = 0; road < roads; ++road) bare->emplace_back(settings, thread * roads + road);
     return [=, &actions](size_t i) { (*bare)[i % roads].Step(Row(actions, i + thread * 17)); };
   };
-  std::vector<double> batch_seconds;  // of processor time, in each turn
+  std::vector<double> batch_seconds;  // processor time of a batch, one number a turn
   B4MRL_ASSIGN_OR_RETURN(
       const Medians medians,
       MeasureInTurns(
@@ -96,7 +98,7 @@ Status MeasureSocket(const Options& options, Transport transport, const std::str
           [&]() -> Result<double> { return RateOnAllCores(options.seconds, bare_rate); }));
   reporter.Report({name, medians.value, "1/s", medians.limit,
                    "bare steps, one pinned thread a core", 0, false});
-  if (daemon.process_group() == 0) return Status();  // not ours to look at
+  if (daemon.process_group() == 0) return Status();  // a daemon of --endpoint
   const double bare_batch = StepLoop::kLanes * static_cast<double>(cores.size()) / medians.limit;
   reporter.Report({name + "-cpu", 1e6 * Median(batch_seconds), "us", 1e6 * bare_batch,
                    "processor time of 64 bare steps", (bare_batch + kMaxBatchOverhead) / bare_batch,

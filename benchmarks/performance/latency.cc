@@ -24,7 +24,7 @@ struct ExchangeSizes {
   FrameSizes reply;
 };
 
-// The request as the client sends it, by the protocol; the reply as it came.
+// Frame sizes of a step's request, as the client sends it, and of its reply, as received.
 ExchangeSizes SizesOf(const StepOutcome& outcome) {
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
@@ -49,8 +49,8 @@ Result<double> MedianStep(SingleLane& lane) {
   return Median(std::move(times));
 }
 
-// A bare round trip followed by a bare step, as one interval: a step after a wait is slower than
-// one after another, because other work has been through the caches.
+// Median time of a bare round trip followed by a bare step. Both are timed as one interval, because
+// a step after a wait is slower than a step after a step: other work has been through the caches.
 Result<double> MedianBareStep(PingPong& bare, const std::function<void()>& step) {
   std::vector<double> times;
   for (int i = 0; i < kStepsPerTurn; ++i) {

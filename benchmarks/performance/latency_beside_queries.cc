@@ -1,5 +1,5 @@
-// Whether a client with one lane notices another one that keeps every core busy with large queries:
-// the 99th percentile of its steps, beside that of the same steps alone.
+// The 99th percentile of a one-lane client's step times while another client keeps every core busy
+// with large queries, against the 99th percentile without the other client.
 #include <algorithm>
 #include <atomic>
 #include <string>
@@ -16,16 +16,16 @@ namespace {
 constexpr int kStepsPerTurn = 2000;
 constexpr size_t kRowsPerQuery = 50'000;
 
-// Another client, on a thread of its own, which asks until the object goes.
+// A client on a thread of its own that sends queries until the object is destroyed.
 class QueryLoad {
  public:
-  // Returns when the first rows have been asked for.
+  // Returns when the client is about to send its first query.
   explicit QueryLoad(const std::string& endpoint) : thread_([this, endpoint] { Run(endpoint); }) {
     started_.wait(false);
   }
   ~QueryLoad() { (void)Stop(); }
 
-  // The first error, after the query that is under way.
+  // Ends the queries, after the query that is under way; returns the first error.
   Status Stop() {
     stop_.store(true);
     if (thread_.joinable()) thread_.join();
@@ -35,7 +35,7 @@ class QueryLoad {
  private:
   void Run(const std::string& endpoint) {
     status_ = Ask(endpoint);
-    Started();  // also when it failed before it began
+    Started();  // so that the constructor returns after an early failure
   }
   void Started() {
     started_.store(true);
@@ -68,7 +68,7 @@ Status QueryLoad::Ask(const std::string& endpoint) {
   return Status();
 }
 
-// Microseconds.
+// The 99th percentile of the step times, in microseconds.
 Result<double> Percentile99(SingleLane& lane) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<double> times, lane.StepTimes(kStepsPerTurn));
   const auto place = times.begin() + kStepsPerTurn * 99 / 100;

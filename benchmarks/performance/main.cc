@@ -72,7 +72,7 @@ int Measure(const std::string& what, const Options& options, bool json) {
 }
 
 int Main(int argc, char** argv) {
-  // Not for people: the other side of the bare round trip (ping_pong.h).
+  // Internal command: the answering side of the bare round trip (ping_pong.h).
   if (argc == 5 && std::string_view(argv[1]) == "pong") {
     return RunPong(argv[2],
                    {std::strtoull(argv[3], nullptr, 10), std::strtoull(argv[4], nullptr, 10)});

@@ -14,9 +14,9 @@ namespace {
 
 constexpr size_t kRowsPerRequest = 500;
 constexpr size_t kRequestsInFlight = 8;
-constexpr size_t kCheetahJoints = 9;  // coordinates, and velocities
+constexpr size_t kCheetahJoints = 9;  // nq = nv
 
-// What an observation says of the state: qpos[1..8] and qvel; qpos[0] is 0.
+// The states that observations describe: qpos[1..8] and qvel; qpos[0] is 0.
 std::vector<PhysicsRow> AsPhysicsRows(const RecordedRows& recorded) {
   std::vector<PhysicsRow> rows(recorded.rows());
   for (size_t i = 0; i < rows.size(); ++i) {
@@ -41,7 +41,7 @@ class QueryLoop {
         terminated_(kRowsPerRequest),
         valid_(kRowsPerRequest) {}
 
-  // Rows a second over about `seconds`.
+  // Sends queries for about `seconds`; returns the rows a second.
   Result<double> Rate(double seconds) {
     const Clock::time_point start = Clock::now();
     for (size_t i = 0; i < kRequestsInFlight; ++i) B4MRL_RETURN_IF_ERROR(Send());

@@ -14,7 +14,7 @@ namespace {
 constexpr size_t kActionRows = 4096;
 
 Status MeasureTask(const Options& options, const PhysicsTask& task, Reporter& reporter) {
-  // The limit is pinned, so this is as well.
+  // The bare limit runs on pinned threads, so the daemon and client are pinned as well.
   const int core = AvailableCores().front();
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.pinned = true}));
   B4MRL_ASSIGN_OR_RETURN(StepLoop loop, StepLoop::Open(daemon.client(), task.environment));

@@ -17,7 +17,7 @@
 namespace b4mrl::perf {
 namespace {
 
-constexpr int kObservation = 17;  // HalfCheetah
+constexpr int kObservation = 17;  // HalfCheetah's size
 constexpr int kAction = 6;
 constexpr int kBatch = 256;
 
@@ -54,8 +54,8 @@ struct RandomBatch {
   std::vector<float> rewards, not_terminated;
 };
 
-// Calls a second of this thread's processor time, over about `seconds` of it: what else runs on the
-// machine then weighs little.
+// Calls per second of this thread's processor time, over about `seconds` of processor time. Other
+// programs on the machine hardly change this rate.
 double CallRate(double seconds, const std::function<void()>& call) {
   const double start = ThreadSeconds();
   double elapsed = 0;
@@ -68,7 +68,7 @@ double CallRate(double seconds, const std::function<void()>& call) {
   return static_cast<double>(calls) / elapsed;
 }
 
-// 1e9 floating-point operations a second of sgemm 256 x 256 x 256.
+// Rate of sgemm 256 x 256 x 256, in 1e9 floating-point operations a second.
 double SgemmGflops(double seconds) {
   constexpr int kSize = 256;
   static MatrixBuffer<float> a = RandomMatrix(kSize, kSize, "a");

@@ -18,7 +18,7 @@ struct DataDeleter {
 };
 using DataPointer = std::unique_ptr<mjData, DataDeleter>;
 
-// One environment after another in one mjData, as a lane would see them.
+// One episode after another in one mjData, as a lane would see them.
 class BareLane {
  public:
   BareLane(const PhysicsTask& task, const mjModel* model, uint64_t seed)

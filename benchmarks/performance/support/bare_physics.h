@@ -1,8 +1,8 @@
-// The limit for everything that simulates: MuJoCo's own mj_step and nothing else around it, on one
-// pinned thread a core, each with its own mjData of the model file's small buffers.
+// The limit for steps and queries of MuJoCo tasks: MuJoCo's own mj_step with nothing around it, on
+// one pinned thread a core, each with its own mjData of the model file's small buffers.
 //
 // Control, reset noise and the ends of episodes are those of the environment; reward and
-// observation are not computed. One thread calls; the class starts its own.
+// observation are not computed. One thread calls; the class starts the threads that simulate.
 #pragma once
 
 #include <cstdint>
@@ -19,21 +19,21 @@ struct mjData_;
 
 namespace b4mrl::perf {
 
-// What the loop needs to know about a task.
+// A task's properties that the loop of mj_step needs.
 struct PhysicsTask {
   std::string environment;  // "HalfCheetah"
-  std::string model_file;   // within the models folder
+  std::string model_file;   // in the models folder
   int frame_skip;
   int episode_steps;
   double action_bound;
-  double reset_noise;      // uniform in +-, of positions
-  bool normal_velocities;  // reset_noise is their standard deviation; else uniform as well
-  bool (*healthy)(const mjModel_& model, const mjData_& data);  // an unhealthy end resets
+  double reset_noise;      // positions: uniform in +-reset_noise
+  bool normal_velocities;  // with standard deviation reset_noise; else as positions
+  bool (*healthy)(const mjModel_& model, const mjData_& data);  // if not, a reset
 };
 const PhysicsTask& HalfCheetahTask();
 std::span<const PhysicsTask> PhysicsTasks();
 
-// A state and what is done in it: one row of a query.
+// One row of a query: a state, and the control that is applied in it.
 struct PhysicsRow {
   std::vector<double> position;  // nq
   std::vector<double> velocity;  // nv
@@ -45,12 +45,12 @@ class BarePhysics {
   static Result<std::unique_ptr<BarePhysics>> Load(const PhysicsTask& task);
   ~BarePhysics();
 
-  // Environment steps a second, all cores together, under `actions` (rows of nu) used in turn.
+  // Environment steps a second, all cores together, with the rows of `actions` (nu each) in turn.
   double StepRate(std::span<const double> actions, double seconds) const;
-  // Rows a second, all cores together: state set, warm start zeroed, one environment step.
+  // Rows a second, all cores together. A row sets the state, zeroes the warm start and steps once.
   double QueryRate(std::span<const PhysicsRow> rows, double seconds) const;
-  // Makes one environment step a call on the calling thread, under `actions` in turn. Both outlive
-  // it.
+  // A function that makes one environment step on the calling thread, with the rows of `actions` in
+  // turn. This object and `actions` outlive the function.
   std::function<void()> Stepper(std::span<const double> actions) const;
 
  private:

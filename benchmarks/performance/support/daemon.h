@@ -1,5 +1,4 @@
-// The daemon under measurement: the one that was named, or a private one that ends with this
-// object.
+// The daemon under measurement: that of --endpoint, or a private daemon that ends with this object.
 #pragma once
 
 #include <memory>
@@ -17,9 +16,9 @@ enum class Transport { kTcp, kIpc };
 
 struct DaemonSetup {
   Transport transport = Transport::kTcp;
-  std::string data_folder;  // of a private daemon; "": its default
-  // Pins a private daemon's threads, and the thread that the client's sockets have for input and
-  // output to the first core, which it shares with the first worker's socket thread.
+  std::string data_folder;  // of a private daemon; "": the daemon's default
+  // Pins a private daemon's threads to cores, and the input-output thread of the client's sockets
+  // to the first core, which it shares with the first worker's socket thread.
   bool pinned = false;
   int niceness = 0;  // of a private daemon, as PrivateDaemonOptions has it
 };
@@ -29,7 +28,7 @@ class Daemon {
   static Result<Daemon> Open(const Options& options, const DaemonSetup& setup);
   Client& client() { return *client_; }
   const std::string& endpoint() const { return endpoint_; }
-  // Of a private daemon's processes; 0 for a daemon that was named.
+  // The process group of a private daemon; 0 for the daemon of --endpoint.
   pid_t process_group() const { return process_ ? process_->process_id() : 0; }
 
  private:
@@ -38,10 +37,10 @@ class Daemon {
   std::string endpoint_;
 };
 
-// Uniform random actions for HalfCheetah, row-major; the same for everything that is measured.
+// Sizes of HalfCheetah's actions and observations.
 inline constexpr size_t kCheetahActionSize = 6;
 inline constexpr size_t kCheetahObservationSize = 17;
-// Uniform in +-bound, row after row; the same at every call.
+// Random actions, uniform in +-bound, row-major: the same numbers at every call.
 std::vector<float> RandomActions(size_t rows, size_t width = kCheetahActionSize, double bound = 1);
 std::vector<double> AsDoubles(const std::vector<float>& values);
 

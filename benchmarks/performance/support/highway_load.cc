@@ -11,7 +11,7 @@
 namespace b4mrl::perf {
 namespace {
 
-constexpr double kSteering = 0.02;  // of the full range
+constexpr double kSteering = 0.02;  // greatest steering, as a fraction of the full range
 
 }  // namespace
 
@@ -104,7 +104,8 @@ void LibraryCalls::RecordPower(const Traffic& t, int vehicle, double exponent) {
   powers_.push_back({std::max(t.speed[vehicle], 0.0) / wanted, exponent});
 }
 
-// Of a lane change: what it would cost the car behind on either side.
+// Records the powers of a decision on a lane change: the free acceleration of the car behind on
+// either side.
 void LibraryCalls::RecordThought(const Traffic& t, int vehicle) {
   const int lane = t.lane[vehicle];
   if (lane != t.target_lane[vehicle] || !(t.timer[vehicle] > 1)) return;

@@ -1,5 +1,5 @@
-// What Highway's measurements have in common: how the simulated road is driven, and the bare
-// simulator under it, without environment, lanes or sockets. One thread an object.
+// The load of Highway's measurements: settings, actions, and the bare highway simulator without
+// environment, lanes or sockets. One thread an object.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +14,17 @@ namespace b4mrl::perf {
 
 inline constexpr size_t kHighwayActionSize = 2;
 
-// The paper's simulator: highway-fast-v0 with 15 other cars, 5 frames a step.
+// Settings of the paper's simulator: highway-fast-v0 with 15 other cars, 5 frames a step.
 HighwaySettings HighwayTask();
 
-// Any throttle and little steering, so that episodes last; row after row, the same at every call.
+// Random actions, row-major, the same at every call: any throttle, but little steering, so that
+// episodes last.
 std::vector<float> HighwayActions(size_t rows);
 
-// One episode after another, as a lane would see them: reset, step, observation, reward.
+// Simulates one episode after another, as a lane would: reset, step, observation, reward.
 class BareHighway {
  public:
-  // `settings` outlives it.
+  // `settings` outlives the object.
   BareHighway(const HighwaySettings& settings, uint64_t seed);
 
   void Step(std::span<const float> action);
@@ -37,16 +38,16 @@ class BareHighway {
   std::vector<double> observation_;
 };
 
-// The calls of the C library that the formulas of some steps make, with their arguments: powers for
-// the driver's model and for thoughts about a lane change and, for every car that is not exactly
-// straight in the middle of its lane, the trigonometry of its steering and motion. Calls whose
-// argument is 0 are left out: their results need no call.
+// The C library's functions that the formulas of some steps call, with their arguments: powers for
+// the driver's model and for deciding on lane changes and, for every car that is not exactly
+// straight in the middle of its lane, the trigonometry of its steering and motion. Calls with
+// argument 0 are left out, because their results are known.
 class LibraryCalls {
  public:
   // Records `steps` steps of a bare highway.
   LibraryCalls(const HighwaySettings& settings, std::span<const float> actions, size_t steps);
 
-  // Makes all of them; the sum of the results, so that they are not optimised away.
+  // Makes all recorded calls. Returns the sum of the results, so that no call is optimised away.
   double Repeat() const;
   size_t size() const;
   size_t steps() const { return steps_; }
@@ -64,7 +65,7 @@ class LibraryCalls {
   int lanes_;
   Neighbours neighbours_;
   std::vector<Power> powers_;
-  std::vector<double> angles_;  // sine and cosine
+  std::vector<double> angles_;  // arguments of sine and cosine
   std::vector<double> sines_;
   std::vector<double> tangents_;
   std::vector<double> arc_sines_;

@@ -1,4 +1,4 @@
-// What `b4mrl-perf` reports: a measured figure beside a limit that was measured in the same run.
+// The reports of `b4mrl-perf`: a measured figure beside a limit that was measured in the same run.
 //
 // Noise of a shared machine moves slowly, so a value and its limit are measured in turns
 // (MeasureInTurns), and the medians of the turns are compared. One thread.
@@ -18,8 +18,8 @@ struct Measurement {
   std::string unit;  // "1/s" or "us"
   double limit = 0;
   std::string limit_name;
-  double target = 0;       // the ratio to reach; 0: none was set
-  bool smaller_is_better;  // of value / limit
+  double target = 0;       // value / limit to reach; 0: no target
+  bool smaller_is_better;  // whether a smaller value / limit is better
 
   double ratio() const { return value / limit; }
   bool reaches_target() const {
@@ -29,8 +29,9 @@ struct Measurement {
 
 double Median(std::vector<double> values);
 
-// The medians of `turns` results each of `value` and `limit`, called alternately after one call of
-// each that only warms up. The first error ends it, and so does an interrupt (client/interrupt.h).
+// Calls `value` and `limit` alternately, `turns` times each after one warm-up call each, and
+// returns the medians. The first error ends the measurement, as does an interrupt
+// (client/interrupt.h).
 struct Medians {
   double value = 0;
   double limit = 0;
@@ -38,7 +39,7 @@ struct Medians {
 using Sampler = std::function<Result<double>()>;
 Result<Medians> MeasureInTurns(int turns, const Sampler& value, const Sampler& limit);
 
-// "AMD EPYC, 2 cores"
+// Processor and number of cores: "AMD EPYC, 2 cores".
 std::string MachineName();
 
 // Writes measurements to stdout as they come: JSON lines, or a table for people.

@@ -1,4 +1,4 @@
-// How often a second something can be done on all cores at once, for the bare limits.
+// Calls a second of a function that runs on all cores at once, for the bare limits.
 #pragma once
 
 #include <cstddef>
@@ -6,8 +6,9 @@
 
 namespace b4mrl::perf {
 
-// Starts one pinned thread a core; thread t calls make(t), then the result with 0, 1, 2, ... until
-// `seconds` are over. Calls a second, all threads together.
+// Starts one pinned thread a core. Thread t calls make(t), and then the function that make
+// returned, with 0, 1, 2, ..., until `seconds` are over. Returns the calls a second of all threads
+// together.
 double RateOnAllCores(double seconds,
                       const std::function<std::function<void(size_t)>(size_t)>& make);
 

@@ -125,7 +125,7 @@ Result<double> PingPong::RoundTrip() {
 
 int RunPong(const std::string& address, FrameSizes reply) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  signal(SIGINT, SIG_IGN);  // a terminal's Ctrl-C is for the process that measures
+  signal(SIGINT, SIG_IGN);  // a terminal's Ctrl-C is for the measuring process
   void* context = zmq_ctx_new();
   void* socket = zmq_socket(context, ZMQ_ROUTER);
   if (zmq_bind(socket, address.c_str()) != 0) {

@@ -1,5 +1,5 @@
 // The limit for every request: a bare ZeroMQ DEALER-ROUTER round trip between two processes, with
-// messages of given sizes and nothing done to them.
+// messages of given sizes whose content nobody computes or reads.
 #pragma once
 
 #include <sys/types.h>
@@ -18,10 +18,10 @@ struct FrameSizes {
   size_t payload = 0;
 };
 
-// One thread.
+// The asking side, in this process. One thread.
 class PingPong {
  public:
-  // Starts a process of this very program that answers on `address` ("tcp://127.0.0.1:*" or
+  // Starts this program again as the process that answers on `address` ("tcp://127.0.0.1:*" or
   // "ipc://PATH"), and connects to it.
   static Result<std::unique_ptr<PingPong>> Start(const std::string& address, FrameSizes request,
                                                  FrameSizes reply);
@@ -44,8 +44,9 @@ class PingPong {
   void* socket_ = nullptr;
 };
 
-// The other process: binds, prints the endpoint as one line on stdout, and answers until it is
-// killed or its parent ends. Returns, with an exit code, only when it cannot bind.
+// The main function of the answering process: binds, prints the endpoint as one line on stdout, and
+// answers until it is killed or its parent ends. Returns, with an exit code, only when it cannot
+// bind.
 int RunPong(const std::string& address, FrameSizes reply);
 
 }  // namespace b4mrl::perf

@@ -5,11 +5,11 @@
 
 namespace b4mrl::perf {
 
-// Seconds of all threads of this process and of the processes of group `group`, in user and in
-// kernel mode; those of a process that has ended are gone. Counted in steps of 10 ms. Any thread.
+// Processor seconds, in user and kernel mode, of all threads of this process and of the processes
+// of group `group` that have not ended. Counted in steps of 10 ms. Any thread.
 double ProcessorSecondsWith(pid_t group);
 
-// Seconds of the calling thread, counted exactly.
+// Processor seconds of the calling thread, counted exactly.
 double ThreadSeconds();
 
 }  // namespace b4mrl::perf

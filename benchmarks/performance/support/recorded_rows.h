@@ -1,4 +1,4 @@
-// States and actions on which queries are measured.
+// Recorded observations and actions, for the measurements of queries.
 #pragma once
 
 #include <cstddef>
@@ -19,8 +19,8 @@ struct RecordedRows {
   size_t rows() const { return observations.size() / kCheetahObservationSize; }
 };
 
-// kRecordedRows rows of HalfCheetah, on-policy: a behaviour policy (Options::agent_file), stepped
-// in the true environment, stochastically.
+// kRecordedRows rows of HalfCheetah: a behaviour policy (Options::agent_file) draws the actions in
+// the real environment.
 Result<RecordedRows> RecordRows(Client& client, const Options& options);
 
 }  // namespace b4mrl::perf

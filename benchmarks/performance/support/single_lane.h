@@ -11,10 +11,10 @@ namespace b4mrl::perf {
 
 class SingleLane {
  public:
-  // Opens and resets it.
+  // Opens the lane and resets it.
   static Result<SingleLane> Open(Client& client);
 
-  // Microseconds of each of `steps` steps.
+  // Makes `steps` steps; the microseconds that each step took.
   Result<std::vector<double>> StepTimes(int steps);
   Result<StepOutcome> Step();
 

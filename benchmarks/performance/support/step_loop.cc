@@ -12,7 +12,7 @@ Result<StepLoop> StepLoop::Open(Client& client, const std::string& environment,
   options.simulator = simulator;
   options.num_envs = kLanes;
   options.seed = 0;
-  options.autoreset_mode = AutoresetMode::kSameStep;  // a reset is no step, as in the limit
+  options.autoreset_mode = AutoresetMode::kSameStep;  // a reset takes no step, as in the limit
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment opened, client.Make(environment, options));
   B4MRL_RETURN_IF_ERROR(opened.Reset().status());
   return StepLoop(std::move(opened), requests);
