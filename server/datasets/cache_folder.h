@@ -1,8 +1,8 @@
 // The folder of a data folder's column caches: where caches lie, which are removed when they take
 // too much room, and how the remains of killed processes are removed.
 //
-//   DATA/.cache/<fingerprint>/               a column cache: of a file, or derived from another
-//   cache DATA/.cache/unfinished-<process id>-*/   a cache that is being written or removed
+//   DATA/.cache/<fingerprint>/               a column cache: of a file, or derived from a cache
+//   DATA/.cache/unfinished-<process id>-*/   a cache that is being written or removed
 //
 // Several daemons may share a data folder. Any thread.
 #pragma once

@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-// Read copies so many bytes between two signs of life.
+// Bytes that Read copies between two calls of `alive`.
 constexpr size_t kReadBytes = 256 * 1024;
 // A Sample has all columns but the last one, the timeouts.
 constexpr size_t kAllColumns = std::tuple_size_v<decltype(kTransitionColumns)>;

@@ -63,7 +63,7 @@ class DatasetStore {
   };
   explicit DatasetStore(const Options& options);
 
-  // Sorted by name. kIoError when the data folder cannot be read.
+  // All datasets, sorted by name. kIoError when the data folder cannot be read.
   Result<std::vector<DatasetFileInfo>> List() const;
 
   // Opens a dataset from the caches; where they lack it, `missing` says whether Import or Derive
@@ -93,7 +93,7 @@ class DatasetStore {
 
   Result<std::vector<File>> FindFiles() const;
   Result<File> FindFile(const std::string& name) const;
-  // Both derive what is missing unless `cancelled` is null.
+  // Both functions derive a missing dataset unless `cancelled` is null.
   Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
                                      DatasetPointer dataset, const std::atomic<bool>* cancelled);
   Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,

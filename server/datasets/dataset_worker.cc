@@ -27,7 +27,7 @@
 namespace b4mrl {
 namespace {
 
-// Messages are handled for at most so long before background work and deadlines have their turn.
+// The longest time for messages before background work and deadlines have their turn.
 constexpr int64_t kTurnMs = 50;
 // How many imports run at once, each in a process, and derivations, each in a thread.
 constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;

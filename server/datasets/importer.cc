@@ -26,7 +26,7 @@ constexpr uint64_t kMemoryBytes = 2ull << 30;
 constexpr uint64_t kMaxDescriptors = 64;
 constexpr uint64_t kMinCpuSeconds = 60, kMaxCpuSeconds = 1800;
 constexpr uint64_t kFileBytesPerCpuSecond = 4ull << 20;
-// A compressed file unpacks to at most so many times its size before it counts as an attack.
+// Greatest ratio of a file's unpacked to its stored bytes; beyond it the file counts as an attack.
 constexpr uint64_t kMaxExpansion = 64;
 constexpr uint64_t kMinCacheFileBytes = 1ull << 30;
 

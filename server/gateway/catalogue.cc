@@ -14,7 +14,7 @@
 namespace b4mrl {
 namespace {
 
-// File systems tell a folder's time of change to within this at worst, so a younger folder may
+// The worst resolution of a file system's times of change: a folder that changed more recently may
 // change again without showing a later time.
 constexpr auto kSettled = std::chrono::seconds(2);
 // Bytes of a reply's envelope beside its entries: version, id, status, total and lengths.

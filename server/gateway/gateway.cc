@@ -20,14 +20,14 @@
 namespace b4mrl {
 namespace {
 
-// Messages that a child sent before it ended may take so long to arrive here.
+// Time that the last messages of a child that has ended may take to arrive here.
 constexpr int64_t kLastWordsMs = 100;
-// The drain waits for processes to end, and the relay sends again once a process was replaced; no
-// socket becomes readable at either, so the gateway looks this often.
+// Interval at which the gateway looks for processes that have ended (for the drain) or were
+// replaced (for the relay); no socket becomes readable at either.
 constexpr int64_t kWatchfulMs = 5;
-// At most so many messages of clients are handled before workers and relays have their turn. ZeroMQ
-// hands out the messages of all connections in turn, so one client's flood delays the others by one
-// request for each of theirs.
+// Limits on the clients' messages that are handled before workers and relays have their turn.
+// ZeroMQ hands out the messages of all connections in turn, so one client's flood delays the others
+// by one request for each of theirs.
 constexpr int kReceiveBurst = 64;
 constexpr auto kReceiveBurstTime = std::chrono::milliseconds(1);
 

@@ -43,8 +43,9 @@ class ModelQueue {
     std::string file;
     Completion done;
   };
-  // Errors are returned at once: unknown environments, names that no model file can have, and
-  // kLimitExceeded when limits::kMaxPendingModels (kMaxPendingModelsOfPeer of this peer) wait.
+  // Queues a wish. Errors are returned at once: unknown environments, names that no model file can
+  // have, and kLimitExceeded when limits::kMaxPendingModels wishes wait, or kMaxPendingModelsOfPeer
+  // wishes of this peer.
   Status Add(Wish wish);
   // Takes a wish back. A compilation that has begun goes on, and its result is kept for later
   // Opens.
@@ -72,7 +73,7 @@ class ModelQueue {
 
   ModelStore store_;
   std::list<Wish> newcomers_;
-  std::list<Wish> slow_;                                     // those that made room for newcomers
+  std::list<Wish> slow_;                                     // wishes that made room for newcomers
   std::array<Compiler, limits::kModelCompilers> compilers_;  // use the store on their threads
 };
 

@@ -12,10 +12,10 @@
 namespace b4mrl {
 namespace {
 
-// At most so many replies are taken from one route before the next route has its turn.
+// Limit on the replies that are taken from one route before the next route has its turn.
 constexpr int kReplyBurst = 64;
 constexpr auto kSweepInterval = std::chrono::milliseconds(100);
-// A reply may come so long after its deadline, when its process was frozen and replaced.
+// Time after a request's deadline in which its reply may still come from a replaced process.
 constexpr int64_t kGraceMs = 5'000;
 
 bool IsForDatasets(const pb::Request& request) {

@@ -83,7 +83,7 @@ class Relay {
   // Makes room for one more route: kLimitExceeded when every route has a request in flight.
   Status EvictIdleRoute();
   Status Admit(const Route& route, const Message& message, bool is_copy) const;
-  // False when the client has gone.
+  // Passes the route's replies on to its client. False when the client has gone.
   bool HandBackReplies(Route& route);
   void SendAgain(Route& route);
   void Settle(Route& route, std::map<uint64_t, Carried>::iterator carried);

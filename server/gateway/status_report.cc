@@ -12,7 +12,7 @@
 namespace b4mrl {
 namespace {
 
-// At most so many sessions are listed, so that a status fits an envelope with room to spare.
+// Limit on the listed sessions, so that a status fits an envelope with room to spare.
 constexpr uint32_t kMaxListedSessions = 256;
 constexpr size_t kMaxFolderBytes = 4096;
 

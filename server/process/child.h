@@ -1,7 +1,7 @@
-// What every child process of the daemon has: its options with the listening sockets, the shared
-// memory, its heartbeat and the sign of the drain. Built by main from the supervisor's arguments;
-// lives as long as the process. Thread rule: the child's main thread, unless a method says
-// otherwise.
+// The context of every child process of the daemon: its options with the listening sockets, the
+// shared memory, its heartbeat and the sign of the drain. Built by main from the supervisor's
+// arguments; lives as long as the process. Thread rule: the child's main thread, unless a method
+// says otherwise.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +14,11 @@
 
 namespace b4mrl {
 
-// The longest a child's main loop may wait before it beats again.
+// The longest time that a child's main loop may wait before its next heartbeat.
 inline constexpr int64_t kBeatIntervalMs = 100;
-// How often a child looks for sessions whose lease has run out, and the like.
+// Interval of a child's periodic checks, such as that for sessions whose lease has run out.
 inline constexpr int64_t kReapIntervalMs = 1'000;
-// Replies that were sent before the drain have so long to leave.
+// Time in which the replies sent before the drain may leave the process.
 inline constexpr int64_t kFlushMs = 1'000;
 
 struct ChildOptions {
@@ -51,8 +51,8 @@ class ChildContext {
   ChildRecord& record() { return shared_.child(child_index_); }
 
   // The heartbeat: tells the supervisor that the main loop goes round. To be called at least every
-  // 200 ms; the process is replaced after limits::kFrozenChildMs without. The first call reports
-  // that the process is ready, so it comes after the sockets are open.
+  // 200 ms; the process is replaced after limits::kFrozenChildMs without a heartbeat. The first
+  // call reports that the process is ready, so it comes after the sockets are open.
   void Beat() { ++record().heartbeat; }
   // True once the daemon stops. The process then finishes the requests under way, answers new
   // requests with kUnavailable, lets replies leave (RouterSocket::LingerOnClose) and returns.

@@ -1,4 +1,5 @@
-// The command line of `b4mrl-serve`: flags over the configuration file over defaults. Value types.
+// The command line of `b4mrl-serve`. Flags override the configuration file, and the file overrides
+// defaults. Value types.
 #pragma once
 
 #include <optional>

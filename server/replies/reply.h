@@ -20,7 +20,7 @@ struct Asker {
   uint64_t request_id = 0;
 };
 
-// The request's own deadline or the default, and `grace_ms` after it, from now. Any thread.
+// The request's own deadline, or the default, plus `grace_ms`, all counted from now. Any thread.
 Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
 
 // Reads the requests of one process and sends its replies: whatever a message holds, it is answered
@@ -29,7 +29,7 @@ class Responder {
  public:
   // Sends a reply, or drops it when its receiver is gone.
   using SendFunction = std::function<void(const RoutingId& receiver, Message reply)>;
-  // Of the process's line in the child table, which outlives the responder.
+  // Counters in the process's line of the child table, which outlives the responder.
   struct Counters {
     std::atomic<uint64_t>& requests;
     std::atomic<uint64_t>& errors;
@@ -37,12 +37,12 @@ class Responder {
 
   Responder(Counters counters, SendFunction send) : counters_(counters), send_(std::move(send)) {}
 
-  // Reads the envelope into `request`. Nothing comes back when the envelope is malformed or of
-  // another version of the protocol: it has been answered with that error.
+  // Reads the envelope into `request`. Returns nothing for an envelope that is malformed or of
+  // another version of the protocol: it has been answered with the error.
   std::optional<Asker> Read(const IncomingMessage& incoming, pb::Request* request);
 
   // Sends the error, or the reply once its version, id and status are filled in. A reply that does
-  // not fit an envelope is sent as that error.
+  // not fit an envelope is replaced by the error that says so.
   void Reply(const Asker& to, Result<pb::Reply> reply, Frame payload = Frame());
   // Sends a reply that is complete.
   void Send(const RoutingId& receiver, Message reply) { send_(receiver, std::move(reply)); }

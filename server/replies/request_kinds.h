@@ -19,7 +19,7 @@ enum class Server { kGateway, kWorker, kDatasetWorker };
 
 struct RequestKind {
   pb::Request::PayloadCase payload;
-  Server server;  // that answers it
+  Server server;  // the server that answers it
   bool from_clients = true;
 };
 

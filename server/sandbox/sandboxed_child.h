@@ -36,7 +36,7 @@ struct ChildAnswer {
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 
-// For the child: the answer that tells an error.
+// For the child: the JSON text of an answer with "ok": false.
 std::string ErrorAnswer(const Status& error);
 
 }  // namespace b4mrl

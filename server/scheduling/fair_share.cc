@@ -24,7 +24,7 @@ void FairShare::Serve(uint32_t account, double amount) {
 }
 
 void FairShare::Forget(uint32_t account) {
-  // Not 0, which a waiting account would make up for before all others.
+  // Not 0, because a waiting account with 0 would be served before all others until it caught up.
   double& had = Had(account);
   had = std::min(had, level_);
 }

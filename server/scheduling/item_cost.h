@@ -8,7 +8,7 @@ namespace b4mrl {
 
 class ItemCost {
  public:
-  // Items took so many microseconds each.
+  // Learns from executed items, which took `us_per_item` microseconds each.
   void Observe(double us_per_item);
   // The microseconds that `items` will probably take; 0 before the first Observe.
   double Expect(uint32_t items) const;
@@ -17,8 +17,8 @@ class ItemCost {
   uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
   // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
-  // Whether one item alone might keep messages waiting for longer than 0.5 ms: it takes longer, or
-  // nobody has measured any yet.
+  // Whether one item alone might keep messages waiting for longer than 0.5 ms: an item takes
+  // longer, or none has been measured yet.
   bool too_long_for_bites() const;
 
  private:

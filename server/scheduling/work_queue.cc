@@ -5,7 +5,8 @@
 namespace b4mrl {
 namespace {
 
-// By kind. A client that steps waits for every answer, and most clients of a worker step.
+// Weights of the kinds of work. Steps count most, as a client that steps waits for every answer,
+// and most clients of a worker step.
 constexpr std::array<double, kWorkKinds> kWeights = {4, 1, 1};
 
 bool MayEnd(const QueuedWork& work, bool begun) {
@@ -86,7 +87,7 @@ std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
       return !bite || !line.work[session].front()->cost->too_long_for_bites();
     });
   };
-  std::optional<uint32_t> session;  // of the kind that was accepted last, which is the next one
+  std::optional<uint32_t> session;  // of the last accepted kind, which is served next
   const std::optional<uint32_t> kind = kinds_.Next([&](uint32_t candidate) {
     const std::optional<uint32_t> found = next_session(candidate);
     if (found) session = found;

@@ -42,7 +42,7 @@ struct QueuedWork {
   uint32_t session = 0;  // the account that its time is charged to; a small number
   WorkKind work_kind = WorkKind::kOther;
   uint32_t items = 0;        // at least 1
-  ItemCost* cost = nullptr;  // of items of this session and request; outlives the work
+  ItemCost* cost = nullptr;  // of items of this session and kind of request; outlives the work
   Deadline deadline = Deadline::AfterMs(0);
   // The result counts only as a whole, so the deadline ends the work even after it has begun.
   bool ends_at_deadline = false;
@@ -79,11 +79,11 @@ class WorkQueue {
   // For the stand-in: waits until TryTakeBite has found nothing but items that are too long, then
   // takes a piece of them; nothing once Stop was called.
   std::optional<Piece> TakeInstead();
-  // The rest of `work`, which is in the queue, if its deadline has passed and may end it.
+  // All items left of `work`, which is in the queue, if its deadline has passed and may end it.
   std::optional<Piece> TakeExpired(QueuedWork* work);
   // Charges the microseconds that a piece took; to be called before the piece's work may end.
   void Settle(const Piece& piece, double us);
-  // Cancels what the account `session` was charged ahead of others: a new session has its number.
+  // Cancels the debt of time of account `session`, because a new session has got this number.
   void Forget(uint32_t session);
 
   // Lets every Take and TakeInstead return nothing. Work that is left stays in the queue.
@@ -97,7 +97,7 @@ class WorkQueue {
     std::vector<std::vector<QueuedWork*>> work;  // by session, in the order of arrival
   };
   Line& LineOf(const QueuedWork& work) { return lines_[static_cast<size_t>(work.work_kind)]; }
-  // A piece of any work, or a bite of work whose items are short enough.
+  // Takes a piece of any work, or, if `bite`, a bite of work whose items are short enough.
   std::optional<Piece> TakeLocked(bool bite);
   Piece Cut(QueuedWork* work, bool bite);
   // After a cut: takes the work out of its line if no item is left.

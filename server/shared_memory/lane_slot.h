@@ -56,8 +56,8 @@ class LaneSlot {
   std::span<const std::byte> committed_record() const;
   // Where operation committed() + 1 writes its record; limits::kLaneBufferBytes long.
   std::span<std::byte> idle_buffer() { return buffer(committed() + 1); }
-  // Publishes the idle buffer's first `size` bytes as operation committed() + 1. In two halves:
-  // Seal completes the buffer, which counts from Publish on.
+  // Publishes the idle buffer's first `size` bytes as operation committed() + 1. Seal and Publish
+  // are the halves of Commit: Seal completes the buffer, Publish makes it count.
   void Commit(Operation operation, size_t size);
   void Seal(Operation operation, size_t size) { WriteSeal(committed() + 1, operation, size); }
   void Publish() { memory_->committed.store(committed() + 1, std::memory_order_release); }
@@ -73,7 +73,7 @@ class LaneSlot {
   // Points of blame (server/shared_memory/blame.h), which the supervisor adds to operation `number`
   // when a process died at it. Points for another operation than committed() + 1 are dropped.
   void AddBlame(uint64_t number, uint64_t attempt, uint32_t points);
-  // The points of operation committed() + 1, tried in this way.
+  // The points of operation committed() + 1 in this attempt.
   uint32_t Blame(uint64_t attempt) const;
 
  private:

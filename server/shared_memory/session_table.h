@@ -31,9 +31,10 @@ class SessionTable {
   // Writes a kOpening record for the worker with the fewest lanes (then sessions). kLimitExceeded
   // when no record or no run of free lanes is left.
   Result<uint32_t> Allocate(const NewSession& session);
-  // kOpening to kLive: the worker has acknowledged. False if it has closed the session meanwhile.
+  // Makes a kOpening record kLive, as its worker has acknowledged it. False if the worker has
+  // closed the session meanwhile.
   bool MakeLive(uint32_t index);
-  // Only for a record that no worker holds.
+  // Makes record `index` kFree. No worker may hold it.
   void Free(uint32_t index);
   // Frees the sessions that workers have closed, and those whose Open no client has repeated for
   // `abandoned_ms` while they were opening.

@@ -155,7 +155,7 @@ class SharedState {
   SharedHeader& header() const { return memory_->header; }
   // At most limits::kMaxWorkers, whatever the memory says.
   uint32_t worker_count() const;
-  // Indices are the caller's to check; `lane` is below limits::kMaxLanes, and so on.
+  // The caller checks indices: each is below its array's size, `lane` below limits::kMaxLanes.
   ChildRecord& child(uint32_t index) const { return memory_->children[index]; }
   std::span<ThreadMark> marks(uint32_t worker) const { return memory_->marks[worker]; }
   SessionRecord& session(uint32_t index) const { return memory_->sessions[index]; }

@@ -28,8 +28,9 @@ struct Listeners {
   std::string private_folder;  // holds the ipc sockets of --single-port; "" if there is none
 };
 
-// Malformed addresses are kInvalidArgument; addresses in use, missing folders and the like
-// kIoError; hosts that other machines can reach, without `insecure`, kFailedPrecondition.
+// Malformed addresses are kInvalidArgument; addresses in use, missing folders and other errors of
+// the system kIoError; hosts that other machines can reach, without `insecure`,
+// kFailedPrecondition.
 Result<Listeners> OpenListeners(const ServeOptions& options);
 
 // Where a process of this machine connects to reach a listener.

@@ -7,7 +7,8 @@
 
 namespace b4mrl {
 
-// Everything in force: spaces, completed configuration, resolved perturbations, experiment id.
+// Fills in what is in force: spaces, completed configuration, resolved perturbations, experiment
+// id.
 void DescribeSession(const Session& session, pb::AttachReply* out);
 
 }  // namespace b4mrl

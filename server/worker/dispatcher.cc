@@ -64,8 +64,8 @@ void Dispatcher::AdoptSessions() {
     const uint64_t generation = record.generation;
     const SessionState state = record.state();
     // The earlier process may have answered the Attach of a session that is opening, so the gateway
-    // may make it live at any moment and send nothing more. An error is told when the Attach
-    // comes again.
+    // may make the session live at any moment without another message. An error of building it here
+    // is told when the Attach comes again.
     if (state == SessionState::kOpening && record.worker == worker_ && record.build_deaths == 0) {
       record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
       static_cast<void>(Attach(index, generation));
@@ -127,7 +127,7 @@ Result<pb::Reply> Dispatcher::HandleAttach(const pb::Request& request) {
   DescribeSession(*session, reply.mutable_attach());
   const size_t bytes = reply.ByteSizeLong();
   if (bytes + kEnvelopeRest <= limits::kMaxEnvelopeBytes) return reply;
-  // The reply to Open could not describe the session.
+  // The session's description does not fit the reply to Open.
   record.Close(session->generation());
   sessions_.erase(std::string(session->token()));
   return Status(StatusCode::kInvalidArgument,

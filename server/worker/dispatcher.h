@@ -1,4 +1,4 @@
-// What an environment worker does with each message: it finds the session, applies the limits and
+// Handles the messages of an environment worker: finds a request's session, applies the limits and
 // the rules of exactly once, has the work executed, and answers every request exactly once.
 //
 // Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
@@ -28,9 +28,9 @@ class Dispatcher {
   // Takes over all sessions of this worker that an earlier process of it has left. To be called
   // before the first message.
   void AdoptSessions();
-  // Looks on through the session records, 64 at a time, for a live session of this worker that it
-  // has yet to take over, and builds one at most: the gateway may have acknowledged it late. To be
-  // called about sixteen times a second.
+  // Looks through the next 64 session records for a live session that this worker has yet to take
+  // over (the gateway may have acknowledged it late), and builds one session at most. To be called
+  // about sixteen times a second.
   void AdoptNext();
   // `more_waiting`: other messages have arrived already, so the request's work goes to the pool
   // instead of being executed at once.
@@ -64,10 +64,11 @@ class Dispatcher {
   void HandleClose(const Asker& from, const std::string& token);
   // Closes a session that was not attached here; an Attach of it that is on its way is refused.
   Result<pb::Reply> CloseUnattached(const std::string& token);
-  // An error is the reply; otherwise the job that it starts will reply.
+  // Starts a job, which will reply. An error of this function is the reply instead.
   Status HandleSessionRequest(const Asker& from, const pb::Request& request, Frame payload,
                               bool more_waiting);
-  // kLimitExceeded and the like for one more request of `session`; OK if it may proceed.
+  // OK if `request` may proceed. Else the error: the daemon is stopping, the request has ended its
+  // worker too often, or a limit on requests is reached.
   Status Admit(const Session& session, const pb::Request& request, const Frame& payload) const;
   void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
   void Finish(RequestJob* job);

@@ -13,7 +13,7 @@ enum class FaultPoint : uint8_t {
   kBeforeOperation,  // the lane is marked, and nothing of its operation was computed
   kSlotHalfWritten,  // the lane's idle buffer holds the new record without its seal
   kAfterCommit,      // the lane's operation is committed, and not answered
-  kBeforeQueryRow,   // before a row of a query; `lane` is the row's number in the request
+  kBeforeQueryRow,   // before a query's row; `lane` is the row's number in the request
 };
 
 // `idle_buffer` is the buffer that is being written, or empty. The hook need not return.

@@ -24,7 +24,7 @@ namespace b4mrl {
 
 class PainterProcess;
 
-// What each thread that executes items has for itself.
+// The private data of a thread that executes items.
 struct WorkerThread {
   ThreadMark* mark = nullptr;         // null for the painter's thread
   PainterProcess* painter = nullptr;  // null for all but the painter's thread
@@ -32,10 +32,10 @@ struct WorkerThread {
   std::vector<double> action;
 };
 
-// What a job is made of. The session outlives the job.
+// The input of a job's factory. The session outlives the job.
 struct JobInput {
   Session* session = nullptr;
-  const pb::Request* request = nullptr;  // until Prepare has returned
+  const pb::Request* request = nullptr;  // valid until Prepare has returned
   Frame payload;                         // moved into the job, whose views point into it
 };
 
@@ -70,8 +70,8 @@ class RequestJob : public QueuedWork {
   Result<Message> TakeReply();
   bool failed() const { return failed_.load(std::memory_order_relaxed); }
 
-  // Whether its items wait for the painter's process instead of computing. A thread that does
-  // nothing else executes such items, one after another.
+  // Whether the job's items wait for the painter's process instead of computing. A thread that does
+  // nothing else executes these items, one after another.
   virtual bool waits_for_painter() const { return false; }
   // What the job adds to the counters of its worker: steps of lanes, rows of queries.
   virtual uint64_t steps_done() const { return 0; }

@@ -32,9 +32,9 @@ struct LaneStatus {
 };
 
 enum class LaneVerdict { kExecute, kAnswerFromSlot };
-// The rule of exactly once for one lane: last + 1 is executed, last is answered from the slot if it
-// was the same operation, less is kStale, more is kGap; and a lane does one thing at a time
-// (kBusy). `lane` is for the message.
+// The rule of exactly once for one lane. With c = status.committed: number c + 1 is executed,
+// number c answered from the slot if it was the same operation, a smaller number kStale, a greater
+// one kGap. A lane that executes another operation is kBusy. `lane` is for the error message.
 Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t number,
                               Operation operation);
 
@@ -80,7 +80,7 @@ class Session {
     return ConstLaneRecord(layout(), slot(lane).committed_record().data());
   }
   LaneStatus& lane(uint32_t lane) { return lanes_[lane]; }
-  // Brings lane(i) up to date with its slot after an operation.
+  // Updates lane(`lane`) from its slot after an operation.
   void RefreshLane(uint32_t lane);
 
   // The jobs under way, by request id.

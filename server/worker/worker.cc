@@ -15,11 +15,11 @@
 namespace b4mrl {
 namespace {
 
-// At most so many messages are taken, for at most so long, before completed work is answered: some
+// Limits on the messages taken, and the seconds this takes, before completed work is answered: some
 // messages are large.
 constexpr int kReceiveBurst = 64;
 constexpr double kReceiveBurstSeconds = 1e-4;
-// Between two looks for sessions to take over; all records have been looked at after a second.
+// Interval between two calls of AdoptNext, so that all records are looked at within a second.
 constexpr int64_t kAdoptIntervalMs = 60;
 
 class Worker {
