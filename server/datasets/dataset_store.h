@@ -67,7 +67,7 @@ class DatasetStore {
   Result<std::vector<DatasetFileInfo>> List() const;
 
   // Opens a dataset from the caches; where they lack it, `missing` says whether Import or Derive
-  // has to be called first. Takes milliseconds, but a cache that nobody has mapped is read whole
+  // has to be called first. Takes milliseconds, but a cache that is not mapped yet is read whole
   // once.
   Result<OpenedDataset> Open(const DatasetRequest& request);
   // Imports the file of that name, which may take minutes. Of the result, only `fingerprint` and

@@ -89,7 +89,7 @@ class DatasetWorker {
   ChildContext& context_;
   RouterSocket socket_;
   Responder replies_;
-  DatasetStore store_;  // background threads only
+  DatasetStore store_;  // used by background threads only
   ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;

@@ -28,8 +28,8 @@ namespace b4mrl {
 struct DatasetWorkerOptions {
   // The program that knows `--role importer`, started once per new file.
   std::string importer_program = "/proc/self/exe";
-  // Disk that all caches may take together. Beyond it the caches that nobody has mapped are
-  // removed, those that were used longest ago first.
+  // Bytes of disk that all caches may take together. Beyond this limit the caches that no process
+  // has mapped are removed, those that were used longest ago first.
   uint64_t max_cache_bytes = 64ull << 30;
 };
 

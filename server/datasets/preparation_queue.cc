@@ -125,7 +125,7 @@ void PreparationQueue::Finish(uint64_t number, const Result<OpenedDataset>& resu
   const auto found = std::ranges::find(jobs_, number, &Job::number);
   free_.push_back(std::exchange(found->place, nullptr));
   if (*found->cancelled && result.status().code() == StatusCode::kUnavailable) {
-    found->is_long = true;  // waits for its next start
+    found->is_long = true;  // the job waits for its next start
     found->turn_ms *= kTurnGrowth;
     return;
   }

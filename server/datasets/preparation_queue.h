@@ -38,7 +38,7 @@ class PreparationQueue {
   // A request for a job. Its functions run on the loop's thread.
   struct Request {
     RoutingId client;
-    std::function<bool()> waits;  // false: `done` would reach nobody
+    std::function<bool()> waits;  // false once the request needs no answer
     std::function<void(const Result<OpenedDataset>&)> done;
   };
 
@@ -65,7 +65,7 @@ class PreparationQueue {
     Work work;
     std::vector<Request> requests;
     bool is_long = false;
-    BackgroundThread* place = nullptr;  // null while it waits
+    BackgroundThread* place = nullptr;  // null while the job waits
     int64_t turn_ms = 0;
     Deadline turn = Deadline::AfterMs(0);
     std::shared_ptr<std::atomic<bool>> cancelled;

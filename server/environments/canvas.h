@@ -47,7 +47,7 @@ class Canvas {
   virtual ~Canvas() = default;
 
   // A MuJoCo scene, seen by the model's camera "track", or from the side of its first body where
-  // the model has no such camera. The positions in `data` that follow from qpos are up to date.
+  // the model has no camera "track". The positions in `data` that follow from qpos are up to date.
   virtual Status DrawModel(const mjModel_& model, mjData_& data) = 0;
   virtual Status DrawPlan(const PlanView& plan) = 0;
 };

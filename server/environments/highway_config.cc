@@ -164,7 +164,7 @@ void ReadRewards(ConfigReader& reader, HighwaySettings* settings) {
   number("right_lane_reward", &settings->right_lane_reward);
   number("high_speed_reward", &settings->high_speed_reward);
   number("on_road_reward", &settings->on_road_reward);
-  reader.Number("lane_change_reward", 0, -kLargest, kLargest);  // the original never adds it
+  reader.Number("lane_change_reward", 0, -kLargest, kLargest);  // no effect, as in highway-env
   settings->reward_speed_range =
       ReadRange(reader, "reward_speed_range", settings->reward_speed_range);
   settings->normalize_reward = reader.Bool("normalize_reward", settings->normalize_reward);

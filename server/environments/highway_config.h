@@ -1,4 +1,4 @@
-// highway-env's configuration as this project takes it: JSON under the original's names, and the
+// highway-env's configuration as this project takes it: JSON under highway-env's names, and the
 // checked settings it becomes. highway.cc lists what is supported. Any thread.
 #pragma once
 

@@ -85,7 +85,7 @@ class Gateway {
   Openings openings_;
   Relay relay_;
   std::optional<Deadline> last_words_;  // kLastWordsMs after all other children have ended
-  pb::Request request_;                 // reused
+  pb::Request request_;                 // reused by every message
 };
 
 void Gateway::ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened) {

@@ -37,7 +37,7 @@ class Openings {
  public:
   struct Options {
     ModelStore::Options models;
-    std::vector<ChildOptions::Port> worker_ports;  // as clients are told them
+    std::vector<ChildOptions::Port> worker_ports;  // the ports that clients are told
   };
   using ReplyFunction = std::function<void(const Asker& to, const Result<pb::OpenReply>&)>;
 
@@ -109,7 +109,7 @@ class Openings {
   ReplyFunction reply_;
   std::unordered_map<uint64_t, Waiting> waiting_;  // by number
   uint64_t next_number_ = 1;
-  std::unordered_map<RoutingId, std::map<uint64_t, uint64_t>> peers_;  // request id to number
+  std::unordered_map<RoutingId, std::map<uint64_t, uint64_t>> peers_;  // request ids to numbers
   std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // with numbers of Opens
   Attaches attaches_;                                                  // by the record's generation
   std::set<uint64_t> unsent_;                                          // generations of attaches_

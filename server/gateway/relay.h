@@ -100,8 +100,8 @@ class Relay {
   size_t in_flight_ = 0;
   size_t bytes_ = 0;
   Clock::time_point next_sweep_{};
-  pb::Request request_;  // reused
-  pb::Reply reply_;      // reused
+  pb::Request request_;  // reused by every message
+  pb::Reply reply_;      // reused by every message
 };
 
 }  // namespace b4mrl

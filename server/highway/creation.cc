@@ -13,7 +13,7 @@ constexpr double kEgoSpeed = 25;  // m/s
 constexpr NumberRange kSpacingFactor = {0.9, 1.1};
 constexpr NumberRange kDelta = {3.5, 4.5};
 
-// Draws for each other car: its lane, and three doubles.
+// Random draws for each car but the ego: its lane, and three doubles.
 constexpr uint64_t kDoublesPerOther = 3;  // speed, spacing, delta
 constexpr uint64_t kDoublesOfEgo = 1;     // spacing
 

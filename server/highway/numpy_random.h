@@ -15,11 +15,11 @@ namespace b4mrl {
 // PCG XSL RR 128/64. A value type; one thread.
 class Pcg64 {
  public:
-  // As numpy.random.PCG64(seed).
+  // Seeds the generator as numpy.random.PCG64(seed) does.
   explicit Pcg64(uint64_t seed);
 
   uint64_t Next();
-  // As if Next had been called `draws` times.
+  // Changes the state as `draws` calls of Next would.
   void Advance(uint64_t draws);
 
  private:

@@ -17,7 +17,7 @@ std::string_view FeatureUnit(HighwayFeature feature);
 
 // Row 0 is the ego, absolute; the others are the cars nearest along the road within 200 m and,
 // unless see_behind, no more than 10 m behind, with position and velocity relative to the ego
-// unless absolute. Rows without a car are 0. Numbers are rounded to float32, the original's type.
+// unless absolute. Rows without a car are 0. Numbers are rounded to float32, highway-env's type.
 // `observation` has settings.size() numbers, row by row.
 void ObserveTraffic(const HighwayObservationSettings& settings, const Traffic& traffic,
                     std::span<double> observation);

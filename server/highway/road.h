@@ -36,7 +36,7 @@ inline bool AlongRoad(double x) {
 }
 
 inline bool OnLane(double x, double y, int lane, double margin) {
-  // Without branches: neighbours are looked up for every car and lane in every frame.
+  // Computed without branches, because this is called for every car and lane in every frame.
   return (std::abs(y - LaneCentre(lane)) <= kLaneWidth / 2 + margin) & AlongRoad(x);
 }
 

@@ -1,4 +1,4 @@
-// The settings of the highway task under highway-env's names, checked by whoever fills them in
+// The settings of the highway task under highway-env's names, checked where they are filled in
 // (server/environments/highway_config.h). The defaults are highway-fast-v0's with continuous
 // actions; units are metres, seconds, radians. Immutable while a simulation uses them.
 #pragma once

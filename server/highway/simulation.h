@@ -1,6 +1,6 @@
 // The simulator of the highway task: an independent double-precision implementation of highway-env
 // 1.12's highway-v0 and highway-fast-v0 with continuous control of one car. Trajectories agree with
-// the original's to rounding (it calls NumPy's sine and cosine, this the C library's), as
+// highway-env's to rounding (NumPy's sine and cosine there, the C library's here), as
 // tests/server/highway shows on recordings.
 //
 // One control step is floor(simulation_frequency / policy_frequency) frames. In a frame all drivers

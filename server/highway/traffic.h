@@ -46,7 +46,7 @@ struct Traffic {
   std::vector<double> timer;               // s since the driver last considered a lane change
   std::vector<int> crashed;                // 0 or 1
   std::vector<int> impact_pending;         // 0 or 1: the impact below is applied by the next motion
-  std::vector<double> impact_x, impact_y;  // m
+  std::vector<double> impact_x, impact_y;  // m, displacement by the pending impact
   std::vector<double> steering;            // rad, the command in force
   std::vector<double> acceleration;        // m/s2, the command in force
   std::vector<double> target_speed;        // m/s; unused by the ego

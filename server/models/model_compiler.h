@@ -22,8 +22,8 @@ namespace b4mrl {
 
 struct ModelCompilerOptions {
   std::string models_folder;
-  std::string file_name;     // in that folder
-  std::string environment;   // whose own model it replaces
+  std::string file_name;     // in models_folder
+  std::string environment;   // the task whose own model the file replaces
   std::string cache_folder;  // must exist
 };
 

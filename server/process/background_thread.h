@@ -39,7 +39,7 @@ class BackgroundThread {
  private:
   void Loop();
 
-  size_t backlog_ = 0;  // the loop's thread alone
+  size_t backlog_ = 0;  // used by the loop's thread alone
   UniqueFd wake_;
   std::mutex mutex_;
   std::condition_variable submitted_;

@@ -93,7 +93,7 @@ Status EnterSandbox(const SandboxOptions& options) {
   std::signal(SIGXFSZ, SIG_IGN);
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CORE, 0, "core files"));
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-  // Not with sanitizers, which reserve terabytes of addresses for their shadow memory.
+  // No limit with sanitizers, which reserve terabytes of addresses for their shadow memory.
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_AS, options.memory_bytes, "memory"));
 #endif
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CPU, options.cpu_seconds, "processor time", 1));

@@ -33,7 +33,7 @@ class FairShare {
 
   // The account, which waits, is served `amount`.
   void Serve(uint32_t account, double amount);
-  // Cancels the account's debt: it belongs to somebody else from now on.
+  // Cancels the account's debt, because the account gets a new owner.
   void Forget(uint32_t account);
   // The account was served `amount` more than Serve said; less where it is negative.
   void Correct(uint32_t account, double amount);

@@ -30,7 +30,7 @@ enum class Death {
 inline constexpr uint32_t kCrashBlame = 4;
 inline constexpr uint32_t kKillBlame = 1;
 inline constexpr uint32_t kBlameLimit = 8;
-// A session is refused when its building has ended so many workers, one after the other.
+// A session is refused when its building has ended this many workers in a row.
 inline constexpr uint32_t kMaxBuildDeaths = 3;
 
 // Blame is kept for a lane, a number and an attempt. The attempt is the operation and a reset's

@@ -37,8 +37,8 @@ struct alignas(64) LaneSlotMemory {
   std::atomic<uint64_t> committed;
   std::atomic<uint64_t> generation;      // of the session that owns the lane
   std::atomic<uint64_t> blamed_number;   // the operation that `blame` is about
-  std::atomic<uint64_t> blamed_attempt;  // its AttemptKey
-  std::atomic<uint32_t> blame;           // points
+  std::atomic<uint64_t> blamed_attempt;  // AttemptKey of that operation
+  std::atomic<uint32_t> blame;           // points of blame
   std::array<BufferSeal, 2> seals;
   // The second buffer starts a little off a power of two, and so does the next slot, so that equal
   // offsets of many lanes fall into different cache sets.

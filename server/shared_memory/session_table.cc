@@ -102,7 +102,7 @@ uint32_t SessionTable::LeastLoadedWorker() const {
 }
 
 std::optional<uint32_t> SessionTable::FindLanes(uint32_t count) const {
-  std::vector<std::pair<uint32_t, uint32_t>> used;  // [first, end)
+  std::vector<std::pair<uint32_t, uint32_t>> used;  // lanes [first, end) of each record
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
     if (!HoldsLanes(record) || record.lane_count == 0) continue;

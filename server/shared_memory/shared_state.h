@@ -69,7 +69,7 @@ struct alignas(64) ThreadMark {
   std::atomic<uint64_t> number;    // the operation's number, request's id or session's generation
   std::atomic<uint64_t> attempt;   // kLane: its AttemptKey
   std::atomic<int64_t> since_ms;   // MonotonicMs() when the work began
-  std::atomic<int32_t> thread_id;  // of the operating system
+  std::atomic<int32_t> thread_id;  // the operating system's number of the thread
 };
 inline constexpr uint32_t kMarksPerWorker =
     limits::kMaxThreads + 1;  // the socket's thread is mark 0

@@ -4,10 +4,10 @@
 //
 //   LaneHeader | state | perturbation state | observation | final observation | infos | final infos
 //
-// The last step's outcome is part of the record, so whoever holds a committed record can answer the
-// step again without simulating. Records of one LaneLayout are interchangeable; the block is 8-byte
-// aligned and at most limits::kLaneBufferBytes long. Views own no memory; threads share a record as
-// they share any memory.
+// The last step's outcome is part of the record, so a process that has a committed record can
+// answer the step again without simulating. Records of one LaneLayout are interchangeable; the
+// block is 8-byte aligned and at most limits::kLaneBufferBytes long. Views own no memory; threads
+// share a record as they share any memory.
 #pragma once
 
 #include <cstddef>

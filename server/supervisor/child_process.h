@@ -61,11 +61,11 @@ class ChildProcess {
   bool killed_as_frozen_ = false;
   uint64_t beat_at_start_ = 0;
   ThreadWatch main_loop_;
-  std::vector<ThreadWatch> work_;   // by thread of an environment worker
+  std::vector<ThreadWatch> work_;   // one for each thread of an environment worker
   bool starvation_logged_ = false;  // since the last heartbeat
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
-  uint32_t young_deaths_ = 0;  // in a row
+  uint32_t young_deaths_ = 0;  // deaths in a row soon after a start
   uint32_t deaths_before_ready_ = 0;
   int last_exit_code_ = -1;
 };

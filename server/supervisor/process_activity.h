@@ -25,7 +25,7 @@ bool WantsProcessor(pid_t process);
 
 // A thread since its last sign of life.
 struct Silence {
-  int64_t ms = 0;            // since that sign
+  int64_t ms = 0;            // since the last sign of life
   int64_t processor_ms = 0;  // processor time that the thread used meanwhile
   bool wants_processor = false;
   bool stopped = false;
@@ -50,8 +50,8 @@ class ThreadWatch {
 
  private:
   uint64_t sign_ = 0;
-  int64_t since_ms_ = 0;                 // the time from which on it has been `sign_`
-  std::optional<int64_t> processor_ms_;  // of the thread when the silence was noticed
+  int64_t since_ms_ = 0;                 // the time when the number became `sign_`
+  std::optional<int64_t> processor_ms_;  // the thread's, when the silence was noticed
 };
 
 }  // namespace b4mrl

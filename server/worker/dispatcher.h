@@ -85,7 +85,7 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
-  uint32_t next_record_ = 0;  // where AdoptNext goes on
+  uint32_t next_record_ = 0;  // the record that AdoptNext looks at next
   // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();

@@ -70,7 +70,7 @@ class Executor {
   std::vector<int> cores_;
   WorkQueue queue_;
   WorkQueue painter_queue_;
-  std::atomic<uint32_t> busy_threads_{0};  // of the pool
+  std::atomic<uint32_t> busy_threads_{0};  // threads of the pool that execute a piece
   WorkerThread socket_thread_;
   MarkedThread socket_thread_mark_;
   std::mutex completed_mutex_;

@@ -42,7 +42,7 @@ class SnapshotJob : public RequestJob {
   NamedState StateOf(Environment& environment, uint32_t lane) const;
   void WriteLane(uint32_t position, Environment& environment);
 
-  size_t snapshot_ = 0;  // offset of the array
+  size_t snapshot_ = 0;  // offset of the array `snapshot` in the payload
   std::deque<Part> parts_;
 };
 
@@ -144,7 +144,7 @@ class RestoreJob : public RequestJob {
 
   std::optional<ArrayReader> arrays_;
   LaneSelection selection_;
-  size_t observations_ = 0;  // offset of the array
+  size_t observations_ = 0;  // offset of the array `observations` in the payload
   TensorView snapshot_;      // empty if the request holds named parts
   std::map<std::string, TensorView> parts_;
 };

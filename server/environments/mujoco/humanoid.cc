@@ -11,7 +11,7 @@
 //                U(-s, s); s = reset_noise_scale
 //
 // What MuJoCo derives (cinert, cvel, cfrc_ext, the centre of mass) is never brought up to date
-// after a step, as in the original, and so belongs to a stage before the state (see
+// after a step, as in Gymnasium, and so belongs to a stage before the state (see
 // mujoco_environment.h). These numbers are therefore parts of the state: the observation shows
 // them, and the next reward starts from the centre of mass.
 #include <algorithm>
@@ -96,7 +96,7 @@ class Humanoid final : public Locomotion {
                             std::span<double> qvel) const override;
 
   void AfterStep() override {
-    mj_rnePostConstraint(&model(), mutable_data());  // fills cfrc_ext, as the original does
+    mj_rnePostConstraint(&model(), mutable_data());  // fills cfrc_ext, as Gymnasium does
     FindCentre();
   }
   void AfterForward() override {

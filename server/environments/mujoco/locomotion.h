@@ -50,7 +50,7 @@ enum class Info {
   kX,  // of Position(), after the step, m
   kY,
   kDistance,  // of Position() from the origin, m
-  kRootX,     // of qpos
+  kRootX,     // qpos[0], m
   kRootY,
   kRootDistance,
   kHeightGain,  // qpos[1] above the model's initial one, m

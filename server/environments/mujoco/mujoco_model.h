@@ -86,7 +86,7 @@ class MujocoScratch {
 
   const LoadedModel* loaded_;
   MjModelPtr own_;
-  CollisionPairs pairs_;  // memory of own_
+  CollisionPairs pairs_;  // memory that own_ uses
   MjDataPtr data_;
 };
 
