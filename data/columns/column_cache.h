@@ -1,15 +1,15 @@
-// A folder with one raw file per column and a manifest: the form in which datasets are served.
+// A folder with one raw file per column and a manifest, from which datasets are served.
 //
-//   <folder>/manifest.json   schema and properties; of each column name, dtype, rows, width, hash
+//   <folder>/manifest.json   schema, properties, and each column's name, dtype, rows, width, hash
 //   <folder>/<column>.raw    rows x width elements, row-major, little-endian, nothing else
 //
 // The folder appears complete or not at all: it is made under a temporary name and renamed. The
 // folder and its files get the permissions of the folder around them, whatever the umask. Mapping
 // checks the manifest's own hash and the size of every file; Verify compares every column with its
-// XXH3 hash. While a cache is mapped, RemoveUnusedCache of any process leaves it alone. Thread
-// rule: a ColumnCache is immutable and may be read by any thread; a writer belongs to one thread.
-// Errors: kUnknownName (no such cache), kIoError, kDataLoss (damaged), kVersionMismatch (another
-// schema).
+// XXH3 hash. RemoveUnusedCache, in any process, does not remove a mapped cache. Thread rule: a
+// ColumnCache is immutable and may be read by any thread; a writer belongs to one thread. Errors:
+// kUnknownName (the folder holds no cache), kIoError, kDataLoss (damaged), kVersionMismatch
+// (another schema).
 #pragma once
 
 #include <sys/types.h>
@@ -55,8 +55,9 @@ class ColumnCache {
   Status Verify() const;
 
   const CacheProperties& properties() const { return properties_; }
-  uint64_t bytes() const;  // of all columns
-  // kDataLoss when there is no such column or its type, rows or width differ.
+  uint64_t bytes() const;  // size of all columns
+  // The elements of the column `name`. kDataLoss if the cache lacks this column, or if its element
+  // type, rows or width differ from those asked for.
   template <typename T>
   Result<std::span<const T>> Find(std::string_view name, uint64_t rows, uint64_t width) const {
     B4MRL_ASSIGN_OR_RETURN(const std::byte* data, FindBytes(name, DTypeOf<T>(), rows, width));
@@ -80,7 +81,7 @@ class ColumnCache {
   CacheProperties properties_;
   std::vector<CachedColumn> columns_;
   std::vector<Mapping> mappings_;  // one per column
-  UniqueFd lock_;                  // of the manifest, shared
+  UniqueFd lock_;                  // holds a shared lock of the manifest
 };
 
 class ColumnCacheWriter {
@@ -91,7 +92,8 @@ class ColumnCacheWriter {
   ColumnCacheWriter& operator=(ColumnCacheWriter&&) = delete;
   ~ColumnCacheWriter();  // removes the temporary folder unless it was committed
 
-  // Names are [a-z_]+. A column is written from its start to its end; several may be open.
+  // Adds a column, whose name matches [a-z_]+. A column is written from its start to its end;
+  // several columns may be open.
   Result<size_t> AddColumn(std::string_view name, DType dtype, uint64_t width);
   Status Append(size_t column, std::span<const std::byte> whole_rows);
   template <typename T>
@@ -99,8 +101,8 @@ class ColumnCacheWriter {
     return Append(column, std::as_bytes(values));
   }
   void SetProperty(std::string_view name, std::string_view value);
-  // Renames the folder into place. If another process has made the same cache meanwhile, that one
-  // stays.
+  // Renames the folder into place. If another process has made the same cache meanwhile, the other
+  // process's cache stays.
   Status Commit();
 
  private:
@@ -121,8 +123,8 @@ class ColumnCacheWriter {
 
 // Renames the finished cache `made` to `folder`. If a cache of that name exists already, both stay.
 Status PlaceCache(const std::string& made, const std::string& folder);
-// Removes a cache folder if it exists. Other processes see it whole or not at all; those that have
-// it mapped can still read it.
+// Removes a cache folder if it exists. Other processes see the cache whole or not at all; processes
+// that have the cache mapped can still read it.
 void RemoveCache(const std::string& folder);
 // Removes the cache unless a process has it mapped. Returns whether it was removed.
 bool RemoveUnusedCache(const std::string& folder);

@@ -1,5 +1,5 @@
-// A dataset of transitions over a mapped column cache: what the daemon serves. Immutable; any
-// thread. The views live as long as the Dataset, also when its folder is removed.
+// A dataset of transitions over a mapped column cache, as the daemon serves it. Immutable; any
+// thread. The views stay valid as long as the Dataset lives, even if its folder is removed.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ struct TransitionColumns {
   std::span<const float> observations, actions, rewards, next_observations;
   std::span<const uint8_t> terminals, timeouts;
 
-  // The `count` rows from `first` on; all columns must be there.
+  // Views of the `count` rows from row `first` on; no column may be empty.
   TransitionColumns Rows(uint64_t first, uint64_t count) const;
 };
 
@@ -33,7 +33,7 @@ struct TransitionColumn {
   using Value = T;
   std::string_view name;
   std::span<const T> TransitionColumns::*values;
-  uint32_t TransitionColumns::*size;  // elements of a row; null: one number, in one dimension
+  uint32_t TransitionColumns::*size;  // elements of a row; null: one, and the column has shape (N)
 
   size_t width(const TransitionColumns& columns) const { return size ? columns.*size : 1; }
 };
@@ -74,7 +74,7 @@ class Dataset {
   uint64_t rows() const { return columns_.rows; }
   const DatasetStatistics& statistics() const { return statistics_; }
   const ColumnCache& cache() const { return *cache_; }
-  // "" when the cache has no such property.
+  // The cache's property `name`; "" if the cache has no property of that name.
   std::string property(std::string_view name) const;
 
  private:

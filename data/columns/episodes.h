@@ -2,11 +2,10 @@
 //
 // kStored (the default): every row, with the next observation that the file stores.
 // kD4rl: the rows that d4rl.qlearning_dataset returns. The next observation is the observation of
-// the
-//   next row; rows that end by time-out and the last row are dropped. A terminal row stays; its
-//   next observation is the first one of the next episode, which bootstrapping never reads. The
-//   timeouts column marks the last row that is left of an episode, so that episodes can still be
-//   told apart.
+//   the next row; rows that end by time-out and the last row are dropped. A terminal row stays; its
+//   next observation is the first observation of the next episode, which bootstrapping never reads.
+//   The timeouts column marks the last kept row of an episode that timed out, so that episodes can
+//   still be told apart.
 // Pure functions; any thread.
 #pragma once
 
@@ -22,11 +21,11 @@ namespace b4mrl {
 
 enum class TransitionRule { kStored, kD4rl };
 std::string_view TransitionRuleName(TransitionRule rule);  // "stored", "d4rl"
-// "" is the default.
+// Parses "stored" or "d4rl"; "" is the default, kStored.
 Result<TransitionRule> ParseTransitionRule(std::string_view name);
 
-// Rows [first, end) of one episode. `complete`: the episode ends with a terminal or a time-out, not
-// because the data ends.
+// Rows [first, end) of one episode. `complete` is true if the episode ends with a terminal or a
+// time-out, and false if only the data ends.
 struct Episode {
   uint64_t first = 0;
   uint64_t end = 0;
@@ -51,7 +50,8 @@ inline bool D4rlTimeout(std::span<const uint8_t> terminals, std::span<const uint
   return terminals[row] == 0 && timeouts[row + 1] != 0;
 }
 
-// Timeouts for a file that has none: an episode ends after `limit` rows without a terminal.
+// The timeouts column for a file without one: an episode ends after `limit` rows without a
+// terminal.
 std::vector<uint8_t> InferTimeouts(std::span<const uint8_t> terminals, uint64_t limit);
 inline constexpr uint64_t kD4rlStepLimit = 1000;
 

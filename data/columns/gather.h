@@ -1,7 +1,7 @@
 // Copies scattered rows of several columns into contiguous arrays, near the speed of memory.
 //
-// Rows are visited once, all columns of a row together. The rows some way ahead are prefetched,
-// because random rows of a large dataset are in no cache of the processor. Any thread.
+// Rows are visited once, all columns of a row together. Later rows are prefetched, because random
+// rows of a large dataset are in no cache of the processor. Any thread.
 #pragma once
 
 #include <cstddef>
@@ -14,11 +14,11 @@ namespace b4mrl {
 struct GatherColumn {
   const std::byte* source = nullptr;  // row-major
   size_t row_bytes = 0;
-  std::byte* destination = nullptr;  // rows.size() * row_bytes; does not overlap the source
+  std::byte* destination = nullptr;  // rows.size() * row_bytes bytes; must not overlap the source
 };
 
 // Copies source row rows[i] to destination row i; the caller has checked that every row exists.
-// Calls `alive` every 32 rows.
+// Calls `alive` (a sign of life for the caller's supervisor) every 32 rows.
 void GatherRows(
     std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
     const std::function<void()>& alive = [] {});

@@ -13,12 +13,12 @@
 namespace b4mrl {
 
 struct DatasetStatistics {
-  // Of each observation dimension, over the column `observations`: mean and population standard
-  // deviation. NaN for a dimension whose data holds a NaN.
+  // Mean and population standard deviation of each observation dimension, over the column
+  // `observations`. NaN for a dimension whose data holds a NaN.
   std::vector<double> observation_mean, observation_std;
-  uint64_t episodes = 0;  // including a last episode that is not complete
-  // Of the undiscounted returns of complete episodes; population standard deviation. NaN if there
-  // is no complete episode.
+  uint64_t episodes = 0;  // number of episodes, including a last episode that is not complete
+  // Statistics of the undiscounted returns of complete episodes, with the population standard
+  // deviation. NaN if there is no complete episode.
   double mean_return = 0, std_return = 0, min_return = 0, max_return = 0;
   double min_reward = 0, max_reward = 0;  // NaN without rows
 };
@@ -39,7 +39,7 @@ class Moments {
   double mean_ = 0, squares_ = 0, min_ = 0, max_ = 0;
 };
 
-// Feed rows in order, in blocks of any size.
+// Accumulates statistics over rows that are added in order, in blocks of any size.
 class StatisticsAccumulator {
  public:
   explicit StatisticsAccumulator(uint32_t observation_size) : observations_(observation_size) {}

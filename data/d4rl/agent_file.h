@@ -1,4 +1,4 @@
-// An agent: a policy network, all that is needed to act with it, and its provenance.
+// An agent: a policy network with its input and action scaling, and its provenance.
 //
 // File layout, D4RL's for a behaviour policy, extended:
 //   metadata/algorithm, metadata/environment, ...        provenance strings and numbers
@@ -7,7 +7,7 @@
 //   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/weight   (outputs, inputs)
 //   metadata/policy/{fc0,fc1,...,last_fc[,last_fc_log_std]}/bias     (outputs)
 //   metadata/policy/{history_length,observation_mask,observation_mean,observation_std,action_scale}
-// D4RL's files lack the entries of the last line, which then take the defaults below. Strings may
+// D4RL's files lack the entries of the last line, which then take Agent's defaults. Strings may
 // have fixed or variable length.
 //
 // How an agent acts: the input is the last `history_length` observations, oldest first; after a
@@ -48,7 +48,7 @@ struct AgentProvenance {
   std::string environment;  // "HalfCheetah": the task that the agent is meant for
   std::string algorithm;    // "SAC" in D4RL's files
   uint64_t seed = 0;
-  uint64_t updates = 0;        // D4RL's metadata/iteration when absent
+  uint64_t updates = 0;        // gradient steps; metadata/iteration in D4RL's files
   std::string command;         // the command line that trained the agent
   std::string simulator;       // perturbations of the simulator of the training; "" for none
   std::string dataset;         // the dataset of the training; "" for none
@@ -65,14 +65,14 @@ struct Agent {
   std::optional<AgentLayer> last_fc_log_std;  // exactly with kTanhGaussian
   Nonlinearity nonlinearity = Nonlinearity::kRelu;
   OutputDistribution output_distribution = OutputDistribution::kTanhGaussian;
-  // One entry per dimension of one observation. Empty means: all 1, all 0, all 1.
-  std::vector<uint8_t> observation_mask;  // 0: hidden from the policy
-  std::vector<float> observation_mean;
-  std::vector<float> observation_std;
-  std::vector<float> action_scale;  // one per action dimension; empty means all 1
+  // Mask, mean and std have one entry per dimension of one observation, or are empty.
+  std::vector<uint8_t> observation_mask;  // 1: seen by the policy, 0: hidden; empty means all 1
+  std::vector<float> observation_mean;    // empty means all 0
+  std::vector<float> observation_std;     // empty means all 1
+  std::vector<float> action_scale;        // one per action dimension; empty means all 1
   AgentProvenance provenance;
 
-  // Whether sizes are consistent and within limits, and weights are finite.
+  // OK if sizes are consistent and within limits, and weights are finite.
   Status Validate() const;
   // Replaces empty mask, mean, std and scale by their defaults.
   void FillDefaults();

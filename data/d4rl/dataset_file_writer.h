@@ -35,8 +35,8 @@ struct DatasetWriterOptions {
   int compression_level = 1;      // deflate 0..9; D4RL's own files use 4
 };
 
-// Consecutive rows. Every array is row-major and must have `rows` rows. Optional arrays that the
-// options leave out must be empty.
+// Consecutive rows of a dataset. Every array is row-major and must have `rows` rows. Optional
+// arrays that DatasetWriterOptions leave out must be empty.
 struct DatasetRows {
   size_t rows = 0;
   std::span<const float> observations;
@@ -55,10 +55,10 @@ class DatasetWriter {
   static Result<DatasetWriter> Create(const std::string& path, const DatasetWriterOptions& options);
 
   Status Append(const DatasetRows& rows);
-  // Written as metadata/<name>; a name once only.
+  // Writes metadata/<name>. Each name may be written once.
   Status SetMetadata(std::string_view name, std::string_view text);
   Status SetMetadata(std::string_view name, int64_t value);
-  // D4RL's metadata of a single behaviour policy: its provenance and weights.
+  // Writes D4RL's metadata of a behaviour policy: the agent's provenance and weights.
   Status SetPolicy(const Agent& agent);
   // Makes the file appear. Nothing may be called afterwards.
   Status Commit();
@@ -73,7 +73,7 @@ class DatasetWriter {
   Hdf5Writer file_;
   DatasetWriterOptions options_;
   uint64_t rows_ = 0;
-  std::array<Hdf5Writer::ColumnId, 9> ids_{};  // of the columns, in the order of the file
+  std::array<Hdf5Writer::ColumnId, 9> ids_{};  // the columns' ids, in the order of the file
 };
 
 }  // namespace b4mrl

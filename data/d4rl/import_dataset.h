@@ -4,9 +4,9 @@
 // Accepts rewards, terminals and timeouts of shape (N) or (N, 1), float64 columns (rounded to
 // float32), boolean or integer flags, missing timeouts (an episode ends at 1,000 steps) and missing
 // next_observations (then the rows are those of TransitionRule::kD4rl).
-// Errors: kUnknownName (a column is missing), kInvalidArgument (type, rank, unequal lengths, no
-// rows), kLimitExceeded (declared size, too large a cache), kDataLoss (truncated, damaged),
-// kIoError (full disk).
+// Errors: kUnknownName (a column is missing), kInvalidArgument (wrong type or rank, unequal
+// lengths, no rows), kLimitExceeded (declared size or cache too large), kDataLoss (file truncated
+// or damaged), kIoError (full disk).
 #pragma once
 
 #include <cstdint>

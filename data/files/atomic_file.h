@@ -22,7 +22,7 @@ namespace b4mrl {
 
 class AtomicFile {
  public:
-  // The file gets `mode`, whatever the umask; without a mode, 0644 less the umask.
+  // Opens the temporary file. It gets `mode`, whatever the umask; without `mode`, 0644 less umask.
   static Result<AtomicFile> Create(const std::string& path, std::optional<mode_t> mode = {});
   AtomicFile(AtomicFile&& other) noexcept;
   AtomicFile& operator=(AtomicFile&&) = delete;
@@ -30,7 +30,7 @@ class AtomicFile {
 
   int fd() const { return fd_.get(); }
   const std::string& path() const { return path_; }
-  // Appends at the descriptor's position; short writes are continued.
+  // Writes all bytes at the descriptor's position; continues after short writes.
   Status Write(std::span<const std::byte> bytes);
   Status Write(std::string_view text);
   Status Commit();
@@ -44,21 +44,21 @@ class AtomicFile {
   bool owns_temporary_ = true;
 };
 
-// Writes all of `bytes` to `fd`; `path` is for the message.
+// Writes all of `bytes` to `fd`; `path` is for error messages.
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path);
-// Makes a rename or creation inside `folder` durable.
+// Makes renames and creations of files in `folder` durable (fsync of the folder).
 Status SyncFolder(const std::string& folder);
-// The folder part of a path: "." when it has none.
+// The folder part of a path; "." for a path without a folder.
 std::string FolderOf(const std::string& path);
-// The mode for a folder that is made in `folder`: the same as its own, set-group-ID included,
-// whatever the umask.
+// The mode for a folder that is made in `folder`: that of `folder`, set-group-ID included, whatever
+// the umask.
 mode_t ModeInside(const std::string& folder);
-// Writes a whole file by an AtomicFile.
+// Writes a whole file by an AtomicFile, so that it appears complete or not at all.
 Status WriteSmallFile(const std::string& path, std::string_view text,
                       std::optional<mode_t> mode = {});
 Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
                       std::optional<mode_t> mode = {});
-// Reads a whole file; an error if it is longer than `max_bytes`.
+// Reads a whole file; kLimitExceeded if it is longer than `max_bytes`.
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);
 
 }  // namespace b4mrl

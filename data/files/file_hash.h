@@ -14,10 +14,10 @@
 
 namespace b4mrl {
 
-// Lower-case hexadecimal, 64 characters.
+// The file's SHA-256 as 64 lower-case hexadecimal digits.
 Result<std::string> Sha256OfFile(const std::string& path);
-// Reads `fd` from start to end without moving its position; `path` is for messages. Calls `go_on`
-// between blocks of 1 MiB, and ends with its error if it returns one.
+// The SHA-256 of an open file, read from start to end without moving the descriptor's position;
+// `path` is for messages. Calls `go_on` between blocks of 1 MiB; an error of `go_on` ends the call.
 Result<std::string> Sha256OfDescriptor(
     int fd, const std::string& path,
     const std::function<Status()>& go_on = [] { return Status(); });
@@ -27,7 +27,7 @@ std::string Sha256OfText(std::string_view text);
 // models are.
 bool IsHash128(std::string_view text);
 
-// Lower-case hexadecimal, 32 characters. One thread at a time.
+// XXH3-128 of a stream of bytes, as 32 lower-case hexadecimal digits. One thread at a time.
 class StreamHash {
  public:
   StreamHash();

@@ -7,8 +7,8 @@
 namespace b4mrl {
 
 // The bytes of a regular file without its holes; 0 for other kinds of file. Moves the file's
-// position. Of a file in more than 65,536 pieces only the first 65,536 count. On a file system
-// without holes, the file's size.
+// position. Counts at most the first 65,536 pieces between holes. On a file system without holes,
+// returns the file's size.
 uint64_t StoredBytes(int fd);
 
 }  // namespace b4mrl

@@ -1,7 +1,7 @@
-// HDF5 behind two small classes; nothing else in the project includes hdf5.h.
+// HDF5 behind two small classes; only files of data/hdf5 include hdf5.h.
 //
-// Hdf5Reader treats the file as hostile. HDF5 1.10.8 has known crashes on crafted files, so what
-// comes from outside is only opened inside the importer's sandbox; beyond that the reader follows
+// Hdf5Reader treats the file as hostile. HDF5 1.10.8 has known crashes on crafted files, so files
+// of users are only opened inside the importer's sandbox; beyond that the reader follows
 // hard links only, loads no plugins, and refuses external and virtual storage, variable-length,
 // reference, compound and opaque types, filters other than deflate, shuffle and fletcher32, and any
 // declared size above proto/base/limits.h or beyond what the stored bytes (holes not counted) can
@@ -31,7 +31,7 @@
 
 namespace b4mrl {
 
-// Of one array that ReadFloats takes: what is written to be read by it must not be longer.
+// Largest number of elements that ReadFloats reads; writers of such arrays must not exceed it.
 inline constexpr uint64_t kMaxReadFloats = 80ull << 20;
 
 enum class Hdf5Type { kFloat32, kFloat64, kInteger, kBool, kString };
@@ -47,16 +47,16 @@ class Hdf5Column {
 
   const std::string& path() const;
   Hdf5Type type() const;
-  // As stored: empty for a scalar, else one or two extents.
+  // The stored shape: empty for a scalar, otherwise one or two extents.
   const std::vector<uint64_t>& shape() const;
   uint64_t rows() const;   // 1 for a scalar
   uint64_t width() const;  // elements of a row
-  // The row count by which consecutive reads touch every chunk once.
+  // Rows per read with which consecutive reads decompress every chunk once.
   uint64_t block_rows() const;
 
-  // Rows [first_row, first_row + out.size() / width()), converted: float64 to float32 rounds,
-  // integers and booleans become numbers. For uint8_t the column must be integer or bool; every
-  // nonzero is 1.
+  // Read rows [first_row, first_row + out.size() / width()). Read rounds float64 to float32 and
+  // turns integers and booleans into floating-point numbers. ReadFlags needs an integer or bool
+  // column and turns every nonzero element into 1.
   Status Read(uint64_t first_row, std::span<float> out) const;
   Status Read(uint64_t first_row, std::span<double> out) const;
   Status ReadFlags(uint64_t first_row, std::span<uint8_t> out) const;
@@ -75,16 +75,17 @@ class Hdf5Reader {
   Hdf5Reader& operator=(Hdf5Reader&&) noexcept;
   ~Hdf5Reader();
 
-  // False also for a path that goes over anything but hard links.
+  // Whether the file has an object at `path`, reached by hard links alone.
   bool Exists(std::string_view path) const;
   Result<Hdf5Column> OpenColumn(std::string_view path) const;
-  // Whole small datasets (at most kMaxReadFloats elements).
+  // Reads a whole dataset of at most kMaxReadFloats elements.
   Result<std::vector<float>> ReadFloats(std::string_view path) const;
-  // A scalar number, or the only element of an array.
+  // Reads a scalar number, or the only element of an array.
   Result<double> ReadNumber(std::string_view path) const;
-  // A scalar fixed-length string of at most 64 KiB, without its padding.
+  // Reads a scalar fixed-length string of at most 64 KiB, without its padding.
   Result<std::string> ReadString(std::string_view path) const;
-  // The same, or a variable-length string as h5py writes them, of at most 64 KiB too.
+  // Reads a scalar string of fixed length or, as h5py writes strings, of variable length; at most
+  // 64 KiB.
   Result<std::string> ReadText(std::string_view path) const;
 
  private:
@@ -97,7 +98,7 @@ struct Hdf5ColumnOptions {
   Hdf5Type type = Hdf5Type::kFloat32;  // not kString
   uint64_t width = 0;                  // 0: one-dimensional
   uint64_t chunk_rows = 8192;
-  int compression_level = 1;  // deflate 1..9 after shuffle; 0 stores plainly
+  int compression_level = 1;  // deflate level 1..9 after shuffle; 0: no compression
 };
 
 class Hdf5Writer {
@@ -109,21 +110,21 @@ class Hdf5Writer {
   Hdf5Writer& operator=(Hdf5Writer&&) noexcept;
   ~Hdf5Writer();
 
-  // A growing column; missing groups are created. Appends hold whole rows and must match the type
-  // (bool and integer columns take uint8_t).
+  // Creates a column that grows by Append, and the groups on its path. Each Append has whole rows
+  // of the column's type (uint8_t for bool and integer columns).
   Result<ColumnId> CreateColumn(std::string_view path, const Hdf5ColumnOptions& options);
   Status Append(ColumnId column, std::span<const float> values);
   Status Append(ColumnId column, std::span<const double> values);
   Status Append(ColumnId column, std::span<const uint8_t> values);
 
-  // A small array of fixed shape (product of `shape` == values.size(), none of them 0).
+  // Writes a small array of fixed shape. No extent is 0, and their product is values.size().
   Status WriteArray(std::string_view path, std::span<const float> values,
                     std::span<const uint64_t> shape);
   Status WriteString(std::string_view path, std::string_view text);
   Status WriteInteger(std::string_view path, int64_t value);
   Status WriteNumber(std::string_view path, double value);
 
-  // Flushes, fsyncs and renames into place. After an error the file does not appear.
+  // Flushes and fsyncs the file and renames it into place. After an error no file appears.
   Status Commit();
 
  private:

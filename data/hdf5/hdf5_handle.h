@@ -1,9 +1,9 @@
 // Internal to hdf5_*.cc: scoped HDF5 identifiers and the project's file driver.
 //
-// The driver gives the library a descriptor that this project opened. Writes never fail for the
-// library: the driver remembers the first error and drops later writes, because HDF5 1.10 crashes
-// at exit when it cannot flush its data. The owner looks at `error_number` before it renames the
-// file into place.
+// The driver makes the HDF5 library use a file descriptor that this project opened. It reports no
+// failed write to the library, because HDF5 1.10 crashes at exit when it cannot flush its data;
+// instead it remembers the first error and drops later writes. The file's owner checks
+// `error_number` before it renames the file into place.
 #pragma once
 
 #include <hdf5.h>
@@ -50,7 +50,8 @@ struct Hdf5DriverState {
   int error_number = 0;  // errno of the first failure
 };
 
-// Silences the library's error stack, forbids plugins, registers the driver; once per process.
+// Silences HDF5's error stack in the calling thread; the process's first call also forbids plugins
+// and registers the driver.
 void InitialiseHdf5();
 // A file access list that makes H5Fopen and H5Fcreate use `state` and ignore the file's name.
 Hdf5Handle Hdf5DriverAccess(Hdf5DriverState* state);

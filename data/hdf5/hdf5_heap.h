@@ -11,9 +11,10 @@
 
 namespace b4mrl {
 
-// The string, up to its first NUL, whose reference lies at `address` of the file: 16 bytes, which
-// are length, address of the heap and index in the heap. Addresses have 8 bytes and count from the
-// file's start. kLimitExceeded above `max_bytes`, kDataLoss where the file has no such string.
+// Reads the string, up to its first NUL, whose reference lies at `address` of the file. A reference
+// has 16 bytes: length, address of the heap and index in the heap. Addresses have 8 bytes and count
+// from the file's start. kLimitExceeded for a string longer than `max_bytes` bytes, kDataLoss if
+// the reference leads to no string.
 Result<std::string> ReadHeapString(int fd, uint64_t address, size_t max_bytes);
 
 }  // namespace b4mrl
