@@ -21,37 +21,39 @@ std::string ProgramBesideThisOne(std::string_view name);
 
 struct ProgramOnSocket {
   pid_t process_id = 0;
-  UniqueFd socket;  // our end; its end is the program's stdin
+  UniqueFd socket;  // our end of the socket pair, whose other end is the program's stdin
 };
 
 // Starts `program` (searched in PATH if it has no slash) with the arguments `words`, of which the
-// first is its name. A socket rather than a pipe, because writing to it can be told not to raise
-// SIGPIPE. The program's stdout is our stderr; it gets no other descriptor. Returns 0, or the errno
-// of what failed.
+// first is its name. Its stdin is a socket and not a pipe, because writes to a socket can be told
+// not to raise SIGPIPE. Its stdout and stderr are our stderr; it gets no other descriptor. Returns
+// 0, or the errno of the call that failed.
 int StartOnSocket(const std::string& program, std::vector<std::string> words,
                   ProgramOnSocket* started);
 
 struct ProgramWithOutput {
   pid_t process_id = 0;
-  UniqueFd output;  // what it writes to its stdout
+  UniqueFd output;  // reads the program's stdout
 };
 
 // Starts a program that reads nothing and whose stdout is read through a pipe; its stderr is ours.
-// It leads a process group of its own: a terminal's interrupt is for this program to answer.
-// Returns 0, or the errno of what failed.
+// It leads its own process group, so a terminal's interrupt reaches the calling process alone.
+// Returns 0, or the errno of the call that failed.
 int StartWithOutput(const std::string& program, std::vector<std::string> words,
                     ProgramWithOutput* started);
 
-// Sends everything through a socket. kDeadlineExceeded, or kUnavailable when the other end is gone.
+// Sends all of `bytes` through a socket. kDeadlineExceeded, or kUnavailable if the other end is
+// closed.
 Status SendAll(int socket, std::span<const std::byte> bytes, const Deadline& deadline);
 
-// Waits until `fd` is ready for one of poll's `events`; kDeadlineExceeded.
+// Waits until `fd` is ready for one of poll's `events`; kDeadlineExceeded if it is not in time.
 Status WaitUntilReady(int fd, short events, const Deadline& deadline);
 
-// Waits for the exit of a child and enforces it at the deadline. Returns what waitpid reports.
+// Waits for the exit of a child process and kills it at the deadline. Returns waitpid's wait
+// status.
 int WaitForExit(pid_t child, const Deadline& deadline);
 
-// A new folder "<name>-XXXXXX" in $TMPDIR or /tmp, for this user alone.
+// Makes a new folder "<name>-XXXXXX" in $TMPDIR or /tmp, which only this user may enter.
 Result<std::string> MakeTemporaryFolder(std::string_view name);
 
 }  // namespace b4mrl

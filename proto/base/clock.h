@@ -28,7 +28,8 @@ class Deadline {
   }
   bool expired() const { return Clock::now() >= at_; }
   Clock::time_point at() const { return at_; }
-  // Never negative; rounded up, so that a wait of this length does not end before the deadline.
+  // The time left in ms, never negative; rounded up, so that a wait of this length does not end
+  // before the deadline.
   int64_t remaining_ms() const {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(at_ - Clock::now()).count();
     return std::max<int64_t>(left, 0);

@@ -1,18 +1,19 @@
-// The processor cores that this process may use, and keeping threads on them. Any thread.
+// The processor cores that a thread may use, and pinning threads to cores. Any thread.
 #pragma once
 
 #include <vector>
 
 namespace b4mrl {
 
-// Their numbers, ascending; never empty. Of the calling thread: ask before it is pinned.
+// The numbers of the cores that the calling thread may use, ascending; never empty. Call it before
+// the thread is pinned.
 std::vector<int> AvailableCores();
-// Keeps the calling thread, and the threads it starts from now on, on these cores. Failing to is no
-// error: it only costs speed.
+// Pins the calling thread, and the threads that it starts from now on, to these cores. A failure is
+// ignored, since it only costs speed.
 void PinThisThread(const std::vector<int>& cores);
 
-// The same for as long as this object lives; then the thread may go where it could before. Threads
-// started meanwhile stay.
+// Pins the calling thread to one core for as long as this object lives; then the thread may use its
+// earlier cores again. Threads that it started meanwhile stay pinned.
 class ScopedPin {
  public:
   explicit ScopedPin(int core) : before_(AvailableCores()) { PinThisThread({core}); }

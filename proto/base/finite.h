@@ -1,4 +1,4 @@
-// Whether numbers are numbers.
+// Tests whether floating-point numbers are finite.
 #pragma once
 
 #include <algorithm>

@@ -12,30 +12,30 @@ inline constexpr uint32_t kProtocolVersion = 1;
 
 // Messages.
 inline constexpr size_t kMaxEnvelopeBytes =
-    64 * 1024;  // frame 1; 64 KiB parses to 5.2 MiB at worst
+    64 * 1024;  // frame 1, which takes at most 5.2 MiB of memory once parsed
 inline constexpr size_t kMaxPayloadBytes = 64 * 1024 * 1024;  // frame 2
-inline constexpr size_t kMaxFramesPerMessage = 2;             // after the routing id
+inline constexpr size_t kMaxFramesPerMessage = 2;             // not counting ZeroMQ's routing id
 inline constexpr size_t kMaxArraysPerMessage = 32;
 inline constexpr size_t kMaxArrayDimensions = 8;
-inline constexpr size_t kArrayAlignment = 64;  // of offsets within frame 2
+inline constexpr size_t kArrayAlignment = 64;  // bytes: of the arrays' offsets within frame 2
 
 // Sessions and lanes.
 inline constexpr size_t kTokenBytes = 16;
 inline constexpr uint32_t kMaxSessions = 1024;
 inline constexpr uint32_t kMaxLanesPerSession = 1024;
-inline constexpr uint32_t kMaxLanes = 8192;               // over all sessions
-inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // of each of a lane's two state buffers
-inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // kept for replacement workers
-inline constexpr uint32_t kMaxPerturbations = 16;
-inline constexpr uint32_t kMaxCatalogueEntries = 4096;  // that a client takes from a server
-inline constexpr uint32_t kMaxRequestsInFlight = 64;    // of one session, in one worker
-inline constexpr uint32_t kMaxQueuedRequests = 4096;    // in one worker
-inline constexpr size_t kMaxQueuedBytes = 16 * kMaxPayloadBytes;  // their payloads together
-inline constexpr uint32_t kMaxQueryRows = 4096;
-inline constexpr uint32_t kMaxRowsPerBatch = 65536;  // Sample and Read
+inline constexpr uint32_t kMaxLanes = 8192;               // lanes of all sessions together
+inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // size of each of a lane's two records
+inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // Opens are kept for replacement workers
+inline constexpr uint32_t kMaxPerturbations = 16;         // of one session
+inline constexpr uint32_t kMaxCatalogueEntries = 4096;    // that a client takes from a server
+inline constexpr uint32_t kMaxRequestsInFlight = 64;      // of one session, in one worker
+inline constexpr uint32_t kMaxQueuedRequests = 4096;      // of all sessions, in one worker
+inline constexpr size_t kMaxQueuedBytes = 16 * kMaxPayloadBytes;  // payloads of queued requests
+inline constexpr uint32_t kMaxQueryRows = 4096;                   // of one Query request
+inline constexpr uint32_t kMaxRowsPerBatch = 65536;               // of one Sample batch or one Read
 inline constexpr uint32_t kMaxBatchesPerSample = 64;
-inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;
-inline constexpr int64_t kRemoteLeaseMs = 300'000;
+inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;  // default of a server on loopback alone
+inline constexpr int64_t kRemoteLeaseMs = 300'000;      // default of a server on a network
 inline constexpr uint32_t kMaxLeaseSeconds = 30 * 86'400;
 
 // Time.
@@ -45,36 +45,38 @@ inline constexpr int64_t kHandshakeMs = 3'000;
 inline constexpr int64_t kHeartbeatIntervalMs = 2'000;
 inline constexpr int64_t kHeartbeatTimeoutMs = 6'000;
 inline constexpr int64_t kHeartbeatTtlMs = 10'000;
-inline constexpr int64_t kFrozenChildMs = 2'000;    // without a heartbeat a child is replaced
-inline constexpr int64_t kStarvedChildMs = 30'000;  // the same for a child that gets no processor
-inline constexpr int64_t kDrainMs = 5'000;          // SIGTERM: time for requests under way
+// Times without a heartbeat after which a child is replaced.
+inline constexpr int64_t kFrozenChildMs = 2'000;
+inline constexpr int64_t kStarvedChildMs = 30'000;  // if the child gets no processor time
+inline constexpr int64_t kDrainMs = 5'000;          // for requests under way after a SIGTERM
 
-// Sockets: messages queued towards one peer before the peer counts as too slow, and the bytes that
-// a server may have queued in payloads of kCountedPayloadBytes or more, towards one peer and all.
+// Sockets: messages queued towards one peer before the peer counts as too slow; and unread bytes of
+// a server, which are queued payloads of kCountedPayloadBytes or more.
 inline constexpr int kHighWaterMark = 1'000;
 inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
-inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;
-inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;
+inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;       // towards one peer
+inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;  // towards all peers
 
-// Opens that wait in the gateway for a worker or a model: of one connection, and of all.
-inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;
-inline constexpr uint32_t kMaxPendingOpens = 16'384;
+// Opens that wait in the gateway for a worker or a model.
+inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;  // of one connection
+inline constexpr uint32_t kMaxPendingOpens = 16'384;     // of all connections
 
 // The gateway's relay: a client that reaches no other port has one route for each of its sessions.
-// Bytes are those of relayed requests that are not answered yet.
-inline constexpr int64_t kDirectConnectMs = 1'000;  // a client waits for a worker's own port
+// Bytes are counted over relayed requests that are not answered yet.
+inline constexpr int64_t kDirectConnectMs = 1'000;  // for a client to reach a worker's own port
 inline constexpr uint32_t kMaxRelayRoutes = 1024;
-inline constexpr size_t kMaxRelayRouteBytes = 2 * kMaxPayloadBytes;
-inline constexpr size_t kMaxRelayBytes = 16 * kMaxPayloadBytes;
-inline constexpr int64_t kRelayIdleMs = 60'000;  // an unused route is taken down after this
+inline constexpr size_t kMaxRelayRouteBytes = 2 * kMaxPayloadBytes;  // of one route
+inline constexpr size_t kMaxRelayBytes = 16 * kMaxPayloadBytes;      // of all routes
+inline constexpr int64_t kRelayIdleMs = 60'000;  // time without use after which a route is removed
 
 // Pictures.
 inline constexpr uint32_t kMinPictureSide = 16;  // pixels
 inline constexpr uint32_t kMaxPictureSide = 1920;
 inline constexpr uint32_t kMaxRenderRequests = 16;  // in one worker, at most 64 MiB of frames each
-// For one picture. An idle machine draws one in 30 ms, a painter's first in 1 s, a busy one later.
+// For a painter to draw one picture. On an idle machine it draws its first picture in 1 s, later
+// pictures in 30 ms.
 inline constexpr int64_t kPaintMs = 60'000;
-inline constexpr int64_t kPainterIdleMs = 60'000;  // an unused painter ends after this
+inline constexpr int64_t kPainterIdleMs = 60'000;  // time without use after which a painter ends
 
 // Processes.
 inline constexpr uint32_t kMaxWorkers = 64;
@@ -84,16 +86,16 @@ inline constexpr uint32_t kMaxThreads = 256;
 inline constexpr uint32_t kMaxModelFiles = 512;          // of a models folder in the catalogue
 inline constexpr size_t kMaxModelFileBytes = 1 << 20;    // of an MJCF file; meshes may be longer
 inline constexpr size_t kMaxModelReferences = 256;       // includes, meshes, textures and folders
-inline constexpr size_t kMaxModelBytes = 16 << 20;       // compiled
+inline constexpr size_t kMaxModelBytes = 16 << 20;       // size of a compiled model
 inline constexpr size_t kMaxSimulationBytes = 64 << 20;  // of one model's mjData
 inline constexpr uint64_t kMaxModelCompilerBytes = 512ull << 20;
 inline constexpr uint64_t kMaxModelCompilerSeconds = 5;  // of processor time
 inline constexpr int64_t kModelCompilerMs = 60'000;
-inline constexpr uint32_t kModelCompilers = 4;          // at once
+inline constexpr uint32_t kModelCompilers = 4;          // compiler processes that run at once
 inline constexpr int64_t kQuickModelMs = 500;           // a slower model makes room for the next
-inline constexpr uint32_t kMaxPendingModels = 64;       // compiled or waiting to be
-inline constexpr uint32_t kMaxPendingModelsOfPeer = 8;  // of one connection
-inline constexpr uint32_t kMaxCompiledModels = 1024;    // kept on disk
+inline constexpr uint32_t kMaxPendingModels = 64;       // models being compiled or waiting for it
+inline constexpr uint32_t kMaxPendingModelsOfPeer = 8;  // pending models of one connection
+inline constexpr uint32_t kMaxCompiledModels = 1024;    // compiled models kept on disk
 
 // Datasets.
 inline constexpr uint64_t kMaxDatasetRows = 100'000'000;
@@ -101,6 +103,6 @@ inline constexpr uint32_t kMaxObservationDimensions = 4096;
 inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
-inline constexpr uint32_t kMaxMappedDatasets = 64;           // at once; others are mapped on use
+inline constexpr uint32_t kMaxMappedDatasets = 64;           // others are mapped again when used
 
 }  // namespace b4mrl::limits

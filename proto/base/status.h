@@ -1,8 +1,8 @@
 // Status and Result: how every error that input can cause travels through the project.
 //
-// A Status names the offending thing, its value and what would have been allowed, because the
-// person who reads it is usually at the other end of a socket. The same codes stand on the wire
-// (proto/b4mrl.proto) and decide the command line's exit code. Value types; no thread rule.
+// A Status names the refused argument, its value and the allowed values, because its reader is
+// usually at the other end of a socket. The protocol has the same codes (proto/b4mrl.proto), and
+// they decide the command line's exit code. Value types; no thread rule.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace b4mrl {
 
-// The numbers are wire format: never reuse or renumber one.
+// The numbers are part of the protocol: never reuse or change a number.
 enum class StatusCode : int32_t {
   kOk = 0,
   kInvalidArgument = 1,      // a value is malformed or outside its range
@@ -22,18 +22,18 @@ enum class StatusCode : int32_t {
   kBusy = 4,                 // the lane already executes another request
   kStale = 5,                // a step number below the lane's last one
   kGap = 6,                  // a step number beyond the lane's last one + 1
-  kLimitExceeded = 7,        // a limit of proto/base/limits.h, reached for the moment
-  kDeadlineExceeded = 8,     // not executed: its deadline passed first
+  kLimitExceeded = 7,        // a limit of proto/base/limits.h is reached at present
+  kDeadlineExceeded = 8,     // the request was not executed, as its deadline passed first
   kUnavailable = 9,          // the peer cannot be reached or is draining; try again
   kVersionMismatch = 10,     // protocol versions or engine versions differ
   kSessionLost = 11,         // the session ended (lease, close) or never existed
   kDataLoss = 12,            // a file is truncated, corrupt or inconsistent
   kIoError = 13,             // the operating system refused a read or a write
-  kFailedPrecondition = 14,  // the call does not fit the state it meets
-  kInternal = 15,            // our own mistake
+  kFailedPrecondition = 14,  // the call is not allowed in the present state
+  kInternal = 15,            // a bug in b4mrl
 };
 
-// "INVALID_ARGUMENT" and so on; "UNKNOWN" for a number outside the enumeration.
+// The code's name, as "INVALID_ARGUMENT"; "UNKNOWN" for a number outside the enumeration.
 std::string_view StatusCodeName(StatusCode code);
 
 class [[nodiscard]] Status {
@@ -56,19 +56,19 @@ class [[nodiscard]] Status {
   std::string message_;
 };
 
-// "name is value, allowed: allowed".
+// kInvalidArgument with the message "<name> is <value>, allowed: <allowed>".
 Status InvalidArgument(std::string_view name, std::string_view value, std::string_view allowed);
-// As above for numbers (NaN and infinities included).
+// InvalidArgument for a number, which may be NaN or infinite.
 Status InvalidNumber(std::string_view name, double value, std::string_view allowed);
-// "unknown kind 'name'; did you mean 'nearest'? known: a, b, c". `known` may be any range of
-// strings.
+// kUnknownName with the message "unknown <kind> '<name>'; did you mean '<nearest>'? known: a, b,
+// c". `known` may be any range of strings.
 template <typename Range>
 Status UnknownName(std::string_view kind, std::string_view name, const Range& known);
-// "cannot <action> <path>: <strerror(error_number)>" with code kIoError.
+// kIoError with the message "cannot <action> <path>: <strerror(error_number)>".
 Status IoError(std::string_view action, std::string_view path, int error_number);
 
-// The string of `known` with the smallest edit distance to `name`, if that is at most a third of
-// the longer one's length; otherwise nothing.
+// Finds among candidates the string with the smallest edit distance to `name`, if the distance is
+// at most a third of the longer string's length.
 class NearestName {
  public:
   explicit NearestName(std::string_view name) : name_(name) {}
@@ -95,8 +95,8 @@ Status UnknownName(std::string_view kind, std::string_view name, const Range& kn
   return UnknownNameOf(kind, name, list, nearest);
 }
 
-// A value or the Status that says why there is none. Access to value() without ok() is a
-// programmer's error and ends the process.
+// A value, or the Status that says why there is no value. Calling value() without ok() is a
+// programming error and ends the process.
 template <typename T>
 class [[nodiscard]] Result {
  public:
@@ -107,7 +107,7 @@ class [[nodiscard]] Result {
   const Status& status() const { return status_; }
   T& value() & { return value_.value(); }
   const T& value() const& { return value_.value(); }
-  // By value, so that a loop over the value of a temporary does not dangle.
+  // Returns by value, so that a loop over the value of a temporary Result does not dangle.
   T value() && { return std::move(value_).value(); }
   T& operator*() & { return value(); }
   const T& operator*() const& { return value(); }
@@ -130,7 +130,8 @@ class [[nodiscard]] Result {
 
 #define B4MRL_CONCAT_INNER(a, b) a##b
 #define B4MRL_CONCAT(a, b) B4MRL_CONCAT_INNER(a, b)
-// B4MRL_ASSIGN_OR_RETURN(auto x, Compute()): x = the value, or returns the error.
+// B4MRL_ASSIGN_OR_RETURN(auto x, Compute()) assigns the value of the Result Compute() to x, or
+// returns its Status from the enclosing function.
 #define B4MRL_ASSIGN_OR_RETURN(lhs, expression) \
   B4MRL_ASSIGN_OR_RETURN_INNER(B4MRL_CONCAT(b4mrl_result_, __LINE__), lhs, expression)
 #define B4MRL_ASSIGN_OR_RETURN_INNER(result, lhs, expression) \

@@ -1,4 +1,4 @@
-// The project's version, "0.1.0": that of `project` in CMakeLists.txt.
+// The project's version, as "0.1.0", from `project` in CMakeLists.txt.
 #pragma once
 
 #include <string_view>

@@ -1,9 +1,9 @@
 // Frames of a message and the arrays inside them.
 //
-// A message is an envelope (frame 1: a serialised pb::Request or pb::Reply) and, where arrays go
-// with it, a payload (frame 2: their raw bytes). ArrayLayout plans a payload, so that results are
-// written straight into the frame that is sent; ArrayReader validates a received one before
-// anything looks at it. Frames are owned by one thread at a time and are moved, never copied.
+// A message is an envelope (frame 1: a serialised pb::Request or pb::Reply) and, if it has arrays,
+// a payload (frame 2: the arrays' raw bytes). ArrayLayout plans a payload, so that results are
+// written straight into the frame that is sent; ArrayReader validates a received payload before its
+// arrays are used. Frames are owned by one thread at a time and are moved, never copied.
 #pragma once
 
 #include <array>
@@ -31,10 +31,10 @@ class Frame {
   Frame(const Frame&) = delete;
   Frame& operator=(const Frame&) = delete;
 
-  // Uninitialised bytes; at most limits::kMaxPayloadBytes by the callers' contracts.
+  // A frame of uninitialised bytes. Callers keep to limits::kMaxPayloadBytes.
   static Frame OfSize(size_t size);
   static Frame Copy(std::string_view bytes);
-  // A second handle to the same bytes, which nobody may change from now on.
+  // A second frame that shares this frame's bytes, which must not be changed from now on.
   Frame Share();
 
   std::byte* data();
@@ -51,21 +51,22 @@ class Frame {
 // Envelope and payload of one message.
 struct Message {
   Frame envelope;
-  Frame payload;  // size 0: there is none
+  Frame payload;  // size 0: the message has no payload
 };
 
-// Collects array descriptions into an envelope's table while it lays them out at aligned offsets;
-// then the payload is allocated once and written in place.
+// Collects array descriptions in an envelope's table and lays the arrays out at aligned offsets;
+// then the payload is allocated once and the arrays are written in place.
 class ArrayLayout {
  public:
-  // `table` outlives this object. `used` bytes of the payload are taken by arrays already in it.
+  // `table` outlives this object. Arrays that are already in it take the payload's first `used`
+  // bytes.
   explicit ArrayLayout(google::protobuf::RepeatedPtrField<pb::Array>* table, size_t used = 0)
       : table_(table), size_(used) {}
-  // Returns the array's offset for ArrayAt.
+  // Adds an array and returns its offset in the payload, for ArrayAt.
   size_t Add(std::string_view name, DType dtype, std::initializer_list<uint64_t> shape);
 
   size_t payload_bytes() const { return size_; }
-  // The gaps between arrays are zero, the arrays' own bytes are not initialised.
+  // Allocates the payload. Gaps between arrays are zero, the arrays' bytes are not initialised.
   Frame Allocate() const;
 
  private:
@@ -80,11 +81,11 @@ std::span<T> ArrayAt(Frame& payload, size_t offset, size_t count) {
 }
 
 // Validated access to the arrays of a received message. Holds views into `payload`, which must
-// outlive it (and may be moved), except where the bytes had to be copied to be aligned.
+// outlive the reader (and may be moved), unless the bytes had to be copied to be aligned.
 class ArrayReader {
  public:
   // Refuses tables with too many arrays or dimensions, duplicate names, unknown types, misaligned
-  // offsets, products that overflow, and anything that reaches beyond the payload.
+  // offsets, sizes that overflow, and arrays that reach beyond the payload.
   static Result<ArrayReader> Parse(const google::protobuf::RepeatedPtrField<pb::Array>& table,
                                    std::span<const std::byte> payload);
   static Result<ArrayReader> Parse(const google::protobuf::RepeatedPtrField<pb::Array>& table,
@@ -95,7 +96,7 @@ class ArrayReader {
   bool Has(std::string_view name) const { return Find(name) != nullptr; }
   const TensorView* Find(std::string_view name) const;
   // The array `name` with one of the types in `dtypes` and exactly this shape (kAny matches every
-  // extent); otherwise an error that names the array, what came and what is allowed.
+  // extent); otherwise an error that names the array, its type or shape, and what is allowed.
   static constexpr uint64_t kAny = UINT64_MAX;
   Result<TensorView> Require(std::string_view name, std::initializer_list<DType> dtypes,
                              std::initializer_list<uint64_t> shape) const;
@@ -111,11 +112,11 @@ class ArrayReader {
 
 // Serialises `envelope` into a frame; kInvalidArgument above limits::kMaxEnvelopeBytes.
 Result<Frame> SerializeEnvelope(const google::protobuf::MessageLite& envelope);
-// Parses frame 1 into `envelope`; refuses more than limits::kMaxEnvelopeBytes and what is no
-// message.
+// Parses frame 1 into `envelope`; refuses frames above limits::kMaxEnvelopeBytes and bytes that are
+// no message of the envelope's type.
 Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope);
 
-// Status to and from the wire; an unknown code from a newer peer becomes kInternal.
+// Convert a Status to and from its message; an unknown code from a newer peer becomes kInternal.
 void SetStatus(const Status& status, pb::Status* out);
 Status GetStatus(const pb::Status& status);
 

@@ -1,4 +1,4 @@
-// Lists of perturbations and corruptions as messages, and back. Pure functions; any thread.
+// Converts lists of perturbations and corruptions to messages and back. Pure functions; any thread.
 #pragma once
 
 #include <vector>

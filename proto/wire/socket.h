@@ -1,9 +1,9 @@
-// The only door to ZeroMQ: a ROUTER for servers, a DEALER for clients, and waiting on them.
+// The project's only use of ZeroMQ: a ROUTER for servers, a DEALER for clients, and waits for them.
 //
-// All waits are bounded, all queues have a high-water mark, a server's also a bound in bytes,
-// messages are capped, heartbeats run on every connection, and a message that cannot be queued
-// towards a peer is an error of the call rather than lost in silence. Thread rule: a socket belongs
-// to the thread that made it. A Context may be shared.
+// All waits are bounded, all queues have a high-water mark, a server's queues also a limit in
+// bytes, message sizes are limited, heartbeats run on every connection, and a message that cannot
+// be queued towards a peer is an error of the call rather than lost in silence. Thread rule: a
+// socket belongs to the thread that made it. Threads may share a Context.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@
 
 namespace b4mrl {
 
-// Owns the input/output thread. Outlives its sockets.
+// Owns ZeroMQ's input/output thread. Outlives the sockets made with it.
 class Context {
  public:
   Context();
@@ -34,14 +34,14 @@ class Context {
   void* handle_;
 };
 
-// Where a server listens: an address ("tcp://127.0.0.1:7700", "ipc:///run/b4mrl.sock") and, where
-// somebody else bound it already, the listening file descriptor to accept on (-1: bind it here).
+// Where a server listens: an address ("tcp://127.0.0.1:7700", "ipc:///run/b4mrl.sock") and, if
+// another process has bound it already, the listening file descriptor (-1: Bind binds the address).
 struct ListeningEndpoint {
   std::string address;
   int fd = -1;
 };
 
-// Who sent a message; opaque bytes that ZeroMQ chose, valid while the connection lives.
+// The sender of a message: opaque bytes that ZeroMQ chose, valid while the connection lives.
 using RoutingId = std::string;
 
 struct IncomingMessage {
@@ -56,13 +56,15 @@ class RouterSocket {
   RouterSocket& operator=(RouterSocket&&) noexcept;
   ~RouterSocket();
 
-  // The next message if one is there. Messages of more than two parts after the routing id have
-  // their surplus dropped and arrive with `message.payload` empty and `message.envelope` empty,
-  // which no parser accepts, so that their sender is answered with an error.
+  // The next message, if a message has arrived. A message of more than two parts after the routing
+  // id is returned with an empty envelope and an empty payload, which no parser accepts, so that
+  // its sender is answered with an error.
   std::optional<IncomingMessage> TryReceive();
-  // Never blocks. kUnavailable: the peer has gone; kLimitExceeded: it does not read its replies.
+  // Never blocks. kUnavailable: the peer has gone; kLimitExceeded: the peer does not read its
+  // replies.
   Status Send(const RoutingId& receiver, Message message);
-  // Lets what was sent leave for up to `linger_ms` when the socket closes; else it is dropped.
+  // After the socket closes, ZeroMQ goes on sending queued messages for up to `linger_ms`, then
+  // drops them. Without this call it drops them at once.
   void LingerOnClose(int64_t linger_ms);
   void* handle() const { return socket_; }
 
@@ -74,7 +76,7 @@ class RouterSocket {
 
 class DealerSocket {
  public:
-  // Returns at once; the connection is made, and made again, in the background.
+  // Returns at once; ZeroMQ connects, and after a break reconnects, in the background.
   static Result<DealerSocket> Connect(Context& context, const std::string& address);
   DealerSocket(DealerSocket&&) noexcept;
   DealerSocket& operator=(DealerSocket&&) noexcept;
@@ -89,10 +91,11 @@ class DealerSocket {
   // Waits for a message, a (re)connection or the deadline; true when TryReceive may have something
   // or connections() may have grown.
   bool Wait(const Deadline& deadline);
-  // Completed handshakes so far: more than before means that whatever an earlier peer held is lost.
+  // Completed handshakes so far. If the number has grown, requests held by an earlier peer are
+  // lost.
   uint32_t connections();
   void* handle() const { return socket_; }
-  // Readable when connections() may have grown: to be waited on, nothing else.
+  // A socket that is readable when connections() may have grown; only to be waited for.
   void* monitor_handle() const { return monitor_; }
 
  private:
@@ -103,22 +106,22 @@ class DealerSocket {
   int receive_timeout_ms_ = -1;
 };
 
-// Waits until the socket or one of `fds` is readable or the time is over. Returns true when the
-// socket is; sets fd_ready[i] (if given) for the descriptors.
+// Waits until the socket or one of `fds` is readable, at most `timeout_ms`. Returns whether the
+// socket is readable; sets fd_ready[i], if given, to whether fds[i] is.
 bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
                   std::vector<bool>* fd_ready = nullptr);
 
-// Waits until one of the sockets or descriptors is readable or the time is over.
+// Waits until one of the sockets or descriptors is readable, at most `timeout_ms`.
 void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms,
                      std::span<const int> fds = {});
 
-// "tcp://host:port" into its parts; anything else is refused with what is allowed.
+// The parts of an address "tcp://host:port", made by ParseTcpAddress; kInvalidArgument for others.
 struct TcpAddress {
   std::string host;
   uint16_t port = 0;
 };
 Result<TcpAddress> ParseTcpAddress(std::string_view address);
-// "ipc:///path" gives the path, which must fit sockaddr_un.
+// The path of an address "ipc:///path", which must fit sockaddr_un.
 Result<std::string> ParseIpcAddress(std::string_view address);
 
 }  // namespace b4mrl

@@ -42,12 +42,12 @@ constexpr DType DTypeOf() {
   return DType::kUnspecified;
 }
 
-// The extents of an array, outermost first; at most limits::kMaxArrayDimensions, without memory of
-// their own: every message brings several.
+// The extents of an array, outermost first; at most limits::kMaxArrayDimensions. Stored without
+// heap memory, since every message has several shapes.
 class Shape {
  public:
   Shape() = default;
-  // What is beyond the limit is dropped; a message with more is refused before.
+  // Drops extents beyond limits::kMaxArrayDimensions; messages with more are refused before.
   template <typename Iterator>
   Shape(Iterator begin, Iterator end) {
     while (begin != end && size_ < extents_.size()) extents_[size_++] = *begin++;

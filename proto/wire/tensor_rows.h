@@ -1,4 +1,4 @@
-// Rows of the arrays that a session or dataset answers with.
+// Rows of the arrays in replies of sessions and datasets.
 #pragma once
 
 #include <cstddef>
