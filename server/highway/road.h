@@ -30,7 +30,7 @@ inline double WrapAngle(double angle) {
   return shifted - kPi;
 }
 
-// Whether `x` is on the road or at most one car's length beyond either end.
+// Whether `x` lies on the road or at most one car's length beyond either end of the road.
 inline bool AlongRoad(double x) {
   return (x >= -kVehicleLength) & (x < kRoadLength + kVehicleLength);
 }

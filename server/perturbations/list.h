@@ -1,6 +1,6 @@
 // The table of perturbations and their presets, and how their text becomes objects. Adding a
-// perturbation is a .cc file and a line in list.cc. No physics engine is needed to build a set. Any
-// thread.
+// perturbation takes a .cc file and a line in list.cc. No physics engine is needed to build a set.
+// Any thread.
 #pragma once
 
 #include <memory>

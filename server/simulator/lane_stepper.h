@@ -42,7 +42,7 @@ class LaneStepper {
   const LaneLayout& layout() const { return layout_; }
   AutoresetMode mode() const { return mode_; }
 
-  // A lane that has not been reset yet.
+  // Writes the record of a lane that has not been reset yet.
   void Initialize(uint64_t lane_seed, LaneRecord record) const;
 
   // Starts an episode: with a seed, episode 0 of that seed and a new digest; without, the next
@@ -50,7 +50,7 @@ class LaneStepper {
   Status Reset(Environment& environment, ConstLaneRecord before, std::optional<uint64_t> seed,
                LaneRecord after) const;
 
-  // One step. kInvalidArgument for an action of the wrong length or with a number that is not
+  // Makes one step. kInvalidArgument for an action of the wrong length or with a number that is not
   // finite; kFailedPrecondition for a lane that was never reset.
   Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
               LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;

@@ -2,7 +2,7 @@
 // perturbation it is the real environment.
 //
 // A Simulator is immutable and shared by threads and sessions; Open returns the same object for the
-// same request while anybody holds it, so models are compiled once. Scratch environments are
+// same request while that object is in use, so models are compiled once. Scratch environments are
 // borrowed from its pool, which grows to the number of threads that step it at once.
 #pragma once
 
@@ -42,8 +42,8 @@ inline constexpr int kDynamicsVersion = 1;
 
 class Simulator {
  public:
-  // Unknown names, settings and values are typed errors. Any thread; compiling a model takes about
-  // a millisecond and is serialised by MuJoCo.
+  // Builds or shares the simulator of a request. Unknown names, settings and values are typed
+  // errors. Any thread; compiling a model takes about a millisecond and is serialised by MuJoCo.
   static Result<std::shared_ptr<const Simulator>> Open(const SimulatorRequest& request);
   // A Simulator with perturbations that the caller built; not shared. `config` may leave settings
   // out.
@@ -62,7 +62,7 @@ class Simulator {
   // of the engine and of our own code.
   const std::string& identity() const { return identity_; }
   uint64_t identity_hash() const { return identity_hash_; }
-  // Doubles of the environment's own state and of all perturbations' states.
+  // Number of doubles in the environment's state, and in the states of all perturbations together.
   size_t state_size() const { return state_size_; }
   size_t perturbation_state_size() const { return perturbations_.state_size(); }
 
@@ -94,8 +94,8 @@ class Simulator {
 
   // OK when every perturbation can be applied to single transitions; else the reason.
   Status CheckQueryable() const;
-  // One row of T_sim with the perturbations applied, which must be queryable. Sizes as in spec();
-  // inputs may hold anything.
+  // Computes one row of T_sim with the perturbations applied, which must be queryable. Sizes as in
+  // spec(); inputs may hold anything.
   QueryResult Query(Environment& environment, const QueryRow& row,
                     std::span<const double> observation, std::span<const double> action,
                     std::span<double> next_observation) const;

@@ -9,8 +9,8 @@ namespace b4mrl {
 
 inline constexpr int kMaxCollisionPairs = 256;  // so many tests cost less than the engine's search
 
-// Columns of mjModel's table of predefined pairs of geoms, one entry a pair where nothing else is
-// said.
+// Columns of mjModel's table of predefined pairs of geoms. A pair has one entry in a column, or the
+// number of entries that stands behind the column.
 struct CollisionPairs {
   std::vector<int> geom1, geom2, dimension, signature;
   std::vector<mjtNum> reference;  // mjNREF entries a pair

@@ -5,8 +5,7 @@
 //   reward       forward + survive - control cost - contact cost, summed in this order, where
 //     forward    forward_reward_weight * (x_after - x_before) / dt, dt = timestep * frame_skip
 //     survive    healthy_reward, in v4 also on the step that ends the episode; in v5 if healthy
-//     control    ctrl_cost_weight * sum(action^2), of the action as given, although the motors clip
-//                theirs
+//     control    ctrl_cost_weight * sum(action^2), of the action before the motors clip it
 //   termination  unhealthy after the step, unless terminate_when_unhealthy is false
 // Sums run in order and in double precision. Formulas and settings: Gymnasium 1.4.0's v4 and v5.
 #pragma once
@@ -78,7 +77,7 @@ class Locomotion : public MujocoEnvironment {
   const EnvironmentSpec& spec() const override { return spec_; }
   void Infos(std::span<double> infos) const override;
 
-  // Version-dependent changes of the task's own compiled model: none here. A task that has some
+  // Version-dependent changes of the task's own compiled model: none here. A task with such changes
   // hides this function by its own.
   static void AdaptModel(const LocomotionSettings& /*settings*/, mjModel* /*model*/) {}
 

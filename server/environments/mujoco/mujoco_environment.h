@@ -1,6 +1,6 @@
 // The base class of the MuJoCo tasks: an Environment whose state is time, qpos, qvel, the solver's
-// warm start (qacc_warmstart) and the parts that a task adds. A task brings its observation, reward
-// and termination (locomotion.h); mujoco_model.h has its model.
+// warm start (qacc_warmstart) and the parts that a task adds. A task brings its model
+// (mujoco_model.h), observation, reward and termination (locomotion.h).
 //
 // A control step writes the action into ctrl and calls mj_step frame_skip times. It never calls
 // mj_forward, which would change the warm start, and neither does LoadState, which only copies the
@@ -47,8 +47,8 @@ class MujocoEnvironment : public Environment {
   // Simulated seconds of one control step.
   double step_seconds() const { return model_.opt.timestep * frame_skip_; }
 
-  // Adds the task's own numbers `values` to the state. They are saved from and loaded into their
-  // place and must not move. Only a constructor calls this.
+  // Adds the task's own numbers `values` to the state. `values` is read and written in place and
+  // must not move. Only a constructor calls this.
   void AddStatePart(const char* name, std::span<double> values);
   mjData* mutable_data() { return data_; }
 
@@ -61,7 +61,7 @@ class MujocoEnvironment : public Environment {
   // Reward and termination of the step that has just been simulated.
   virtual StepResult Judge(std::span<const double> action) = 0;
 
-  // Hooks that run under MuJoCo's error guard: they own no object with a destructor.
+  // The four hooks run under MuJoCo's error guard and therefore own no object with a destructor.
   // Before a step's first mj_step: stores the values that the reward compares with.
   virtual void BeforeStep() {}
   // After a step's last mj_step: computes what Gymnasium's task computes there.

@@ -48,8 +48,8 @@ struct ModelShape {
   int bodies = 0;   // the world included; 0: any number
 };
 
-// kDataLoss if a task's own model has another shape than `needed`, kInvalidArgument if a user's
-// has.
+// OK if the model has the shape `needed`; else kDataLoss for a task's own model and
+// kInvalidArgument for a user's.
 Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed);
 
 // Loads a user's model (setup.users_model), which must have the joints, motors and timestep of the

@@ -1,7 +1,7 @@
 // Runners in the x-z plane: three root joints (x, z, pitch) and hinges, as many velocities as
 // coordinates.
 //   observation  qpos without x (with it, if positions are not excluded), then qvel clipped to
-//                +-velocity_limit. Where it was clipped, the observation's state has the limit.
+//                +-velocity_limit. A query starts a clipped velocity at the limit.
 #pragma once
 
 #include <limits>
