@@ -40,8 +40,8 @@ class Client {
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs,
                                 const std::atomic<bool>* cancelled = nullptr);
 
-  // From now on nothing cancels the waits of the client and of what it will open: for a program
-  // that needs the server to end in order.
+  // From now on nothing cancels the waits of the client and of sessions and datasets that it opens.
+  // For a program that needs the server to end in order.
   void IgnoreCancellation();
 
   const pb::HelloReply& hello() const { return hello_; }
@@ -49,7 +49,7 @@ class Client {
   const std::string& endpoint() const { return endpoint_; }
   // Receives the one report that requests go through the gateway; by default a line on stderr.
   void set_reporter(std::function<void(const std::string&)> reporter);
-  // Whether any session or dataset so far was reached through the gateway.
+  // Whether requests to any session or dataset so far went through the gateway.
   bool relayed() const { return relayed_; }
   // All pages of the catalogue as one message.
   Result<pb::CatalogueReply> Catalogue();
@@ -80,7 +80,7 @@ class Client {
   Connection gateway_;
   const std::atomic<bool>* cancelled_;
   pb::HelloReply hello_;
-  std::set<std::string> unreachable_;  // addresses that did not answer; not tried again
+  std::set<std::string> unreachable_;  // addresses that did not answer; they are not tried again
   bool relayed_ = false;
   std::function<void(const std::string&)> reporter_;
 };

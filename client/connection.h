@@ -49,9 +49,9 @@ struct Delivery {
 
 class Connection {
  public:
-  // `token`: the session's, or "". Returns at once; the first request waits for the handshake.
-  // `cancelled`, if given, outlives the connection: once it is true, calls that wait return
-  // kUnavailable within 20 ms. Any thread or signal handler may set it.
+  // `token`: the session's token, or "". Returns at once; the first request waits for the
+  // handshake. `cancelled`, if given, outlives the connection: once it is true, calls that wait
+  // return kUnavailable within 20 ms. Any thread or signal handler may set it.
   static Result<Connection> Open(Context& context, const std::string& address, std::string token,
                                  const std::atomic<bool>* cancelled = nullptr);
 
@@ -60,9 +60,8 @@ class Connection {
   // limits::kMaxRequestsInFlight requests are unanswered, or answered but not yet received.
   Result<uint64_t> Send(pb::Request request, Frame payload, Deadline deadline);
 
-  // Waits for the reply to `id`. An error of the server comes back as its Status;
-  // kDeadlineExceeded or kUnavailable when none came; kFailedPrecondition when `id` is not in
-  // flight.
+  // Waits for the reply to `id`. Returns an error of the server as its Status, kDeadlineExceeded or
+  // kUnavailable if no reply came, and kFailedPrecondition if `id` is not in flight.
   Result<ReceivedReply> Receive(uint64_t id);
   // Waits until the first of the requests `ids` is answered, and returns its outcome.
   Delivery ReceiveAny(std::span<const uint64_t> ids);
@@ -70,9 +69,9 @@ class Connection {
   Result<ReceivedReply> Call(pb::Request request, Frame payload, Deadline deadline);
   // Drops the request `id` and its reply. The server may execute the request all the same.
   void Abandon(uint64_t id);
-  // Drops all requests in flight and closes the token's session, if there is one. The default
-  // deadline suits callers that ignore the result: a session whose Close got lost ends with its
-  // lease. Also works after `cancelled` turned true.
+  // Drops all requests in flight and closes the token's session, if the token is not "". The
+  // default deadline suits callers that ignore the result: a session whose Close got lost ends with
+  // its lease. Also works after `cancelled` turned true.
   Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
   // From now on `cancelled` ends no wait.
@@ -93,10 +92,10 @@ class Connection {
     Frame payload;
     Deadline deadline;
     Clock::duration patience;  // time without any reply after which the request is sent again
-    uint32_t connection;       // number of the connection over which it was last sent, from 1
-    Clock::time_point sent;    // the last time
-    bool resent = false;       // it was sent more than once
-    bool renewed = false;      // its deadline was extended after a reconnection
+    uint32_t connection;       // number, from 1, of the connection that last sent the request
+    Clock::time_point sent;    // when the request was last sent
+    bool resent = false;       // whether the request was sent more than once
+    bool renewed = false;      // whether its deadline was extended after a reconnection
   };
 
   Connection(DealerSocket socket, std::string token, const std::atomic<bool>* cancelled)

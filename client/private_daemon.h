@@ -18,17 +18,17 @@ namespace b4mrl {
 
 struct PrivateDaemonOptions {
   std::string binary;       // "": $B4MRL_SERVER, else b4mrl-serve beside the running program
-  bool tcp = false;         // loopback with free ports instead of ipc
+  bool tcp = false;         // whether to listen on free ports of loopback instead of ipc sockets
   std::string data_folder;  // "": the daemon's default
   std::vector<std::string> arguments;    // further options of `b4mrl serve`
   std::vector<std::string> environment;  // "NAME=value", added to this process's variables
   int niceness = 0;                      // added to this process's niceness
-  int64_t ready_deadline_ms = 20'000;
+  int64_t ready_deadline_ms = 20'000;    // for the daemon to become ready
 };
 
-// Niceness of a daemon that simulates while the process that started it computes. Without it, on
-// few cores, the daemon takes time from that process, which needs longer (HyMOPO's cycle with
-// rollout-lag 1 on two cores: 7.3 s with this niceness, 9.0 s without).
+// Niceness of a daemon that simulates while the process that started it computes. On few cores, a
+// daemon without niceness takes time from that process, whose work takes longer (HyMOPO's cycle
+// with rollout-lag 1 on two cores: 7.3 s with this niceness, 9.0 s without).
 inline constexpr int kDaemonGivesWay = 5;
 
 class PrivateDaemon {

@@ -1,9 +1,9 @@
 // A dataset of the daemon, possibly corrupted: its statistics, random batches, rows in order.
 //
-// Requests name the dataset by its fingerprint, so a restarted dataset worker serves them like the
-// old one. The rows of batch b are a function of (seed, b, rows of a batch) alone: every client
-// gets the same ones, however often it asks. Thread rule: one thread. The Client that opened the
-// dataset outlives it.
+// Requests name the dataset by its fingerprint, so a restarted dataset worker can serve them. The
+// rows of batch b are a function of (seed, b, rows of a batch) alone: every client gets the same
+// rows, however often it asks. Thread rule: one thread. The Client that opened the dataset outlives
+// it.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@
 namespace b4mrl {
 
 struct DatasetOptions {
-  std::vector<NamedArgument> corruption;
-  uint64_t seed = 0;                       // of the corruption's noise
+  std::vector<NamedArgument> corruption;   // corruptions in the order in which they apply
+  uint64_t seed = 0;                       // of the corruptions' noise
   std::string transition_rule = "stored";  // or "d4rl"
   int64_t open_deadline_ms = 300'000;      // of the opening, which may import the file first
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each later request
@@ -44,8 +44,9 @@ struct TransitionRows {
 };
 
 struct DatasetStats {
-  std::vector<double> observation_mean;  // of the observations as served, corruptions included
-  std::vector<double> observation_std;   // the population's, likewise
+  // Mean and population standard deviation of served observations, corruptions included.
+  std::vector<double> observation_mean;
+  std::vector<double> observation_std;
   pb::DatasetStatsReply scores;
 };
 
@@ -63,7 +64,8 @@ class BatchStream {
   ~BatchStream();
 
   Result<TransitionRows> Next();
-  // The number of the batch that Next returns; a stream with this first_batch continues this one.
+  // The number of the batch that Next returns next. A new stream whose first_batch is this number
+  // continues this stream.
   uint64_t next_batch() const { return next_batch_; }
 
  private:
@@ -80,7 +82,7 @@ class BatchStream {
   uint32_t batches_per_request_;
   uint32_t max_requests_;
   uint64_t seed_;
-  uint64_t next_batch_;            // number of the batch that Next returns
+  uint64_t next_batch_;            // number of the batch that Next returns next
   uint64_t group_end_;             // number after the last batch in group_
   TransitionRows group_;           // batches of the last reply, from group_.first_batch on
   std::deque<uint64_t> requests_;  // requests in flight, for the batches from group_end_ on

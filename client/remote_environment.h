@@ -43,12 +43,13 @@ struct EnvironmentOptions {
 // request's lanes.
 struct StepOutcome {
   uint64_t request_id = 0;
-  TensorView observations;          // the session's dtype
-  std::span<const double> rewards;  // like terminated, truncated and causes, of a step alone
+  TensorView observations;  // of the session's dtype
+  // Rewards, terminated, truncated and causes are empty after a reset or restore.
+  std::span<const double> rewards;
   std::span<const uint8_t> terminated;
   std::span<const uint8_t> truncated;
-  std::span<const uint8_t> causes;    // Cause
-  std::span<const uint64_t> digests;  // rolling hash of each lane's trajectory; not of a Restore
+  std::span<const uint8_t> causes;    // values of Cause
+  std::span<const uint64_t> digests;  // hash of each lane's trajectory; empty after a restore
   // Positions in the request of the lanes whose episode ended, then those episodes' last
   // observations, undiscounted returns and lengths in steps; all empty if no episode ended.
   std::span<const uint32_t> final_lanes;
@@ -70,9 +71,9 @@ struct StepOutcome {
   ReceivedReply reply;
 };
 
-// States of lanes, first axis the lanes. Restoring `snapshot` continues exactly, random streams
-// included. `parts` can be read and edited, under the environment's own names (MuJoCo: time, qpos,
-// qvel, qacc_warmstart).
+// States of lanes; the first axis of each array is the lanes. A lane restored from `snapshot`
+// continues exactly, random streams included. `parts` can be read and edited, under the
+// environment's own names (MuJoCo: time, qpos, qvel, qacc_warmstart).
 struct LaneStates {
   size_t lanes = 0;
   std::vector<uint8_t> snapshot;                     // lanes x bytes
@@ -84,7 +85,7 @@ struct Pictures {
   uint32_t width = 0;
   uint32_t height = 0;
   std::span<const uint8_t> frames;  // lanes x height x width x (red, green, blue), top row first
-  ReceivedReply reply;              // owns them
+  ReceivedReply reply;              // owns the frames
 };
 
 // Buffers that Query fills; row-major. The daemon computes in double and rounds to the session's
@@ -105,7 +106,8 @@ class RemoteEnvironment {
   ~RemoteEnvironment();
 
   const EnvironmentSpec& spec() const { return spec_; }
-  const pb::OpenReply& in_force() const { return in_force_; }  // all settings, seed included
+  // All settings of the session, seed included.
+  const pb::OpenReply& in_force() const { return in_force_; }
   const std::string& experiment_id() const { return in_force_.experiment_id(); }
   uint32_t num_envs() const { return in_force_.num_envs(); }
 
@@ -132,8 +134,8 @@ class RemoteEnvironment {
   Status Query(std::span<const double> observations, std::span<const double> actions,
                const QueryResults<double>& output, uint64_t seed = 0, uint64_t draw = 0,
                uint64_t first_row = 0);
-  // The two halves of Query, so that the caller can work meanwhile: at most limits::kMaxQueryRows
-  // rows for each SendQuery, several of them in flight, received in any order.
+  // The two halves of Query, between which the caller can work. Each SendQuery takes at most
+  // limits::kMaxQueryRows rows; several may be in flight, to be received in any order.
   Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
                              uint64_t seed, uint64_t draw, uint64_t first_row);
   Result<uint64_t> SendQuery(std::span<const double> observations, std::span<const double> actions,
@@ -152,7 +154,7 @@ class RemoteEnvironment {
   Result<Pictures> Render(std::span<const uint32_t> lanes = {}, uint32_t width = 0,
                           uint32_t height = 0);
 
-  // Drops the requests in flight and ends the session in the daemon. The destructor does the same
+  // Drops the requests in flight and ends the session in the daemon. The destructor also does so,
   // and waits at most half a second.
   Status Close();
 
@@ -162,7 +164,7 @@ class RemoteEnvironment {
   // A Step, Reset or Restore that has not been received.
   struct UnderWay {
     uint64_t id;
-    std::vector<uint32_t> lanes;  // empty: all
+    std::vector<uint32_t> lanes;  // empty: all lanes
   };
   RemoteEnvironment(Connection connection, pb::OpenReply in_force, EnvironmentSpec spec,
                     int64_t deadline_ms);
