@@ -37,7 +37,7 @@ void CheckpointWriter::Integer(std::string_view name, int64_t value) {
   if (status_.ok()) Note(file_.WriteInteger(name, value));
 }
 
-// HDF5 numbers are read back as double, which holds 53 bits; decimal digits hold all.
+// Stored as text: HDF5 numbers are read back as double, which would keep only 53 of 64 bits.
 void CheckpointWriter::Unsigned(std::string_view name, uint64_t value) {
   Text(name, fmt::format("{}", value));
 }
@@ -169,7 +169,7 @@ std::vector<uint64_t> ListCheckpoints(const std::string& folder) {
 void RemoveOldCheckpoints(const std::string& folder, size_t keep) {
   const std::vector<uint64_t> updates = ListCheckpoints(folder);
   for (size_t i = keep; i < updates.size(); ++i) {
-    std::error_code ignored;  // a file left over costs space only
+    std::error_code ignored;  // a file that cannot be removed only costs disk space
     std::filesystem::remove(CheckpointPath(folder, updates[i]), ignored);
   }
 }
