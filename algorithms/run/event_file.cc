@@ -24,7 +24,7 @@ constexpr std::array<uint32_t, 256> CrcTable() {
   return table;
 }
 
-// As the bytes of a little-endian machine, which all that this is built for are.
+// The number's bytes, little-endian like all processors that this program is built for.
 template <typename T>
 std::string BytesOf(T value) {
   static_assert(std::endian::native == std::endian::little);

@@ -18,8 +18,9 @@ struct LogNames {
   std::string_view name, tag, column;
 };
 
-// Every other name is a learner's: "charts/<name>" and "rollout/<rest>" where it begins with
-// "rollout_", otherwise "losses/<name>" and "train/<name>".
+// Event-file tags and progress.csv columns of some metrics. Any other metric becomes
+// "charts/<name>" and "rollout/<rest>" if it begins with "rollout_", otherwise "losses/<name>" and
+// "train/<name>".
 constexpr LogNames kNames[] = {
     {"update", "charts/update", "train/n_updates"},
     {"environment_steps", "charts/environment_steps", "time/total_timesteps"},
@@ -41,13 +42,13 @@ const LogNames* FindNames(std::string_view name) {
   return found == std::end(kNames) ? nullptr : found;
 }
 
-// Whole numbers without a fraction; everything else with the digits that a float carries.
+// Formats whole numbers without a fraction, and other numbers with the digits of a float.
 std::string FormatValue(double value) {
   if (value == std::floor(value) && std::abs(value) < 1e15) return fmt::format("{:.0f}", value);
   return fmt::format("{:.9g}", value);
 }
 
-// The inverse of what Write puts into metrics.jsonl; empty for a line that nothing wrote.
+// Parses a line of metrics.jsonl as Write writes it; returns an empty row for other lines.
 MetricRow ParseLine(const std::string& line) {
   MetricRow row;
   const auto json = nlohmann::ordered_json::parse(line, nullptr, /*allow_exceptions=*/false);

@@ -10,7 +10,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr size_t kEvaluationsKept = 10;  // a run's score is also reported as their mean
+constexpr size_t kEvaluationsKept = 10;  // result.json also reports the mean of these evaluations
 
 }  // namespace
 

@@ -26,15 +26,15 @@ constexpr std::ptrdiff_t kSessionsKept = 100;
 std::string RecordPath(const std::string& folder) { return folder + "/run.json"; }
 
 Status NotUnderstood(std::string_view name, const Json& value, const std::string& allowed) {
-  // Nested values are not written out: a file may nest them deeper than a stack is.
+  // Nested values are not printed: printing recurses, and a file may nest values without limit.
   const std::string text = value.is_structured()
                                ? std::string(value.type_name())
                                : value.dump(-1, ' ', false, Json::error_handler_t::replace);
   return Status(StatusCode::kDataLoss, InvalidArgument(name, text, allowed).message());
 }
 
-// Each leaves `value` alone when the record lacks the name; kDataLoss with the name, what is there
-// and what is allowed.
+// These overloads read `value`, and leave it unchanged if the record lacks the name. kDataLoss
+// names the entry, its content and the allowed values.
 Status Take(const Json& json, const char* name, std::string& value) {
   const auto found = json.find(name);
   if (found == json.end() || found->is_null()) return Status();
@@ -43,7 +43,8 @@ Status Take(const Json& json, const char* name, std::string& value) {
   return Status();
 }
 
-// The training loop divides by some of these, and a wider number would be cut short.
+// Checks the range of a number: the training loop divides by some, and too large ones would be
+// truncated to T.
 template <typename T>
 Status Take(const Json& json, const char* name, T& value, uint64_t low, uint64_t high) {
   const auto found = json.find(name);
@@ -107,7 +108,7 @@ RunSession SessionOf(const Json& json) {
   return {text("version"), text("blas_kernel")};
 }
 
-// A record of an older version has the last session alone.
+// The record's sessions. A record of an older program version stores only its last session.
 std::vector<RunSession> TakeSessions(const Json& json) {
   std::vector<RunSession> sessions;
   const auto found = json.find("sessions");
@@ -120,7 +121,7 @@ std::vector<RunSession> TakeSessions(const Json& json) {
   return sessions;
 }
 
-// The newest ones, one for each change.
+// The newest sessions of `before`, and `present` if it differs from the last of them.
 std::vector<RunSession> WithPresent(std::span<const RunSession> before, const RunSession& present) {
   std::vector<RunSession> all(before.begin(), before.end());
   if (all.empty() || all.back() != present) all.push_back(present);
@@ -144,7 +145,7 @@ std::string ConfigurationLine(const Hyperparameter& entry) {
   return line + "\n";
 }
 
-// Of a folder's name that no shell or file system minds.
+// Whether `c` needs no quoting in shells and is allowed in file names by all file systems.
 bool IsPlain(char c) {
   return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
          std::string_view(".,=+-").find(c) != std::string_view::npos;
@@ -237,7 +238,7 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
     json["sessions"].push_back(
         {{"version", session.version}, {"blas_kernel", session.blas_kernel}});
   }
-  // Bytes of the command line that are not UTF-8 must not throw.
+  // `replace` keeps bytes of the command line that are not UTF-8 from throwing.
   return WriteSmallFile(RecordPath(options.folder),
                         json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }

@@ -20,7 +20,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxResultBytes = 1 << 20;
-// A reader holds the lock for microseconds (ReadRunStatus); whoever trains, for longer than this.
+// How long to wait for the lock: ReadRunStatus holds it for microseconds, a training for longer.
 constexpr int64_t kLockPatienceMs = 200;
 constexpr int kLockPauseMs = 10;
 
@@ -36,7 +36,7 @@ constexpr std::array<std::pair<RunState, std::string_view>, 6> kStates = {{
 std::string ResultPath(const std::string& folder) { return folder + "/result.json"; }
 std::string LockPath(const std::string& folder) { return folder + "/lock"; }
 
-// Bytes of the command line that are not UTF-8 must not throw.
+// The JSON text; bytes of the command line that are not UTF-8 are replaced, as they would throw.
 std::string Text(const Json& json) {
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
@@ -72,7 +72,8 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   return json;
 }
 
-// Deeper values would be written again by recursion, and a file may nest them deeper than a stack.
+// Whether a value is not nested. Nested values are refused, since writing them again recurses and a
+// file may nest values without limit.
 bool IsFlat(const Json& value) {
   const auto primitive = [](const Json& item) { return item.is_primitive(); };
   return value.is_primitive() || (value.is_array() && std::ranges::all_of(value, primitive));
@@ -141,7 +142,7 @@ Result<RunStatus> ReadRunStatus(const std::string& folder) {
   B4MRL_ASSIGN_OR_RETURN(Json json, ReadResult(folder));
   B4MRL_ASSIGN_OR_RETURN(RunStatus status, StatusOf(json, folder));
   if (status.state != RunState::kRunning || SomebodyTrainsIn(folder)) return status;
-  // It may have ended between the two looks.
+  // The run may have ended between reading the file and testing the lock: read again.
   B4MRL_ASSIGN_OR_RETURN(json, ReadResult(folder));
   B4MRL_ASSIGN_OR_RETURN(status, StatusOf(json, folder));
   if (status.state == RunState::kRunning) status.state = RunState::kKilled;

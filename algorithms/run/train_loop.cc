@@ -31,11 +31,12 @@ class TrainRun {
            const std::atomic<bool>& stop)
       : options_(options), client_(client), progress_(progress), stop_(stop) {}
 
-  // In this order, each after the others' success. An error of the first is one of another run.
+  // Called in this order, each after the success of the one before. An error of TakeFolder is about
+  // another run.
   Status TakeFolder();
   Status Open();
   Status Run();
-  // Of a run that ended with `status`.
+  // The summary of a run that ended with `status`.
   TrainSummary Summary(const Status& status) const;
 
  private:
@@ -69,13 +70,13 @@ class TrainRun {
   std::optional<RunLog> log_;
   MetricMeans means_;
   uint64_t update_ = 0;
-  uint64_t checkpoint_update_ = UINT64_MAX;  // of the newest checkpoint
+  uint64_t checkpoint_update_ = UINT64_MAX;  // update of the newest checkpoint
   bool diverged_ = false;
-  double seconds_before_ = 0;               // spent before the last resume
-  Clock::time_point start_ = Clock::now();  // of this process's Run, preparation included
-  // Of the last row, or where the updates began.
+  double seconds_before_ = 0;               // seconds of earlier sessions of the run
+  Clock::time_point start_ = Clock::now();  // start of this session, before its preparation
+  // Update and time (Seconds) of the last log row, or of the beginning of the updates.
   uint64_t row_update_ = 0;
-  double row_seconds_ = 0;  // on the clock of Seconds
+  double row_seconds_ = 0;
 };
 
 Status TrainRun::TakeFolder() {
@@ -102,7 +103,8 @@ Status TrainRun::Open() {
   return resumes_ ? RestoreNewest() : log_->Begin();
 }
 
-// Those of a resumed run. A record that cannot be read has been reported by whoever needs it.
+// The earlier sessions of a resumed run. An unreadable record gives none: callers that need the
+// record have reported it.
 std::vector<RunSession> TrainRun::EarlierSessions() const {
   const Result<RunRecord> record = ReadRunRecord(options_.folder);
   if (!record.ok() || record->sessions.empty()) return {};
@@ -134,7 +136,7 @@ Status TrainRun::CreateLearner() {
   return Status();
 }
 
-// The newest checkpoint, or the one before it when that cannot be read.
+// Restores the newest checkpoint, or the second newest if the newest cannot be read.
 Status TrainRun::RestoreNewest() {
   Status status;
   for (const uint64_t update : ListCheckpoints(options_.folder)) {
@@ -144,7 +146,7 @@ Status TrainRun::RestoreNewest() {
       return status;
     }
     progress_.Message(fmt::format("cannot resume at update {}: {}", update, status.ToString()));
-    B4MRL_RETURN_IF_ERROR(CreateLearner());  // half a state is none
+    B4MRL_RETURN_IF_ERROR(CreateLearner());  // a failed Restore may have loaded a part
   }
   return status;
 }
@@ -154,7 +156,7 @@ Status TrainRun::Restore(uint64_t update) {
                          CheckpointReader::Open(CheckpointPath(options_.folder, update)));
   update_ = reader.Unsigned("run/update");
   seconds_before_ = reader.Number("run/seconds");
-  // Checkpoints without these came after their row.
+  // Checkpoints of older program versions lack the row: they were written after their update's row.
   const bool has_row = reader.Has("run/row_update");
   row_update_ = has_row ? reader.Unsigned("run/row_update") : update_;
   row_seconds_ = has_row ? reader.Number("run/row_seconds") : seconds_before_;
@@ -171,7 +173,7 @@ Status TrainRun::Run() {
   start_ = Clock::now();
   if (!resumes_) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
-    if (stop_) return Status();  // perhaps half prepared
+    if (stop_) return Status();  // Prepare may have returned early
     row_seconds_ = Seconds();
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
@@ -193,7 +195,8 @@ Status TrainRun::UpdateToTheEnd() {
   return update_ < options_.updates ? Status() : Conclude();
 }
 
-// An error may come from a policy whose actions are no numbers any more: then that is the reason.
+// An error of the learner may be caused by metrics or actions that are not finite: then the reason
+// reported is divergence.
 Status TrainRun::Update() {
   const Status status = learner_->Update(means_);
   B4MRL_RETURN_IF_ERROR(CheckFinite());
@@ -211,7 +214,7 @@ Status TrainRun::CheckFinite() {
   return Diverged(update_ + 1, fmt::format("{} became {}", metric->name, metric->value));
 }
 
-// A learner that diverged never recovers; its last good checkpoint may still be of use.
+// Ends a run that diverged, since it would not recover; names its last good checkpoint.
 Status TrainRun::Diverged(uint64_t update, std::string_view what) {
   diverged_ = true;
   return Status(StatusCode::kFailedPrecondition,
@@ -221,13 +224,13 @@ Status TrainRun::Diverged(uint64_t update, std::string_view what) {
 
 Status TrainRun::AfterUpdate() {
   const bool last = update_ == options_.updates;
-  // Else Conclude evaluates, which a longer run would not.
+  // At the last update, Conclude evaluates instead where a longer run would not evaluate.
   if (!last || update_ % options_.eval_every == 0) B4MRL_RETURN_IF_ERROR(Record());
   if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
   return Status();
 }
 
-// What belongs to the present update however long the run is, unless it has been done.
+// Writes the present update's row, with an evaluation if due, unless the row has been written.
 Status TrainRun::Record() {
   if (row_update_ == update_) return Status();
   if (update_ % options_.eval_every == 0) return Evaluate();
@@ -239,10 +242,10 @@ Status TrainRun::Evaluate() {
   const Agent agent = PresentAgent();
   if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
   B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, log_->Evaluate(agent));
-  return log_->Write(TakeRow(), std::move(result));  // the row last: an evaluation may fail
+  return log_->Write(TakeRow(), std::move(result));  // after Evaluate, which may fail
 }
 
-// The last update's evaluation, if it has none. Nothing of it goes into a checkpoint.
+// Evaluates the last update if it has no evaluation. Checkpoints do not store this evaluation.
 Status TrainRun::Conclude() { return row_update_ == update_ ? Status() : Evaluate(); }
 
 MetricRow TrainRun::TakeRow() {
@@ -279,7 +282,7 @@ Status TrainRun::Checkpoint() {
   return Status();
 }
 
-// After an error. A checkpoint that fails too leaves the one before it.
+// Writes a checkpoint after an error. If that fails, too, the checkpoint before it remains.
 void TrainRun::KeepLastUpdate() {
   if (diverged_ || checkpoint_update_ == update_ || !learner_->outlives_daemon()) return;
   if (Checkpoint().ok()) progress_.Message(fmt::format("kept what there is at update {}", update_));
@@ -340,7 +343,7 @@ Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress
   TrainRun run(options, client, progress, stop);
   B4MRL_RETURN_IF_ERROR(run.TakeFolder());
   if (const Status status = run.Open(); !status.ok()) {
-    // This error is the one to tell; where the file cannot be written either, it says "running".
+    // Report Open's error, even if result.json cannot be written and goes on saying "running".
     static_cast<void>(WriteResultState(options, RunState::kFailed, status.ToString()));
     return status;
   }
