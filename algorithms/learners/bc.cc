@@ -1,16 +1,16 @@
-// BC: behaviour cloning, offline. The baseline of every table of offline learners, and the example
-// of CONTRIBUTING.md's "Add an algorithm".
+// BC: behaviour cloning, offline. The usual baseline of offline learners, and the example of
+// CONTRIBUTING.md's "Add an algorithm".
 //
-//   D   dataset of (s, a, r, s', d), as the daemon serves it, corrupted if so asked
+//   D   dataset of (s, a, r, s', d), as the daemon serves it, with corruptions if asked for
 //   pi  deterministic actor: tanh of a network
 //
 //   normalise:  s <- (s - mean) / (std + 0.001), mean and std over D's observations
 //   repeat:     a batch from D; one step of Adam on  mean (pi(s) - a)^2,
 //               the mean over the batch and the action's dimensions
 //
-// Papers clone in several ways. This is TD3-BC's actor without the value (learners/td3_bc.cc): the
-// same loss, network, initial weights, normaliser and defaults, with a step of the actor in every
-// update. So the two rows of a table differ by what the value adds.
+// Papers clone in several ways. This learner is TD3-BC (learners/td3_bc.cc) without its critics: it
+// has the same loss, network, initial weights, normaliser and defaults, with a step of the actor in
+// every update. So BC's and TD3-BC's scores differ by what the critics add.
 #include <algorithm>
 #include <memory>
 #include <utility>
@@ -27,7 +27,7 @@ namespace {
 
 constexpr std::string_view kSource = "ours: TD3-BC's, so that the two differ by the value alone";
 
-// The actor and its step. Thread rule: one thread.
+// The actor and its gradient step. Thread rule: one thread.
 class BcCore : public TrainedParts<BcCore, float> {
  public:
   explicit BcCore(const ActorCriticOptions& options)
@@ -39,7 +39,7 @@ class BcCore : public TrainedParts<BcCore, float> {
         actions_(options.action_size, options.batch_max),
         gradient_(options.action_size, options.batch_max) {}
 
-  // One gradient step; returns the loss before it.
+  // One gradient step; returns the loss before the step.
   double Update(const TransitionBatch<float>& batch) {
     const MatrixView<float> actions = actions_.view(batch.size());
     const MatrixView<float> gradient = gradient_.view(batch.size());

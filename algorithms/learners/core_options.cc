@@ -3,7 +3,7 @@
 namespace b4mrl {
 namespace {
 
-// Leaves `out` as it is where the table lacks the name.
+// Writes the value of `name` to `out`; leaves `out` unchanged if the table lacks `name`.
 template <typename Number>
 void Read(const Hyperparameters& values, std::string_view name, Number& out) {
   if (values.Find(name) != nullptr) out = static_cast<Number>(values.Number(name));

@@ -1,7 +1,7 @@
 // H2O: hybrid offline-and-online learning that trusts a simulator as far as discriminators say
 // (Niu et al. 2022; the authors' code is t6-thu/H2O).
 //
-//   D          dataset of real transitions (s, a, r, s', d), corrupted if so asked
+//   D          dataset of real transitions (s, a, r, s', d), with corruptions if asked for
 //   B          all simulated transitions so far; batches are drawn from the newest
 //              `replay-capacity`
 //   pi, Q      actor and twin critics        D_sa, D_sas   discriminators: real or simulated?
@@ -13,11 +13,11 @@
 //            weigh min(p_real / p_sim, 1), and Q falls where the simulator is wrong
 //            (cores/h2o_core.h and cores/h2o_losses.h have the losses)
 //
-// The gap between the two dynamics at (s, a) is estimated from noisy copies of s'. The noise's
-// standard deviation is by default the authors', about 0.3 of D's (GapNoiseStd in
-// cores/h2o_core.h).
+// The gap between the two dynamics at (s, a) is estimated from noisy copies of s'. By default the
+// noise has the standard deviation of the authors' code, which is about 0.3 of that of D's
+// observations (GapNoiseStd in cores/h2o_core.h).
 //
-// A policy sees what D shows: dimensions hidden there are zero in B as well. There is no warm-up.
+// The policy sees what D shows: dimensions hidden in D are zero in B, too. There is no warm-up.
 // An episode that ends by the step limit keeps d = 0.
 #include <fmt/format.h>
 
@@ -75,8 +75,8 @@ class H2o final : public Learner {
 
   const LearnerContext& context_;
   const uint64_t updates_per_cycle_;
-  const int real_rows_;                // of batch_
-  const int discriminator_real_rows_;  // of discriminator_batch_
+  const int real_rows_;                // number of real rows in batch_
+  const int discriminator_real_rows_;  // number of real rows in discriminator_batch_
   const std::vector<float> action_scale_;
   H2oCore<float> core_;
   TrainingDataset dataset_;                  // D
@@ -125,7 +125,7 @@ Status H2o::FillBatches() {
   Rng rng(RoleSeed(context_.seed, "replay"), "rows", updates());
   const auto fill = [&](BatchBuffer& batch, int first_row, int rows) {
     batch.SetRows(real, first_row, rows, action_scale_);
-    batch.ClipActions(rows);  // as the authors' code clips D's
+    batch.ClipActions(rows);  // as the authors' code clips the actions of D
     collector_.replay().Sample(rng, rows, batch.size() - rows, batch);
   };
   fill(batch_, 0, real_rows_);

@@ -1,8 +1,8 @@
-// HyMOPO: hybrid model-based policy optimisation (the B4MRL paper's algorithm 1, on MOPO's
-// hyperparameters as run there).
+// HyMOPO: hybrid model-based policy optimisation (the B4MRL paper's algorithm 1, with the MOPO
+// hyperparameters of the paper's runs).
 //
-//   D        dataset of (o, a, r, o', d)       D_model  what rollouts produced lately
-//   T_sim    the imperfect simulator, asked by Query
+//   D        dataset of (o, a, r, o', d)       D_model  transitions of recent rollouts
+//   T_sim    the imperfect simulator, which Query requests evaluate
 //   f        ensemble of Gaussian correction networks (o, a) -> (delta, r)
 //                                                                    (model/dynamics_ensemble.h)
 //   pi       SAC's policy                                                    (cores/sac_core.h)

@@ -1,17 +1,17 @@
 // IQL: implicit Q-learning, offline (Kostrikov, Nair and Levine 2021).
 //
-//   D      dataset of (s, a, r, s', d), as the daemon serves it, corrupted if so asked
-//   V      value, Q twin critics, Q' their slow copies, pi actor (cores/iql_core.h has the losses)
+//   D      dataset of (s, a, r, s', d), as the daemon serves it, with corruptions if asked for
+//   V      value, Q twin critics, Q' target critics, pi actor (cores/iql_core.h has the losses)
 //
 //   normalise:  s <- (s - mean) / (std + 0.001), mean and std over D's observations
 //   repeat:     a batch from D
 //               one step of V towards the `expectile` of q = min Q'(s, a)
 //               one step of pi towards a, with weight min(exp(temperature (q - V(s))), weight-max)
-//               one step of Q towards r + gamma V(s');  Q' follows Q by tau
+//               one step of Q towards r + gamma V(s');  Q' <- tau Q + (1 - tau) Q'
 //
-// No action outside D is ever evaluated. The defaults are Manchery/iql-pytorch's as its MuJoCo
-// command runs it, since that is what the paper's authors ran. The original,
-// ikostrikov/implicit_q_learning, is --actor gaussian --initialisation orthogonal
+// No action outside D is ever evaluated. The defaults are those of Manchery/iql-pytorch's MuJoCo
+// command, which the B4MRL paper's authors ran. The options of the original code,
+// ikostrikov/implicit_q_learning, are --actor gaussian --initialisation orthogonal
 // --reward-scaling return-range --action-clip 1e-5 --normalise 0.
 #include <memory>
 #include <utility>
@@ -26,7 +26,7 @@ namespace {
 constexpr std::string_view kBoth =
     "Manchery/iql-pytorch, which the paper's authors ran, and the original";
 
-// Places in Hyperparameter::choices.
+// Indices into the `actor` hyperparameter's choices.
 enum Actor { kDeterministic, kGaussian };
 enum Initialisation { kTorch, kOrthogonal };
 enum RewardScaling { kNone, kReturnRange };

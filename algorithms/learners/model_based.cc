@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-// Room for all retained rollouts.
+// Capacity of D_model, in transitions: enough for all rollouts of `model-retain` cycles.
 uint64_t PoolCapacity(const Hyperparameters& values) {
   return values.Unsigned("model-retain") * values.Unsigned("rollout-rows") *
          values.Unsigned("horizon");
@@ -37,7 +37,7 @@ ModelBased::ModelBased(const LearnerContext& context, Parts parts)
       action_scale_(context.ActionScale()) {}
 
 Status ModelBased::TrainModel(const ModelData& data, Progress& progress) {
-  if (*context_.stop) return Status();  // perhaps not all of them
+  if (*context_.stop) return Status();  // `data` may be incomplete then
   if (data.invalid_rows > 0) {
     progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
                                  data.invalid_rows, dataset_.remote().rows()));
@@ -89,7 +89,8 @@ Result<ModelBased::Generation> ModelBased::BeginRollout(uint64_t cycle,
   return Generation{cycle, FlattenPolicy(policy), 0};
 }
 
-// Makes room for it in D_model, which has its rows already.
+// Keeps a generation whose rows are in D_model, and drops the rows of the oldest generation beyond
+// `model-retain`.
 void ModelBased::Keep(Generation generation) {
   generations_.push_back(std::move(generation));
   if (generations_.size() > context_.hyperparameters.Unsigned("model-retain")) {
@@ -166,7 +167,7 @@ Result<ModelBased::Parts> ModelBased::Open(const LearnerContext& context, bool u
   if (uses_simulator) {
     B4MRL_ASSIGN_OR_RETURN(simulator, OpenTrainingSimulator(context, /*lanes=*/0));
   }
-  // Where there is no rule, a simulator tells; a model alone cannot.
+  // Without a termination rule, a simulator reports ends of episodes; MOPO's model alone cannot.
   Result<Termination> rule = Termination::Of(context.environment, dataset.mask());
   if (!rule.ok() && !uses_simulator) return rule.status();
   std::optional<Termination> termination;

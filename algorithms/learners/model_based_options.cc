@@ -91,8 +91,8 @@ HyperparameterTable EnsembleEndRows() {
   };
 }
 
-// Whether ensemble.h5 can be read again: its longest arrays have a number for each weight of all
-// members.
+// Whether ensemble.h5 can be read again (kMaxReadFloats): its longest arrays hold one number for
+// each weight of all members.
 bool HeldByFile(const DynamicsEnsembleOptions& options) {
   return static_cast<uint64_t>(LayoutOf(options).size()) <= kMaxReadFloats;
 }

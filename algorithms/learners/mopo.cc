@@ -1,7 +1,7 @@
-// MOPO: model-based offline policy optimisation (Yu et al. 2020), as the paper's authors ran it
-// (junming-yang/mopo). Options name what the official code does otherwise.
+// MOPO: model-based offline policy optimisation (Yu et al. 2020), as the B4MRL paper's authors ran
+// it (junming-yang/mopo). The options' help says where MOPO's official code differs.
 //
-//   D        dataset of (o, a, r, o', d)       D_model  what rollouts in the model produced lately
+//   D        dataset of (o, a, r, o', d)       D_model  transitions of recent rollouts in the model
 //   f        ensemble of Gaussian networks (o, a) -> (delta, r)         (model/dynamics_ensemble.h)
 //   pi       SAC's policy                                                       (cores/sac_core.h)
 //

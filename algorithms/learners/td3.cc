@@ -8,8 +8,8 @@
 //   warm up:  D <- `warm-up` transitions of uniform actions
 //   repeat:   a = clip(pi(s) + N(0, `exploration-noise`), +-1);  s', r, d <- simulator
 //             D <- D + (s, a, r, s', d)                                          in every lane
-//             one update per transition: a batch from D, one step of Q; every
-//             `policy-frequency`-th time one of pi too, and only then do the targets follow
+//             one update per transition: a batch from D, one step of Q; in every
+//             `policy-frequency`-th update also a step of pi and of all targets
 //
 // An episode that ends by the step limit keeps d = 0: its value bootstraps from the final
 // observation. experience/replay_collector.h acts and holds D.

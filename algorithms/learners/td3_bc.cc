@@ -1,12 +1,12 @@
 // TD3-BC: TD3 with behaviour cloning, offline (Fujimoto and Gu 2021; hyperparameters of the
 // authors' code).
 //
-//   D      dataset of (s, a, r, s', d), as the daemon serves it, corrupted if so asked
+//   D      dataset of (s, a, r, s', d), as the daemon serves it, with corruptions if asked for
 //   pi, Q  deterministic actor and twin critics (cores/td3_core.h, which holds the losses)
 //
 //   normalise:  s <- (s - mean) / (std + 0.001), mean and std over D's observations
-//   repeat:     a batch from D; one step of Q; every second time one of
-//               pi towards  lambda Q_1(s, pi(s)) - (pi(s) - a)^2,  lambda = bc-alpha / mean |Q_1|
+//   repeat:     a batch from D; one step of Q; in every second update, one step of pi that
+//               increases  lambda Q_1(s, pi(s)) - (pi(s) - a)^2,  lambda = bc-alpha / mean |Q_1|
 //
 // The normaliser belongs to the policy and is saved with it (experience/offline_batches.h).
 #include <memory>
