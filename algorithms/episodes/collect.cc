@@ -44,16 +44,16 @@ struct Trajectory {
   std::vector<uint8_t> terminals, timeouts;
 };
 
-// One environment: the episode it runs, and what its next action depends on.
+// One lane: the episode that it runs, and the inputs of its next action.
 struct Lane {
-  std::optional<Trajectory> trajectory;  // none: idle
+  std::optional<Trajectory> trajectory;  // without a value the lane is idle
   std::optional<Rng> noise;
   std::vector<float> observation;
 };
 
 // Lanes that are stepped by one request.
 struct Group {
-  std::vector<uint32_t> lanes;  // those with an episode
+  std::vector<uint32_t> lanes;  // the group's lanes that run an episode
   MatrixBuffer<float> actions;
   std::vector<float> log_probs;
   uint64_t request = 0;
@@ -113,8 +113,8 @@ Result<CollectSummary> Collector::Run() {
   return summary_;
 }
 
-// Another one is started only if those under way might not suffice, were each to reach the step
-// limit. Its rows do not depend on this.
+// Whether to start another episode: only if the episodes under way could not give enough rows even
+// if each reached the step limit. An episode's rows do not depend on this choice.
 bool Collector::NeedsAnotherEpisode() const {
   uint64_t expected = summary_.rows;
   for (const auto& [episode, trajectory] : finished_) expected += trajectory.rows();
@@ -185,7 +185,7 @@ Status Collector::ReceiveStep() {
   return SendStep(*group);
 }
 
-// Returns whether the episode ended; then its trajectory has moved to `finished_`.
+// Returns whether the lane's episode ended; its trajectory has then moved to `finished_`.
 Result<bool> Collector::StoreStep(Group& group, const StepOutcome& outcome, size_t position) {
   Lane& lane = lanes_[group.lanes[position]];
   Trajectory& rows = *lane.trajectory;
@@ -232,7 +232,8 @@ Status Collector::WriteFinished() {
   return Status();
 }
 
-// As many lanes as keep all of them busy to the end, at most `lanes_max` a group.
+// The number of lanes, at most `lanes_max` per group: episodes run in waves of about equal size, so
+// that all lanes stay busy to the end.
 uint32_t LaneCount(const CollectOptions& options, const EnvironmentSpec& environment) {
   const uint64_t steps = std::max<uint64_t>(environment.max_episode_steps, 1);
   const uint64_t episodes = (options.rows + steps - 1) / steps;
@@ -256,7 +257,7 @@ Result<CollectSummary> Collect(const CollectOptions& options, const AgentPolicy&
   }
   EnvironmentOptions session_options;
   session_options.num_envs = LaneCount(options, environment);
-  session_options.seed = options.seed;  // each episode has its own
+  session_options.seed = options.seed;  // each episode then has its own seed, given by Reset
   session_options.autoreset_mode = AutoresetMode::kDisabled;
   session_options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment.name, session_options));

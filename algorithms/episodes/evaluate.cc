@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-// The lanes whose episode still runs, and their stacked observations side by side.
+// The lanes whose episode still runs, and a matrix of their stacked observations.
 class OpenEpisodes {
  public:
   OpenEpisodes(const AgentPolicy& policy, int lanes)
@@ -76,7 +76,7 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   EnvironmentOptions options;
   options.simulator = perturbations;
   options.num_envs = episodes;
-  options.seed = seed;  // the lanes get their own seeds at each reset
+  options.seed = seed;  // each Reset then gives every lane its own seed
   options.autoreset_mode = AutoresetMode::kDisabled;
   options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_RETURN_IF_ERROR(client.Make(environment, options).status());
