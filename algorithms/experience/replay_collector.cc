@@ -21,7 +21,8 @@ ReplayBuffer::Options ReplayOptions(const LearnerContext& context) {
   return options;
 }
 
-// A step fails now and then; so many after one another, and the simulator has nothing to give.
+// Vector steps in a row that stored nothing after which the simulator counts as unusable; single
+// steps fail now and then.
 constexpr uint64_t kBarrenVectorSteps = 1000;
 
 }  // namespace
@@ -195,7 +196,7 @@ Status ReplayCollector::Load(CheckpointReader& reader) {
   states.snapshot = reader.Bytes("lanes/snapshot");
   reader.FloatsInto("lanes/histories", histories_.values());
   vector_steps_ = reader.Unsigned("lanes/vector_steps");
-  // Older checkpoints do not say it: no episode is left out.
+  // Checkpoints of older program versions lack this number; with 0, no episode is left out.
   warm_up_steps_ = reader.Has("lanes/warm_up_steps") ? reader.Unsigned("lanes/warm_up_steps") : 0;
   const uint64_t length = reader.Unsigned("lanes/replay_length");
   B4MRL_RETURN_IF_ERROR(reader.status());

@@ -18,7 +18,7 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened,
                          context.client->OpenDataset(context.dataset, options));
   auto dataset = std::make_unique<RemoteDataset>(std::move(opened));
-  // Sizes do not tell tasks apart: HalfCheetah and Walker2d have the same.
+  // Compare names, since tasks may have equal sizes, as HalfCheetah and Walker2d have.
   if (!dataset->environment().empty() && dataset->environment() != context.environment.name) {
     return Status(StatusCode::kInvalidArgument,
                   fmt::format("dataset {} was recorded in {}, not in {}", context.dataset,

@@ -12,7 +12,7 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   EnvironmentOptions options;
   options.simulator = context.simulator;
   options.num_envs = lanes;
-  options.seed = context.seed;  // lanes get their own seeds at the first reset
+  options.seed = context.seed;  // the first Reset then gives every lane its own seed
   options.autoreset_mode = AutoresetMode::kSameStep;
   options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session,
