@@ -20,7 +20,7 @@ Status ValidateRange(std::string_view name, int value, int high) {
   return InvalidArgument(name, std::to_string(value), "1.." + std::to_string(high));
 }
 
-// Outputs [first, first + count) of a layer with one member.
+// The weights of outputs [first, first + count) of a layer with one member.
 template <typename Scalar>
 DenseWeights LayerRows(const MlpLayout::Layer& layer, std::span<const Scalar> parameters, int first,
                        int count) {

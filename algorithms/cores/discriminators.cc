@@ -21,15 +21,16 @@ Status Validate(const DiscriminatorOptions& options) {
   return ValidateRate("input_noise", options.input_noise);
 }
 
-// -log softmax of the class whose logit is `margin` above the other's; slope = its derivative.
+// -log softmax of the class whose logit is `margin` above the other class's logit. Writes the
+// derivative by `margin` to `slope`.
 template <typename Scalar>
 double CrossEntropy(Scalar margin, Scalar& slope) {
   slope = Scalar(-1) / (1 + std::exp(margin));
   return std::log1p(std::exp(-static_cast<double>(margin)));
 }
 
-// Column i's share in the loss: the mean cross entropy over real columns plus that over simulated
-// ones. `margin` is how far the real class's logit is above the other's.
+// Column i's term of the loss, which is the mean cross entropy over real columns plus the mean over
+// simulated columns. `margin`: the logit of class real minus the logit of class simulated.
 template <typename Scalar>
 double ColumnLoss(const HybridBatch<Scalar>& batch, int i, Scalar margin, Scalar& slope) {
   const bool real = i < batch.real_rows;

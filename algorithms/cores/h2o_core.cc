@@ -50,7 +50,7 @@ DiscriminatorOptions DiscriminatorsOf(const H2oOptions& options) {
 
 std::vector<double> GapNoise(std::span<const double> mean, std::span<const double> std,
                              GapNoiseStd over, double scale) {
-  constexpr double kRowsPerData = 11;  // of the padded array
+  constexpr double kRowsPerData = 11;  // rows of the padded array per row of the dataset
   constexpr double kStdEpsilon = 1e-3;
   std::vector<double> noise;
   for (size_t i = 0; i < std.size(); ++i) {

@@ -8,7 +8,8 @@ namespace {
 
 constexpr double kSmallestGap = 1e-45;
 
-// log sum over columns of exp(log_weights + the critic's q), with the largest term taken out.
+// log sum over columns of exp(log_weights + the critic's q), with the largest exponent factored out
+// so that nothing overflows.
 template <typename Scalar>
 double LogSumExp(MatrixView<const Scalar> q, int critic, std::span<const double> log_weights) {
   double largest = log_weights[0] + q(critic, 0);

@@ -42,7 +42,7 @@ NetworkOptions ValueNetwork(const IqlOptions& options) {
           .weights = {Rng(options.seed, "iql-value-weights"), options.initialization}};
 }
 
-// The first `n` numbers of a network's one output row from `first` on.
+// `n` numbers, from column `first` on, of the output of a network with one output.
 template <typename Scalar>
 std::span<Scalar> OutputRow(MatrixView<Scalar> row, int first, int n) {
   return {row.data + first, static_cast<size_t>(n)};
@@ -114,7 +114,7 @@ void IqlCore<Scalar>::UpdateValue(const TransitionBatch<Scalar>& batch, IqlMetri
                             OutputRow(value_.workspace.output_gradient(), 0, n));
   value_.Backward(batch.observations);
   value_.Step();
-  // The values of the new V that steps 2 and 3 read, in one pass.
+  // One pass of the updated V computes V(s) for step 2 and V(s') for step 3.
   const MatrixView<Scalar> input = value_input_.view(2 * n);
   CopyMatrix<Scalar>(batch.observations, input.ColumnBlock(0, n));
   CopyMatrix<Scalar>(batch.next_observations, input.ColumnBlock(n, n));
@@ -157,7 +157,7 @@ void IqlCore<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, IqlMet
                                                         critics_.workspace.output_gradient());
   metrics.critic_loss = loss.loss;
   metrics.mean_q = loss.mean_q;
-  // Step 4 rides along: nothing reads the target critics before the next update.
+  // Train also does step 4, in one pass: nothing reads the target critics before the next update.
   critics_.Train(n, options_.tau);
 }
 

@@ -47,7 +47,7 @@ void SacCore<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, SacMet
                                                         critics_.workspace.output_gradient());
   metrics.critic_loss = loss.loss;
   metrics.mean_q = loss.mean_q;
-  // Step 6 rides along: nothing reads the target critics before the next update.
+  // Train also does step 6, in one pass: nothing reads the target critics before the next update.
   critics_.Train(batch.size(), options_.tau);
 }
 

@@ -106,7 +106,7 @@ void SoftActor<Scalar>::Update(const TransitionBatch<Scalar>& batch, MatrixView<
   metrics.actor_loss = -alpha_ * metrics.entropy - mean_minimum;
   critics.BackwardToInput(critics.input.view(n), options_.observation_size, action_gradient);
 
-  network_.workspace.batch = n;  // of the 2 n columns only those of s have a gradient
+  network_.workspace.batch = n;  // only the n columns of s, of 2 n columns, have a gradient
   const MatrixView<Scalar> head_gradient = network_.workspace.output_gradient();
   SquashedGaussianBackward<Scalar>(options_.policy, Head(n), noise.ColumnBlock(0, n), actions,
                                    action_gradient, alpha_ / static_cast<Scalar>(n), head_gradient);

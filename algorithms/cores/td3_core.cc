@@ -28,7 +28,7 @@ void AddMetrics(const Td3Metrics& values, MetricMeans& metrics) {
   metrics.Add("critic_loss", values.critic_loss);
   metrics.Add("mean_q", values.mean_q);
   metrics.Add("mean_target", values.mean_target);
-  const size_t count = values.actor_step ? 1 : 0;  // each step of the actor counts once
+  const size_t count = values.actor_step ? 1 : 0;  // means are over the actor's steps
   metrics.AddAll("actor_loss", {&values.actor_loss, count});
   if (values.bc_loss) metrics.AddAll("bc_loss", {&*values.bc_loss, count});
   if (values.lambda) metrics.AddAll("lambda", {&*values.lambda, count});
@@ -100,7 +100,8 @@ void Td3Core<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, bool d
   metrics_.critic_loss = loss.loss;
   metrics_.mean_q = loss.mean_q;
   critics_.Backward(critics_.input.view(batch.size()));
-  // The targets' move of a delayed step rides along: nothing reads them before the next update.
+  // In a delayed step, Train also updates the target critics, in one pass: nothing reads them
+  // before the next update.
   if (delayed_step) {
     critics_.StepWithTarget(options_.tau);
   } else {
@@ -112,7 +113,7 @@ template <typename Scalar>
 void Td3Core<Scalar>::UpdateActor(const TransitionBatch<Scalar>& batch) {
   const int n = batch.size();
   MlpWorkspace<Scalar>& first_critic = first_critic_workspace_;
-  const MatrixView<Scalar> input = critics_.input.view(n);  // its observations are the batch's
+  const MatrixView<Scalar> input = critics_.input.view(n);  // still holds the batch's observations
   const MatrixView<Scalar> actions =
       input.RowBlock(options_.observation_size, options_.action_size);
   TanhForward<Scalar>(actor_.Forward(batch.observations), actions);
