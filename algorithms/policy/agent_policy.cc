@@ -15,7 +15,7 @@ AgentLayer ToLayer(const DenseWeights& dense) {
           dense.bias};
 }
 
-// One observation's numbers, repeated for every place of the history.
+// Repeats the numbers of one observation for every place of the history.
 std::vector<float> Repeat(const std::vector<float>& values, uint32_t times) {
   std::vector<float> repeated;
   for (uint32_t i = 0; i < times; ++i)

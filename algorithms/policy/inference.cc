@@ -15,7 +15,7 @@ using inference::kPanel;
 using inference::Padded;
 
 constexpr int kWidthMax = 1 << 14;
-constexpr int kRowsPerBlock = 48;  // a multiple of the kernel's six; activations stay in L2
+constexpr int kRowsPerBlock = 48;  // a multiple of the kernel's six rows; activations stay in L2
 
 struct PackedLayer {
   int inputs = 0;
@@ -119,7 +119,7 @@ Status Validate(const PolicyWeights& weights) {
   return ValidateHeads(weights, inputs);
 }
 
-// Every number of `policy` in order.
+// Calls the visitor with every vector of weights of `policy`, in the order of FlattenPolicy.
 template <typename Policy, typename Visitor>
 void VisitVectors(Policy& policy, const Visitor& visit) {
   for (auto& layer : policy.hidden) {
@@ -164,7 +164,7 @@ bool UnflattenPolicy(std::span<const float> numbers, PolicyWeights& policy) {
 struct FixedOrderPolicy::Network {
   int observation_size = 0;
   int action_size = 0;
-  int stride = 0;  // of scratch rows: the widest layer, padded
+  int stride = 0;  // of scratch rows, in numbers: the width of the widest layer, padded
   std::vector<PackedLayer> hidden;
   PackedLayer mean;
   std::optional<PackedLayer> log_std;
@@ -179,13 +179,13 @@ struct FixedOrderPolicy::Network {
       const float* from = observations.column(column);
       float* to = rows + static_cast<std::ptrdiff_t>(column) * stride;
       for (int k = 0; k < observation_size; ++k) {
-        // A choice, not a product: a hidden dimension stays hidden even where it is NaN.
+        // No product with the mask, so that a hidden dimension becomes 0 even if it is NaN.
         to[k] = seen[k] ? (from[k] - shift[k]) * scale[k] : 0.0f;
       }
     }
   }
 
-  // From packed head outputs (rows of `stride`) to actions.
+  // Computes actions from the mean head's outputs, which are rows of `stride` numbers.
   void Squash(float* means, MatrixView<float> actions) const {
     for (int row = 0; row < actions.columns; ++row) {
       float* action = means + static_cast<std::ptrdiff_t>(row) * stride;
@@ -214,8 +214,8 @@ struct FixedOrderPolicy::Network {
     }
   }
 
-  // At most kRowsPerBlock columns. `noise.data` null: the deterministic action. `scratch` has room
-  // for three rows an observation and two more.
+  // Computes the actions of at most kRowsPerBlock columns; deterministic actions if `noise.data` is
+  // null. `scratch` has room for three rows per observation and two more rows.
   void RunBlock(MatrixView<const float> observations, MatrixView<const float> noise,
                 MatrixView<float> actions, float* log_probs, float* scratch) const {
     const int rows = observations.columns;

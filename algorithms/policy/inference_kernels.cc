@@ -12,8 +12,8 @@ namespace {
 constexpr int kLanes = 8;
 static_assert(kPanel == 2 * kLanes);
 
-// body(0), ..., body(kCount - 1) with constant arguments: an array indexed by them lives in
-// registers, which GCC does not achieve for one indexed by a loop variable.
+// Calls body(0), ..., body(kCount - 1) with constant arguments: GCC keeps an array that is indexed
+// by constants in registers, but not an array that is indexed by a loop variable.
 template <int kCount, typename Body>
 inline void Unrolled(Body body) {
   [&]<int... kIndex>(std::integer_sequence<int, kIndex...>) {
@@ -22,8 +22,8 @@ inline void Unrolled(Body body) {
   (std::make_integer_sequence<int, kCount>());
 }
 
-// One panel of outputs for kRows rows: 2 kRows accumulators stay in registers over all inputs.
-// Rows only share loads; no element's arithmetic depends on kRows.
+// Computes one panel of outputs for kRows rows; 2 kRows accumulators stay in registers over all
+// inputs. Rows only share loads; no output's arithmetic depends on kRows.
 template <int kRows>
 inline void DensePanel(const float* weights, const float* bias, int inputs, bool relu,
                        const float* input, std::ptrdiff_t input_stride, float* output,
@@ -79,7 +79,7 @@ inline __m256 Exp(__m256 x) {
 // in [1/sqrt 2, sqrt 2), the series to the ninth power (truncation below 1e-8).
 inline __m256 Log(__m256 x) {
   const __m256 one = _mm256_set1_ps(1.0f);
-  // Subtracting the bits of 1/sqrt 2 makes the exponent field count from there.
+  // After subtracting the bits of 1/sqrt 2, the exponent field counts powers of 2 from 1/sqrt 2.
   const __m256i bits = _mm256_castps_si256(x);
   const __m256i offset = _mm256_sub_epi32(bits, _mm256_set1_epi32(0x3f3504f3));
   const __m256i exponent = _mm256_srai_epi32(offset, 23);
@@ -95,8 +95,8 @@ inline __m256 Log(__m256 x) {
                          _mm256_mul_ps(p, t));
 }
 
-// tanh(x) = sign(x) (1 - 2 / (exp(2|x|) + 1)). Below 0.25, where that cancels, the odd Taylor
-// series to x^9 (truncation below 1e-8 relative).
+// tanh(x) = sign(x) (1 - 2 / (exp(2|x|) + 1)). For |x| below 0.25, where this formula cancels, the
+// odd Taylor series to x^9 (truncation below 1e-8 relative).
 inline __m256 Tanh(__m256 x) {
   const __m256 sign_bit = _mm256_set1_ps(-0.0f);
   const __m256 sign = _mm256_and_ps(x, sign_bit);
@@ -120,7 +120,8 @@ inline __m256 Tanh(__m256 x) {
 
 void Dense(const float* weights, const float* bias, int inputs, int outputs, bool relu,
            const float* input, int input_stride, int rows, float* output, int output_stride) {
-  // Six rows by two vectors: 12 accumulators, two weights and a broadcast in 16 registers.
+  // Six rows by two vectors: 12 accumulators, two vectors of weights and one broadcast input fit in
+  // 16 registers.
   constexpr int kRows = 6;
   const std::ptrdiff_t in = input_stride;
   const std::ptrdiff_t out = output_stride;
@@ -157,7 +158,7 @@ void SquashSample(int count, float low, float high, const float* log_std, const 
     const __m256 e = _mm256_loadu_ps(noise + i);
     const __m256 a = Tanh(_mm256_fmadd_ps(Exp(s), e, _mm256_loadu_ps(mean + i)));
     const __m256 slope = _mm256_fnmadd_ps(a, a, _mm256_set1_ps(1.0f + 1e-6f));
-    // -e^2/2 - log(2 pi)/2, then minus log_std and log(1 - a^2 + 1e-6).
+    // -e^2/2 - log(2 pi)/2, from which log_std and log(1 - a^2 + 1e-6) are then subtracted.
     const __m256 gaussian =
         _mm256_fmadd_ps(_mm256_mul_ps(e, _mm256_set1_ps(-0.5f)), e, _mm256_set1_ps(-0.918938533f));
     _mm256_storeu_ps(mean + i, a);
