@@ -171,7 +171,7 @@ void DynamicsEnsemble<Scalar>::SampleHead(MatrixView<Scalar> head, MatrixView<co
   for (int i = 0; i < count; ++i) std::copy_n(head.column(i), size, outputs.column(columns[i]));
 }
 
-// Samples of `member` for the columns that scratch.columns names.
+// Draws samples from `member` for the columns listed in scratch.columns.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> inputs,
                                            MatrixView<const Scalar> noise,
@@ -188,7 +188,7 @@ void DynamicsEnsemble<Scalar>::SampleGroup(int member, MatrixView<const Scalar> 
   SampleHead(head, noise, outputs, scratch);
 }
 
-// Samples for all columns that drew `member`.
+// Draws samples for all columns that drew `member`.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SampleDrawn(int member, MatrixView<const Scalar> inputs,
                                            std::span<const int> members,
@@ -207,8 +207,8 @@ void DynamicsEnsemble<Scalar>::SampleDrawn(int member, MatrixView<const Scalar> 
   }
 }
 
-// Samples and penalties of one block of columns: every member predicts all of it for the penalty,
-// and samples come from the members that were drawn.
+// Computes samples and penalties of one block of columns: every member predicts the whole block for
+// the penalty; each column's sample comes from the member that it drew.
 template <typename Scalar>
 void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
                                                std::span<const int> members,
@@ -226,7 +226,7 @@ void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
     columns.clear();
     for (int i = 0; i < inputs.columns; ++i) {
       const ConstEigenColumn<Scalar> column(log_var.column(i), size);
-      // The deviations' squares are the variances.
+      // The squared L2 norm of the standard deviations is the sum of the variances.
       const Scalar norm = std::sqrt(column.exp().sum());
       if (!(norm <= penalty[i])) penalty[i] = norm;
       if (members[i] != m) continue;

@@ -28,7 +28,7 @@ Status ValidateBlock(const std::string& name, int rows, int columns, int expecte
   return {};
 }
 
-// A member's rows of a block, or all of them where the members share it.
+// Member m's rows of `block`, or the whole block if the members share its rows.
 template <typename Scalar>
 MatrixView<const Scalar> MemberRows(int m, int rows, MatrixView<const Scalar> block) {
   return block.rows == rows ? block : block.RowBlock(m * rows, rows);
@@ -121,7 +121,8 @@ void DynamicsEnsemble<Scalar>::GatherBatch(const DynamicsData<Scalar>& data, int
   const int inputs = layout_.shape().inputs;
   const int blocks = options_.bootstrap ? options_.members : 1;
   for (int block = 0; block < blocks; ++block) {
-    // A member's bootstrap list is not stored: entry i is the stream's i-th number.
+    // A member's bootstrap sample is not stored: its entry i is drawn from position i of the
+    // stream.
     Rng bootstrap(options_.seed, "ensemble-bootstrap", static_cast<uint64_t>(block));
     for (int column = 0; column < count; ++column) {
       int64_t position = order_[first + column];
@@ -153,7 +154,7 @@ double DynamicsEnsemble<Scalar>::UpdateOnBatch(MatrixView<const Scalar> inputs,
     member_loss_[m] = UpdateMember(m, MemberRows(m, layout_.shape().inputs, inputs),
                                    MemberRows(m, size, targets), workspaces_[thread]);
   });
-  for (int m = 0; m < options_.members; ++m) {  // in this order, whichever thread was first
+  for (int m = 0; m < options_.members; ++m) {  // in member order, for equal bits
     loss += member_loss_[m];
     bounds_gradient += ConstEigenColumn<Scalar>(member_bounds_gradient_.view().column(m), 2 * size);
   }

@@ -21,8 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kUpdatesPerCall = 100;   // updates between two of the progress bar's
-constexpr int64_t kUpdatesPerSave = 1000;  // about 15 s of updates
+constexpr int64_t kUpdatesPerCall = 100;   // training updates per update of the progress bar
+constexpr int64_t kUpdatesPerSave = 1000;  // training updates per saved file: about 15 s
 
 // --- Keys ---
 
@@ -54,8 +54,8 @@ void HashState(StreamHash& hash, DynamicsEnsemble<float>& ensemble) {
   });
 }
 
-// All options. The binding has as many names as there are options, so a new option that is
-// forgotten here is a compile error.
+// All options as text, for the key. The binding names every option, so an option that is missing
+// here is a compile error.
 std::string Describe(const DynamicsEnsembleOptions& options) {
   const auto& [observation_size, action_size, members, elites, hidden, initialization,
                learning_rate, batch_size, decay, decay_scale, bound_weight, max_log_var,
@@ -105,8 +105,8 @@ Status Save(const std::string& path, const std::string& key, DynamicsEnsemble<fl
   return writer.Commit();
 }
 
-// Leaves `ensemble` as it was, and says why, when the file is absent (kFailedPrecondition), damaged
-// or of another key.
+// Loads an ensemble from a file. An error leaves `ensemble` unchanged: the file is absent
+// (kFailedPrecondition), damaged or has another key.
 Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
   std::error_code error;
   if (!fs::exists(path, error))
@@ -130,7 +130,7 @@ Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<fl
 
 bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
 
-// Removes the files that were unused for longest until the others fit into `bytes_max`.
+// Removes the least recently used files until the remaining files fit into `bytes_max`.
 void BoundCache(const std::string& folder, uint64_t bytes_max) {
   struct Kept {
     fs::path path;
@@ -159,7 +159,7 @@ Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
                      DynamicsEnsemble<float>& ensemble) {
   if (files.cache_folder.empty()) return Status(StatusCode::kFailedPrecondition, "nothing is kept");
   B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), key, ensemble));
-  // Marks the file as just used. If that fails, the file may be removed too early, no more.
+  // Marks the file as just used. A failure only means that the file may be removed too early.
   std::error_code ignored;
   fs::last_write_time(CachePath(files, key), fs::file_time_type::clock::now(), ignored);
   return Status();
@@ -171,7 +171,7 @@ void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<f
   if (files.cache_folder.empty() || fs::exists(CachePath(files, key), error)) return;
   fs::create_directories(CacheFolder(files), error);
   const Status status = Save(CachePath(files, key), key, ensemble);
-  // kBusy: another run writes the same ensemble at this moment, which serves as well.
+  // kBusy is no failure: another run is writing the same ensemble.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
   }
@@ -187,7 +187,7 @@ Status CheckFinite(const DynamicsProgress& state) {
       fmt::format("the ensemble's loss became {} in epoch {}", state.train_loss, state.epoch));
 }
 
-// Loads the state that this run, or else another run with the same key, has reached before.
+// Loads the state that this run has saved or, if there is none, the cache's ensemble of this key.
 void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
             Progress& progress) {
   const Status own = Load(RunPath(files), key, ensemble);

@@ -29,7 +29,7 @@ class Columns {
   }
 
   uint64_t rows() const { return dataset_.rows(); }
-  // Reads and stores some rows from `first_row` on.
+  // Reads and stores as many rows from `first_row` on as one request holds.
   Result<TransitionRows> Read(uint64_t first_row) {
     const uint32_t most = std::min(kRowsPerRequest, dataset_.max_rows_per_request());
     B4MRL_ASSIGN_OR_RETURN(TransitionRows rows, dataset_.Read(first_row, most));
@@ -42,7 +42,7 @@ class Columns {
     return rows;
   }
 
-  // `predicted`: row-major, for the rows from `first_row` on.
+  // Subtracts `predicted`, the row-major o'_sim or o of the rows from `first_row` on, from targets.
   void Subtract(std::span<const float> predicted, int first_row) {
     const int rows = static_cast<int>(predicted.size()) / size_;
     for (int row = 0; row < rows; ++row) {
@@ -90,7 +90,7 @@ class Columns {
         continue;
       }
       for (MatrixBuffer<float>* columns : {&data_.observations, &data_.actions, &data_.targets}) {
-        if (data_.rows == row) break;  // nothing dropped so far: already in place
+        if (data_.rows == row) break;  // no row was dropped so far: the row is already in place
         std::copy_n(columns->view().column(row), columns->rows(),
                     columns->view().column(data_.rows));
       }
@@ -105,7 +105,7 @@ class Columns {
   std::vector<uint8_t> valid_;
 };
 
-// Keeps several blocks of rows at the simulator.
+// HyMOPO's pre-pass: queries the simulator for all rows, with several requests in flight.
 class PrePass {
  public:
   PrePass(Columns& columns, RemoteEnvironment& simulator, uint64_t query_seed,

@@ -37,12 +37,12 @@ struct ModelRollout::Chunk {
   int rows;
   int step = 0;
   uint64_t request = 0;
-  std::vector<int> start_rows;  // of each column
-  MatrixBuffer<float> inputs;   // o above a, as the ensemble takes them
-  MatrixBuffer<float> outputs;  // delta above r
+  std::vector<int> start_rows;  // number of each column's start row
+  MatrixBuffer<float> inputs;   // the ensemble's inputs: each column holds o, then a
+  MatrixBuffer<float> outputs;  // each column holds delta, then r
   MatrixBuffer<float> next;     // o'_sim (MOPO: o), then o'
   std::vector<double> simulator_rewards;
-  std::vector<uint8_t> terminated, valid;  // from the simulator's reply
+  std::vector<uint8_t> terminated, valid;  // flags of the simulator's reply
   AlignedVector<float> penalties;
   // The transitions of all steps so far: o, a, o', r, terminated, one after the other.
   std::vector<float> records;
@@ -79,7 +79,7 @@ Status ModelRollout::RollOut(const std::stop_token& stop) {
   return Status();
 }
 
-// Keeps `chunks_in_flight` chunks under way while there are start rows left.
+// Starts chunks until `chunks_in_flight` chunks are under way or no start row is left.
 Status ModelRollout::Fill() {
   const int total = static_cast<int>(starts_.size()) / options_.observation_size;
   while (static_cast<int>(active_.size()) < options_.chunks_in_flight && next_start_ < total) {
@@ -103,7 +103,8 @@ Status ModelRollout::BeginStep(Chunk& chunk) {
   return Status();
 }
 
-// Every start row has a fixed place in the random stream of (cycle, step).
+// Draws noise for the chunk's columns. Every start row has a fixed place in the random stream of
+// (cycle, step).
 void ModelRollout::DrawNoise(const char* purpose, const Chunk& chunk,
                              MatrixView<float> noise) const {
   Rng rng(RoleSeed(options_.seed, purpose, cycle_), "rollout", static_cast<uint64_t>(chunk.step));
@@ -113,7 +114,7 @@ void ModelRollout::DrawNoise(const char* purpose, const Chunk& chunk,
   }
 }
 
-// a ~ pi(o)
+// Samples a ~ pi(o) for the chunk's columns.
 void ModelRollout::SampleActions(Chunk& chunk) {
   const MatrixView<float> noise = action_noise_.view(chunk.rows);
   const MatrixView<float> observations = observations_.view(chunk.rows);
@@ -129,14 +130,14 @@ void ModelRollout::SampleActions(Chunk& chunk) {
   }
 }
 
-// Asks for o'_sim = T_sim(o, a), a in the environment's units.
+// Sends the query for o'_sim = T_sim(o, a), with a in the environment's units.
 Status ModelRollout::SendQuery(Chunk& chunk) {
   const size_t rows = chunk.rows;
   const std::span<float> actions = actions_.values().first(rows * options_.action_size);
   for (size_t i = 0; i < actions.size(); ++i) {
     actions[i] *= options_.action_scale[i % options_.action_size];
   }
-  // Draw 0 is the pre-pass over the dataset.
+  // Draw 0 belongs to the pre-pass over the dataset.
   const uint64_t draw = 1 + cycle_ * static_cast<uint64_t>(options_.horizon) + chunk.step;
   B4MRL_ASSIGN_OR_RETURN(
       chunk.request,
@@ -145,7 +146,7 @@ Status ModelRollout::SendQuery(Chunk& chunk) {
   return Status();
 }
 
-// (delta, r) ~ f_i(o, a)
+// Samples (delta, r) ~ f_i(o, a) for the chunk's columns.
 void ModelRollout::SampleModel(Chunk& chunk) {
   const MatrixView<float> noise = model_noise_.view(chunk.rows);
   DrawNoise("model", chunk, noise);
@@ -156,15 +157,15 @@ void ModelRollout::SampleModel(Chunk& chunk) {
     rng.Seek(static_cast<uint64_t>(chunk.start_rows[column]));
     members[column] = elites[rng.Below(elites.size())];
   }
-  std::span<float> penalties;  // none: only the drawn members are evaluated
+  std::span<float> penalties;  // while it is empty, only the drawn members are evaluated
   if (options_.penalty != 0) penalties = std::span(chunk.penalties).first(chunk.rows);
   ensemble_->Sample(chunk.inputs.view(chunk.rows), members, noise, chunk.outputs.view(chunk.rows),
                     penalties);
 }
 
-// Completes one step of one chunk.
+// Completes one step of the chunk whose request is the oldest.
 Status ModelRollout::Advance() {
-  // The oldest request is the likeliest to be answered.
+  // The oldest request is the most likely to have been answered.
   std::unique_ptr<Chunk> chunk = std::move(active_.front());
   active_.pop_front();
   B4MRL_RETURN_IF_ERROR(ReceiveNext(*chunk));
@@ -195,7 +196,7 @@ Status ModelRollout::ReceiveNext(Chunk& chunk) {
   return Status();
 }
 
-// Moves the rows whose rollouts continue to the front.
+// Completes a step of all rows of a chunk, and moves the rows whose rollouts continue to the front.
 void ModelRollout::CompleteStep(Chunk& chunk) {
   int kept = 0;
   for (int row = 0; row < chunk.rows; ++row) {
@@ -208,7 +209,8 @@ void ModelRollout::CompleteStep(Chunk& chunk) {
   chunk.rows = kept;
 }
 
-// Records one transition; false when its rollout ends with it.
+// Computes o' and r~ of one row and records the transition. Returns whether the row's rollout
+// continues.
 bool ModelRollout::CompleteRow(Chunk& chunk, int row) {
   const int size = options_.observation_size;
   float* next = chunk.next.view().column(row);
@@ -242,7 +244,7 @@ bool ModelRollout::CompleteRow(Chunk& chunk, int row) {
 Result<RolloutCounts> ModelRollout::Finish(ReplayBuffer& pool) {
   if (!done()) worker_.join();
   B4MRL_RETURN_IF_ERROR(std::exchange(worker_status_, Status()));
-  // Chunks finish out of order: one whose rollouts all end early overtakes others.
+  // Chunks finish out of order, since a chunk whose rollouts all end early overtakes others.
   std::sort(finished_.begin(), finished_.end(),
             [](const auto& a, const auto& b) { return a->first_row < b->first_row; });
   const size_t size = options_.observation_size, actions = options_.action_size;
