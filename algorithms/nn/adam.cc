@@ -16,7 +16,7 @@ AdamStep<Scalar> MakeConstants(const AdamOptions& options, int64_t step) {
           static_cast<Scalar>(1 / std::sqrt(correction2)), static_cast<Scalar>(options.epsilon)};
 }
 
-// The new parameter; updates both moments.
+// Updates both moments of one parameter and returns the parameter's new value.
 template <typename Scalar>
 inline Scalar StepOne(const AdamStep<Scalar>& c, Scalar parameter, Scalar gradient, Scalar& first,
                       Scalar& second) {

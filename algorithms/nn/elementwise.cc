@@ -22,14 +22,14 @@ void AddBiasRelu(std::span<const Scalar> bias, MatrixView<Scalar> y) {
     Scalar* __restrict out = y.column(column);
     for (int row = 0; row < y.rows; ++row) {
       const Scalar z = out[row] + b[row];
-      out[row] = z < 0 ? Scalar(0) : z;  // in this order NaN stays NaN
+      out[row] = z < 0 ? Scalar(0) : z;  // keeps NaN, since NaN < 0 is false
     }
   }
 }
 
 namespace {
 
-// z in `y` becomes z sigmoid(z), for `size` numbers that lie side by side.
+// Replaces `size` consecutive numbers z in `y` by z sigmoid(z).
 template <typename Scalar>
 void Swish(int64_t size, Scalar* y, Scalar* slopes) {
   using Array = Eigen::Array<Scalar, Eigen::Dynamic, 1>;
@@ -96,8 +96,8 @@ void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradien
 
 template <typename Scalar>
 void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
-  // Squares of whole SIMD registers, transposed by shuffles; left to itself the compiler moves
-  // single numbers.
+  // Transposes square blocks of whole SIMD registers by shuffles; plain loops would be compiled to
+  // moves of single numbers.
   using Packet = typename Eigen::internal::packet_traits<Scalar>::type;
   constexpr int kSquare = Eigen::internal::packet_traits<Scalar>::size;
   for (int column = 0; column < from.columns; column += kSquare) {

@@ -5,9 +5,9 @@
 namespace b4mrl {
 namespace {
 
-// value = softplus(x) = max(x, 0) + log(1 + exp(-|x|)); slope = its derivative, the sigmoid, and
-// rest = 1 - slope without cancellation. Nothing overflows: where x < -80 the slope is 0 in effect.
-// (Eigen's select would not vectorise; a second exponential does.)
+// value = softplus(x) = max(x, 0) + log(1 + exp(-|x|)); slope = the derivative of softplus, a
+// sigmoid; rest = 1 - slope without cancellation. Nothing overflows: for x < -80 the slope is
+// practically 0. (A second exponential vectorises, Eigen's select would not.)
 template <typename Scalar>
 void Softplus(const Strip<Scalar>& x, Strip<Scalar>& value, Strip<Scalar>& slope,
               Strip<Scalar>& rest) {
@@ -17,13 +17,13 @@ void Softplus(const Strip<Scalar>& x, Strip<Scalar>& value, Strip<Scalar>& slope
   rest *= slope;
 }
 
-// The strips of one column range, and its tiled constants.
+// Strips with the intermediate results of the loss on one column range.
 template <typename Scalar>
 struct LossStrips {
-  Strip<Scalar> upper, lower;  // bounds, tiled
-  Strip<Scalar> log_var;       // raw, then bounded
+  Strip<Scalar> upper, lower;  // max and min of `bounds`, repeated for every column
+  Strip<Scalar> log_var;       // raw, later bounded log-variances
   Strip<Scalar> slope_upper, slope_lower;
-  Strip<Scalar> rest_upper, rest_lower;  // `rest` of the two softplus
+  Strip<Scalar> rest_upper, rest_lower;  // Softplus's `rest` for the upper and lower bound
   Strip<Scalar> x, error, precision, d_log_var;
 };
 
@@ -37,7 +37,7 @@ void Bound(LossStrips<Scalar>& s) {
   s.log_var += s.lower;
 }
 
-// sums[k] += sum over columns of strip(k, column).
+// Adds to sums[k] the sum over columns of strip(k, column).
 template <typename Scalar>
 void AddRowSums(const Strip<Scalar>& strip, int rows, Scalar* sums) {
   const int columns = static_cast<int>(strip.size()) / rows;
@@ -46,7 +46,7 @@ void AddRowSums(const Strip<Scalar>& strip, int rows, Scalar* sums) {
   }
 }
 
-// The loss on one column range, times the whole batch's n K.
+// The loss on one column range, multiplied by n K of the whole batch.
 template <typename Scalar>
 double StripLoss(LossStrips<Scalar>& s, MatrixView<const Scalar> output,
                  MatrixView<const Scalar> targets, Scalar weight,

@@ -18,7 +18,7 @@ int64_t RoundUp(int64_t size) {
   return (size + kCacheLineScalars - 1) / kCacheLineScalars * kCacheLineScalars;
 }
 
-// A member's weights seen column-major: inputs x outputs.
+// A member's weights as a column-major matrix: inputs x outputs.
 template <typename Scalar>
 MatrixView<Scalar> WeightView(const MlpLayout::Layer& layer, Scalar* parameters, int member) {
   const int64_t size = static_cast<int64_t>(layer.outputs) * layer.inputs;
@@ -31,7 +31,7 @@ std::span<Scalar> BiasSpan(const MlpLayout::Layer& layer, Scalar* parameters, in
           static_cast<size_t>(layer.outputs)};
 }
 
-// A member's block of the input: its own rows, or all of them where the members share it.
+// A member's rows of `input`, or the whole input if the members share it.
 template <typename Scalar>
 MatrixView<const Scalar> InputBlock(const MlpLayout& layout, MatrixView<const Scalar> input,
                                     int m) {
@@ -51,15 +51,14 @@ MatrixView<Scalar> MemberBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& wo
   return buffer.ColumnBlock(m * (buffer.columns / workspace.members), workspace.batch);
 }
 
-// How many of a product's columns to take at a time, so that what follows it meets them in the
-// cache.
+// Columns per block of a product, so that the next pass over a block finds it in the cache.
 template <typename Scalar>
 int ColumnsAtOnce(int rows, int inner, int columns) {
   const int narrow = NarrowProductColumns<Scalar>(rows, inner);
   return narrow > 0 ? narrow : columns;
 }
 
-// Bias and activation of layer `index` on some columns of its output.
+// Adds the bias and applies the activation of layer `index` to some columns of its output.
 template <typename Scalar>
 void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bias,
               MatrixView<Scalar> output, MatrixView<Scalar> slopes) {
@@ -72,7 +71,7 @@ void Activate(const MlpLayout& layout, size_t index, std::span<const Scalar> bia
   }
 }
 
-// Layer `index` of one member.
+// The forward pass of layer `index` for one member.
 template <typename Scalar>
 void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member, int m,
                   size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace,
@@ -111,8 +110,9 @@ void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_
   }
 }
 
-// From d loss / d output of layer `index` to that of the layer below, before its bias; where
-// `bias_gradient` is not empty, also to that bias.
+// The backward pass through layer `index`: from d loss / d its output to d loss / d the output of
+// the layer below, before the activation. If `bias_gradient` is not empty, writes d loss / d the
+// bias of the layer below, too.
 template <typename Scalar>
 void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int member, int m,
                       size_t index, MlpWorkspace<Scalar>& workspace,
@@ -121,7 +121,7 @@ void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int mem
   const MatrixView<Scalar> from = MemberBlock(layout, workspace, workspace.gradients, index, m);
   const MatrixView<Scalar> to = MemberBlock(layout, workspace, workspace.gradients, index - 1, m);
   const bool swish = layout.shape().activation == Activation::kSwish;
-  // What the derivative of the activation is told from.
+  // The numbers that determine the activation's derivative: swish's slopes, or ReLU's outputs.
   const MatrixView<const Scalar> kept = MemberBlock(
       layout, workspace, swish ? workspace.slopes : workspace.activations, index - 1, m);
   const MatrixView<const Scalar> weight = WeightView(layer, parameters, member);

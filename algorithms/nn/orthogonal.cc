@@ -15,13 +15,14 @@ double Dot(const Vector& a, const Vector& b) {
   return sum;
 }
 
-// Normal vectors, orthonormalised one after the other (Gram-Schmidt): uniformly distributed.
+// Draws `count` orthonormal vectors, uniformly distributed: normal vectors, orthonormalised one
+// after the other (Gram-Schmidt).
 std::vector<Vector> OrthonormalVectors(int count, int size, Rng& rng) {
   std::vector<Vector> vectors(count, Vector(size));
   for (int k = 0; k < count; ++k) {
     Vector& vector = vectors[k];
     rng.FillNormal(std::span<double>(vector));
-    // The second pass removes what rounding left of the first.
+    // A second pass removes the components that rounding left after the first pass.
     for (int pass = 0; pass < 2; ++pass) {
       for (int j = 0; j < k; ++j) {
         const double share = Dot(vector, vectors[j]);

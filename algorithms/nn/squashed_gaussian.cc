@@ -69,7 +69,7 @@ void SquashedGaussianBackward(const SquashedGaussianOptions& options, MatrixView
     for (int k = 0; k < size; ++k) {
       const Scalar a = actions(k, i);
       const Scalar slope = 1 - a * a;  // da/du
-      // Where a rounds to +-1 the exact form's ratio is 1 in the limit.
+      // The exact form's ratio is 1, also in the limit where a rounds to +-1.
       const Scalar ratio = epsilon == 0 ? Scalar(1) : slope / (slope + epsilon);
       const Scalar to_u = action_gradient(k, i) * slope + log_prob_gradient * 2 * a * ratio;
       const Scalar raw = head(size + k, i);

@@ -34,7 +34,7 @@ double AdvantageWeights(std::span<const Scalar> q, std::span<const Scalar> v, Sc
   const size_t n = v.size();
   double sum = 0;
   for (size_t i = 0; i < n; ++i) {
-    // In this order of arguments NaN stays NaN; an overflow to infinity becomes `largest`.
+    // This order of std::min's arguments keeps NaN; an overflow to infinity becomes `largest`.
     weights[i] = std::min(std::exp(temperature * (q[i] - v[i])), largest);
     sum += weights[i];
   }

@@ -7,13 +7,14 @@
 namespace b4mrl {
 namespace {
 
-// sgemm_small_matrix_permit of OpenBLAS 0.3.21 for SkylakeX and its successors: the products that
-// it hands to kernels without packing.
+// From sgemm_small_matrix_permit of OpenBLAS 0.3.21, for SkylakeX and its successors: the largest
+// product, in multiplications, that OpenBLAS gives to kernels without packing.
 constexpr int64_t kSmallProduct = 1'000'000;
-// Those kernels are fastest on whole groups of columns: of four where b is as it lies, of six where
-// it is transposed.
+// Kernels without packing are fastest on whole groups of columns: groups of four columns if b is
+// not transposed, of six if b is transposed.
 constexpr int kColumnGroup = 12;
-// Wider gains nothing; narrower keeps c in the first-level cache for what follows.
+// Widest useful block, in columns: wider blocks are not faster, and c would leave the first-level
+// cache before its next use.
 constexpr int kNarrowMax = 8 * kColumnGroup;
 
 bool HasKernelsWithoutPacking() {
@@ -95,8 +96,9 @@ void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<cons
     const int narrow = a_flipped ? 0 : NarrowProductColumns<Scalar>(c.rows, inner);
     const int step = narrow == 0 ? c.columns : narrow;
     if (!accumulate && !HasKernelsWithoutPacking()) {
-      // The same bits as with beta 0, for which those kernels clear c more slowly: products with an
-      // inner size of 23 to 40 become a fifth to two fifths faster, of 200 and more some percent.
+      // Clear and beta 1 give the bits of beta 0, with which OpenBLAS clears c more slowly:
+      // products with an inner size of 23 to 40 become 20% to 40% faster, of 200 and more some
+      // percent.
       Clear(c);
       beta = 1;
     }
