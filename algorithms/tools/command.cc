@@ -16,7 +16,7 @@ namespace b4mrl {
 
 namespace {
 
-// What to do where nobody answers.
+// Adds to an error of an unreachable daemon how to start one.
 Status ExplainUnreachable(Status status) {
   if (status.code() != StatusCode::kUnavailable || Interrupted()) return status;
   return Status(status.code(), status.message() + "; is it running? `b4mrl serve` starts one");

@@ -58,7 +58,7 @@ Result<std::vector<std::string>> ExpandConfigFile(std::vector<std::string> argum
     arguments.erase(found);
   }
   B4MRL_ASSIGN_OR_RETURN(const std::vector<std::string> options, ReadOptions(path));
-  // Behind the command's own word, in front of everything else.
+  // Insert the file's options after the command's word, before all other arguments.
   const auto place = arguments.begin() + (arguments.empty() ? 0 : 1);
   arguments.insert(place, options.begin(), options.end());
   return arguments;

@@ -1,5 +1,5 @@
-// b4mrl dataset export|info: the commands that read a dataset, through the daemon, whose importer
-// distrusts the file in a sandbox. dataset_make.cc has make and import.
+// b4mrl dataset export|info: the commands that read a dataset through the daemon, whose sandboxed
+// importer reads the untrusted file. dataset_make.cc has make and import.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@ struct ReadCommand {
   bool json = false;
   DaemonOptions daemon;
 
-  // Opens the named, possibly corrupted dataset and calls `use`, one of the two below.
+  // Opens the dataset with its corruptions and calls `use`, which is Export or Info.
   using Use = std::optional<Failure> (ReadCommand::*)(Client&, RemoteDataset&);
   std::optional<Failure> WithDataset(Use use);
   std::optional<Failure> Export(Client&, RemoteDataset& dataset);
@@ -103,7 +103,7 @@ std::optional<Failure> ReadCommand::Info(Client& client, RemoteDataset& dataset)
                                 {"behaviour_policy", info.behaviour_policy()},
                                 {"fingerprint", dataset.fingerprint()}};
   const auto environment = client.FindEnvironment(dataset.environment());
-  if (environment.ok()) {  // others have no reference scores
+  if (environment.ok()) {  // unknown environments have no reference returns
     if (const auto score = environment->NormalisedScore(scores.mean_return())) {
       out["behaviour_score"] = *score;
     }

@@ -28,8 +28,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A daemon's data folder, and the file in it that a command is about to write. The order of the
-// members is that of their ends in reverse: the daemon goes before its folders do.
+// A daemon's data folder, and the file in it that a command is about to write. Members are
+// destroyed in reverse order: first the daemon's connection, then the folders.
 struct Destination {
   NewFolders folders;
   std::optional<DaemonConnection> connection;
@@ -48,8 +48,8 @@ struct WriteCommand {
   std::optional<Failure> Make();
   std::optional<Failure> Import();
 
-  // Opens the daemon and makes room for the new dataset where the daemon will look for it. `advice`
-  // is for a name that is taken.
+  // Opens the daemon and makes the folder in which it will look for the new dataset. `advice` is
+  // part of the error message for a name that is taken.
   std::optional<Failure> Prepare(Destination& destination, std::string_view advice) const;
   Result<std::string> AgentPath() const;
   Result<CollectSummary> WriteEpisodes(const Agent& agent, const std::string& agent_file,
@@ -84,7 +84,7 @@ std::optional<Failure> WriteCommand::Prepare(Destination& destination,
 
 // ---- make
 
-// The given one, or the shipped behaviour policy, such as halfcheetah-medium.h5.
+// The given agent file, or a shipped behaviour policy's file, such as halfcheetah-medium.h5.
 Result<std::string> WriteCommand::AgentPath() const {
   if (!agent_path.empty()) return agent_path;
   const char* variable = std::getenv("B4MRL_AGENTS");
@@ -148,7 +148,7 @@ Result<CollectSummary> WriteCommand::WriteEpisodes(const Agent& agent,
   B4MRL_ASSIGN_OR_RETURN(const CollectSummary summary,
                          Collect(collect, policy, client, writer, progress));
   B4MRL_ASSIGN_OR_RETURN(const std::string agent_sha256, Sha256OfFile(agent_file));
-  Agent behaviour = agent;  // may have been trained on another task of the same sizes
+  Agent behaviour = agent;  // may be the agent of another task with equal sizes
   behaviour.provenance.environment = environment.name;
   B4MRL_RETURN_IF_ERROR(writer.SetPolicy(behaviour));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_name", name));
@@ -165,7 +165,7 @@ Result<CollectSummary> WriteCommand::WriteEpisodes(const Agent& agent,
 
 // ---- import
 
-// The daemon names the copy that it read, which is gone.
+// Replaces the path of the removed copy, which the daemon read, by the original's in a message.
 Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
   std::string message = status.message();
   for (size_t at = 0; (at = message.find(copy, at)) != std::string::npos; at += original.size()) {
@@ -174,8 +174,8 @@ Status InTermsOf(const std::string& original, const std::string& copy, const Sta
   return Status(status.code(), std::move(message));
 }
 
-// Whether the daemon would refuse the file again. A deadline, an interrupt or a full queue says
-// nothing about the file.
+// Whether the error is due to the file, so the daemon would refuse it again. Deadlines, interrupts
+// and full queues are not.
 bool LiesInFile(const Status& failure) {
   return failure.code() == StatusCode::kInvalidArgument ||
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||

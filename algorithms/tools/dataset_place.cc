@@ -34,7 +34,7 @@ std::string DatasetPath(const std::string& data_folder, const DatasetName& name)
 
 Status NewFolders::Make(const std::string& folder) {
   std::filesystem::path path;
-  // One by one, to know which of them are new.
+  // Make folders one by one, to know which of them are new.
   for (const std::filesystem::path& part : std::filesystem::path(folder)) {
     path /= part;
     if (mkdir(path.c_str(), 0777) == 0) {
@@ -50,7 +50,7 @@ Status NewFolders::Make(const std::string& folder) {
 }
 
 NewFolders::~NewFolders() {
-  // What holds something cannot be removed so.
+  // rmdir does not remove a folder that is not empty.
   for (auto folder = made_.rbegin(); folder != made_.rend(); ++folder) rmdir(folder->c_str());
 }
 

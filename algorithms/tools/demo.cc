@@ -13,16 +13,16 @@
 namespace b4mrl {
 namespace {
 
-// One state, two actions a0 and a1, a reward r in {0, 1}, and z in {0, 1}, which the log hides: the
-// paper's example of hidden confounding (section "Confounding Bias").
+// The paper's example of hidden confounding (section "Confounding Bias"): one state, two actions a0
+// and a1, a reward r in {0, 1}, and z in {0, 1}, which the log hides.
 constexpr double kProbabilityOfZ1 = 2.0 / 3;
-// P(r = 1 | z, a), indexed by z, then a. a1 is better whatever z is.
-// (The paper prints z = 1 twice; its fourth number is of z = 0.)
+// P(r = 1 | z, a), indexed by z, then a. a1 is better for either z.
+// (The paper prints z = 1 twice; its fourth number belongs to z = 0.)
 constexpr double kReward[2][2] = {{1.0 / 6, 1.0 / 4}, {1.0 / 3, 1.0 / 2}};
 constexpr std::array<const char*, 2> kActions = {"a0", "a1"};
 constexpr std::array<const char*, 2> kActing = {"5/18", "5/12"};  // E_z P(r = 1 | z, a)
 
-// The policy that was logged saw z.
+// The action of the logged policy, which saw z.
 int Behaviour(int z) { return z == 1 ? 0 : 1; }
 
 struct Estimate {
@@ -33,7 +33,7 @@ struct Estimate {
     rewards += reward ? 1 : 0;
   }
   double mean() const { return decisions > 0 ? static_cast<double>(rewards) / decisions : 0; }
-  // Of the mean.
+  // The standard deviation of mean().
   double deviation() const {
     return decisions > 0 ? std::sqrt(mean() * (1 - mean()) / decisions) : 0;
   }
@@ -49,9 +49,9 @@ class DecisionProblem {
   Rng rng_;
 };
 
-using Estimates = std::array<Estimate, 2>;  // one an action
+using Estimates = std::array<Estimate, 2>;  // one per action
 
-// P(r = 1 | a) as the log has it.
+// Estimates P(r = 1 | a) from a log of the behaviour policy.
 Estimates EstimateFromLog(DecisionProblem& problem, uint64_t decisions) {
   Estimates estimates;
   for (uint64_t i = 0; i < decisions && !Interrupted(); ++i) {
@@ -62,7 +62,7 @@ Estimates EstimateFromLog(DecisionProblem& problem, uint64_t decisions) {
   return estimates;
 }
 
-// E_z P(r = 1 | z, a), by taking each action as often as the log is long, whatever z is.
+// Estimates E_z P(r = 1 | z, a) by taking each action `decisions` times, whatever z is.
 Estimates EstimateByActing(DecisionProblem& problem, uint64_t decisions) {
   Estimates estimates;
   for (int action = 0; action < 2; ++action) {

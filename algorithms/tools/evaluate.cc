@@ -25,7 +25,7 @@ struct EvaluateCommand {
 
   void AddOptions();
   std::optional<Failure> Run();
-  // The evaluation, filmed if that was asked for.
+  // Runs the evaluation, with a video of it if `--video` was given.
   std::optional<Failure> Evaluate(Evaluator& evaluator, const AgentPolicy& policy);
   void Print(const EvaluationResult& result) const;
 };
@@ -61,7 +61,7 @@ std::optional<Failure> EvaluateCommand::Run() {
   if (!agent.ok()) return BadInput(agent.status());
   auto policy = AgentPolicy::Create(*agent, observe == "full" ? Observe::kFull : Observe::kTrained);
   if (!policy.ok()) return BadInput(policy.status());
-  // Sizes do not tell tasks apart: HalfCheetah and Walker2d have the same.
+  // Compare names, since tasks may have equal sizes, as HalfCheetah and Walker2d have.
   const std::string& home = agent->provenance.environment;
   if (!anyway && !home.empty() && home != environment) {
     return BadInput(
@@ -82,7 +82,7 @@ std::optional<Failure> EvaluateCommand::Run() {
 
 std::optional<Failure> EvaluateCommand::Evaluate(Evaluator& evaluator, const AgentPolicy& policy) {
   std::optional<VideoWriter> video;
-  Status video_status;  // what went wrong with the file rather than with the daemon
+  Status video_status;  // errors of the video file, as opposed to errors of the daemon
   const auto film = [&](RemoteEnvironment& session) -> Status {
     constexpr std::array<uint32_t, 1> kFirstLane = {0};
     B4MRL_ASSIGN_OR_RETURN(const Pictures pictures, session.Render(kFirstLane));

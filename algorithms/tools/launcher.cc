@@ -4,9 +4,9 @@
 //   b4mrl perf ...      -> b4mrl-perf ...       measurements
 //   b4mrl <other> ...   -> b4mrl-tools <other> ...
 //   b4mrl help ...      -> b4mrl ... --help
-// It replaces itself by the program, so signals, exit code and process id are the program's own. A
-// learner's process therefore never holds the simulator. B4MRL_SERVER, B4MRL_PERF and B4MRL_TOOLS
-// name another file to run. Links nothing of the project.
+// The launcher replaces itself by the program, so signals, exit code and process id are the
+// program's own, and a learner's process never holds the simulator. B4MRL_SERVER, B4MRL_PERF and
+// B4MRL_TOOLS name another file to run. Links nothing of the project.
 #include <unistd.h>
 
 #include <algorithm>
@@ -55,7 +55,7 @@ int main(int argc, char** argv) {
   } else {
     path = ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
   }
-  // argv[0] stays the program's path; a program of its own does not see its command's word.
+  // argv[0] stays the program's path; b4mrl-serve and b4mrl-perf do not get the command's word.
   char** arguments = own_program ? argv + 1 : argv;
   arguments[0] = path.data();
   execv(path.c_str(), arguments);

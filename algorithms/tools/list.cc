@@ -1,5 +1,5 @@
-// b4mrl list: the catalogue. Environments, perturbations and datasets are the daemon's, algorithms
-// this program's.
+// b4mrl list: prints the catalogue. Environments, perturbations and datasets come from the daemon,
+// algorithms from this program.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,7 +14,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// One object a line of the listing; "name" and "description" are printed as text.
+// Each of these functions makes the JSON object of one line of the listing; the text listing prints
+// its "name" and "description".
 Json EnvironmentItem(const pb::EnvironmentInfo& info) {
   const int observation_size = info.observation().dimensions_size();
   const int action_size = info.action().dimensions_size();
@@ -71,8 +72,8 @@ Json PerturbationItem(const pb::PerturbationInfo& info) {
   return item;
 }
 
-// "gravity=<factor> in -10..10, or LOW..HIGH: drawn anew for each episode",
-// "model=<file>: heavy.xml light.xml".
+// The syntax of a parametric perturbation: "gravity=<factor> in -10..10, or LOW..HIGH: drawn anew
+// for each episode", "model=<file>: heavy.xml light.xml".
 std::string ParametricForm(const Json& item) {
   std::string form =
       fmt::format("{}=<{}>", item["name"].get<std::string>(), item["parameter"].get<std::string>());

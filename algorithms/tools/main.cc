@@ -1,4 +1,4 @@
-// b4mrl-tools: the client side of the command line. `b4mrl` (launcher.cc) is how users call it.
+// b4mrl-tools: the client side of the command line, which users start by `b4mrl` (launcher.cc).
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -24,7 +24,7 @@ std::string CommandLine(int argc, char** argv) {
   return line;
 }
 
-// CLI11 would say only that an argument was not expected.
+// The error for a first word that is no command; CLI11's message would not suggest a name.
 std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std::string>& words) {
   if (words.empty() || words[0].starts_with("-")) return std::nullopt;
   std::vector<std::string> names;
@@ -33,7 +33,7 @@ std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std:
   return UnknownName("command", words[0], names);
 }
 
-// The first word that no command took.
+// The error for the first word that the command did not take.
 Status UnknownArgument(const CLI::App& app) {
   const CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
@@ -44,14 +44,14 @@ Status UnknownArgument(const CLI::App& app) {
 }
 
 int Report(const Failure& failure) {
-  // Whoever pressed Ctrl-C needs no name of an error.
+  // After Ctrl-C, print the message without the error's code.
   const bool is_error = failure.exit_code != kExitInterrupted;
   fmt::print(stderr, "b4mrl: {}\n",
              is_error ? failure.status.ToString() : failure.status.message());
   return failure.exit_code;
 }
 
-// What the launcher (launcher.cc) does without this program; here for the help alone.
+// Adds the commands that the launcher (launcher.cc) handles, only so that the help lists them.
 std::vector<Command> AddOtherPrograms(CLI::App& app) {
   std::vector<Command> commands;
   for (const auto& [name, description] :
@@ -69,7 +69,7 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
 int RunBody(const CommandBody& body) {
   std::optional<Failure> failure = body();
   if (!failure) return kExitDone;
-  // What else went wrong after an interrupt is told, such as a checkpoint that finds no room.
+  // Other errors after an interrupt are reported, such as a checkpoint on a full disk.
   const bool by_interrupt = failure->status.code() == StatusCode::kUnavailable;
   if (Interrupted() && by_interrupt && failure->exit_code != kExitInterrupted) {
     fmt::print(stderr, "b4mrl: interrupted\n");
@@ -93,7 +93,7 @@ int Run(int argc, char** argv) {
   auto arguments = ExpandConfigFile({argv + 1, argv + argc});
   if (!arguments.ok()) return Report(BadInput(arguments.status()));
   if (const auto unknown = UnknownCommand(app, *arguments)) return Report(BadUsage(*unknown));
-  std::reverse(arguments->begin(), arguments->end());  // as CLI11 takes them
+  std::reverse(arguments->begin(), arguments->end());  // CLI11 takes arguments in reverse
   try {
     app.parse(*std::move(arguments));
   } catch (const CLI::ExtrasError&) {

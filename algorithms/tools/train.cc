@@ -19,9 +19,9 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kMaxUpdates = 1'000'000'000'000;  // years
+constexpr uint64_t kMaxUpdates = 1'000'000'000'000;  // would take years
 
-// Hyperparameters as written, in the order in which they were given.
+// Names and values of hyperparameters as the user wrote them, in the order given.
 using NamedTexts = std::vector<std::pair<std::string, std::string>>;
 
 struct TrainCommand {
@@ -46,8 +46,9 @@ struct TrainCommand {
   void PrintSummary(const TrainSummary& summary) const;
 };
 
-// "  --batch-size 256 transitions   transitions in the batch [whole, 1..65536]", a line for who
-// chose the default, and a line for the environments that have another one.
+// A hyperparameter's help: "  --batch-size 256 transitions   transitions in the batch [whole,
+// 1..65536]", a line for the source of the default, and a line for environments with another
+// default.
 std::string HelpOf(const Hyperparameter& entry) {
   const std::string unit = entry.unit.empty() ? "" : fmt::format(" {}", entry.unit);
   const std::string allowed =
@@ -75,7 +76,7 @@ std::string HelpOf(const Algorithm& algorithm, const std::string& environment) {
   return text;
 }
 
-// Behind the options: the chosen algorithm's hyperparameters, or what can be chosen.
+// The end of the help: the chosen algorithm's hyperparameters, or the algorithms to choose from.
 std::string AlgorithmHelp(const std::string& chosen, const std::string& environment) {
   const auto found = FindAlgorithm(chosen);
   if (found.ok()) return HelpOf(**found, environment);
@@ -112,7 +113,7 @@ void TrainCommand::AddOptions() {
       ->transform(Count(1, kMaxUpdates));
   app->add_option("--eval-episodes", options.eval_episodes, "episodes of each evaluation [10]")
       ->transform(Count(1, limits::kMaxLanesPerSession));
-  // Hidden: the configurations that earlier versions wrote have it, and shall go on working.
+  // A hidden option that has no effect: configurations written by earlier versions contain it.
   app->add_flag("--eval-inline", eval_inline)->group("");
   app->add_option("--log-every", options.log_every,
                   "updates from one row of the logs to the next [1000]")
@@ -156,14 +157,15 @@ std::optional<Failure> TrainCommand::ChooseFolder() {
     if (!algorithm.ok()) return BadUsage(algorithm.status());
     options.folder = "runs/" + RunName(options, (*algorithm)->needs);
   }
-  // Otherwise --resume begins a run where there is none, so that one command does for both.
+  // With --algorithm, --resume begins a run if there is none, so that one command does both.
   if (options.resume && options.algorithm.empty() && !HasRunRecord(options.folder)) {
     return BadInput(Status(StatusCode::kUnknownName, options.folder + " holds no run"));
   }
   return std::nullopt;
 }
 
-// An identity option: as recorded when not given, refused when it differs.
+// Merges an identity option: if not given, it takes the recorded value; a different value is
+// refused.
 template <typename T>
 Status TrainCommand::Merge(const std::string& name, T& given, const T& recorded) {
   if (Given(name) && given != recorded) {
@@ -191,13 +193,14 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   if (!Given("log-every")) options.log_every = old.log_every;
   if (!Given("checkpoint-every")) options.checkpoint_every = old.checkpoint_every;
   if (!Given("stop-at-score")) options.stop_at_score = old.stop_at_score;
-  // Record and agents name the command that began the run, for it says what the run is.
+  // Record and agents store the command that began the run, since it defines the run.
   options.command = old.command;
   hyperparameters = std::move(record.hyperparameters);
   return Status();
 }
 
-// "--gamma 0.98" and "--gamma=0.98", which CLI11 hands back because it does not know them.
+// Parses hyperparameters, "--gamma 0.98" or "--gamma=0.98", from the words that CLI11 does not
+// know.
 Result<NamedTexts> ParseExtras(const std::vector<std::string>& words) {
   NamedTexts values;
   for (size_t i = 0; i < words.size(); ++i) {
@@ -260,10 +263,10 @@ Failure RunFailure(const Status& status) {
   return FromDaemon(status);
 }
 
-// What there is to be continued.
+// Reports the state of the run that will be resumed.
 void SayStateOf(const std::string& folder, Progress& progress) {
   const auto run = ReadRunStatus(folder);
-  if (!run.ok()) return;  // none yet, or Train says what is wrong with it
+  if (!run.ok()) return;  // there is no run yet, or Train will report the error
   progress.Message(fmt::format("the run in {} so far: {}{}", folder, RunStateName(run->state),
                                run->reason.empty() ? "" : fmt::format(" ({})", run->reason)));
 }
@@ -272,7 +275,7 @@ std::optional<Failure> TrainCommand::Run() {
   if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
   if (auto failure = ChooseFolder()) return failure;
   NamedTexts recorded;
-  // A run may be killed before its first checkpoint, too.
+  // A run that was killed before its first checkpoint has a record, too.
   if (options.resume && HasRunRecord(options.folder)) {
     if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
   }

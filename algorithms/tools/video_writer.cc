@@ -14,7 +14,7 @@ namespace b4mrl {
 namespace {
 
 constexpr int64_t kFrameMs = 30'000;    // for ffmpeg to take one picture
-constexpr int64_t kFinishMs = 120'000;  // to encode what it holds back
+constexpr int64_t kFinishMs = 120'000;  // for ffmpeg to encode the pictures that it still holds
 
 std::vector<std::string> CommandLine(const std::string& path, uint32_t width, uint32_t height,
                                      double frames_per_second) {
@@ -29,7 +29,7 @@ std::vector<std::string> CommandLine(const std::string& path, uint32_t width, ui
   add("-video_size", fmt::format("{}x{}", width, height));
   add("-framerate", rate);
   add("-i", "pipe:0");
-  add("-r", rate);  // or ffmpeg takes 125 for a slip of 120
+  add("-r", rate);  // otherwise ffmpeg changes 125 pictures per second to 120
   add("-pix_fmt", "yuv420p");
   words.push_back("file:" + path);  // so that no path is read as an option or a protocol
   return words;
@@ -75,7 +75,7 @@ Status VideoWriter::Write(std::span<const uint8_t> frame) {
 }
 
 Status VideoWriter::Finish() {
-  pipe_ = UniqueFd();  // the end of its input
+  pipe_ = UniqueFd();  // ends ffmpeg's input
   const int wait_status = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
   process_id_ = 0;
   if (wait_status == 0) return Status();  // exit code 0, no signal
