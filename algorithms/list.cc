@@ -2,7 +2,7 @@
 
 #include <vector>
 
-// One line for each file in learners/: LINE(Sac) is the function SacAlgorithm() of sac.cc.
+// One line for each learner's file in learners/: LINE(Sac) stands for SacAlgorithm() of sac.cc.
 #define B4MRL_ALGORITHMS(LINE) \
   LINE(Sac)                    \
   LINE(Td3)                    \
