@@ -57,7 +57,7 @@ std::string HashText(std::string_view text) {
   return hash.Hex();
 }
 
-// The manifest's hash covers everything but itself.
+// The hash of a manifest, over everything in it but the hash.
 std::string HashManifest(Json manifest) {
   manifest.erase("hash");
   return HashText(manifest.dump());
@@ -114,17 +114,17 @@ Status ColumnCache::Lock() {
   const std::string path = ManifestPath(folder_);
   lock_ = UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
   if (!lock_.valid()) return errno == ENOENT ? gone : IoError("open", path, errno);
-  // On a file system without locks, caches are served without them.
+  // On a file system without locks, caches are served without locks.
   if (flock(lock_.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK) return gone;
   struct stat info {};
   if (fstat(lock_.get(), &info) != 0) return IoError("inspect", path, errno);
-  return info.st_nlink > 0 ? Status() : gone;  // it was removed between our open and our lock
+  return info.st_nlink > 0 ? Status() : gone;  // `gone` if removed between our open and our lock
 }
 
 Status ColumnCache::ReadManifest() {
   B4MRL_ASSIGN_OR_RETURN(const std::string text,
                          ReadSmallFile(ManifestPath(folder_), kMaxManifestBytes));
-  // Values that are nested deeper than ours are dropped, because dump() recurses.
+  // Drops values that are nested deeper than a manifest's, because dump() recurses.
   const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= 4; };
   const Json manifest = Json::parse(text, shallow, /*allow_exceptions=*/false);
   if (!manifest.is_object()) return Damaged(folder_, "its manifest is not a JSON object");
@@ -167,7 +167,7 @@ Status ColumnCache::MapColumn(const CachedColumn& column) {
   if (bytes > 0) {
     data = mmap(nullptr, bytes, PROT_READ, MAP_SHARED, fd.get(), 0);
     if (data == MAP_FAILED) return IoError("map", path, errno);
-    // Batches touch rows at random: reading ahead of them would be wasted.
+    // Batches touch rows at random, so the kernel's read-ahead would be wasted.
     madvise(data, bytes, MADV_RANDOM);
   }
   mappings_.push_back({data, bytes});
@@ -230,7 +230,7 @@ ColumnCacheWriter::~ColumnCacheWriter() {
 
 Result<ColumnCacheWriter> ColumnCacheWriter::Create(const std::string& folder) {
   const std::string temporary = TemporaryBeside(folder);
-  // A killed process that had our id may have left a folder of that name.
+  // A killed process with the same process id may have left a folder of this name.
   RemoveCache(temporary);
   const mode_t mode = ModeInside(FolderOf(folder));
   if (mkdir(temporary.c_str(), mode) != 0) return IoError("create folder", temporary, errno);
@@ -286,7 +286,7 @@ Status ColumnCacheWriter::WriteManifest() {
                                    {"width", d.width},
                                    {"hash", column.hash.Hex()}});
   }
-  // Text from a file's metadata need not be UTF-8; JSON must be.
+  // Text from a file's metadata need not be UTF-8, but JSON must be.
   const auto replace = Json::error_handler_t::replace;
   manifest = Json::parse(manifest.dump(-1, ' ', false, replace), nullptr, false);
   manifest["hash"] = HashManifest(manifest);
@@ -294,17 +294,17 @@ Status ColumnCacheWriter::WriteManifest() {
 }
 
 Status ColumnCacheWriter::Commit() {
-  // Columns are not fsynced: sizes and hashes are checked when they are mapped, and a damaged cache
-  // can be made again.
+  // Column files are not fsynced: mapping and Verify check their sizes and hashes, and a damaged
+  // cache can be made again.
   B4MRL_RETURN_IF_ERROR(WriteManifest());
-  return PlaceCache(temporary_, folder_);  // the destructor removes ours if the place was taken
+  return PlaceCache(temporary_, folder_);  // the destructor removes ours if a cache was there
 }
 
 Status PlaceCache(const std::string& made, const std::string& folder) {
   if (rename(made.c_str(), folder.c_str()) == 0) return SyncFolder(FolderOf(folder));
   if (errno != ENOTEMPTY && errno != EEXIST) return IoError("create folder", folder, errno);
   if (access(ManifestPath(folder).c_str(), F_OK) == 0) return Status();
-  RemoveCache(folder);  // a part of it was deleted
+  RemoveCache(folder);  // the cache there has no manifest: a part of it was deleted
   if (rename(made.c_str(), folder.c_str()) != 0) return IoError("create folder", folder, errno);
   return SyncFolder(FolderOf(folder));
 }

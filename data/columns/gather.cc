@@ -7,7 +7,8 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kCacheLine = 64;
-// Prefetching so many rows ahead, memory answers in time and the processor's miss buffers suffice.
+// Rows that are prefetched ahead: enough to hide the latency of memory, and few enough for the
+// processor's miss buffers.
 constexpr size_t kRowsAhead = 12;
 constexpr size_t kRowsBetweenCalls = 32;
 
@@ -19,8 +20,8 @@ void PrefetchRow(const GatherColumn& column, uint64_t row) {
   __builtin_prefetch(begin + column.row_bytes - 1);
 }
 
-// Rows are short, so copying pieces of fixed size, the last of which overlaps, beats a call of
-// memcpy.
+// Copies a row. Rows are short, so copies of pieces of fixed size, the last of which overlaps the
+// one before it, are faster than a call of memcpy.
 inline void CopyRow(std::byte* to, const std::byte* from, size_t bytes) {
   constexpr size_t kPiece = 16;
   if (bytes >= kPiece) {

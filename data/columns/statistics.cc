@@ -19,7 +19,8 @@ std::string FormatNumbers(std::span<const double> values) {
   return text;
 }
 
-// Shortest round-trip decimals, "nan" and "inf" included, separated by spaces.
+// Parses numbers that FormatNumbers wrote: shortest round-trip decimals, "nan" and "inf", separated
+// by spaces.
 Result<std::vector<double>> ParseNumbers(std::string_view name, std::string_view text) {
   std::vector<double> values;
   while (!text.empty()) {
@@ -54,8 +55,8 @@ void Moments::Add(double value) {
   if (count_ == 1 || value > max_) max_ = value;
 }
 
-// The minimum and maximum miss a NaN, since comparisons with NaN are false, but the mean is NaN
-// then. It is NaN after an infinity too, since infinity - infinity is NaN.
+// After a NaN or an infinity the mean is NaN, since infinity - infinity is NaN. Minimum and maximum
+// would miss a NaN, since comparisons with NaN are false.
 double Moments::mean() const { return count_ == 0 ? kNaN : mean_; }
 double Moments::std() const {
   return count_ == 0 ? kNaN : std::sqrt(squares_ / static_cast<double>(count_));

@@ -94,7 +94,7 @@ Status ReadOptional(const Hdf5Reader& file, const std::string& path, double high
   return Status();
 }
 
-// A seed uses all 64 bits, so it travels as text: numbers are read as doubles.
+// Reads a seed, which is stored as text: it uses all 64 bits, and numbers are read as doubles.
 Status ReadSeed(const Hdf5Reader& file, uint64_t* seed) {
   std::string text;
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/seed", &text));

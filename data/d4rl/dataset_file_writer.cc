@@ -26,7 +26,7 @@ struct FileColumn {
   std::string_view path;
   Hdf5Type type;
   std::span<const T> DatasetRows::*values;
-  size_t (*width)(const DatasetWriterOptions& options);  // elements of a row; 0: no such column
+  size_t (*width)(const DatasetWriterOptions& options);  // elements of a row; 0: no column
   bool has_width = false;                                // whether the array has two dimensions
 };
 
@@ -35,7 +35,7 @@ constexpr size_t ObservationSize(const DatasetWriterOptions& options) {
   return options.observation_dimensions;
 }
 
-// The columns in the order of the file, which decides its bytes.
+// The columns in their order in the file; another order would give a file of other bytes.
 constexpr std::tuple kColumns = {
     FileColumn<float>{"observations", Hdf5Type::kFloat32, &DatasetRows::observations,
                       ObservationSize, true},
@@ -101,7 +101,8 @@ Status DatasetWriter::CheckSizes(const DatasetRows& rows) const {
 
 Status DatasetWriter::Append(const DatasetRows& rows) {
   B4MRL_RETURN_IF_ERROR(CheckSizes(rows));
-  // Cut where chunks end: the order of chunks in the file must not show how rows were appended.
+  // Append chunk by chunk, so that the order of chunks in the file does not depend on how the
+  // caller split the rows.
   for (size_t first = 0; first < rows.rows;) {
     const size_t count = std::min<size_t>(rows.rows - first, kChunkRows - rows_ % kChunkRows);
     B4MRL_RETURN_IF_ERROR(VisitColumns(kColumns, [&](const auto& column, size_t number) -> Status {

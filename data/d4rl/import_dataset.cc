@@ -15,7 +15,7 @@
 namespace b4mrl {
 namespace {
 
-// Blocks follow the chunks of the widest column, within this much memory.
+// Largest memory of a block of rows, in bytes; blocks follow the chunks of the widest column.
 constexpr uint64_t kMaxBlockBytes = 128ull << 20;
 
 // The file's columns, checked against each other.
@@ -28,7 +28,7 @@ struct SourceColumns {
   uint32_t action_size = 0;
 };
 
-// Memory for one block of rows, and the views of it.
+// Memory for one block of rows, and the views of that memory.
 struct Block {
   std::vector<float> observations, actions, rewards, next_observations;
   uint64_t first_row = 0;
@@ -118,7 +118,7 @@ Result<SourceColumns> OpenSource(const Hdf5Reader& file) {
   return source;
 }
 
-// Elements of a row: of observation, next observation, action and reward.
+// Floats in a row: observation, next observation, action and reward.
 uint64_t RowFloats(const SourceColumns& source) {
   return 2ull * source.observation_size + source.action_size + 1;
 }
@@ -209,7 +209,7 @@ Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& 
                                uint64_t max_cache_bytes) {
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(file_path));
   B4MRL_ASSIGN_OR_RETURN(const SourceColumns source, OpenSource(file));
-  const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // and two flags
+  const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // 2: two flags
   if (bytes > max_cache_bytes) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("{} takes {} bytes when it is served, allowed: {}", file_path, bytes,

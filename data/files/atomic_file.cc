@@ -12,7 +12,8 @@
 namespace b4mrl {
 namespace {
 
-// If another writer commits between our open and our lock, our descriptor is of its finished file.
+// Whether `path` still names the file of `fd`. If another writer commits between our open and our
+// lock, `fd` is the other writer's finished file.
 bool StillNamed(int fd, const std::string& path) {
   struct stat held {};
   struct stat named {};

@@ -14,7 +14,7 @@ Status MakeFolder(const std::string& path, mode_t mode) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) return IoError("inspect", path, errno);
   if (!S_ISDIR(info.st_mode)) return IoError("create", path, ENOTDIR);
-  // EPERM: another member of the group owns the folder, whose mode stays as it is.
+  // EPERM is no error: another member of the group owns the folder, and its mode stays.
   if ((info.st_mode & 02777) != mode && chmod(path.c_str(), mode) != 0 && errno != EPERM) {
     return IoError("set the mode of", path, errno);
   }

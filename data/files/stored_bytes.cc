@@ -7,7 +7,7 @@
 
 namespace b4mrl {
 
-// Not st_blocks: some file systems report them late, or not at all.
+// Does not use st_blocks, which some file systems report late or not at all.
 uint64_t StoredBytes(int fd) {
   constexpr int kMaxPieces = 65536;
   struct stat info {};

@@ -10,7 +10,7 @@
 namespace b4mrl {
 namespace {
 
-// The library casts between this and its first member.
+// An open file of the driver; the library casts between DriverFile and its first member.
 struct DriverFile {
   H5FD_t base;
   haddr_t end_of_allocation;
@@ -68,7 +68,7 @@ herr_t Read(H5FD_t* file, H5FD_mem_t, hid_t, haddr_t address, size_t size, void*
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) Remember(state, errno);
     if (got <= 0 && !state->writable) return -1;
-    if (got <= 0) {  // a hole of a file that is being written
+    if (got <= 0) {  // beyond the end of a file that is being written
       std::memset(out, 0, size);
       return 0;
     }

@@ -13,8 +13,8 @@ namespace {
 // The header of a collection of the global heap: "GCOL", version, three zeros, size of the
 // collection.
 constexpr std::array<char, 8> kHeapStart = {'G', 'C', 'O', 'L', 1, 0, 0, 0};
-// The header of an object of the collection: index, reference count, four zeros, size. Objects
-// begin at multiples of 8 bytes; the object with index 0 is the free space behind the last object.
+// Bytes of the header of an object in a collection: index, reference count, four zeros, size.
+// Objects begin at multiples of 8 bytes; index 0 is the free space behind the last object.
 constexpr uint64_t kHeaderBytes = 16;
 
 bool ReadAt(int fd, uint64_t address, void* out, size_t bytes) {

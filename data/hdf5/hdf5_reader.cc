@@ -28,7 +28,7 @@ constexpr uint64_t kInflationSlackBytes = 64 * 1024;
 struct OpenFile {
   UniqueFd fd;
   Hdf5DriverState driver;
-  uint64_t stored_bytes = 0;  // without its holes
+  uint64_t stored_bytes = 0;  // size of the file without its holes
   Hdf5Handle handle;
   std::string path;
 };

@@ -49,7 +49,7 @@ size_t ElementSize(Hdf5Type type) {
   }
 }
 
-// No timestamps, so that equal content is equal bytes.
+// Creation properties of datasets without timestamps, so that equal content gives equal bytes.
 Hdf5Handle CreationList() {
   Hdf5Handle list(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_obj_track_times(list.get(), false);
