@@ -29,7 +29,7 @@ std::string ProgramBesideThisOne(std::string_view name) {
 
 namespace {
 
-// Descriptors beyond stderr stay ours. Returns 0 or an errno.
+// Starts a program that inherits no descriptor beyond stderr. Returns 0 or an errno.
 int Spawn(const std::string& program, std::vector<std::string> words,
           posix_spawn_file_actions_t* actions, const posix_spawnattr_t* attributes,
           pid_t* process_id) {
@@ -106,7 +106,7 @@ Status SendAll(int socket, std::span<const std::byte> bytes, const Deadline& dea
 int WaitForExit(pid_t child, const Deadline& deadline) {
   const UniqueFd handle(static_cast<int>(syscall(SYS_pidfd_open, child, 0)));
   int wait_status = 0;
-  // Without a descriptor (a sandbox may forbid it) looking now and then has to do.
+  // Without a pidfd (a sandbox may forbid pidfd_open), test every kLookMs whether the child ended.
   while (handle.get() < 0 && !deadline.expired()) {
     constexpr int kLookMs = 10;
     if (waitpid(child, &wait_status, WNOHANG) == child) return wait_status;

@@ -11,10 +11,10 @@ namespace {
 
 bool IsDigit(char c) { return c >= '0' && c <= '9'; }
 
-// The number's decimal digits, or nothing if it is not a whole one.
+// The decimal digits of the number in `text`, or nothing if the number is not whole.
 std::optional<std::string> PlainDigits(std::string_view text) {
   constexpr size_t kMaxLength = 64;
-  constexpr size_t kMaxDigits = 20;  // of a number of 64 bits
+  constexpr size_t kMaxDigits = 20;  // digits of the largest 64-bit number
   if (text.size() > kMaxLength) return std::nullopt;
   const size_t exponent_at = std::min(text.find_first_of("eE"), text.size());
   const std::string_view mantissa = text.substr(0, exponent_at);

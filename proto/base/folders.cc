@@ -24,7 +24,7 @@ std::string DefaultDataFolder() {
 }
 
 uint64_t FolderIdentity(const std::string& path) {
-  // The same until the machine starts anew, so the file is read once.
+  // The boot id stays the same until the machine restarts, so its file is read once.
   static const std::string boot = [] {
     std::ifstream kernel("/proc/sys/kernel/random/boot_id");
     std::string line;

@@ -19,7 +19,8 @@ uint64_t Finalize(uint64_t z) {
   return z ^ (z >> 31);
 }
 
-// Of a length known here, so that it unrolls and whole blocks of arguments vectorise.
+// A polynomial of a length known at compile time, so that its loop unrolls and passes over blocks
+// of arguments vectorise.
 template <size_t kLength>
 double Polynomial(const double (&coefficients)[kLength], double x) {
   double sum = 0;
@@ -34,7 +35,7 @@ double Log(double x) {
   static constexpr double kSeries[] = {1.0,      1.0 / 3,  1.0 / 5,  1.0 / 7,  1.0 / 9,
                                        1.0 / 11, 1.0 / 13, 1.0 / 15, 1.0 / 17, 1.0 / 19,
                                        1.0 / 21, 1.0 / 23, 1.0 / 25};
-  constexpr auto kLowest = std::bit_cast<uint64_t>(0.70710678118654752);  // of m
+  constexpr auto kLowest = std::bit_cast<uint64_t>(0.70710678118654752);  // smallest m
   const uint64_t bits = std::bit_cast<uint64_t>(x), above = bits - kLowest;
   const auto mantissa = std::bit_cast<double>(bits - (above & 0xfff0000000000000));
   const int32_t exponent = static_cast<int32_t>(above >> 32) >> 20;
@@ -42,7 +43,7 @@ double Log(double x) {
   return exponent * 0.69314718055994530942 + 2 * t * Polynomial(kSeries, t * t);
 }
 
-// AS 241's central region, in terms of q = p - 1/2, and its tails.
+// Bounds of AS 241's central region, |q| = |p - 1/2| <= kCentral, and of its near tail.
 constexpr double kCentral = 0.425;
 constexpr double kNearTail = 5;
 
@@ -63,7 +64,8 @@ double CentralQuantile(double q) {
   return q * Polynomial(kA, r) / Polynomial(kB, r);
 }
 
-// In terms of r = sqrt(-log(the smaller of p and 1 - p)), for r up to kNearTail and beyond.
+// AS 241's quantiles of the two tails as functions of r = sqrt(-log(min(p, 1 - p))): NearTail for r
+// up to kNearTail, FarTail beyond.
 double NearTail(double r) {
   static constexpr double kC[] = {1.42343711074968357734e0,  4.63033784615654529590e0,
                                   5.76949722146069140550e0,  3.64784832476320460504e0,
@@ -127,12 +129,12 @@ void PhiloxRounds(Counters<kLanes>& words, size_t lanes, std::array<uint32_t, 2>
   }
 }
 
-// Blocks are computed in passes without branches, which vectorise, to the bits that one Normal()
-// after another gives.
+// Draws per block of FillNormal. A block is computed in passes without branches, which vectorise,
+// and has the bits that successive calls of Normal() give.
 constexpr size_t kBlock = 128;
 
-// `count` draws of a stream from number `first` on, which is even, as numbers in (0, 1). Where
-// `count` is odd, one more is written.
+// Writes draws [first, first + count) of a stream as numbers in (0, 1); `first` is even. If `count`
+// is odd, the next draw is written, too.
 void DrawUniforms(std::array<uint32_t, 2> key, uint64_t stream, uint64_t first, size_t count,
                   std::span<double, kBlock> out) {
   Counters<kBlock / 2> words;
@@ -151,8 +153,8 @@ void DrawUniforms(std::array<uint32_t, 2> key, uint64_t stream, uint64_t first, 
   }
 }
 
-// At first all quantiles as the central region has them, where 85 of 100 lie; then the tails,
-// gathered, in their place.
+// Computes all quantiles by the central region's formula, which holds for 85 of 100, then replaces
+// the quantiles of the tails.
 void Quantiles(std::span<const double> p, std::span<double, kBlock> x) {
   std::array<double, kBlock> tails, radii;
   std::array<uint8_t, kBlock> places;
@@ -178,7 +180,7 @@ void FillNormals(std::array<uint32_t, 2> key, uint64_t stream, uint64_t position
                  std::span<Scalar> out) {
   std::array<double, kBlock> p, x;
   while (!out.empty()) {
-    const size_t skipped = position % 2;  // of the first draw's Philox block
+    const size_t skipped = position % 2;  // draws skipped in the first Philox block
     const size_t count = std::min(kBlock - skipped, out.size());
     DrawUniforms(key, stream, position - skipped, skipped + count, p);
     Quantiles(std::span(p).subspan(skipped, count), x);

@@ -10,7 +10,7 @@
 namespace b4mrl {
 namespace {
 
-// Without the spaces at both ends.
+// `text` without the spaces at both ends.
 std::string_view Trimmed(std::string_view text) {
   const size_t first = std::min(text.find_first_not_of(' '), text.size());
   return text.substr(first, text.find_last_not_of(' ') + 1 - first);

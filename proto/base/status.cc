@@ -80,7 +80,7 @@ bool Status::recoverable() const {
 }
 
 Status InvalidArgument(std::string_view name, std::string_view value, std::string_view allowed) {
-  // The value comes from a peer: long ones would drown the message that explains them.
+  // The value may come from a peer: cut a long value, as it would hide the message around it.
   constexpr size_t kMaxShown = 100;
   const std::string_view shown = value.substr(0, kMaxShown);
   return Status(StatusCode::kInvalidArgument,
@@ -99,7 +99,7 @@ Status IoError(std::string_view action, std::string_view path, int error_number)
 }
 
 void NearestName::Consider(std::string_view candidate) {
-  // Names are short; a long one from a peer must not buy quadratic work.
+  // Names are short; skip a long name from a peer, whose edit distance would cost quadratic time.
   if (name_.size() > 128 || candidate.size() > 128) return;
   const size_t distance = EditDistance(name_, candidate);
   if (distance < distance_ && distance * 3 <= std::max(name_.size(), candidate.size())) {

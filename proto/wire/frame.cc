@@ -13,7 +13,7 @@
 namespace b4mrl {
 namespace {
 
-// Our enumerations travel as the numbers of b4mrl.proto.
+// Whether an enumerator of ours has the number that b4mrl.proto gives it.
 template <typename Ours, typename Wire>
 constexpr bool AreEqual(Ours ours, Wire wire) {
   return static_cast<int>(ours) == static_cast<int>(wire);
@@ -98,7 +98,7 @@ Frame& Frame::operator=(Frame&& other) noexcept {
 
 Frame Frame::OfSize(size_t size) {
   Frame frame;
-  // Only memory exhaustion fails here, and nothing could be answered without memory either.
+  // This call only fails when memory is exhausted, and then no request could be answered.
   if (zmq_msg_init_size(AsZmq(frame.storage_.data()), size) != 0) std::abort();
   return frame;
 }
@@ -218,8 +218,8 @@ Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope
   if (frame.size() > limits::kMaxEnvelopeBytes) {
     return EnvelopeTooLarge(frame.size());
   }
-  // To Protocol Buffers nothing at all is a message of defaults; here it stands for a malformed
-  // one.
+  // To Protocol Buffers, zero bytes are a message with default values; here they mean a malformed
+  // message.
   if (frame.size() == 0) {
     return Status(StatusCode::kInvalidArgument,
                   fmt::format("the envelope is empty or the message has too many frames, allowed: "
@@ -235,8 +235,8 @@ Status ParseEnvelope(const Frame& frame, google::protobuf::MessageLite* envelope
 
 void SetStatus(const Status& status, pb::Status* out) {
   out->set_code(static_cast<int32_t>(status.code()));
-  // Messages quote bytes of peers: what is not printable ASCII would break clients that demand
-  // UTF-8.
+  // Messages quote bytes of peers; bytes that are not printable ASCII would break clients that
+  // demand UTF-8.
   std::string message = status.message();
   for (char& c : message) {
     if (c < 0x20 || c > 0x7e) c = '?';

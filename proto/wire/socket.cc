@@ -16,7 +16,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr int64_t kLongestBlockMs = 20;  // of DealerSocket::Receive
+constexpr int64_t kLongestBlockMs = 20;  // longest wait of DealerSocket::Receive
 
 zmq_msg_t* AsZmq(Frame& frame) { return static_cast<zmq_msg_t*>(frame.handle()); }
 
@@ -24,7 +24,7 @@ void SetInt(void* socket, int option, int value) {
   zmq_setsockopt(socket, option, &value, sizeof(value));
 }
 
-// Bounds that every socket of the project has, whichever side it is on.
+// Sets the limits that all sockets of the project have, of servers and of clients.
 void SetCommonOptions(void* socket) {
   const int64_t max_message = limits::kMaxPayloadBytes;
   zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &max_message, sizeof(max_message));
@@ -63,7 +63,7 @@ Message ReceiveBody(void* socket, bool more) {
   return message;
 }
 
-// What a DEALER received: `first` and the parts after it.
+// The message that a DEALER received: `first` and the parts after it.
 Message WithRest(void* socket, Frame first) {
   if (!HasMore(first)) return {std::move(first), Frame()};
   Message rest = ReceiveBody(socket, true);
@@ -217,7 +217,8 @@ bool DealerSocket::Wait(const Deadline& deadline) {
 }
 
 uint32_t DealerSocket::connections() {
-  // Each event is two frames; only handshakes are subscribed to, so counting messages is enough.
+  // Each event is a message of two frames. The monitor subscribes to handshakes alone, so the
+  // number of messages is the number of handshakes.
   Frame event;
   while (ReceivePart(monitor_, event)) {
     if (!HasMore(event)) ++connections_;

@@ -32,7 +32,7 @@ Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame payload) {
   Frame frame;
   zmq_msg_t* const message = static_cast<zmq_msg_t*>(frame.handle());
   zmq_msg_close(message);
-  // Fails for want of memory alone, as Frame::OfSize does.
+  // Only fails when memory is exhausted, like Frame::OfSize.
   if (zmq_msg_init_data(message, counted->payload.data(), bytes, &Release, counted) != 0) {
     std::abort();
   }
@@ -54,7 +54,7 @@ void UnreadBytes::Release(void*, void* counted) {
 std::shared_ptr<UnreadBytes::Counter>& UnreadBytes::CounterOf(const std::string& receiver) {
   const auto found = receivers_.find(receiver);
   if (found != receivers_.end()) return found->second;
-  // Peers come and go; those that hold nothing are forgotten whenever a new one comes.
+  // Peers come and go; counters of peers that hold no bytes are removed whenever a peer is added.
   std::erase_if(receivers_, [](const auto& entry) { return *entry.second == 0; });
   return receivers_.emplace(receiver, std::make_shared<Counter>(0)).first->second;
 }
