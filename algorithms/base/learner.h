@@ -1,4 +1,4 @@
-// A learner: what `b4mrl train` runs. Read this first; then learners/bc.cc, the smallest learner.
+// A learner, which `b4mrl train` runs. Read this first; then learners/bc.cc, the smallest learner.
 //
 // A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
 // hyperparameters as a table, and three functions that matter:
@@ -13,7 +13,7 @@
 //
 // Save and Load carry everything that decides the future, so that a run resumed from a checkpoint
 // continues bit for bit (on the same kind of processor). All random numbers come from
-// RoleSeed(run seed, role, index): what they are for, never from who drew before.
+// RoleSeed(run seed, role, index): they depend on their purpose, never on earlier draws.
 // Thread rule: one thread. Ownership: the context outlives the learner.
 #pragma once
 

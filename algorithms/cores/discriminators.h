@@ -5,7 +5,7 @@
 //   P(. | s, a)     = softmax(D_sa)
 //   P(. | s, a, s') = softmax(D_sas + D_sa)
 //   L_sa  = mean over real -log P(real | s, a) + mean over simulated -log P(simulated | s, a)
-//   L_sas = the same of P(. | s, a, s'); its gradient reaches both networks
+//   L_sas = L_sa with P(. | s, a, s') for P(. | s, a); its gradient reaches both networks
 // A step descends L_sa + L_sas, with normal noise of standard deviation `input_noise` on s, a and
 // s', equal for both networks. By Bayes' rule (Eysenbach et al. 2021, DARC) the dynamics ratio is
 //   p_real(s' | s, a) / p_sim(s' | s, a) = exp(g_0 - g_1),  g the logits of D_sas alone,

@@ -90,7 +90,7 @@ class SoftActor {
 
   SacOptions options_;
   SoftActorVariant variant_;
-  Network<Scalar> network_;          // its scalars are {m, b}
+  Network<Scalar> network_;          // the network's scalars are {m, b}
   TrainedVector<Scalar> log_alpha_;  // of length 1
   Scalar alpha_ = 0;
 

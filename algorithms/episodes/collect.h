@@ -1,10 +1,11 @@
 // Whole episodes of a stochastic policy, as a dataset: `b4mrl dataset make`.
 //
 // Episode e starts from the environment seed RoleSeed(seed, "episode", e) and draws its actions
-// from RoleSeed(seed, "behaviour", e), so its rows depend on nothing else: not on which lane runs
-// it, what runs beside it, or how many workers and threads the daemon has. Episodes are written in
-// the order of their numbers and the last one is cut at `rows`. Two groups of lanes take turns: one
-// is simulated while actions for the other are inferred. Thread rule: one thread.
+// from RoleSeed(seed, "behaviour", e), so its rows do not depend on the lane that runs it, on other
+// episodes, or on the numbers of the daemon's workers and threads. Episodes are written in the
+// order of their numbers, and the last episode is cut so that there are `rows` rows. Two groups of
+// lanes take turns: while the daemon simulates one group, actions for the other are inferred.
+// Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +23,7 @@ struct CollectOptions {
   std::string environment;
   uint64_t rows = 1'000'000;
   uint64_t seed = 0;
-  uint32_t lanes_max = 64;  // largest number of lanes of each group
+  uint32_t lanes_max = 64;  // largest number of lanes in each of the two groups
 };
 
 struct CollectSummary {

@@ -1,5 +1,5 @@
 // Memory of a TransitionBatch: its matrices have a column for each transition. Sized once. A view
-// stays valid until the buffer is destroyed and shows what was written last. Thread rule: one
+// stays valid until the buffer is destroyed and shows the numbers written last. Thread rule: one
 // thread.
 #pragma once
 

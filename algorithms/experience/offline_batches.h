@@ -22,7 +22,7 @@ namespace b4mrl {
 
 struct OfflineBatchOptions {
   int batch_size = 256;
-  bool normalise = true;  // whether observations are normalised as above
+  bool normalise = true;  // whether observations become (o - mean) / (std + 0.001)
   // Whether rewards are multiplied by 1000 / (largest - smallest return of the dataset's complete
   // episodes).
   bool scale_rewards = false;

@@ -81,9 +81,9 @@ class ReplayCollector {
   ReplayBuffer::Options replay_options_;
 
   std::optional<ReplayBuffer> replay_;
-  ObservationHistory histories_;        // what the policy sees in every lane
+  ObservationHistory histories_;        // the policy's input in every lane
   std::vector<float> previous_;         // one lane's history before a step
-  std::vector<float> visible_;          // one observation
+  std::vector<float> visible_;          // one observation, as returned by Visible
   MatrixBuffer<float> actions_;         // in [-1, 1]
   MatrixBuffer<float> scaled_actions_;  // actions_ in the environment's units
   MatrixBuffer<float> noise_;

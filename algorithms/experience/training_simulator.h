@@ -1,4 +1,4 @@
-// Opening the simulator of a run.
+// Opens the simulator that a run's learner uses.
 #pragma once
 
 #include <cstdint>

@@ -30,7 +30,7 @@ class OfflineLearner : public Learner {
 
  protected:
   Core core_;
-  OfflineBatches batches_;  // of D
+  OfflineBatches batches_;  // batches of D
 };
 
 }  // namespace b4mrl

@@ -53,8 +53,8 @@ struct DynamicsEnsembleOptions {
   std::vector<double> decay = {2.5e-5, 5e-5, 7.5e-5, 7.5e-5, 1e-4};  // per layer, weights only
   double decay_scale = 1.0;                                          // 0.5 in MOPO's original
   double bound_weight = 0.01;
-  double max_log_var = 0.5;  // initial bounds
-  double min_log_var = -10;
+  double max_log_var = 0.5;   // initial upper bound of log-variances
+  double min_log_var = -10;   // initial lower bound of log-variances
   bool bootstrap = false;     // each member draws its own rows with replacement
   bool scale_inputs = false;  // standardise inputs by the training rows' mean and deviation
   HoldoutRule holdout_rule = HoldoutRule::kTail;
@@ -149,7 +149,8 @@ class DynamicsEnsemble {
   void ShuffleEpoch();
   void GatherRow(const DynamicsData<Scalar>& data, int row, int block, int column);
   void GatherBatch(const DynamicsData<Scalar>& data, int64_t first, int count);
-  // Writes column m of member_bounds_gradient_.
+  // One step of member m's weights; returns the loss and writes column m of
+  // member_bounds_gradient_.
   double UpdateMember(int m, MatrixView<const Scalar> inputs, MatrixView<const Scalar> targets,
                       MlpWorkspace<Scalar>& workspace);
   void EndEpoch(const DynamicsData<Scalar>& data);
@@ -171,7 +172,7 @@ class DynamicsEnsemble {
 
   DynamicsEnsembleOptions options_;
   MlpLayout layout_;
-  TrainedVector<Scalar> weights_;  // of all members
+  TrainedVector<Scalar> weights_;  // weights of all members
   TrainedVector<Scalar> bounds_;   // max_log_var, then min_log_var
   AlignedVector<Scalar> best_weights_;
   AlignedVector<Scalar> scaler_;    // input mean, then 1 / deviation
@@ -180,7 +181,7 @@ class DynamicsEnsemble {
   int64_t updates_ = 0;
   int64_t updates_in_epoch_ = 0;
   int64_t epochs_without_improvement_ = 0;
-  int64_t finished_ = 0;  // 0 or 1
+  int64_t finished_ = 0;  // 1 once the training has finished
 
   // State derived from the data and the epoch number; never saved.
   std::vector<int32_t> train_rows_, holdout_rows_;

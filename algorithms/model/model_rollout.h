@@ -57,7 +57,7 @@ struct ModelRolloutOptions {
 struct RolloutCounts {
   uint64_t rows = 0;             // transitions made
   uint64_t invalid_rows = 0;     // rows dropped because a number was not finite
-  uint64_t terminated_rows = 0;  // those of `rows` that ended an episode
+  uint64_t terminated_rows = 0;  // transitions that ended an episode
   double reward_sum = 0;         // sum of the rewards r~, penalty included, over `rows`
 };
 
@@ -103,7 +103,7 @@ class ModelRollout {
   MatrixBuffer<float> observations_, actions_, action_noise_, model_noise_;
   std::vector<int> members_;
   Status worker_status_;
-  std::jthread worker_;  // last, so that it ends before what it uses
+  std::jthread worker_;  // last member: joined before the members that it uses are destroyed
 };
 
 }  // namespace b4mrl

@@ -35,7 +35,7 @@ std::vector<Vector> OrthonormalVectors(int count, int size, Rng& rng) {
   return vectors;
 }
 
-// `weight` is row-major, outputs x inputs.
+// Makes one weight, which is row-major with outputs x inputs numbers, orthogonal times `gain`.
 template <typename Scalar>
 void FillOrthogonal(int outputs, int inputs, double gain, Rng& rng, Scalar* weight) {
   const bool by_rows = outputs <= inputs;

@@ -194,7 +194,8 @@ struct FixedOrderPolicy::Network {
     }
   }
 
-  // `spare` has room for two rows.
+  // Computes stochastic actions and, unless `log_probs` is null, their log densities from the
+  // heads' outputs. `spare` has room for two rows.
   void SquashSample(float* means, const float* log_stds, MatrixView<const float> noise,
                     MatrixView<float> actions, float* log_probs, float* spare) const {
     float* const padded_noise = spare;

@@ -1,4 +1,4 @@
-// b4mrl evaluate: the score of an agent file.
+// b4mrl evaluate: measures the score of an agent file.
 #include <fmt/format.h>
 
 #include <array>

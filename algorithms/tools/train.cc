@@ -1,4 +1,4 @@
-// b4mrl train: one learner, one run.
+// b4mrl train: trains one learner in one run.
 #include <fmt/format.h>
 
 #include <charconv>

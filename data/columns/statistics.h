@@ -30,7 +30,7 @@ class Moments {
   void Add(double value);
   uint64_t count() const { return count_; }
   double mean() const;
-  double std() const;  // population
+  double std() const;  // population standard deviation
   double min() const;
   double max() const;
 

@@ -52,8 +52,8 @@ struct AgentProvenance {
   std::string command;         // the command line that trained the agent
   std::string simulator;       // perturbations of the simulator of the training; "" for none
   std::string dataset;         // the dataset of the training; "" for none
-  std::string dataset_sha256;  // of that dataset's file
-  std::string corruption;      // corruptions of that dataset; "" for none
+  std::string dataset_sha256;  // SHA-256 of the training dataset's file
+  std::string corruption;      // corruptions of the training dataset; "" for none
 };
 
 struct Agent {
@@ -62,7 +62,7 @@ struct Agent {
   uint32_t history_length = 1;
   std::vector<AgentLayer> hidden;  // fc0, fc1, ...
   AgentLayer last_fc;
-  std::optional<AgentLayer> last_fc_log_std;  // exactly with kTanhGaussian
+  std::optional<AgentLayer> last_fc_log_std;  // if and only if the output is kTanhGaussian
   Nonlinearity nonlinearity = Nonlinearity::kRelu;
   OutputDistribution output_distribution = OutputDistribution::kTanhGaussian;
   // Mask, mean and std have one entry per dimension of one observation, or are empty.

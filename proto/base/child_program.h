@@ -1,5 +1,5 @@
-// Starting a program, speaking to it and waiting for its end; and the private folder in which two
-// programs may meet. Any thread.
+// Starts programs, exchanges bytes with them and waits for their end; makes private folders for the
+// sockets of two programs. Any thread.
 #pragma once
 
 #include <sys/types.h>

@@ -224,8 +224,8 @@ uint64_t Rng::NextUint64() {
 double Rng::Uniform() { return static_cast<double>(NextUint64() >> 11) * 0x1p-53; }
 
 double OpenUniform(uint64_t bits) {
-  // The midpoint of one of 2^53 cells. Above one half it is rounded to 53 bits, for the last cell
-  // to 1 itself, which has no quantile.
+  // The midpoint of one of 2^53 cells. Midpoints above one half are rounded to 53 bits; that of the
+  // last cell would become 1, which has no quantile.
   const double midpoint = (static_cast<double>(bits >> 11) + 0.5) * 0x1p-53;
   return std::min(midpoint, 1 - 0x1p-53);
 }

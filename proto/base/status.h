@@ -46,7 +46,7 @@ class [[nodiscard]] Status {
   const std::string& message() const { return message_; }
   // "INVALID_ARGUMENT: num_envs is 0, allowed: 1..1024"; "OK" when ok.
   std::string ToString() const;
-  // The same status with "context: " in front of its message.
+  // A copy of this status with "<context>: " in front of its message.
   Status WithContext(std::string_view context) const;
   // True when the same request may succeed later, unchanged.
   bool recoverable() const;

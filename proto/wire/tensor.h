@@ -14,7 +14,7 @@
 
 namespace b4mrl {
 
-// Numbers equal those of pb::DType.
+// Element types; their numbers equal those of pb::DType.
 enum class DType : uint8_t {
   kUnspecified = 0,
   kFloat32 = 1,
