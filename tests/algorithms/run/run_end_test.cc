@@ -55,6 +55,7 @@ class LosableDaemon {
     };
     add(info->mutable_observation(), kObservationSize);
     add(info->mutable_action(), kActionSize);
+    info->mutable_termination();  // episodes end by the step limit alone
     server.Reply(call, std::move(reply));
   }
 
