@@ -1,7 +1,8 @@
-# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ...): a Catch2 binary registered with CTest.
-# Every binary shares one compiled Catch2 main.
+# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds]): a Catch2
+# binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases tagged
+# "[long]" are proofs of minutes, a test of their own with that time limit.
 function(b4mrl_test name)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LIBS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT;LONG" "SOURCES;LIBS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -11,4 +12,9 @@ function(b4mrl_test name)
     B4MRL_SOURCE_DIR="${CMAKE_SOURCE_DIR}" B4MRL_BINARY_DIR="${CMAKE_BINARY_DIR}")
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+  if(ARG_LONG)
+    string(REGEX REPLACE "_test$" "_long" long ${name})
+    add_test(NAME ${long} COMMAND ${name} "[long]")
+    set_tests_properties(${long} PROPERTIES TIMEOUT ${ARG_LONG} LABELS "long;release-only")
+  endif()
 endfunction()
