@@ -30,7 +30,6 @@ constinit const PerturbationEntry kCars = {
     .high = kMaxVehicles - 1,
     .takes_range = true,
     .description = "sets the number of other cars on the road",
-    .corrupts_datasets = false,
     .needs = kOtherCars,
     .presets = kPresets,
     .make = MakeNumberPerturbation<Cars>};

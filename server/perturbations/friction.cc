@@ -32,7 +32,6 @@ constinit const PerturbationEntry kFriction = {
     .high = 100,
     .takes_range = true,
     .description = "multiplies the friction of every geom of the simulator, the floor included",
-    .corrupts_datasets = false,
     .needs = kMujocoModel,
     .presets = kPresets,
     .make = MakeNumberPerturbation<Friction>};

@@ -31,7 +31,6 @@ constinit const PerturbationEntry kGravity = {
     .high = 10,
     .takes_range = true,
     .description = "multiplies the gravity of the simulator",
-    .corrupts_datasets = false,
     .needs = kMujocoModel,
     .presets = kPresets,
     .make = MakeNumberPerturbation<Gravity>};

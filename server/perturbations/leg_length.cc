@@ -153,7 +153,6 @@ constinit const PerturbationEntry kLegLength = {
     .takes_range = true,
     .description =
         "multiplies the length of the lower legs; the torso starts lower by the same length",
-    .corrupts_datasets = false,
     .needs = kLowerLegs,
     .presets = kPresets,
     .make = MakeNumberPerturbation<LegLength>};

@@ -48,11 +48,34 @@ struct PerturbationEntry {
 // HIGH.
 Result<NumberArgument> ParseNumber(const PerturbationInput& input);
 
+// Base class of perturbations whose argument is a number or, if the entry says so, a range.
+class NumberPerturbation : public Perturbation {
+ public:
+  NumberPerturbation(const PerturbationInput& input, const NumberArgument& number)
+      : name_(input.entry->name), occurrence_(input.occurrence), number_(number) {}
+  NamedArgument ToNamedArgument() const final { return {name_, number_.ToString()}; }
+  const NumberArgument* number() const final { return &number_; }
+
+ protected:
+  // The argument of a perturbation that takes no range. Hooks that may be given a range get the
+  // drawn number as an argument instead.
+  double fixed_number() const { return number_.low; }
+  // The generator of this perturbation's random numbers of one row, which draws `per_row` of them.
+  Rng RowRng(const DrawContext& context, uint64_t per_row) const {
+    return b4mrl::RowRng(context, name_, occurrence_, per_row);
+  }
+
+ private:
+  std::string name_;
+  uint64_t occurrence_;
+  NumberArgument number_;
+};
+
 // PerturbationEntry::make of a NumberPerturbation.
 template <typename Kind>
 Result<std::unique_ptr<Perturbation>> MakeNumberPerturbation(const PerturbationInput& input) {
   B4MRL_ASSIGN_OR_RETURN(const NumberArgument number, ParseNumber(input));
-  return std::unique_ptr<Perturbation>(std::make_unique<Kind>(input.entry->name, number));
+  return std::unique_ptr<Perturbation>(std::make_unique<Kind>(input, number));
 }
 
 std::span<const PerturbationEntry> PerturbationList();

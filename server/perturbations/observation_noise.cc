@@ -4,8 +4,6 @@
 //
 // Where an observation has rows (Highway's vehicles, already normalised), flags (presence) get no
 // noise, and neither do rows of zeros, which stand for vehicles that are not there.
-#include <fmt/format.h>
-
 #include <algorithm>
 
 #include "server/perturbations/list.h"
@@ -13,25 +11,19 @@
 namespace b4mrl {
 namespace {
 
-constexpr const char* kName = "obs-noise";
-constexpr double kLow = 0;
-constexpr double kHigh = 1e6;
-
-class ObservationNoise final : public Perturbation {
+class ObservationNoise final : public NumberPerturbation {
  public:
-  ObservationNoise(double std, uint64_t occurrence, const SpaceSpec& space)
-      : std_(std),
-        occurrence_(occurrence),
-        row_size_(space.shape.size() == 2 ? space.shape[1] : space.size()),
-        skips_empty_rows_(space.shape.size() == 2) {
+  ObservationNoise(const PerturbationInput& input, const NumberArgument& std)
+      : NumberPerturbation(input, std) {
+    const SpaceSpec& space = input.spec->observation;
+    skips_empty_rows_ = space.shape.size() == 2;
+    row_size_ = skips_empty_rows_ ? space.shape[1] : space.size();
     for (const DimensionSpec& dimension : space.dimensions) flags_.push_back(dimension.flag);
   }
 
-  NamedArgument ToNamedArgument() const override { return {kName, fmt::format("{}", std_)}; }
-
   void OnObservation(const DrawContext& context, std::span<double> /*state*/,
                      std::span<double> observation) const override {
-    Rng rng = RowRng(context, kName, occurrence_, observation.size());
+    Rng rng = RowRng(context, observation.size());
     for (size_t row = 0; row + row_size_ <= observation.size() && row_size_ > 0; row += row_size_) {
       AddTo(observation.subspan(row, row_size_), std::span(flags_).subspan(row, row_size_), &rng);
     }
@@ -43,22 +35,14 @@ class ObservationNoise final : public Perturbation {
         skips_empty_rows_ && std::ranges::all_of(row, [](double value) { return value == 0; });
     for (size_t i = 0; i < row.size(); ++i) {
       const double normal = rng->Normal();  // drawn for every dimension: fixed stream positions
-      if (!empty && flags[i] == 0) row[i] += std_ * normal;
+      if (!empty && flags[i] == 0) row[i] += fixed_number() * normal;
     }
   }
 
-  double std_;
-  uint64_t occurrence_;
   size_t row_size_;
   bool skips_empty_rows_;
   std::vector<uint8_t> flags_;  // 1 for a dimension that is a flag, else 0
 };
-
-Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
-  B4MRL_ASSIGN_OR_RETURN(const double std, ParseFinite(kName, input.argument, kLow, kHigh));
-  return std::unique_ptr<Perturbation>(
-      std::make_unique<ObservationNoise>(std, input.occurrence, input.spec->observation));
-}
 
 constexpr Preset kPresets[] = {{"obs-noise-low", "HalfCheetah", "obs-noise", "0.01"},
                                {"obs-noise-low", "Hopper", "obs-noise", "0.001"},
@@ -73,14 +57,14 @@ constexpr Preset kPresets[] = {{"obs-noise-low", "HalfCheetah", "obs-noise", "0.
 
 extern const PerturbationEntry kObservationNoise;  // its line in list.cc
 constinit const PerturbationEntry kObservationNoise = {
-    .name = kName,
+    .name = "obs-noise",
     .parameter = "std",
     .type = "number",
-    .low = kLow,
-    .high = kHigh,
+    .low = 0,
+    .high = 1e6,
     .description = "adds independent normal noise to every dimension of observations",
     .corrupts_datasets = true,
     .presets = kPresets,
-    .make = Make};
+    .make = MakeNumberPerturbation<ObservationNoise>};
 
 }  // namespace b4mrl

@@ -96,20 +96,6 @@ class Perturbation {
                              std::span<double> /*observation*/) const {}
 };
 
-// Base class of perturbations whose argument is a number or a range. A subclass overrides OnOptions
-// or OnModel.
-class NumberPerturbation : public Perturbation {
- public:
-  NumberPerturbation(std::string_view name, const NumberArgument& number)
-      : name_(name), number_(number) {}
-  NamedArgument ToNamedArgument() const final { return {name_, number_.ToString()}; }
-  const NumberArgument* number() const final { return &number_; }
-
- private:
-  std::string name_;
-  NumberArgument number_;
-};
-
 // The generator of the random numbers of one row for one perturbation, which draws `per_row` of
 // them. `purpose` names the perturbation ("obs-noise"), `occurrence` counts equal names in one set
 // from 0.

@@ -52,7 +52,6 @@ constinit const PerturbationEntry kUsersModel = {
     .parameter = "file",
     .type = "file",
     .description = "replaces the task's MuJoCo model by a file of the models folder",
-    .corrupts_datasets = false,
     .needs = kMujocoModel,
     .make = Make};
 

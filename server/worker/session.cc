@@ -35,13 +35,8 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
                   fmt::format("lane {} executes another request; one at a time", lane));
   }
   if (number == status.committed + 1) return LaneVerdict::kExecute;
-  if (number > status.committed) {
-    return Status(StatusCode::kGap,
-                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
-                              number, status.committed + 1, status.committed));
-  }
-  if (number < status.committed || number == 0) {
-    return Status(StatusCode::kStale,
+  if (number != status.committed || number == 0) {
+    return Status(number > status.committed ? StatusCode::kGap : StatusCode::kStale,
                   fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
                               number, status.committed + 1, status.committed));
   }
