@@ -104,7 +104,7 @@ void SoftActor<Scalar>::Update(const TransitionBatch<Scalar>& batch, MatrixView<
   const MatrixView<Scalar> q = critics.Evaluate(batch.observations, actions);
   const double mean_minimum = MeanMinimum<Scalar>(q, critics.workspace.output_gradient());
   metrics.actor_loss = -alpha_ * metrics.entropy - mean_minimum;
-  critics.BackwardToInput(critics.input.view(n), options_.observation_size, action_gradient);
+  critics.BackwardToInput(options_.observation_size, action_gradient);
 
   network_.workspace.batch = n;  // only the n columns of s, of 2 n columns, have a gradient
   const MatrixView<Scalar> head_gradient = network_.workspace.output_gradient();

@@ -124,10 +124,9 @@ void Td3Core<Scalar>::UpdateActor(const TransitionBatch<Scalar>& batch) {
   if (options_.bc_alpha) metrics_.lambda = *options_.bc_alpha / MeanMagnitude<Scalar>(values);
   const double lambda = metrics_.lambda.value_or(1);
   ToEigen(first_critic.output_gradient()).setConstant(static_cast<Scalar>(-lambda / n));
-  MlpBackward<Scalar>(critics_.layout, critics_.values, input, first_critic, {});
   const MatrixView<Scalar> gradient = action_gradient_.view(n);
-  MlpInputGradient<Scalar>(critics_.layout, critics_.values, options_.observation_size,
-                           first_critic, gradient);
+  MlpBackwardToInput<Scalar>(critics_.layout, critics_.values, options_.observation_size,
+                             first_critic, gradient);
   if (options_.bc_alpha) {
     metrics_.bc_loss = AddMeanSquaredError<Scalar>(actions, batch.actions, gradient);
   }

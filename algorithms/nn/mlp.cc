@@ -39,16 +39,28 @@ MatrixView<const Scalar> InputBlock(const MlpLayout& layout, MatrixView<const Sc
   return input.rows == inputs ? input : input.RowBlock(m * inputs, inputs);
 }
 
-// A member's block of one of the workspace's per-layer buffers, as nn/mlp.h lays them out.
+// The first `columns` columns of a member's block of one of the workspace's per-layer buffers, as
+// nn/mlp.h lays them out.
 template <typename Scalar>
 MatrixView<Scalar> MemberBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& workspace,
-                               std::vector<MatrixBuffer<Scalar>>& buffers, size_t layer, int m) {
+                               std::vector<MatrixBuffer<Scalar>>& buffers, size_t layer, int m,
+                               int columns) {
   const int outputs = layout.layers()[layer].outputs;
   const MatrixView<Scalar> buffer = buffers[layer].view();
   if (layer + 1 == layout.layers().size()) {
-    return buffer.RowBlock(m * outputs, outputs).ColumnBlock(0, workspace.batch);
+    return buffer.RowBlock(m * outputs, outputs).ColumnBlock(0, columns);
   }
-  return buffer.ColumnBlock(m * (buffer.columns / workspace.members), workspace.batch);
+  return buffer.ColumnBlock(m * (buffer.columns / workspace.members), columns);
+}
+
+// What determines the derivative of hidden layer `index`'s activation: swish's slopes, or ReLU's
+// outputs.
+template <typename Scalar>
+MatrixView<Scalar> DerivativeBlock(const MlpLayout& layout, MlpWorkspace<Scalar>& workspace,
+                                   size_t index, int m, int columns) {
+  const bool swish = layout.shape().activation == Activation::kSwish;
+  return MemberBlock(layout, workspace, swish ? workspace.slopes : workspace.activations, index, m,
+                     columns);
 }
 
 // Columns per block of a product, so that the next pass over a block finds it in the cache.
@@ -77,10 +89,12 @@ void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member,
                   size_t index, MatrixView<const Scalar> below, MlpWorkspace<Scalar>& workspace,
                   int thread) {
   const MlpLayout::Layer& layer = layout.layers()[index];
-  const MatrixView<Scalar> output = MemberBlock(layout, workspace, workspace.activations, index, m);
+  const int columns = workspace.batch;
+  const MatrixView<Scalar> output =
+      MemberBlock(layout, workspace, workspace.activations, index, m, columns);
   const bool keeps_slopes = index < workspace.slopes.size();
   const MatrixView<Scalar> slopes =
-      keeps_slopes ? MemberBlock(layout, workspace, workspace.slopes, index, m) : output;
+      keeps_slopes ? MemberBlock(layout, workspace, workspace.slopes, index, m, columns) : output;
   MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
   Transpose transpose = Transpose::kYes;
   if (NarrowProductColumns<Scalar>(layer.outputs, layer.inputs) > 0) {
@@ -106,24 +120,24 @@ void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_
   MatrixView<const Scalar> below = InputBlock(layout, input, m);
   for (size_t i = 0; i < layout.layers().size(); ++i) {
     ForwardLayer(layout, parameters, first_member + m, m, i, below, workspace, thread);
-    below = MemberBlock(layout, workspace, workspace.activations, i, m);
+    below = MemberBlock(layout, workspace, workspace.activations, i, m, workspace.batch);
   }
 }
 
 // The backward pass through layer `index`: from d loss / d its output to d loss / d the output of
-// the layer below, before the activation. If `bias_gradient` is not empty, writes d loss / d the
-// bias of the layer below, too.
+// the layer below, before the activation, for the first `columns` columns. If `bias_gradient` is
+// not empty, writes d loss / d the bias of the layer below, too.
 template <typename Scalar>
 void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int member, int m,
-                      size_t index, MlpWorkspace<Scalar>& workspace,
+                      size_t index, int columns, MlpWorkspace<Scalar>& workspace,
                       std::span<Scalar> bias_gradient) {
   const MlpLayout::Layer& layer = layout.layers()[index];
-  const MatrixView<Scalar> from = MemberBlock(layout, workspace, workspace.gradients, index, m);
-  const MatrixView<Scalar> to = MemberBlock(layout, workspace, workspace.gradients, index - 1, m);
+  const MatrixView<Scalar> from =
+      MemberBlock(layout, workspace, workspace.gradients, index, m, columns);
+  const MatrixView<Scalar> to =
+      MemberBlock(layout, workspace, workspace.gradients, index - 1, m, columns);
   const bool swish = layout.shape().activation == Activation::kSwish;
-  // The numbers that determine the activation's derivative: swish's slopes, or ReLU's outputs.
-  const MatrixView<const Scalar> kept = MemberBlock(
-      layout, workspace, swish ? workspace.slopes : workspace.activations, index - 1, m);
+  const MatrixView<const Scalar> kept = DerivativeBlock(layout, workspace, index - 1, m, columns);
   const MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
   std::fill(bias_gradient.begin(), bias_gradient.end(), Scalar(0));
   const int step = ColumnsAtOnce<Scalar>(layer.inputs, layer.outputs, to.columns);
@@ -148,28 +162,57 @@ void BackwardMember(const MlpLayout& layout, const Scalar* parameters, int first
                     MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                     Scalar* parameter_gradient) {
   const int member = first_member + m;
+  const int columns = workspace.batch;
   const size_t last = layout.layers().size() - 1;
-  const auto bias_gradient = [&](size_t i) {
-    return parameter_gradient == nullptr ? std::span<Scalar>()
-                                         : BiasSpan(layout.layers()[i], parameter_gradient, member);
+  const auto gradient = [&](size_t i) {
+    return MemberBlock(layout, workspace, workspace.gradients, i, m, columns);
   };
-  if (parameter_gradient != nullptr) {
-    std::ranges::fill(bias_gradient(last), Scalar(0));
-    AddRowSums<Scalar>(MemberBlock(layout, workspace, workspace.gradients, last, m),
-                       bias_gradient(last));
-  }
+  const auto bias_gradient = [&](size_t i) {
+    return BiasSpan(layout.layers()[i], parameter_gradient, member);
+  };
+  std::ranges::fill(bias_gradient(last), Scalar(0));
+  AddRowSums<Scalar>(gradient(last), bias_gradient(last));
   for (size_t i = last + 1; i-- > 0;) {
-    if (parameter_gradient != nullptr) {
-      const MatrixView<const Scalar> below =
-          i == 0 ? InputBlock(layout, input, m)
-                 : MemberBlock(layout, workspace, workspace.activations, i - 1, m);
-      Multiply<Scalar>(below, Transpose::kNo,
-                       MemberBlock(layout, workspace, workspace.gradients, i, m), Transpose::kYes,
-                       WeightView(layout.layers()[i], parameter_gradient, member));
-    }
+    const MatrixView<const Scalar> below =
+        i == 0 ? InputBlock(layout, input, m)
+               : MemberBlock(layout, workspace, workspace.activations, i - 1, m, columns);
+    Multiply<Scalar>(below, Transpose::kNo, gradient(i), Transpose::kYes,
+                     WeightView(layout.layers()[i], parameter_gradient, member));
     if (i == 0) break;
-    BackwardToHidden(layout, parameters, member, m, i, workspace, bias_gradient(i - 1));
+    BackwardToHidden(layout, parameters, member, m, i, columns, workspace, bias_gradient(i - 1));
   }
+}
+
+// Moves the columns numbered `kept`, in ascending order, to the front.
+template <typename Scalar>
+void MoveToFront(std::span<const int> kept, MatrixView<Scalar> matrix) {
+  for (int i = 0; i < std::ssize(kept); ++i) {
+    if (kept[i] != i) std::copy_n(matrix.column(kept[i]), matrix.rows, matrix.column(i));
+  }
+}
+
+// Finds the columns of the batch in which the member's output gradient is not 0, and moves them to
+// the front of the member's blocks, as far as BackwardToHidden reads these. Returns the columns'
+// numbers.
+template <typename Scalar>
+std::span<const int> KeepColumnsWithGradient(const MlpLayout& layout, int m,
+                                             MlpWorkspace<Scalar>& workspace) {
+  const size_t last = layout.layers().size() - 1;
+  const int columns = workspace.batch;
+  const MatrixView<Scalar> gradient =
+      MemberBlock(layout, workspace, workspace.gradients, last, m, columns);
+  std::vector<int>& kept = workspace.kept[m];
+  kept.clear();
+  for (int i = 0; i < columns; ++i) {
+    const Scalar* column = gradient.column(i);
+    const auto is_zero = [](Scalar value) { return value == 0; };
+    if (!std::all_of(column, column + gradient.rows, is_zero)) kept.push_back(i);
+  }
+  MoveToFront<Scalar>(kept, gradient);
+  for (size_t i = 0; i < last; ++i) {
+    MoveToFront<Scalar>(kept, DerivativeBlock(layout, workspace, i, m, columns));
+  }
+  return kept;
 }
 
 }  // namespace
@@ -263,6 +306,10 @@ MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, in
     }
   }
   transposed.assign(team->threads(), MatrixBuffer<Scalar>(largest, 1));
+  if (!keep_gradients) return;
+  input_gradient = MatrixBuffer<Scalar>(layout.shape().inputs, batch_max);
+  kept.resize(members);
+  for (std::vector<int>& columns : kept) columns.reserve(batch_max);
 }
 
 template <typename Scalar>
@@ -280,22 +327,40 @@ template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                  std::span<Scalar> parameter_gradient, int first_member) {
-  Scalar* gradient = parameter_gradient.empty() ? nullptr : parameter_gradient.data();
   workspace.team->ForEach(workspace.members, [&](int m, int) {
-    BackwardMember(layout, parameters.data(), first_member, m, input, workspace, gradient);
+    BackwardMember(layout, parameters.data(), first_member, m, input, workspace,
+                   parameter_gradient.data());
   });
 }
 
 template <typename Scalar>
-void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
-                      MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
-                      int first_member) {
+void MlpBackwardToInput(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
+                        MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
+                        int first_member) {
+  workspace.team->ForEach(workspace.members, [&](int m, int) {
+    const int columns = static_cast<int>(KeepColumnsWithGradient(layout, m, workspace).size());
+    for (size_t i = layout.layers().size() - 1; i > 0; --i) {
+      BackwardToHidden<Scalar>(layout, parameters.data(), first_member + m, m, i, columns,
+                               workspace, {});
+    }
+  });
+  for (int i = 0; i < input_gradient.columns; ++i) {
+    std::fill_n(input_gradient.column(i), input_gradient.rows, Scalar(0));
+  }
   for (int m = 0; m < workspace.members; ++m) {
+    const std::vector<int>& kept = workspace.kept[m];
+    const int columns = static_cast<int>(kept.size());
+    const MatrixView<Scalar> part(workspace.input_gradient.values().data(), input_gradient.rows,
+                                  columns);
     const MatrixView<const Scalar> weight =
         WeightView(layout.layers()[0], parameters.data(), first_member + m);
-    Multiply<Scalar>(weight.RowBlock(first_row, input_gradient.rows), Transpose::kNo,
-                     MemberBlock(layout, workspace, workspace.gradients, 0, m), Transpose::kNo,
-                     input_gradient, /*accumulate=*/m > 0);
+    Multiply<Scalar>(weight.RowBlock(first_row, part.rows), Transpose::kNo,
+                     MemberBlock(layout, workspace, workspace.gradients, 0, m, columns),
+                     Transpose::kNo, part);
+    for (int i = 0; i < columns; ++i) {
+      Scalar* to = input_gradient.column(kept[i]);
+      for (int row = 0; row < part.rows; ++row) to[row] += part(row, i);
+    }
   }
 }
 
@@ -311,8 +376,8 @@ void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameter
   template void MlpBackward<Scalar>(const MlpLayout&, std::span<const Scalar>,                    \
                                     MatrixView<const Scalar>, MlpWorkspace<Scalar>&,              \
                                     std::span<Scalar>, int);                                      \
-  template void MlpInputGradient<Scalar>(const MlpLayout&, std::span<const Scalar>, int,          \
-                                         MlpWorkspace<Scalar>&, MatrixView<Scalar>, int);
+  template void MlpBackwardToInput<Scalar>(const MlpLayout&, std::span<const Scalar>, int,        \
+                                           MlpWorkspace<Scalar>&, MatrixView<Scalar>, int);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)
 #undef B4MRL_INSTANTIATE

@@ -116,6 +116,10 @@ struct MlpWorkspace {
       gradients;  // d loss / d activation per hidden layer, then d loss / d output
   std::vector<MatrixBuffer<Scalar>> transposed;  // per thread: one layer's weights of one member
   std::shared_ptr<ThreadTeam> team;              // copies of a workspace share it
+  // For MlpBackwardToInput: per member, the columns of the batch that have a gradient, and space
+  // for d loss / d input of one member's columns.
+  std::vector<std::vector<int>> kept;
+  MatrixBuffer<Scalar> input_gradient;
 
   MatrixView<Scalar> output() { return activations.back().view(batch); }
   // d loss / d output, which the caller fills between MlpForward and MlpBackward.
@@ -132,18 +136,21 @@ MatrixView<Scalar> MlpForward(const MlpLayout& layout, std::span<const Scalar> p
 
 // Gradients of a loss from workspace.output_gradient(), for the members of the last MlpForward on
 // this workspace, which must have had the same `input` and `first_member`. Overwrites these
-// members' ranges of `parameter_gradient`, which has the layout's size. If `parameter_gradient` is
-// empty, no gradient of the parameters is computed.
+// members' ranges of `parameter_gradient`, which has the layout's size.
 template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                  std::span<Scalar> parameter_gradient, int first_member = 0);
 
-// After MlpBackward with a shared input: the gradient with respect to rows [first_row, first_row +
-// input_gradient.rows) of the input, summed over the members.
+// Writes d loss / d input instead of the parameters' gradients: for the rows [first_row, first_row
+// + input_gradient.rows) of an input that the members share, summed over the members. A member's
+// pass leaves out the columns in which the member's output gradient is 0, and moves the remaining
+// columns to the front of the workspace's blocks; so after this call there is no other backward
+// pass before the next MlpForward. In the loss -mean min(Q_1, Q_2) of an actor, this halves the
+// work: each column's minimum belongs to one critic.
 template <typename Scalar>
-void MlpInputGradient(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
-                      MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
-                      int first_member = 0);
+void MlpBackwardToInput(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
+                        MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
+                        int first_member = 0);
 
 }  // namespace b4mrl

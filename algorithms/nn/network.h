@@ -85,12 +85,9 @@ struct Network : TrainedVector<Scalar> {
   void Backward(MatrixView<const Scalar> input) {
     MlpBackward<Scalar>(layout, values, input, workspace, gradient);
   }
-  // Backward pass to the input instead of the weights: writes d loss / d input for the input's rows
-  // [first_row, first_row + input_gradient.rows), summed over the members.
-  void BackwardToInput(MatrixView<const Scalar> input, int first_row,
-                       MatrixView<Scalar> input_gradient) {
-    MlpBackward<Scalar>(layout, values, input, workspace, {});
-    MlpInputGradient<Scalar>(layout, values, first_row, workspace, input_gradient);
+  // Writes d loss / d input instead of `gradient`, after Forward: see MlpBackwardToInput.
+  void BackwardToInput(int first_row, MatrixView<Scalar> input_gradient) {
+    MlpBackwardToInput<Scalar>(layout, values, first_row, workspace, input_gradient);
   }
   // One step of Adam, then target <- tau * weights + (1 - tau) * target, in one pass.
   void StepWithTarget(double tau) { adam.StepWithPolyak(values, gradient, tau, target); }

@@ -22,11 +22,12 @@ constexpr int kAction = 6;
 constexpr int kBatch = 256;
 
 // Floating-point operations of the matrix products that one update needs, in 1e9 (batch 256, two
-// hidden layers of 256; ensemble: seven members of four layers of 200).
-constexpr double kSacGflop = 0.58;
+// hidden layers of 256; ensemble: seven members of four layers of 200). In SAC's and H2O's actor
+// step, each column of the batch takes the backward pass of one critic only.
+constexpr double kSacGflop = 0.546;
 constexpr double kTd3Gflop = 0.415;
 constexpr double kIqlGflop = 0.572;
-constexpr double kH2oGflop = 1.24;  // with 512 columns for the discriminators, 1,408 for the gap
+constexpr double kH2oGflop = 1.206;  // with 512 columns for the discriminators, 1,408 for the gap
 constexpr double kEnsembleGflop = 1.40;
 
 MatrixBuffer<float> RandomMatrix(int rows, int columns, std::string_view purpose) {

@@ -1,5 +1,6 @@
 #include "algorithms/nn/mlp.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
@@ -45,10 +46,18 @@ struct Fixture {
     return sum;
   }
 
-  void Backward(std::span<double> parameter_gradient) {
+  void Backward() {
     Loss();
     std::copy(weights.values().begin(), weights.values().end(), workspace.output_gradient().data);
-    MlpBackward<double>(layout, parameters, input.view(), workspace, parameter_gradient);
+    MlpBackward<double>(layout, parameters, input.view(), workspace, gradient);
+  }
+  // d loss / d rows 1 and 2 of 4 of the input: the place of an action inside a critic's input.
+  MatrixBuffer<double> InputGradient() {
+    Loss();
+    std::copy(weights.values().begin(), weights.values().end(), workspace.output_gradient().data);
+    MatrixBuffer<double> input_gradient(2, kBatch);
+    MlpBackwardToInput<double>(layout, parameters, 1, workspace, input_gradient.view());
+    return input_gradient;
   }
 
   MlpLayout layout;
@@ -63,7 +72,7 @@ TEST_CASE("parameter gradients of a perceptron equal finite differences") {
   const int outputs = GENERATE(1, 2);
   const bool shared_input = GENERATE(true, false);
   Fixture f(Shape(members, outputs, activation), shared_input);
-  f.Backward(f.gradient);
+  f.Backward();
   CheckGradient(
       f.parameters, f.gradient, [&] { return f.Loss(); }, 200);
 }
@@ -72,10 +81,30 @@ TEST_CASE("the input gradient sums over the members that share the input") {
   const Activation activation = GENERATE(Activation::kRelu, Activation::kSwish);
   const int members = GENERATE(1, 2);
   Fixture f(Shape(members, 1, activation), /*shared_input=*/true);
-  f.Backward({});
-  // Rows 1 and 2 of 4: the place of an action inside a critic's input.
-  MatrixBuffer<double> gradient(2, kBatch);
-  MlpInputGradient<double>(f.layout, f.parameters, 1, f.workspace, gradient.view());
+  MatrixBuffer<double> gradient = f.InputGradient();
+  for (int i = 0; i < kBatch; ++i) {
+    CheckGradient({f.input.view().column(i) + 1, 2}, {gradient.view().column(i), 2},
+                  [&] { return f.Loss(); });
+  }
+}
+
+TEST_CASE("the input gradient leaves out columns in which a member has no output gradient") {
+  const Activation activation = GENERATE(Activation::kRelu, Activation::kSwish);
+  const int outputs = GENERATE(1, 2);
+  Fixture f(Shape(2, outputs, activation), /*shared_input=*/true);
+  // Both members have a gradient in column 4, one of them in columns 0 to 2, none in column 3; in
+  // the last section, the second member has none in any column.
+  const bool second_has_any = GENERATE(true, false);
+  const auto clear = [&](int member, int column) {
+    std::fill_n(f.weights.view().column(column) + member * outputs, outputs, 0.0);
+  };
+  for (const int column : {0, 2, 3}) clear(0, column);
+  for (const int column : {1, 3}) clear(1, column);
+  for (int column = 0; column < kBatch && !second_has_any; ++column) clear(1, column);
+  MatrixBuffer<double> gradient = f.InputGradient();
+  CHECK(f.workspace.kept[0] == std::vector<int>{1, 4});
+  CHECK(f.workspace.kept[1] == (second_has_any ? std::vector<int>{0, 2, 4} : std::vector<int>{}));
+  CHECK(gradient.view()(0, 3) == 0);
   for (int i = 0; i < kBatch; ++i) {
     CheckGradient({f.input.view().column(i) + 1, 2}, {gradient.view().column(i), 2},
                   [&] { return f.Loss(); });
@@ -104,10 +133,12 @@ TEST_CASE("threads change no bit of outputs and gradients") {
   Fixture team(Shape(5, 2, Activation::kSwish), shared_input);
   team.workspace = MlpWorkspace<double>(team.layout, 5, kBatch, /*threads=*/3);
   CHECK(team.workspace.team->threads() == 3);
-  alone.Backward(alone.gradient);
-  team.Backward(team.gradient);
+  alone.Backward();
+  team.Backward();
   CHECK(team.Loss() == alone.Loss());
   CHECK(team.gradient == alone.gradient);
+  if (!shared_input) return;
+  CHECK(std::ranges::equal(team.InputGradient().values(), alone.InputGradient().values()));
 }
 
 TEST_CASE("a smaller batch than the workspace's gives the same columns") {

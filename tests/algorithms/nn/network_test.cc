@@ -55,7 +55,7 @@ TEST_CASE("a network's gradients are those of its weights and of its input") {
 
   loss();
   MatrixBuffer<double> input_gradient(kInputs, kBatch);
-  network.BackwardToInput(input.view(), 0, input_gradient.view());
+  network.BackwardToInput(0, input_gradient.view());
   CheckGradient(input.values(), input_gradient.values(), loss);
   CHECK(std::vector<double>(network.gradient.begin(), network.gradient.end()) == gradient);
 }
