@@ -29,15 +29,26 @@ std::string ProgramBesideThisOne(std::string_view name) {
 
 namespace {
 
-// Starts a program that inherits no descriptor beyond stderr. Returns 0 or an errno.
-int Spawn(const std::string& program, std::vector<std::string> words,
-          posix_spawn_file_actions_t* actions, const posix_spawnattr_t* attributes,
-          pid_t* process_id) {
-  posix_spawn_file_actions_addclosefrom_np(actions, STDERR_FILENO + 1);
+// Starts a program with these descriptors as its stdin and stdout, and no other beside stderr.
+// `flags` are those of posix_spawnattr_setflags. Returns 0 or an errno.
+int Spawn(const std::string& program, std::vector<std::string> words, int input, int output,
+          short flags, pid_t* process_id) {
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, flags);
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
-  return posix_spawnp(process_id, program.c_str(), actions, attributes, argv.data(), environ);
+  const int error =
+      posix_spawnp(process_id, program.c_str(), &actions, &attributes, argv.data(), environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return error;
 }
 
 }  // namespace
@@ -46,38 +57,20 @@ int StartOnSocket(const std::string& program, std::vector<std::string> words,
                   ProgramOnSocket* started) {
   std::array<int, 2> ends{};
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) return errno;
-  UniqueFd ours(ends[0]);
+  started->socket = UniqueFd(ends[0]);
   const UniqueFd theirs(ends[1]);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-  pid_t process_id = 0;
-  const int error = Spawn(program, std::move(words), &actions, nullptr, &process_id);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error == 0) *started = {process_id, std::move(ours)};
-  return error;
+  return Spawn(program, std::move(words), theirs.get(), STDERR_FILENO, 0, &started->process_id);
 }
 
 int StartWithOutput(const std::string& program, std::vector<std::string> words,
                     ProgramWithOutput* started) {
+  const UniqueFd nothing(open("/dev/null", O_RDONLY | O_CLOEXEC));
   std::array<int, 2> ends{};
-  if (pipe2(ends.data(), O_CLOEXEC) != 0) return errno;
-  UniqueFd ours(ends[0]);
+  if (!nothing.valid() || pipe2(ends.data(), O_CLOEXEC) != 0) return errno;
+  started->output = UniqueFd(ends[0]);
   const UniqueFd theirs(ends[1]);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_adddup2(&actions, theirs.get(), STDOUT_FILENO);
-  posix_spawnattr_t attributes;
-  posix_spawnattr_init(&attributes);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
-  pid_t process_id = 0;
-  const int error = Spawn(program, std::move(words), &actions, &attributes, &process_id);
-  posix_spawnattr_destroy(&attributes);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error == 0) *started = {process_id, std::move(ours)};
-  return error;
+  return Spawn(program, std::move(words), nothing.get(), theirs.get(), POSIX_SPAWN_SETPGROUP,
+               &started->process_id);
 }
 
 Status WaitUntilReady(int fd, short events, const Deadline& deadline) {

@@ -3,11 +3,33 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <vector>
 
 namespace b4mrl {
 namespace {
+
+// By the codes' numbers.
+constexpr std::array<std::string_view, 16> kCodeNames = {
+    "OK",
+    "INVALID_ARGUMENT",
+    "UNKNOWN_NAME",
+    "UNSUPPORTED",
+    "BUSY",
+    "STALE",
+    "GAP",
+    "LIMIT_EXCEEDED",
+    "DEADLINE_EXCEEDED",
+    "UNAVAILABLE",
+    "VERSION_MISMATCH",
+    "SESSION_LOST",
+    "DATA_LOSS",
+    "IO_ERROR",
+    "FAILED_PRECONDITION",
+    "INTERNAL",
+};
+static_assert(kCodeNames.size() == static_cast<size_t>(StatusCode::kInternal) + 1);
 
 size_t EditDistance(std::string_view a, std::string_view b) {
   std::vector<size_t> row(b.size() + 1);
@@ -27,41 +49,8 @@ size_t EditDistance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string_view StatusCodeName(StatusCode code) {
-  switch (code) {
-    case StatusCode::kOk:
-      return "OK";
-    case StatusCode::kInvalidArgument:
-      return "INVALID_ARGUMENT";
-    case StatusCode::kUnknownName:
-      return "UNKNOWN_NAME";
-    case StatusCode::kUnsupported:
-      return "UNSUPPORTED";
-    case StatusCode::kBusy:
-      return "BUSY";
-    case StatusCode::kStale:
-      return "STALE";
-    case StatusCode::kGap:
-      return "GAP";
-    case StatusCode::kLimitExceeded:
-      return "LIMIT_EXCEEDED";
-    case StatusCode::kDeadlineExceeded:
-      return "DEADLINE_EXCEEDED";
-    case StatusCode::kUnavailable:
-      return "UNAVAILABLE";
-    case StatusCode::kVersionMismatch:
-      return "VERSION_MISMATCH";
-    case StatusCode::kSessionLost:
-      return "SESSION_LOST";
-    case StatusCode::kDataLoss:
-      return "DATA_LOSS";
-    case StatusCode::kIoError:
-      return "IO_ERROR";
-    case StatusCode::kFailedPrecondition:
-      return "FAILED_PRECONDITION";
-    case StatusCode::kInternal:
-      return "INTERNAL";
-  }
-  return "UNKNOWN";
+  const auto number = static_cast<size_t>(code);
+  return number < kCodeNames.size() ? kCodeNames[number] : "UNKNOWN";
 }
 
 std::string Status::ToString() const {

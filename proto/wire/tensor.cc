@@ -1,50 +1,43 @@
 #include "proto/wire/tensor.h"
 
 #include <algorithm>
+#include <array>
+#include <string_view>
 
 #include "proto/base/finite.h"
 
 namespace b4mrl {
 
-size_t DTypeSize(DType dtype) {
-  switch (dtype) {
-    case DType::kUnspecified:
-      return 0;
-    case DType::kUint8:
-      return 1;
-    case DType::kFloat32:
-    case DType::kInt32:
-    case DType::kUint32:
-      return 4;
-    case DType::kFloat64:
-    case DType::kInt64:
-    case DType::kUint64:
-      return 8;
-  }
-  return 0;
+namespace {
+
+struct ElementType {
+  std::string_view name;
+  size_t bytes;
+};
+
+// By the types' numbers.
+constexpr std::array<ElementType, 8> kElementTypes = {{
+    {"unspecified", 0},
+    {"float32", 4},
+    {"float64", 8},
+    {"int32", 4},
+    {"int64", 8},
+    {"uint8", 1},
+    {"uint32", 4},
+    {"uint64", 8},
+}};
+static_assert(kElementTypes.size() == static_cast<size_t>(DType::kUint64) + 1);
+
+const ElementType& TypeOf(DType dtype) {
+  static constexpr ElementType kUnknown = {"unknown", 0};
+  const auto number = static_cast<size_t>(dtype);
+  return number < kElementTypes.size() ? kElementTypes[number] : kUnknown;
 }
 
-std::string DTypeName(DType dtype) {
-  switch (dtype) {
-    case DType::kUnspecified:
-      return "unspecified";
-    case DType::kFloat32:
-      return "float32";
-    case DType::kFloat64:
-      return "float64";
-    case DType::kInt32:
-      return "int32";
-    case DType::kInt64:
-      return "int64";
-    case DType::kUint8:
-      return "uint8";
-    case DType::kUint32:
-      return "uint32";
-    case DType::kUint64:
-      return "uint64";
-  }
-  return "unknown";
-}
+}  // namespace
+
+size_t DTypeSize(DType dtype) { return TypeOf(dtype).bytes; }
+std::string DTypeName(DType dtype) { return std::string(TypeOf(dtype).name); }
 
 uint64_t TensorView::elements() const {
   uint64_t count = 1;
