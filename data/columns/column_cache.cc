@@ -65,22 +65,20 @@ std::string HashManifest(Json manifest) {
 
 bool ReadColumn(const Json& entry, CachedColumn* column) {
   if (!entry.is_object()) return false;
-  const auto name = entry.find("name");
-  const auto dtype = entry.find("dtype");
-  const auto rows = entry.find("rows");
-  const auto width = entry.find("width");
-  const auto hash = entry.find("hash");
-  const auto end = entry.end();
-  if (name == end || !name->is_string() || dtype == end || !dtype->is_number_unsigned() ||
-      rows == end || !rows->is_number_unsigned() || width == end || !width->is_number_unsigned() ||
-      hash == end || !hash->is_string()) {
+  const Json name = entry.value("name", Json());
+  const Json dtype = entry.value("dtype", Json());
+  const Json rows = entry.value("rows", Json());
+  const Json width = entry.value("width", Json());
+  const Json hash = entry.value("hash", Json());
+  if (!name.is_string() || !dtype.is_number_unsigned() || !rows.is_number_unsigned() ||
+      !width.is_number_unsigned() || !hash.is_string()) {
     return false;
   }
-  column->name = name->get<std::string>();
-  column->dtype = static_cast<DType>(std::min<uint64_t>(dtype->get<uint64_t>(), 255));
-  column->rows = rows->get<uint64_t>();
-  column->width = width->get<uint64_t>();
-  column->hash = hash->get<std::string>();
+  column->name = name.get<std::string>();
+  column->dtype = static_cast<DType>(std::min<uint64_t>(dtype.get<uint64_t>(), 255));
+  column->rows = rows.get<uint64_t>();
+  column->width = width.get<uint64_t>();
+  column->hash = hash.get<std::string>();
   return ValidColumnName(column->name) && DTypeSize(column->dtype) != 0 &&
          column->rows <= limits::kMaxDatasetRows &&
          column->width <= limits::kMaxObservationDimensions;

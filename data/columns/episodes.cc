@@ -14,18 +14,6 @@ Result<TransitionRule> ParseTransitionRule(std::string_view name) {
   return UnknownName("transition rule", name, std::array<std::string_view, 2>{"stored", "d4rl"});
 }
 
-std::vector<Episode> FindEpisodes(std::span<const uint8_t> terminals,
-                                  std::span<const uint8_t> timeouts) {
-  std::vector<Episode> episodes;
-  uint64_t first = 0;
-  for (uint64_t row = 0; row < terminals.size(); ++row) {
-    if (!EndsEpisode(terminals, timeouts, row)) continue;
-    episodes.push_back({first, row + 1, terminals[row] != 0 || timeouts[row] != 0});
-    first = row + 1;
-  }
-  return episodes;
-}
-
 std::vector<uint8_t> InferTimeouts(std::span<const uint8_t> terminals, uint64_t limit) {
   std::vector<uint8_t> timeouts(terminals.size(), 0);
   uint64_t steps = 0;

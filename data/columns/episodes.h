@@ -24,16 +24,6 @@ std::string_view TransitionRuleName(TransitionRule rule);  // "stored", "d4rl"
 // Parses "stored" or "d4rl"; "" is the default, kStored.
 Result<TransitionRule> ParseTransitionRule(std::string_view name);
 
-// Rows [first, end) of one episode. `complete` is true if the episode ends with a terminal or a
-// time-out, and false if only the data ends.
-struct Episode {
-  uint64_t first = 0;
-  uint64_t end = 0;
-  bool complete = false;
-};
-std::vector<Episode> FindEpisodes(std::span<const uint8_t> terminals,
-                                  std::span<const uint8_t> timeouts);
-
 // Whether `row` is the last row of its episode: a terminal, a time-out or the last row of the data.
 inline bool EndsEpisode(std::span<const uint8_t> terminals, std::span<const uint8_t> timeouts,
                         uint64_t row) {

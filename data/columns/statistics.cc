@@ -19,9 +19,14 @@ std::string FormatNumbers(std::span<const double> values) {
   return text;
 }
 
-// Parses numbers that FormatNumbers wrote: shortest round-trip decimals, "nan" and "inf", separated
+// Reads numbers that FormatNumbers wrote: shortest round-trip decimals, "nan" and "inf", separated
 // by spaces.
-Result<std::vector<double>> ParseNumbers(std::string_view name, std::string_view text) {
+Result<std::vector<double>> NumbersOf(const CacheProperties& properties, std::string_view name) {
+  const auto found = properties.find(name);
+  if (found == properties.end()) {
+    return Status(StatusCode::kDataLoss, fmt::format("property '{}' is missing", name));
+  }
+  std::string_view text = found->second;
   std::vector<double> values;
   while (!text.empty()) {
     double value = 0;
@@ -34,14 +39,6 @@ Result<std::vector<double>> ParseNumbers(std::string_view name, std::string_view
     if (!text.empty()) text.remove_prefix(1);
   }
   return values;
-}
-
-Result<std::vector<double>> NumbersOf(const CacheProperties& properties, std::string_view name) {
-  const auto found = properties.find(name);
-  if (found == properties.end()) {
-    return Status(StatusCode::kDataLoss, fmt::format("property '{}' is missing", name));
-  }
-  return ParseNumbers(name, found->second);
 }
 
 }  // namespace

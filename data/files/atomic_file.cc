@@ -53,12 +53,8 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
   return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
 }
 
-Status AtomicFile::Write(std::span<const std::byte> bytes) {
-  return WriteFully(fd_.get(), bytes, path_);
-}
-
 Status AtomicFile::Write(std::string_view text) {
-  return Write(std::as_bytes(std::span(text.data(), text.size())));
+  return WriteFully(fd_.get(), std::as_bytes(std::span(text)), path_);
 }
 
 Status AtomicFile::Commit() {
@@ -96,13 +92,8 @@ std::string FolderOf(const std::string& path) {
 }
 
 Status WriteSmallFile(const std::string& path, std::string_view text, std::optional<mode_t> mode) {
-  return WriteSmallFile(path, std::as_bytes(std::span(text)), mode);
-}
-
-Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
-                      std::optional<mode_t> mode) {
   B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path, mode));
-  B4MRL_RETURN_IF_ERROR(file.Write(bytes));
+  B4MRL_RETURN_IF_ERROR(file.Write(text));
   return file.Commit();
 }
 

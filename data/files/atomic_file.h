@@ -30,8 +30,7 @@ class AtomicFile {
 
   int fd() const { return fd_.get(); }
   const std::string& path() const { return path_; }
-  // Writes all bytes at the descriptor's position; continues after short writes.
-  Status Write(std::span<const std::byte> bytes);
+  // Writes all of `text` at the descriptor's position; continues after short writes.
   Status Write(std::string_view text);
   Status Commit();
 
@@ -55,8 +54,6 @@ std::string FolderOf(const std::string& path);
 mode_t ModeInside(const std::string& folder);
 // Writes a whole file by an AtomicFile, so that it appears complete or not at all.
 Status WriteSmallFile(const std::string& path, std::string_view text,
-                      std::optional<mode_t> mode = {});
-Status WriteSmallFile(const std::string& path, std::span<const std::byte> bytes,
                       std::optional<mode_t> mode = {});
 // Reads a whole file; kLimitExceeded if it is longer than `max_bytes`.
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes);

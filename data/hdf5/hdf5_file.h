@@ -25,6 +25,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "proto/base/status.h"
@@ -38,13 +39,9 @@ enum class Hdf5Type { kFloat32, kFloat64, kInteger, kBool, kString };
 std::string_view Hdf5TypeName(Hdf5Type type);
 
 // An open dataset; keep it while reading consecutive rows, because it holds the decompressed chunk.
-// It may outlive the reader that opened it.
+// It may outlive the reader that opened it. Copies share the open dataset.
 class Hdf5Column {
  public:
-  Hdf5Column(Hdf5Column&&) noexcept;
-  Hdf5Column& operator=(Hdf5Column&&) noexcept;
-  ~Hdf5Column();
-
   const std::string& path() const;
   Hdf5Type type() const;
   // The stored shape: empty for a scalar, otherwise one or two extents.
@@ -64,16 +61,16 @@ class Hdf5Column {
  private:
   friend class Hdf5Reader;
   struct State;
-  explicit Hdf5Column(std::unique_ptr<State> state);
-  std::unique_ptr<State> state_;
+  explicit Hdf5Column(std::shared_ptr<const State> state) : state_(std::move(state)) {}
+  std::shared_ptr<const State> state_;
 };
 
+struct Hdf5OpenFile;  // internal to hdf5_reader.cc
+
+// An open file. Copies share it.
 class Hdf5Reader {
  public:
   static Result<Hdf5Reader> Open(const std::string& path);
-  Hdf5Reader(Hdf5Reader&&) noexcept;
-  Hdf5Reader& operator=(Hdf5Reader&&) noexcept;
-  ~Hdf5Reader();
 
   // Whether the file has an object at `path`, reached by hard links alone.
   bool Exists(std::string_view path) const;
@@ -89,9 +86,8 @@ class Hdf5Reader {
   Result<std::string> ReadText(std::string_view path) const;
 
  private:
-  struct State;
-  explicit Hdf5Reader(std::unique_ptr<State> state);
-  std::unique_ptr<State> state_;
+  explicit Hdf5Reader(std::shared_ptr<const Hdf5OpenFile> file) : file_(std::move(file)) {}
+  std::shared_ptr<const Hdf5OpenFile> file_;
 };
 
 struct Hdf5ColumnOptions {

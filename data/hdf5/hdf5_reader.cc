@@ -25,14 +25,6 @@ constexpr int kMaxFilters = 4;
 constexpr uint64_t kMaxInflation = 1032;
 constexpr uint64_t kInflationSlackBytes = 64 * 1024;
 
-struct OpenFile {
-  UniqueFd fd;
-  Hdf5DriverState driver;
-  uint64_t stored_bytes = 0;  // size of the file without its holes
-  Hdf5Handle handle;
-  std::string path;
-};
-
 Status Refuse(StatusCode code, std::string_view dataset, std::string_view reason) {
   return Status(code, fmt::format("dataset '{}' {}", dataset, reason));
 }
@@ -102,40 +94,33 @@ Status CheckFilters(hid_t creation, std::string_view path) {
 }  // namespace
 
 std::string_view Hdf5TypeName(Hdf5Type type) {
-  switch (type) {
-    case Hdf5Type::kFloat32:
-      return "float32";
-    case Hdf5Type::kFloat64:
-      return "float64";
-    case Hdf5Type::kInteger:
-      return "integer";
-    case Hdf5Type::kBool:
-      return "bool";
-    case Hdf5Type::kString:
-      return "string";
-  }
-  return "unknown";
+  constexpr std::array<std::string_view, 5> kNames = {"float32", "float64", "integer", "bool",
+                                                      "string"};
+  return kNames[static_cast<size_t>(type)];
 }
 
-struct Hdf5Reader::State {
-  std::shared_ptr<OpenFile> file;
-  Result<Hdf5Handle> OpenDataset(std::string_view path) const;
+struct Hdf5OpenFile {
+  UniqueFd fd;
+  Hdf5DriverState driver;
+  uint64_t stored_bytes = 0;  // size of the file without its holes
+  Hdf5Handle handle;
+  std::string path;
+
+  Result<Hdf5Handle> OpenDataset(std::string_view dataset) const;
 };
 
 // Opens a dataset whose path goes over hard links alone.
-Result<Hdf5Handle> Hdf5Reader::State::OpenDataset(std::string_view path) const {
-  if (!IsHardLinked(file->handle.get(), path)) {
-    return Status(StatusCode::kUnknownName,
-                  fmt::format("{} has no dataset '{}'", file->path, path));
+Result<Hdf5Handle> Hdf5OpenFile::OpenDataset(std::string_view dataset) const {
+  if (!IsHardLinked(handle.get(), dataset)) {
+    return Status(StatusCode::kUnknownName, fmt::format("{} has no dataset '{}'", path, dataset));
   }
-  Hdf5Handle dataset(H5Dopen2(file->handle.get(), std::string(path).c_str(), H5P_DEFAULT),
-                     H5Dclose);
-  if (dataset.valid()) return dataset;
-  return Refuse(StatusCode::kInvalidArgument, path, "cannot be opened as a dataset");
+  Hdf5Handle opened(H5Dopen2(handle.get(), std::string(dataset).c_str(), H5P_DEFAULT), H5Dclose);
+  if (opened.valid()) return opened;
+  return Refuse(StatusCode::kInvalidArgument, dataset, "cannot be opened as a dataset");
 }
 
 struct Hdf5Column::State {
-  std::shared_ptr<OpenFile> file;  // keeps the descriptor while the dataset is open
+  std::shared_ptr<const Hdf5OpenFile> file;  // keeps the descriptor while the dataset is open
   Hdf5Handle dataset;
   std::string path;
   Hdf5Type type = Hdf5Type::kFloat32;
@@ -247,11 +232,6 @@ Status Hdf5Column::State::Read(uint64_t first_row, uint64_t elements, hid_t memo
   return Status();
 }
 
-Hdf5Column::Hdf5Column(std::unique_ptr<State> state) : state_(std::move(state)) {}
-Hdf5Column::Hdf5Column(Hdf5Column&&) noexcept = default;
-Hdf5Column& Hdf5Column::operator=(Hdf5Column&&) noexcept = default;
-Hdf5Column::~Hdf5Column() = default;
-
 const std::string& Hdf5Column::path() const { return state_->path; }
 Hdf5Type Hdf5Column::type() const { return state_->type; }
 const std::vector<uint64_t>& Hdf5Column::shape() const { return state_->shape; }
@@ -286,13 +266,8 @@ Status Hdf5Column::ReadFlags(uint64_t first_row, std::span<uint8_t> out) const {
   return Status();
 }
 
-Hdf5Reader::Hdf5Reader(std::unique_ptr<State> state) : state_(std::move(state)) {}
-Hdf5Reader::Hdf5Reader(Hdf5Reader&&) noexcept = default;
-Hdf5Reader& Hdf5Reader::operator=(Hdf5Reader&&) noexcept = default;
-Hdf5Reader::~Hdf5Reader() = default;
-
 Result<Hdf5Reader> Hdf5Reader::Open(const std::string& path) {
-  auto file = std::make_shared<OpenFile>();
+  auto file = std::make_shared<Hdf5OpenFile>();
   file->path = path;
   file->fd = UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (!file->fd.valid()) return IoError("open", path, errno);
@@ -309,20 +284,18 @@ Result<Hdf5Reader> Hdf5Reader::Open(const std::string& path) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("{} is not an HDF5 file, or it is truncated or damaged", path));
   }
-  auto state = std::make_unique<State>();
-  state->file = std::move(file);
-  return Hdf5Reader(std::move(state));
+  return Hdf5Reader(std::move(file));
 }
 
 bool Hdf5Reader::Exists(std::string_view path) const {
-  return IsHardLinked(state_->file->handle.get(), path);
+  return IsHardLinked(file_->handle.get(), path);
 }
 
 Result<Hdf5Column> Hdf5Reader::OpenColumn(std::string_view path) const {
-  auto column = std::make_unique<Hdf5Column::State>();
-  column->file = state_->file;
+  auto column = std::make_shared<Hdf5Column::State>();
+  column->file = file_;
   column->path = path;
-  B4MRL_ASSIGN_OR_RETURN(column->dataset, state_->OpenDataset(path));
+  B4MRL_ASSIGN_OR_RETURN(column->dataset, file_->OpenDataset(path));
   B4MRL_RETURN_IF_ERROR(column->Describe());
   B4MRL_RETURN_IF_ERROR(column->CheckLayout());
   B4MRL_RETURN_IF_ERROR(column->CheckInflation());
@@ -369,11 +342,11 @@ Result<std::string> Hdf5Reader::ReadString(std::string_view path) const {
 }
 
 Result<std::string> Hdf5Reader::ReadText(std::string_view path) const {
-  B4MRL_ASSIGN_OR_RETURN(const Hdf5Handle dataset, state_->OpenDataset(path));
+  B4MRL_ASSIGN_OR_RETURN(const Hdf5Handle dataset, file_->OpenDataset(path));
   const Hdf5Handle type(H5Dget_type(dataset.get()), H5Tclose);
   if (!type.valid() || H5Tis_variable_str(type.get()) <= 0) return ReadString(path);
   const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose);
-  const Hdf5Handle creation(H5Fget_create_plist(state_->file->handle.get()), H5Pclose);
+  const Hdf5Handle creation(H5Fget_create_plist(file_->handle.get()), H5Pclose);
   size_t address_bytes = 0, size_bytes = 0;
   H5Pget_sizes(creation.get(), &address_bytes, &size_bytes);
   hsize_t user_block = 0;
@@ -383,7 +356,7 @@ Result<std::string> Hdf5Reader::ReadText(std::string_view path) const {
       user_block != 0 || address == HADDR_UNDEF) {
     return Refuse(StatusCode::kInvalidArgument, path, "is not a single, plainly stored string");
   }
-  Result<std::string> text = ReadHeapString(state_->file->fd.get(), address, kMaxStringBytes);
+  Result<std::string> text = ReadHeapString(file_->fd.get(), address, kMaxStringBytes);
   if (!text.ok()) return Refuse(text.status().code(), path, text.status().message());
   return text;
 }

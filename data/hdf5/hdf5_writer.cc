@@ -38,17 +38,6 @@ Hdf5Handle FileType(Hdf5Type type) {
   return Hdf5Handle();
 }
 
-size_t ElementSize(Hdf5Type type) {
-  switch (type) {
-    case Hdf5Type::kFloat32:
-      return 4;
-    case Hdf5Type::kFloat64:
-      return 8;
-    default:
-      return 1;
-  }
-}
-
 // Creation properties of datasets without timestamps, so that equal content gives equal bytes.
 Hdf5Handle CreationList() {
   Hdf5Handle list(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
@@ -175,7 +164,7 @@ Result<Hdf5Writer::ColumnId> Hdf5Writer::CreateColumn(std::string_view path,
   column.options = options;
   column.path = path;
   column.type = FileType(options.type);
-  column.row_bytes = ElementSize(options.type) * std::max<uint64_t>(options.width, 1);
+  column.row_bytes = H5Tget_size(column.type.get()) * std::max<uint64_t>(options.width, 1);
   const int rank = options.width == 0 ? 1 : 2;
   const std::array<hsize_t, 2> none = {0, options.width};
   const std::array<hsize_t, 2> endless = {H5S_UNLIMITED, options.width};
