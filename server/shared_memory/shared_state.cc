@@ -17,13 +17,6 @@ namespace {
 constexpr uint64_t kMagic = 0x62346d726c2d7368;  // "b4mrl-sh"
 constexpr uint32_t kVersion = 1;
 
-Result<SharedMemory*> MapMemory(int fd) {
-  void* address = mmap(nullptr, sizeof(SharedMemory), PROT_READ | PROT_WRITE,
-                       MAP_SHARED | MAP_NORESERVE, fd, 0);
-  if (address == MAP_FAILED) return IoError("map", "shared memory", errno);
-  return static_cast<SharedMemory*>(address);
-}
-
 }  // namespace
 
 std::string ChildName(uint32_t child) {
@@ -38,28 +31,35 @@ int64_t MonotonicMs() {
   return now.tv_sec * 1'000 + now.tv_nsec / 1'000'000;
 }
 
+void SharedState::Unmap::operator()(SharedMemory* memory) const {
+  munmap(memory, sizeof(SharedMemory));
+}
+
+Result<SharedState> SharedState::MapAll(UniqueFd fd) {
+  void* address = mmap(nullptr, sizeof(SharedMemory), PROT_READ | PROT_WRITE,
+                       MAP_SHARED | MAP_NORESERVE, fd.get(), 0);
+  if (address == MAP_FAILED) return IoError("map", "shared memory", errno);
+  SharedState state;
+  state.fd_ = std::move(fd);
+  state.memory_.reset(static_cast<SharedMemory*>(address));
+  return state;
+}
+
 Result<SharedState> SharedState::Create(uint32_t worker_count, int64_t lease_ms) {
-  const int fd = memfd_create("b4mrl-state", MFD_CLOEXEC);
-  if (fd < 0) return IoError("create", "shared memory", errno);
-  if (ftruncate(fd, sizeof(SharedMemory)) != 0) {
-    const int error = errno;
-    close(fd);
-    return IoError("size", "shared memory", error);
-  }
-  Result<SharedMemory*> memory = MapMemory(fd);
-  if (!memory.ok()) {
-    close(fd);
-    return memory.status();
-  }
+  UniqueFd fd(memfd_create("b4mrl-state", MFD_CLOEXEC));
+  if (!fd.valid()) return IoError("create", "shared memory", errno);
+  if (ftruncate(fd.get(), sizeof(SharedMemory)) != 0)
+    return IoError("size", "shared memory", errno);
+  B4MRL_ASSIGN_OR_RETURN(SharedState state, MapAll(std::move(fd)));
   // A new memfd reads as zeros, which is every record's initial state.
-  SharedHeader& header = (*memory)->header;
+  SharedHeader& header = state.header();
   header.magic = kMagic;
   header.version = kVersion;
   header.worker_count = worker_count;
   header.lease_ms = lease_ms;
   header.start_ms = MonotonicMs();
   header.next_generation.store(1);
-  return SharedState(fd, *memory);
+  return state;
 }
 
 Result<SharedState> SharedState::Map(int fd) {
@@ -69,24 +69,11 @@ Result<SharedState> SharedState::Map(int fd) {
     return InvalidNumber("size of the shared memory", static_cast<double>(info.st_size),
                          std::to_string(sizeof(SharedMemory)));
   }
-  B4MRL_ASSIGN_OR_RETURN(SharedMemory * memory, MapMemory(fd));
-  SharedState state(fd, memory);
-  if (memory->header.magic != kMagic || memory->header.version != kVersion) {
+  B4MRL_ASSIGN_OR_RETURN(SharedState state, MapAll(UniqueFd(fd)));
+  if (state.header().magic != kMagic || state.header().version != kVersion) {
     return Status(StatusCode::kVersionMismatch, "the shared memory is another version's");
   }
   return state;
-}
-
-SharedState::SharedState(SharedState&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)), memory_(std::exchange(other.memory_, nullptr)) {}
-SharedState& SharedState::operator=(SharedState&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  std::swap(memory_, other.memory_);
-  return *this;
-}
-SharedState::~SharedState() {
-  if (memory_ != nullptr) munmap(memory_, sizeof(SharedMemory));
-  if (fd_ >= 0) close(fd_);
 }
 
 uint32_t SharedState::worker_count() const {

@@ -30,6 +30,7 @@
 
 #include "proto/base/limits.h"
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 #include "server/shared_memory/lane_slot.h"
 
 namespace b4mrl {
@@ -147,11 +148,8 @@ class SharedState {
   static Result<SharedState> Create(uint32_t worker_count, int64_t lease_ms);
   // Child: refuses memory of another size or version.
   static Result<SharedState> Map(int fd);
-  SharedState(SharedState&& other) noexcept;
-  SharedState& operator=(SharedState&& other) noexcept;
-  ~SharedState();
 
-  int fd() const { return fd_; }
+  int fd() const { return fd_.get(); }
   SharedHeader& header() const { return memory_->header; }
   // At most limits::kMaxWorkers, whatever the memory says.
   uint32_t worker_count() const;
@@ -162,9 +160,15 @@ class SharedState {
   LaneSlot lane(uint32_t index) const { return LaneSlot(&memory_->lanes[index]); }
 
  private:
-  SharedState(int fd, SharedMemory* memory) : fd_(fd), memory_(memory) {}
-  int fd_ = -1;
-  SharedMemory* memory_ = nullptr;
+  SharedState() = default;
+  struct Unmap {
+    void operator()(SharedMemory* memory) const;
+  };
+  // Maps the memory of `fd`.
+  static Result<SharedState> MapAll(UniqueFd fd);
+
+  UniqueFd fd_;
+  std::unique_ptr<SharedMemory, Unmap> memory_;
 };
 
 // The checksum that belongs into `record.checksum`.

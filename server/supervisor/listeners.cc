@@ -17,17 +17,13 @@
 
 #include "proto/base/child_program.h"
 #include "proto/base/spec.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr int kBacklog = 1024;
 constexpr int kSocketFlags = SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK;
-
-struct TcpSocket {
-  int fd = -1;
-  uint16_t port = 0;
-};
 
 Result<in_addr> ResolveHost(const std::string& host) {
   in_addr address{};
@@ -53,53 +49,25 @@ std::string FormatHost(in_addr address) {
   return text;
 }
 
-Result<TcpSocket> ListenTcp(in_addr host, uint16_t port) {
-  const std::string name = fmt::format("tcp://{}:{}", FormatHost(host), port);
-  const int fd = socket(AF_INET, kSocketFlags, 0);
-  if (fd < 0) return IoError("open a socket for", name, errno);
-  const int on = 1;
-  setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr = host;
-  address.sin_port = htons(port);
-  socklen_t size = sizeof(address);
-  auto* generic = reinterpret_cast<sockaddr*>(&address);
-  if (bind(fd, generic, size) != 0 || listen(fd, kBacklog) != 0 ||
-      getsockname(fd, generic, &size) != 0) {
-    const int error = errno;
-    close(fd);
-    return IoError("listen on", name, error);
+// A socket that listens on `address`, which `name` names in errors.
+Result<UniqueFd> Listen(const sockaddr* address, socklen_t size, const std::string& name) {
+  UniqueFd fd(socket(address->sa_family, kSocketFlags, 0));
+  if (!fd.valid()) return IoError("open a socket for", name, errno);
+  const int on = 1;  // has an effect on TCP alone
+  setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+  if (bind(fd.get(), address, size) != 0 || listen(fd.get(), kBacklog) != 0) {
+    return IoError("listen on", name, errno);
   }
-  return TcpSocket{fd, ntohs(address.sin_port)};
+  return fd;
 }
 
 // Whether no process listens on a socket file, as it was left by a daemon that was killed.
 bool IsStaleSocketFile(const sockaddr_un& address) {
   struct stat info {};
   if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return false;
-  const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  const int result = connect(probe, reinterpret_cast<const sockaddr*>(&address), sizeof(address));
-  const bool refused = result != 0 && errno == ECONNREFUSED;
-  close(probe);
-  return refused;
-}
-
-Result<int> ListenIpc(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string checked, ParseIpcAddress("ipc://" + path));
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
-  if (IsStaleSocketFile(address)) unlink(address.sun_path);
-  const int fd = socket(AF_UNIX, kSocketFlags, 0);
-  if (fd < 0) return IoError("open a socket for", path, errno);
+  const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
-  if (bind(fd, generic, sizeof(address)) != 0 || listen(fd, kBacklog) != 0) {
-    const int error = errno;
-    close(fd);
-    return IoError("listen on", "ipc://" + path, error);
-  }
-  return fd;
+  return connect(probe.get(), generic, sizeof(address)) != 0 && errno == ECONNREFUSED;
 }
 
 // The parsed addresses of --bind.
@@ -135,15 +103,31 @@ Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
 }
 
 Status AddTcp(in_addr host, uint16_t port, std::vector<ListeningEndpoint>* to, uint32_t* told) {
-  B4MRL_ASSIGN_OR_RETURN(const TcpSocket socket, ListenTcp(host, port));
-  to->push_back({fmt::format("tcp://{}:{}", FormatHost(host), socket.port), socket.fd});
-  if (told != nullptr && *told == 0) *told = socket.port;
+  const std::string name = fmt::format("tcp://{}:{}", FormatHost(host), port);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr = host;
+  address.sin_port = htons(port);
+  socklen_t size = sizeof(address);
+  auto* generic = reinterpret_cast<sockaddr*>(&address);
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(generic, size, name));
+  if (getsockname(fd.get(), generic, &size) != 0) return IoError("listen on", name, errno);
+  const uint16_t bound = ntohs(address.sin_port);
+  to->push_back({fmt::format("tcp://{}:{}", FormatHost(host), bound), fd.Release()});
+  if (told != nullptr && *told == 0) *told = bound;
   return Status();
 }
 
 Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
-  B4MRL_ASSIGN_OR_RETURN(const int fd, ListenIpc(path));
-  to->push_back({"ipc://" + path, fd});
+  const std::string name = "ipc://" + path;
+  B4MRL_ASSIGN_OR_RETURN(const std::string checked, ParseIpcAddress(name));
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
+  if (IsStaleSocketFile(address)) unlink(address.sun_path);
+  const auto* generic = reinterpret_cast<const sockaddr*>(&address);
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(generic, sizeof(address), name));
+  to->push_back({name, fd.Release()});
   return Status();
 }
 
