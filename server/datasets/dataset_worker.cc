@@ -18,9 +18,9 @@
 #include "server/datasets/dataset_batches.h"
 #include "server/datasets/dataset_replies.h"
 #include "server/datasets/dataset_store.h"
-#include "server/datasets/preparation_queue.h"
 #include "server/datasets/served_datasets.h"
 #include "server/process/background_thread.h"
+#include "server/process/preparation_queue.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
 
@@ -30,7 +30,10 @@ namespace {
 // The longest time for messages before background work and deadlines have their turn.
 constexpr int64_t kTurnMs = 50;
 // How many imports run at once, each in a process, and derivations, each in a thread.
-constexpr size_t kShortImports = 3, kLongImports = 2, kShortDerivations = 2, kLongDerivations = 1;
+using Preparations = PreparationQueue<OpenedDataset>;
+constexpr Preparations::Limits kImports = {.short_places = 3, .long_places = 2};
+constexpr Preparations::Limits kDerivations = {.short_places = 2, .long_places = 1};
+constexpr int64_t kShortMs = 2000;  // an import or a derivation that takes longer counts as long
 // Requests of one connection that may wait for datasets.
 constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
@@ -65,7 +68,7 @@ class DatasetWorker {
   void HandleOpen(PendingRequest pending);
   // Opens the dataset of the parked request `id` from the caches. Prepare has it imported or
   // derived where the caches lack it.
-  void SubmitOpen(uint64_t id, DatasetRequest wanted);
+  void SubmitOpen(uint64_t id, const DatasetRequest& wanted);
   void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(const std::string& fingerprint, PendingRequest pending);
@@ -98,8 +101,8 @@ class DatasetWorker {
   std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
   BackgroundThread mapping_;  // lists files, opens and maps caches: milliseconds
-  PreparationQueue imports_{kShortImports, kLongImports};
-  PreparationQueue derivations_{kShortDerivations, kLongDerivations};
+  Preparations imports_{kImports, kShortMs};
+  Preparations derivations_{kDerivations, kShortMs};
 };
 
 void DatasetWorker::Run() {
@@ -171,19 +174,16 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
   const size_t backlog =
-      mapping_.backlog() + imports_.backlog() + derivations_.backlog() + ready_.size();
+      mapping_.backlog() + imports_.Backlog() + derivations_.Backlog() + ready_.size();
   const size_t backlog_of_peer = imports_.BacklogOf(peer) + derivations_.BacklogOf(peer);
   const size_t parked_of_peer = std::ranges::count_if(
       parked_, [&](const auto& entry) { return entry.second.from.peer == peer; });
-  if (std::max(parked_.size(), backlog) >= limits::kMaxPendingDatasetRequests ||
-      std::max(parked_of_peer, backlog_of_peer) >= kMaxPendingOfPeer) {
-    replies_.Reply(
-        pending.from,
-        Status(StatusCode::kLimitExceeded,
-               fmt::format("{} requests already wait for datasets, {} of this connection; allowed: "
-                           "{}, {} of one connection",
-                           parked_.size(), parked_of_peer, limits::kMaxPendingDatasetRequests,
-                           kMaxPendingOfPeer)));
+  const Status room =
+      CheckWaiting("requests for datasets",
+                   {std::max(parked_.size(), backlog), std::max(parked_of_peer, backlog_of_peer)},
+                   {limits::kMaxPendingDatasetRequests, kMaxPendingOfPeer});
+  if (!room.ok()) {
+    replies_.Reply(pending.from, room);
     return 0;
   }
   parked_.emplace(next_id_, std::move(pending));
@@ -209,17 +209,15 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
   wanted.corruptions = NamedArgumentsOf(request.corruptions());
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  SubmitOpen(id, std::move(wanted));
+  SubmitOpen(id, wanted);
 }
 
-void DatasetWorker::SubmitOpen(uint64_t id, DatasetRequest wanted) {
-  mapping_.Submit([this, id, wanted = std::move(wanted)]() -> BackgroundThread::Completion {
-    auto opened = std::make_shared<Result<OpenedDataset>>(store_.Open(wanted));
-    return [this, id, wanted, opened] {
-      const bool missing = opened->ok() && (*opened)->dataset == nullptr;
-      return missing ? Prepare(id, wanted, **opened) : FinishOpen(id, *opened);
-    };
-  });
+void DatasetWorker::SubmitOpen(uint64_t id, const DatasetRequest& wanted) {
+  mapping_.Submit([this, wanted] { return store_.Open(wanted); },
+                  [this, id, wanted](const Result<OpenedDataset>& opened) {
+                    const bool missing = opened.ok() && opened->dataset == nullptr;
+                    return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
+                  });
 }
 
 void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
@@ -237,7 +235,7 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
                                              "did the file change?",
                                              wanted.name)));
   }
-  PreparationQueue& queue = is_import ? imports_ : derivations_;
+  Preparations& queue = is_import ? imports_ : derivations_;
   const auto waits = [this, id] { return parked_.contains(id); };
   queue.Submit(is_import ? wanted.name : found.fingerprint, found.source_bytes,
                [this, wanted, is_import](const std::atomic<bool>& cancelled) {
@@ -260,10 +258,8 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
 void DatasetWorker::SubmitList(PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  mapping_.Submit([this, id]() -> BackgroundThread::Completion {
-    auto list = std::make_shared<Result<std::vector<DatasetFileInfo>>>(store_.List());
-    return [this, id, list] { FinishList(id, *list); };
-  });
+  mapping_.Submit([this] { return store_.List(); },
+                  [this, id](const auto& list) { FinishList(id, list); });
 }
 
 void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
@@ -281,10 +277,8 @@ void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pe
   std::vector<uint64_t>& waiting = loading_[fingerprint];
   waiting.push_back(id);
   if (waiting.size() > 1) return;  // the dataset is being mapped already
-  mapping_.Submit([this, fingerprint]() -> BackgroundThread::Completion {
-    auto dataset = std::make_shared<Result<DatasetPointer>>(store_.Load(fingerprint));
-    return [this, fingerprint, dataset] { FinishLoad(fingerprint, *dataset); };
-  });
+  mapping_.Submit([this, fingerprint] { return store_.Load(fingerprint); },
+                  [this, fingerprint](const auto& dataset) { FinishLoad(fingerprint, dataset); });
 }
 
 void DatasetWorker::FinishLoad(const std::string& fingerprint,

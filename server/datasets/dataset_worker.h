@@ -9,9 +9,9 @@
 // One thread receives messages, gathers rows straight into the reply's frame and sends. A second
 // thread lists files and maps finished caches, so that one client's Open does not hold up another
 // client's batches, not even where a replaced worker has to map their dataset again. Imports and
-// derivations run side by side in two queues (preparation_queue.h), so that neither waits for the
-// other, nor a small one for a large one. A request for a dataset that is being prepared waits for
-// it: kDeadlineExceeded comes within 0.2 s of the request's deadline.
+// derivations run side by side in two queues (server/process/preparation_queue.h), so that neither
+// waits for the other, nor a small one for a large one. A request for a dataset that is being
+// prepared waits for it: kDeadlineExceeded comes within 0.2 s of the request's deadline.
 //
 // Datasets are DATA/<Environment>/<level>.h5, named "<Environment>/<level>", and
 // DATA/d4rl/<name>.hdf5, named "d4rl/<name>".

@@ -5,7 +5,7 @@
 //                                   a session remembers its model's hash, so a later change of
 //                                   FILE.xml changes no running session
 //
-// Any thread. Which file is compiled when is decided by server/gateway/model_queue.h.
+// Any thread. Which file is compiled when is decided by server/process/preparation_queue.h.
 #pragma once
 
 #include <atomic>

@@ -1,13 +1,14 @@
 #include "server/gateway/openings.h"
 
-#include <fmt/format.h>
 #include <xxhash.h>
 
 #include <algorithm>
 
 #include "proto/base/limits.h"
+#include "server/environments/list.h"
 #include "server/gateway/describe.h"
 #include "server/gateway/open_request.h"
+#include "server/perturbations/list.h"
 
 namespace b4mrl {
 namespace {
@@ -25,7 +26,10 @@ Openings::Openings(SharedState& shared, std::vector<DealerSocket> workers, Optio
       table_(shared),
       worker_ports_(std::move(options.worker_ports)),
       reply_(std::move(reply)),
-      models_(std::move(options.models)) {
+      store_(std::move(options.models)),
+      models_(
+          {.short_places = limits::kModelCompilers - 1, .long_places = 1, .places_of_client = 1},
+          limits::kQuickModelMs) {
   for (DealerSocket& socket : workers) workers_.push_back({std::move(socket)});
   worker_ports_.resize(workers_.size());
 }
@@ -58,14 +62,9 @@ Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const
 
 Status Openings::Admit(const Asker& from) const {
   const auto peer = peers_.find(from.peer);
-  if (peer != peers_.end() && peer->second.size() >= limits::kMaxPendingOpensOfPeer) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("{} Opens of this connection wait, at most {}", peer->second.size(),
-                              limits::kMaxPendingOpensOfPeer));
-  }
-  if (waiting_.size() < limits::kMaxPendingOpens) return Status();
-  return Status(StatusCode::kLimitExceeded, fmt::format("{} Opens wait, at most {}",
-                                                        waiting_.size(), limits::kMaxPendingOpens));
+  const size_t of_peer = peer == peers_.end() ? 0 : peer->second.size();
+  return CheckWaiting("Opens", {waiting_.size(), of_peer},
+                      {limits::kMaxPendingOpens, limits::kMaxPendingOpensOfPeer});
 }
 
 uint64_t Openings::Enter(const Asker& from, const pb::Request& request) {
@@ -81,7 +80,6 @@ void Openings::Leave(uint64_t number, const Result<pb::OpenReply>& reply) {
   const auto found = waiting_.find(number);
   const Waiting waiting = std::move(found->second);
   waiting_.erase(found);
-  if (waiting.generation == 0) models_.Forget(number);
   if (const auto attach = attaches_.find(waiting.generation); attach != attaches_.end()) {
     attach->second.waiting.erase(number);
   }
@@ -94,14 +92,31 @@ void Openings::Leave(uint64_t number, const Result<pb::OpenReply>& reply) {
 
 Status Openings::CompileModel(uint64_t number, const pb::Request& request,
                               const std::string& file) {
+  // What can be refused is refused before anything is compiled.
   pb::OpenRequest open = request.open();
-  B4MRL_RETURN_IF_ERROR(
-      CompleteOpen(request.session_token(), &open));  // refuses before anything is compiled
+  B4MRL_RETURN_IF_ERROR(CompleteOpen(request.session_token(), &open));
+  B4MRL_RETURN_IF_ERROR(FindEnvironment(open.environment()).status());
+  if (!IsModelFileName(file)) {
+    return InvalidArgument("model", file, "the name of a file in the models folder");
+  }
+  const RoutingId& peer = waiting_.at(number).from.peer;
+  B4MRL_RETURN_IF_ERROR(CheckWaiting("models to be compiled",
+                                     {models_.Backlog(), models_.BacklogOf(peer)},
+                                     {limits::kMaxPendingModels, limits::kMaxPendingModelsOfPeer}));
+  const auto compile = [this, environment = open.environment(),
+                        file](const std::atomic<bool>& cancelled) {
+    return store_.Compile(environment, file, cancelled);
+  };
+  const auto waits = [this, number] { return waiting_.contains(number); };
   const auto done = [this, number, open = request.open()](const Result<std::string>& compiled) {
+    if (!waiting_.contains(number)) return;  // it was answered at its deadline
     const Status status = compiled.ok() ? AskWorker(number, open, *compiled) : compiled.status();
     if (!status.ok()) Leave(number, status);
   };
-  return models_.Add({number, waiting_.at(number).from.peer, open.environment(), file, done});
+  // No two Opens share a compilation: the file may change between them, and the store remembers
+  // what came of a file that has not changed.
+  models_.Submit(std::to_string(number), /*bytes=*/0, compile, {peer, waits, done});
+  return Status();
 }
 
 Result<uint32_t> Openings::FindOrAllocate(const std::string& token, const pb::OpenRequest& open,
@@ -150,7 +165,7 @@ bool Openings::Send(uint64_t generation) {
 }
 
 void Openings::Pump() {
-  models_.Pump();
+  models_.Run();
   for (uint32_t worker = 0; worker < workers_.size(); ++worker) ReadWorker(worker);
   // An Attach that finds its worker's queue full is sent in the next turn.
   std::erase_if(unsent_, [this](uint64_t generation) { return Send(generation); });

@@ -1,5 +1,5 @@
 // How sessions are opened: an Open is checked, its model compiled if it names a user's model
-// (server/gateway/model_queue.h), a record allocated, and the record's worker asked to attach
+// (server/gateway/model_store.h), a record allocated, and the record's worker asked to attach
 // itself to the record.
 //
 // Every Open is answered exactly once: with its session, with an error, or at its deadline. A
@@ -26,8 +26,9 @@
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
-#include "server/gateway/model_queue.h"
+#include "server/gateway/model_store.h"
 #include "server/process/child.h"
+#include "server/process/preparation_queue.h"
 #include "server/replies/reply.h"
 #include "server/shared_memory/session_table.h"
 
@@ -60,7 +61,7 @@ class Openings {
   // Milliseconds until the next deadline, at most `longest_ms`.
   int64_t wait_ms(int64_t longest_ms) const;
   void AppendSockets(std::vector<void*>* sockets) const;
-  void AppendDescriptors(std::vector<int>* fds) const { models_.AppendDescriptors(fds); }
+  void AppendDescriptors(std::vector<int>* fds) const { models_.AddDescriptors(fds); }
 
  private:
   // An Open that waits for its model or, once there is a record, for its worker.
@@ -113,7 +114,10 @@ class Openings {
   std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // with numbers of Opens
   Attaches attaches_;                                                  // by the record's generation
   std::set<uint64_t> unsent_;                                          // generations of attaches_
-  ModelQueue models_;
+  ModelStore store_;
+  // The paths of compiled models. At most limits::kModelCompilers are compiled at once, one of each
+  // connection. Last: their compilers use the store.
+  PreparationQueue<std::string> models_;
 };
 
 }  // namespace b4mrl

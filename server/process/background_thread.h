@@ -10,8 +10,10 @@
 #include <cstddef>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "proto/base/unique_fd.h"
@@ -29,6 +31,14 @@ class BackgroundThread {
   BackgroundThread& operator=(const BackgroundThread&) = delete;
 
   void Submit(Task task);
+  // Submits `work`, whose result `done` gets on the loop's thread.
+  template <typename Work, typename Done>
+  void Submit(Work work, Done done) {
+    Submit([work = std::move(work), done = std::move(done)]() -> Completion {
+      auto result = std::make_shared<decltype(work())>(work());
+      return [done, result] { done(*result); };
+    });
+  }
   // The number of submitted tasks whose completions have not run.
   size_t backlog() const { return backlog_; }
   // A descriptor that is readable while completions wait.

@@ -16,6 +16,14 @@ Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms) {
   return Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs) + grace_ms);
 }
 
+Status CheckWaiting(std::string_view things, const WaitingCount& now, const WaitingCount& most) {
+  if (now.of_all < most.of_all && now.of_peer < most.of_peer) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("{} {} wait already, {} of this connection; allowed: {}, {} of one "
+                            "connection",
+                            now.of_all, things, now.of_peer, most.of_all, most.of_peer));
+}
+
 std::optional<Asker> Responder::Read(const IncomingMessage& incoming, pb::Request* request) {
   counters_.requests.fetch_add(1, std::memory_order_relaxed);
   request->Clear();

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 #include "proto/b4mrl.pb.h"
@@ -22,6 +23,15 @@ struct Asker {
 
 // The request's own deadline, or the default, plus `grace_ms`, all counted from now. Any thread.
 Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
+
+// Numbers of requests that wait for the same thing.
+struct WaitingCount {
+  size_t of_all = 0;   // of all connections
+  size_t of_peer = 0;  // of the connection that asks
+};
+// kLimitExceeded when as many requests wait as may, of all connections or of one. `things` names
+// what waits: "Opens".
+Status CheckWaiting(std::string_view things, const WaitingCount& now, const WaitingCount& most);
 
 // Reads the requests of one process and sends its replies: whatever a message holds, it is answered
 // once. Thread rule: the thread of the process's socket.

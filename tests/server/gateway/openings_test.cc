@@ -85,11 +85,29 @@ class Fixture {
     reply.mutable_attach()->set_experiment_id("experiment");
     worker->Reply(call, reply);
   }
-  // Pumps, as seldom as the gateway would, until nobody waits.
-  void AwaitAnswers() {
+  // Asks for a session of its own with a model of the user's.
+  void AskForModel(const RoutingId& peer, uint64_t id, const std::string& file,
+                   uint32_t deadline_ms = 60'000) {
+    script.Drop(file);
+    pb::Request request = Open(id, Token(id), deadline_ms);
+    pb::NamedArgument* model = request.mutable_open()->add_perturbations();
+    model->set_name("model");
+    model->set_argument(file);
+    Ask(peer, request);
+  }
+  // Pumps, as seldom as the gateway would, until the condition holds.
+  template <typename Condition>
+  void Await(const Condition& holds) {
     const Deadline deadline = Deadline::AfterMs(kPatienceMs);
-    while (!openings->empty() && !deadline.expired()) PumpOnce();
-    REQUIRE(openings->empty());
+    while (!holds() && !deadline.expired()) PumpOnce();
+    REQUIRE(holds());
+  }
+  void AwaitAnswers() {
+    Await([this] { return openings->empty(); });
+  }
+  StatusCode AwaitAnswerTo(const RoutingId& peer, uint64_t id) {
+    Await([&] { return answers.contains({peer, id}); });
+    return AnswerTo(peer, id);
   }
   void PumpOnce() {
     std::vector<void*> sockets;
@@ -213,20 +231,89 @@ TEST_CASE("A replaced worker is asked again, however often it is replaced") {
 TEST_CASE("An Open whose model is compiled for too long is answered at its deadline") {
   Fixture fixture;
   fixture.StartWorker();
-  for (const char* file : {"slow.xml", "good.xml"}) {
-    fixture.script.Drop(file);
-    pb::Request request = Open(file[0], Token(static_cast<uint64_t>(file[0])), 20'000);
-    if (file[0] == 's') request.set_deadline_ms(50);
-    pb::NamedArgument* model = request.mutable_open()->add_perturbations();
-    model->set_name("model");
-    model->set_argument(file);
-    fixture.Ask(file, request);
-  }
+  fixture.AskForModel("patient", 1, "good.xml", 20'000);
+  fixture.AskForModel("hurried", 2, "slow.xml", 50);
   const FakeCall attach = fixture.TakeAttach();
   fixture.Attached(attach);
   fixture.AwaitAnswers();
-  CHECK(fixture.AnswerTo("good.xml", 'g') == StatusCode::kOk);
-  CHECK(fixture.AnswerTo("slow.xml", 's') == StatusCode::kDeadlineExceeded);
+  CHECK(fixture.AnswerTo("patient", 1) == StatusCode::kOk);
+  CHECK(fixture.AnswerTo("hurried", 2) == StatusCode::kDeadlineExceeded);
+}
+
+TEST_CASE("Models that never end do not keep another connection's waiting") {
+  Fixture fixture;
+  fixture.StartWorker();
+  for (uint64_t i = 1; i <= 2 * limits::kModelCompilers; ++i) {
+    const std::string name = "slow" + std::to_string(i);
+    fixture.AskForModel(name, i, name + ".xml");
+  }
+  fixture.Await([&] { return fixture.script.runs() >= limits::kModelCompilers; });
+  fixture.AskForModel("other", 100, "good.xml");
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("other", 100) == StatusCode::kOk);
+  CHECK(fixture.answers.size() == 1);  // those that made room still wait
+  fixture.AskForModel("other", 101, "refused.xml");
+  CHECK(fixture.AwaitAnswerTo("other", 101) == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("A connection's models are compiled one after another, beside those of others") {
+  Fixture fixture;
+  fixture.StartWorker();
+  for (uint64_t i = 1; i <= 4; ++i) {
+    fixture.AskForModel("greedy", i, "slow" + std::to_string(i) + ".xml");
+  }
+  fixture.AskForModel("other", 100, "good.xml");
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("other", 100) == StatusCode::kOk);
+  CHECK(fixture.script.runs() <= 2);  // one of theirs may not have come to its line yet
+}
+
+TEST_CASE("Models that wait are bounded, of a connection and of all") {
+  Fixture fixture;
+  uint64_t id = 0;
+  const auto ask = [&](const RoutingId& peer, uint32_t deadline_ms = 60'000) {
+    ++id;
+    fixture.AskForModel(peer, id, "slow" + std::to_string(id) + ".xml", deadline_ms);
+    return fixture.answers.contains({peer, id}) ? fixture.AnswerTo(peer, id) : StatusCode::kOk;
+  };
+  for (uint32_t i = 0; i < limits::kMaxPendingModelsOfPeer; ++i) {
+    REQUIRE(ask("greedy") == StatusCode::kOk);
+  }
+  CHECK(ask("greedy") == StatusCode::kLimitExceeded);
+  for (uint32_t i = limits::kMaxPendingModelsOfPeer; i + 1 < limits::kMaxPendingModels; ++i) {
+    REQUIRE(ask("peer" + std::to_string(i)) == StatusCode::kOk);
+  }
+  REQUIRE(ask("hurried", 1) == StatusCode::kOk);
+  const uint64_t hurried = id;
+  CHECK(ask("late") == StatusCode::kLimitExceeded);
+  CHECK(fixture.AwaitAnswerTo("hurried", hurried) == StatusCode::kDeadlineExceeded);
+  fixture.openings->Pump();
+  CHECK(ask("late") == StatusCode::kOk);  // in the place of what nobody waits for any more
+}
+
+TEST_CASE("A model that nobody waits for any more is not compiled") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.AskForModel("a", 1, "slow.xml");
+  fixture.AskForModel("a", 2, "good1.xml", 1);
+  CHECK(fixture.AwaitAnswerTo("a", 2) == StatusCode::kDeadlineExceeded);
+  fixture.AskForModel("b", 3, "good2.xml");
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("b", 3) == StatusCode::kOk);
+  CHECK(fixture.script.runs("good1.xml") == 0);
+}
+
+TEST_CASE("Names that no model file can have, and unknown environments, are refused at once") {
+  Fixture fixture;
+  fixture.AskForModel("a", 1, "no.txt");
+  CHECK(fixture.AnswerTo("a", 1) == StatusCode::kInvalidArgument);
+  pb::Request request = Open(2, Token(2));
+  request.mutable_open()->set_environment("Hoper");
+  pb::NamedArgument* model = request.mutable_open()->add_perturbations();
+  model->set_name("model");
+  model->set_argument("good.xml");
+  fixture.Ask("a", request);
+  CHECK(fixture.AnswerTo("a", 2) == StatusCode::kUnknownName);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "server/datasets/preparation_queue.h"
+#include "server/process/preparation_queue.h"
 
 #include <catch2/catch.hpp>
 #include <functional>
@@ -13,15 +13,16 @@ constexpr int64_t kPatienceMs = 60'000;
 // Jobs that run until they are told to end or cancelled.
 class Fixture {
  public:
-  explicit Fixture(int64_t short_ms = kPatienceMs) : queue(2, 1, short_ms) {}
+  explicit Fixture(int64_t short_ms = kPatienceMs, size_t of_client = 3 + 1)
+      : queue({.short_places = 2, .long_places = 1, .places_of_client = of_client}, short_ms) {}
 
   void Submit(const std::string& key, const RoutingId& client, uint64_t bytes = 1) {
     Job* job = &jobs_[key];
-    const auto work = [job](const std::atomic<bool>& cancelled) -> Result<OpenedDataset> {
+    const auto work = [job](const std::atomic<bool>& cancelled) -> Result<int> {
       ++job->starts;
       while (!job->may_end && !cancelled) std::this_thread::yield();
       if (cancelled) return Status(StatusCode::kUnavailable, "cancelled");
-      return OpenedDataset();
+      return 1;
     };
     const auto done = [job](const auto& result) {
       ++job->answers;
@@ -60,19 +61,19 @@ class Fixture {
   std::map<std::string, Job> jobs_;
 
  public:
-  PreparationQueue queue;
+  PreparationQueue<int> queue;
 };
 
 TEST_CASE("requests for one thing share a job, and all are answered") {
   Fixture fixture;
   fixture.Submit("a", "first");
   fixture.Submit("a", "second");
-  CHECK(fixture.queue.backlog() == 2);
+  CHECK(fixture.queue.Backlog() == 2);
   fixture.End("a");
   CHECK(fixture.starts("a") == 1);
   CHECK(fixture.answers("a") == 2);
   CHECK(fixture.code("a") == StatusCode::kOk);
-  CHECK(fixture.queue.backlog() == 0);
+  CHECK(fixture.queue.Backlog() == 0);
   fixture.Submit("a", "first");
   CHECK(fixture.Await([&] { return fixture.starts("a") == 2; }));
 }
@@ -95,7 +96,20 @@ TEST_CASE("clients with nothing running go first, then small jobs, then old ones
   }
 }
 
-TEST_CASE("a job that nobody waits for any more is dropped when its turn comes") {
+TEST_CASE("the jobs of one client take no more places than it may have") {
+  Fixture fixture(/*short_ms=*/20, /*of_client=*/1);
+  for (const char* key : {"1", "2", "3"}) fixture.Submit(key, "greedy");
+  fixture.Submit("other", "modest");
+  REQUIRE(fixture.Await([&] { return fixture.starts("1") + fixture.starts("other") == 2; }));
+  fixture.End("other");
+  CHECK(fixture.starts("2") + fixture.starts("3") == 0);
+  fixture.End("1");
+  CHECK(fixture.starts("1") == 1);  // it made way for none that may not start
+  CHECK(fixture.Await([&] { return fixture.starts("2") == 1; }));
+  CHECK(fixture.starts("3") == 0);
+}
+
+TEST_CASE("a job that nobody waits for any more is dropped before it starts") {
   Fixture fixture;
   for (const char* key : {"1", "2"}) fixture.Submit(key, "greedy");
   REQUIRE(fixture.Await([&] { return fixture.starts("1") + fixture.starts("2") == 2; }));
@@ -104,9 +118,11 @@ TEST_CASE("a job that nobody waits for any more is dropped when its turn comes")
   CHECK(fixture.queue.BacklogOf("greedy") == 3);
   CHECK(fixture.queue.BacklogOf("modest") == 1);
   fixture.Expire("expired");
+  fixture.queue.Run();
+  CHECK(fixture.queue.BacklogOf("greedy") == 2);
   for (const char* key : {"1", "2", "late"}) fixture.End(key);
   fixture.queue.Run();
-  CHECK(fixture.queue.backlog() == 0);
+  CHECK(fixture.queue.Backlog() == 0);
   CHECK(fixture.starts("expired") == 0);
   CHECK(fixture.answers("expired") == 0);
 }
@@ -125,7 +141,7 @@ TEST_CASE("long jobs leave the places for short ones to those that wait, and end
   // Whatever was cancelled is done in the end.
   for (const std::string& key : bombs) fixture.End(key);
   for (const std::string& key : bombs) CHECK(fixture.code(key) == StatusCode::kOk);
-  CHECK(fixture.queue.backlog() == 0);
+  CHECK(fixture.queue.Backlog() == 0);
 }
 
 TEST_CASE("a job that is slow for once waits for the end of no other") {

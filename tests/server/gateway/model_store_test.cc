@@ -1,0 +1,46 @@
+// What is remembered of the models that were compiled.
+#include "server/gateway/model_store.h"
+
+#include <catch2/catch.hpp>
+
+#include "tests/server/models/compiler_script.h"
+
+namespace b4mrl {
+namespace {
+
+TEST_CASE("Taken or refused, a file is compiled again only when it has changed") {
+  const CompilerScript script;
+  ModelStore store(script.options());
+  const std::atomic<bool> never{false};
+  const auto ask = [&](const std::string& file) {
+    script.Drop(file);
+    return store.Compile("Hopper", file, never).status().code();
+  };
+  for (int i = 0; i < 3; ++i) {
+    CHECK(ask("refused.xml") == StatusCode::kInvalidArgument);
+    CHECK(ask("good.xml") == StatusCode::kOk);
+    script.Drop("other.xml", std::to_string(i));  // a neighbour changes nothing
+  }
+  CHECK(script.runs("refused.xml") == 1);
+  CHECK(script.runs("good.xml") == 1);
+}
+
+TEST_CASE("What a file refers to may have changed, so it counts with its folder") {
+  const CompilerScript script;
+  ModelStore store(script.options());
+  const std::atomic<bool> never{false};
+  script.Drop("refused.xml", "<mujoco><include file='part.xml'/></mujoco>");
+  script.Drop("part.xml", "a");
+  for (int i = 0; i < 2; ++i) CHECK_FALSE(store.Compile("Hopper", "refused.xml", never).ok());
+  CHECK(script.runs("refused.xml") == 1);
+  script.Drop("part.xml", "bb");
+  CHECK_FALSE(store.Compile("Hopper", "refused.xml", never).ok());
+  CHECK(script.runs("refused.xml") == 2);
+  script.Drop("refused.xml", "<mujoco/>");
+  CHECK_FALSE(store.Compile("Hopper", "refused.xml", never).ok());
+  CHECK_FALSE(store.Compile("Walker2d", "refused.xml", never).ok());
+  CHECK(script.runs("refused.xml") == 4);
+}
+
+}  // namespace
+}  // namespace b4mrl
