@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections import deque
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -171,8 +171,9 @@ class Dataset(Shown):
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
         number = self._next_batch if batch is None else checks.unsigned("batch", batch)
-        request_id = self._send_sample(rows, seed, number, with_indices)
-        result = self._receive_batch(request_id, rows)
+        connection = self._connection
+        request_id = self._send_sample(connection, rows, seed, number, with_indices)
+        result = self._columns(connection.reply_to(request_id), rows)
         self._next_batch = number + 1
         return result
 
@@ -234,22 +235,17 @@ class Dataset(Shown):
         """
         pairs = None if pair_with is None else self.pair(pair_with, seed=pair_seed)
         connection = self._connection
+        sent = (
+            self._send_sample(connection, rows, seed, number, pairs is not None)
+            for number in itertools.count(checks.unsigned("first_batch", first_batch))
+        )
         window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
-        requests: deque[int] = deque()
-        number = checks.unsigned("first_batch", first_batch)
-        try:
-            while True:
-                while len(requests) < window:
-                    requests.append(self._send_sample(rows, seed, number, pairs is not None))
-                    number += 1
-                batch = self._receive_batch(requests.popleft(), rows)
-                if pairs is not None:
-                    indices = batch.pop("indices")
-                    batch |= {name: column[indices] for name, column in pairs.items()}
-                yield batch
-        finally:
-            for request_id in requests:
-                connection.abandon(request_id)
+        for delivery in connection.replies_to(sent, window):
+            batch = self._columns(delivery, rows)
+            if pairs is not None:
+                indices = batch.pop("indices")
+                batch |= {name: column[indices] for name, column in pairs.items()}
+            yield batch
 
     def pair(self, simulator: Simulator, *, seed: int = 0) -> Batch:
         """Simulates one step from every row's observation and action; columns in the file's order.
@@ -305,28 +301,19 @@ class Dataset(Shown):
 
     def _parts(self, first_row: int, rows: int) -> Iterator[tuple[int, Batch]]:
         """Yields the `rows` existing rows in order, in parts: (number of its first row, part)."""
-        end = first_row + rows
         connection = self._connection
-        under_way: deque[tuple[int, int, int]] = deque()
-        try:
-            while first_row < end or under_way:
-                if first_row < end and len(under_way) < _READS_IN_FLIGHT:
-                    count = min(self._rows_per_read, end - first_row)
-                    request = Request()
-                    request.read.fingerprint = self.fingerprint
-                    request.read.first_row = first_row
-                    request.read.rows = count
-                    request_id = connection.send(request, bytearray(), self._deadline_ms)
-                    under_way.append((request_id, first_row, count))
-                    first_row += count
-                    continue
-                request_id, first, count = under_way[0]
-                part = self._receive_batch(request_id, count)
-                under_way.popleft()
-                yield first, part
-        finally:
-            for request_id, _, _ in under_way:
-                connection.abandon(request_id)
+        end, step = first_row + rows, self._rows_per_read
+        parts = [range(first, min(first + step, end)) for first in range(first_row, end, step)]
+        sent = (self._send_read(connection, part) for part in parts)
+        for part, delivery in zip(parts, connection.replies_to(sent, _READS_IN_FLIGHT)):
+            yield part.start, self._columns(delivery, len(part))
+
+    def _send_read(self, connection: Connection, rows: range) -> int:
+        request = Request()
+        request.read.fingerprint = self.fingerprint
+        request.read.first_row = rows.start
+        request.read.rows = len(rows)
+        return connection.send(request, bytearray(), self._deadline_ms)
 
     def _gather(self, first_row: int, rows: int) -> Batch:
         if rows == 0:
@@ -338,7 +325,9 @@ class Dataset(Shown):
             _put(whole, part, first - first_row, rows)
         return whole
 
-    def _send_sample(self, rows: int, seed: int, batch: int, with_indices: bool) -> int:
+    def _send_sample(
+        self, connection: Connection, rows: int, seed: int, batch: int, with_indices: bool
+    ) -> int:
         request = Request()
         request.sample.fingerprint = self.fingerprint
         request.sample.seed = checks.unsigned("seed", seed)
@@ -346,20 +335,12 @@ class Dataset(Shown):
         request.sample.batches = 1
         request.sample.rows = checks.unsigned("rows", rows, bits=32)
         request.sample.with_indices = with_indices
-        return self._connection.send(request, bytearray(), self._deadline_ms)
+        return connection.send(request, bytearray(), self._deadline_ms)
 
-    def _receive_batch(self, request_id: int, rows: int) -> Batch:
-        delivery = self._connection.receive(request_id)
-        if delivery.error is not None:
-            raise delivery.error
-        return self._columns(delivery, rows)
-
-    def _columns(self, delivery: Delivery, rows: int | None) -> Batch:
+    def _columns(self, delivery: Delivery, n: int) -> Batch:
         found = delivery.arrays
-        observations = require(found, "observations", "float32", (rows, self.observation_size))
-        n = len(observations)
         batch = {
-            "observations": observations,
+            "observations": require(found, "observations", "float32", (n, self.observation_size)),
             "actions": require(found, "actions", "float32", (n, self.action_size)),
             "rewards": require(found, "rewards", "float32", (n,)),
             "next_observations": require(

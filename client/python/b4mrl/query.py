@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,25 +68,11 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> A
     next_observations = np.empty((count, session.spec.observation.size), session.dtype)
     rewards = np.empty(count)
     terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
-    under_way: deque[tuple[int, slice]] = deque()
-    position = 0
-    try:
-        while position < count or under_way:
-            if position < count and len(under_way) < _REQUESTS_IN_FLIGHT:
-                part = slice(position, min(position + at_once, count))
-                request_id = session.send_query(
-                    flat.observations[part], flat.actions[part], seed, draw, first_row + position
-                )
-                under_way.append((request_id, part))
-                position = part.stop
-                continue
-            request_id, part = under_way[0]
-            answer = session.receive_query(request_id, part.stop - part.start)
-            under_way.popleft()
-            next_observations[part], rewards[part], terminated[part], valid[part] = answer
-    finally:
-        for request_id, _ in under_way:
-            session.abandon(request_id)
+    parts = [slice(i, min(i + at_once, count)) for i in range(0, count, at_once)]
+    for part, answer in session.query(
+        flat.observations, flat.actions, parts, seed, draw, first_row, _REQUESTS_IN_FLIGHT
+    ):
+        next_observations[part], rewards[part], terminated[part], valid[part] = answer
     return next_observations.reshape(rows.observations.shape), rewards, terminated, valid
 
 

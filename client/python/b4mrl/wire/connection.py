@@ -18,12 +18,14 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import itertools
 import math
 import os
 import threading
 import time
 import weakref
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import zmq
@@ -177,6 +179,13 @@ class Connection:
         """Waits for a request's reply, at most until its deadline, and returns reply or error."""
         return self.receive_any((request_id,))
 
+    def reply_to(self, request_id: int) -> Delivery:
+        """As receive, but raises the error."""
+        delivery = self.receive(request_id)
+        if delivery.error is not None:
+            raise delivery.error
+        return delivery
+
     def receive_any(self, request_ids: Iterable[int]) -> Delivery:
         """Waits until the first of the requests has a reply or an error, and returns that.
 
@@ -200,12 +209,31 @@ class Connection:
         """Sends a request, waits for its reply and returns it. Raises the daemon's error."""
         request_id = self.send(request, payload, deadline_ms)
         try:
-            delivery = self.receive(request_id)
+            return self.reply_to(request_id)
         finally:
             self.abandon(request_id)  # after Ctrl-C, no other call would receive the reply
-        if delivery.error is not None:
-            raise delivery.error
-        return delivery
+
+    def replies_to(self, sent: Iterator[int], in_flight: int) -> Iterator[Delivery]:
+        """Yields the replies to requests in the order of sending. Raises the daemon's errors.
+
+        Drops the requests that are in flight when the caller stops.
+
+        Args:
+            sent: sends the next request and yields its id.
+            in_flight: number of requests that are sent before the first reply is awaited.
+        """
+        under_way: deque[int] = deque()
+        try:
+            while True:
+                under_way.extend(itertools.islice(sent, in_flight - len(under_way)))
+                if not under_way:
+                    return
+                delivery = self.reply_to(under_way[0])
+                under_way.popleft()
+                yield delivery
+        finally:
+            for request_id in under_way:
+                self.abandon(request_id)
 
     def ask_again(self, request_id: int, deadline_ms: float) -> None:
         """Sends a request again, with its old id and a new deadline, unless it has its outcome.

@@ -11,7 +11,7 @@ Thread rule: one thread at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -151,34 +151,36 @@ class Session:
             )
         return frames
 
-    def send_query(
-        self, observations: Array, actions: Array, seed: int, draw: int, first_row: int
-    ) -> int:
-        """Sends a query of at most limits.MAX_QUERY_ROWS rows; returns the id for receive_query."""
-        request = Request()
-        request.query.seed = checks.unsigned("seed", seed)
-        request.query.draw = checks.unsigned("draw", draw)
-        request.query.first_row = checks.unsigned("first_row", first_row)
-        columns = {"observations": observations, "actions": actions}
-        payload = arrays.pack(columns, request.arrays)
-        return self._connection.send(request, payload, self.deadline_ms)
+    def query(
+        self,
+        observations: Array,
+        actions: Array,
+        parts: Sequence[slice],
+        seed: int,
+        draw: int,
+        first_row: int,
+        in_flight: int,
+    ) -> Iterator[tuple[slice, tuple[Array, Array, Array, Array]]]:
+        """Yields each part with its (next_observations, rewards, terminated, valid).
 
-    def receive_query(self, request_id: int, rows: int) -> tuple[Array, Array, Array, Array]:
-        """(next_observations, rewards, terminated, valid) of send_query, `rows` rows each."""
-        delivery = self._connection.receive(request_id)
-        if delivery.error is not None:
-            raise delivery.error
-        found = delivery.arrays
-        return (
-            require(found, "next_observations", self.dtype, (rows, self.spec.observation.size)),
-            require(found, "rewards", "float64", (rows,)),
-            require(found, "terminated", "uint8", (rows,)).astype(np.bool_),
-            require(found, "valid", "uint8", (rows,)).astype(np.bool_),
+        Args:
+            parts: rows of one request each, at most limits.MAX_QUERY_ROWS.
+            in_flight: number of requests that are sent before the first answer is awaited.
+        """
+        sent = (
+            self._send_query(observations[part], actions[part], seed, draw, first_row + part.start)
+            for part in parts
         )
-
-    def abandon(self, request_id: int) -> None:
-        """Drops a query of send_query and its answer."""
-        self._connection.abandon(request_id)
+        for part, delivery in zip(parts, self._connection.replies_to(sent, in_flight)):
+            found, rows = delivery.arrays, part.stop - part.start
+            size = self.spec.observation.size
+            answer = (
+                require(found, "next_observations", self.dtype, (rows, size)),
+                require(found, "rewards", "float64", (rows,)),
+                require(found, "terminated", "uint8", (rows,)).astype(np.bool_),
+                require(found, "valid", "uint8", (rows,)).astype(np.bool_),
+            )
+            yield part, answer
 
     def close(self) -> None:
         """Closes the session at the daemon. May be called again."""
@@ -189,6 +191,17 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _send_query(
+        self, observations: Array, actions: Array, seed: int, draw: int, first_row: int
+    ) -> int:
+        request = Request()
+        request.query.seed = checks.unsigned("seed", seed)
+        request.query.draw = checks.unsigned("draw", draw)
+        request.query.first_row = checks.unsigned("first_row", first_row)
+        columns = {"observations": observations, "actions": actions}
+        payload = arrays.pack(columns, request.arrays)
+        return self._connection.send(request, payload, self.deadline_ms)
 
     def _call(
         self,
