@@ -15,8 +15,10 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <initializer_list>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
@@ -24,6 +26,7 @@
 #include "proto/base/status.h"
 #include "proto/wire/frame.h"
 #include "proto/wire/socket.h"
+#include "proto/wire/tensor.h"
 
 namespace b4mrl {
 
@@ -33,6 +36,15 @@ struct ReceivedReply {
   pb::Reply envelope;
   Frame payload;
   ArrayReader arrays;
+
+  // The array `name`, whose elements are of type T and whose shape is `shape`
+  // (ArrayReader::Require); a view of this reply.
+  template <typename T>
+  Result<std::span<const T>> Column(std::string_view name,
+                                    std::initializer_list<uint64_t> shape) const {
+    B4MRL_ASSIGN_OR_RETURN(const TensorView view, arrays.Require(name, {DTypeOf<T>()}, shape));
+    return view.As<T>();
+  }
 };
 
 // The outcome of one request.

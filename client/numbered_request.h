@@ -42,7 +42,7 @@ class RemoteEnvironment::NumberedRequest {
       if (part.bytes > 0) std::memcpy(payload.data() + part.offset, part.data, part.bytes);
     }
     Result<uint64_t> id =
-        session_.connection_.Send(std::move(request_), std::move(payload), session_.NewDeadline());
+        session_.connection_->Send(std::move(request_), std::move(payload), session_.NewDeadline());
     if (id.ok()) {
       session_.under_way_.push_back({*id, {lanes_.begin(), lanes_.end()}});
     } else {

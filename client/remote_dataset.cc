@@ -138,9 +138,7 @@ Result<DatasetStats> RemoteDataset::Stats() {
   DatasetStats stats;
   for (const auto& [name, out] : {std::pair{"observation_mean", &stats.observation_mean},
                                   std::pair{"observation_std", &stats.observation_std}}) {
-    B4MRL_ASSIGN_OR_RETURN(const TensorView view,
-                           reply.arrays.Require(name, {DType::kFloat64}, {observation_size()}));
-    const auto values = view.As<double>();
+    B4MRL_ASSIGN_OR_RETURN(const auto values, reply.Column<double>(name, {observation_size()}));
     out->assign(values.begin(), values.end());
   }
   stats.scores = std::move(*reply.envelope.mutable_dataset_stats());
@@ -187,33 +185,19 @@ Result<TransitionRows> RemoteDataset::ReadRows(Result<ReceivedReply> reply, uint
   TransitionRows out;
   out.reply = std::make_shared<const ReceivedReply>(std::move(*reply));
   out.rows = rows;
-  const ArrayReader& arrays = out.reply->arrays;
-  B4MRL_ASSIGN_OR_RETURN(
-      const TensorView observations,
-      arrays.Require("observations", {DType::kFloat32}, {rows, observation_size()}));
-  out.observations = observations.As<float>();
-  B4MRL_ASSIGN_OR_RETURN(const TensorView actions,
-                         arrays.Require("actions", {DType::kFloat32}, {rows, action_size()}));
-  out.actions = actions.As<float>();
-  B4MRL_ASSIGN_OR_RETURN(const TensorView rewards,
-                         arrays.Require("rewards", {DType::kFloat32}, {rows}));
-  out.rewards = rewards.As<float>();
-  B4MRL_ASSIGN_OR_RETURN(
-      const TensorView next,
-      arrays.Require("next_observations", {DType::kFloat32}, {rows, observation_size()}));
-  out.next_observations = next.As<float>();
-  B4MRL_ASSIGN_OR_RETURN(const TensorView terminals,
-                         arrays.Require("terminals", {DType::kUint8}, {rows}));
-  out.terminals = terminals.As<uint8_t>();
-  if (arrays.Has("timeouts")) {
-    B4MRL_ASSIGN_OR_RETURN(const TensorView timeouts,
-                           arrays.Require("timeouts", {DType::kUint8}, {rows}));
-    out.timeouts = timeouts.As<uint8_t>();
+  const ReceivedReply& columns = *out.reply;
+  B4MRL_ASSIGN_OR_RETURN(out.observations,
+                         columns.Column<float>("observations", {rows, observation_size()}));
+  B4MRL_ASSIGN_OR_RETURN(out.actions, columns.Column<float>("actions", {rows, action_size()}));
+  B4MRL_ASSIGN_OR_RETURN(out.rewards, columns.Column<float>("rewards", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(out.next_observations,
+                         columns.Column<float>("next_observations", {rows, observation_size()}));
+  B4MRL_ASSIGN_OR_RETURN(out.terminals, columns.Column<uint8_t>("terminals", {rows}));
+  if (columns.arrays.Has("timeouts")) {
+    B4MRL_ASSIGN_OR_RETURN(out.timeouts, columns.Column<uint8_t>("timeouts", {rows}));
   }
-  if (arrays.Has("indices")) {
-    B4MRL_ASSIGN_OR_RETURN(const TensorView indices,
-                           arrays.Require("indices", {DType::kUint64}, {rows}));
-    out.indices = indices.As<uint64_t>();
+  if (columns.arrays.Has("indices")) {
+    B4MRL_ASSIGN_OR_RETURN(out.indices, columns.Column<uint64_t>("indices", {rows}));
   }
   return out;
 }

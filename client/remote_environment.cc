@@ -10,46 +10,35 @@
 namespace b4mrl {
 namespace {
 
-template <typename T>
-Result<std::span<const T>> ReadColumn(const ArrayReader& arrays, std::string_view name,
-                                      uint64_t rows) {
-  B4MRL_ASSIGN_OR_RETURN(const TensorView view, arrays.Require(name, {DTypeOf<T>()}, {rows}));
-  return view.As<T>();
-}
-
-Status ReadStepColumns(const ArrayReader& arrays, uint64_t rows, StepOutcome* outcome) {
-  B4MRL_ASSIGN_OR_RETURN(outcome->rewards, ReadColumn<double>(arrays, "rewards", rows));
-  B4MRL_ASSIGN_OR_RETURN(outcome->terminated, ReadColumn<uint8_t>(arrays, "terminated", rows));
-  B4MRL_ASSIGN_OR_RETURN(outcome->truncated, ReadColumn<uint8_t>(arrays, "truncated", rows));
-  B4MRL_ASSIGN_OR_RETURN(outcome->causes, ReadColumn<uint8_t>(arrays, "cause", rows));
+Status ReadStepColumns(const ReceivedReply& reply, uint64_t rows, StepOutcome* outcome) {
+  B4MRL_ASSIGN_OR_RETURN(outcome->rewards, reply.Column<double>("rewards", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(outcome->terminated, reply.Column<uint8_t>("terminated", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(outcome->truncated, reply.Column<uint8_t>("truncated", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(outcome->causes, reply.Column<uint8_t>("cause", {rows}));
   return Status();
 }
 
 // Row-major (rows, columns); empty if the session reports no infos.
-Result<std::span<const double>> ReadInfos(const ArrayReader& arrays, std::string_view name,
+Result<std::span<const double>> ReadInfos(const ReceivedReply& reply, std::string_view name,
                                           uint64_t rows, uint64_t columns) {
   if (columns == 0) return std::span<const double>();
-  B4MRL_ASSIGN_OR_RETURN(const TensorView view,
-                         arrays.Require(name, {DType::kFloat64}, {rows, columns}));
-  return view.As<double>();
+  return reply.Column<double>(name, {rows, columns});
 }
 
-Status ReadEndedEpisodes(const ArrayReader& arrays, uint64_t rows, const TensorView& observations,
+Status ReadEndedEpisodes(const ReceivedReply& reply, uint64_t rows, const TensorView& observations,
                          StepOutcome* outcome) {
-  const TensorView* final_lanes = arrays.Find("final_lanes");
+  const TensorView* final_lanes = reply.arrays.Find("final_lanes");
   if (final_lanes == nullptr) return Status();
   const uint64_t ended = final_lanes->rows();
-  B4MRL_ASSIGN_OR_RETURN(outcome->final_lanes, ReadColumn<uint32_t>(arrays, "final_lanes", ended));
+  B4MRL_ASSIGN_OR_RETURN(outcome->final_lanes, reply.Column<uint32_t>("final_lanes", {ended}));
   for (const uint32_t lane : outcome->final_lanes) {
     if (lane >= rows) return InvalidNumber("final_lanes", lane, fmt::format("0..{}", rows - 1));
   }
-  B4MRL_ASSIGN_OR_RETURN(
-      outcome->final_observations,
-      arrays.Require("final_observations", {observations.dtype}, {ended, observations.shape[1]}));
-  B4MRL_ASSIGN_OR_RETURN(outcome->final_returns,
-                         ReadColumn<double>(arrays, "final_returns", ended));
-  B4MRL_ASSIGN_OR_RETURN(outcome->final_lengths,
-                         ReadColumn<uint32_t>(arrays, "final_lengths", ended));
+  B4MRL_ASSIGN_OR_RETURN(outcome->final_observations,
+                         reply.arrays.Require("final_observations", {observations.dtype},
+                                              {ended, observations.shape[1]}));
+  B4MRL_ASSIGN_OR_RETURN(outcome->final_returns, reply.Column<double>("final_returns", {ended}));
+  B4MRL_ASSIGN_OR_RETURN(outcome->final_lengths, reply.Column<uint32_t>("final_lengths", {ended}));
   return Status();
 }
 
@@ -57,44 +46,20 @@ Status ReadEndedEpisodes(const ArrayReader& arrays, uint64_t rows, const TensorV
 
 RemoteEnvironment::RemoteEnvironment(Connection connection, pb::OpenReply in_force,
                                      EnvironmentSpec spec, int64_t deadline_ms)
-    : connection_(std::move(connection)),
+    : connection_(new Connection(std::move(connection)), EndSession{.is_open = true}),
       in_force_(std::move(in_force)),
       spec_(std::move(spec)),
       deadline_ms_(deadline_ms),
       numbers_(in_force_.num_envs()) {}
 
-RemoteEnvironment::RemoteEnvironment(RemoteEnvironment&& other) noexcept
-    : connection_(std::move(other.connection_)),
-      in_force_(std::move(other.in_force_)),
-      spec_(std::move(other.spec_)),
-      deadline_ms_(other.deadline_ms_),
-      numbers_(std::move(other.numbers_)),
-      under_way_(std::move(other.under_way_)),
-      open_(std::exchange(other.open_, false)) {}
-
-RemoteEnvironment& RemoteEnvironment::operator=(RemoteEnvironment&& other) noexcept {
-  if (this == &other) return *this;
-  EndSession();
-  connection_ = std::move(other.connection_);
-  in_force_ = std::move(other.in_force_);
-  spec_ = std::move(other.spec_);
-  deadline_ms_ = other.deadline_ms_;
-  numbers_ = std::move(other.numbers_);
-  under_way_ = std::move(other.under_way_);
-  open_ = std::exchange(other.open_, false);
-  return *this;
-}
-
-RemoteEnvironment::~RemoteEnvironment() { EndSession(); }
-
-void RemoteEnvironment::EndSession() {
-  if (!std::exchange(open_, false)) return;
-  (void)connection_.CloseSession();
+void RemoteEnvironment::EndSession::operator()(Connection* connection) const {
+  if (is_open) (void)connection->CloseSession();
+  delete connection;
 }
 
 Status RemoteEnvironment::Close() {
-  Status status = connection_.CloseSession(NewDeadline());
-  if (status.ok()) open_ = false;  // otherwise the destructor tries once more
+  Status status = connection_->CloseSession(NewDeadline());
+  if (status.ok()) connection_.get_deleter().is_open = false;  // else the destructor tries again
   return status;
 }
 
@@ -150,7 +115,7 @@ Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
   std::vector<uint64_t> ids(under_way_.size());
   std::transform(under_way_.begin(), under_way_.end(), ids.begin(),
                  [](const UnderWay& entry) { return entry.id; });
-  Delivery delivery = connection_.ReceiveAny(ids);
+  Delivery delivery = connection_->ReceiveAny(ids);
   if (failed_id != nullptr) *failed_id = delivery.id;
   const auto sent = FindUnderWay(delivery.id);
   const size_t lanes = sent == under_way_.end() ? 0 : numbers_.CountOf(sent->lanes);
@@ -158,7 +123,7 @@ Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
 }
 
 Result<ReceivedReply> RemoteEnvironment::ReceiveNumbered(uint64_t id) {
-  return Finish(connection_.ReceiveAny(std::span(&id, 1)));
+  return Finish(connection_->ReceiveAny(std::span(&id, 1)));
 }
 
 std::vector<RemoteEnvironment::UnderWay>::iterator RemoteEnvironment::FindUnderWay(uint64_t id) {
@@ -186,22 +151,24 @@ Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply, 
   outcome.reply = std::move(*reply);
   outcome.request_id = outcome.reply.request_id;
   outcome.timing = outcome.reply.envelope.timing();
-  const ArrayReader& arrays = outcome.reply.arrays;
+  const ReceivedReply& columns = outcome.reply;
   const DType dtype = static_cast<DType>(in_force_.observation_dtype());
-  B4MRL_ASSIGN_OR_RETURN(outcome.observations,
-                         arrays.Require("observations", {dtype}, {rows, spec_.observation.size()}));
-  if (arrays.Has("digests")) {
-    B4MRL_ASSIGN_OR_RETURN(outcome.digests, ReadColumn<uint64_t>(arrays, "digests", rows));
+  B4MRL_ASSIGN_OR_RETURN(
+      outcome.observations,
+      columns.arrays.Require("observations", {dtype}, {rows, spec_.observation.size()}));
+  if (columns.arrays.Has("digests")) {
+    B4MRL_ASSIGN_OR_RETURN(outcome.digests, columns.Column<uint64_t>("digests", {rows}));
   }
   // The reply to a Restore has no infos.
-  const size_t infos =
-      in_force_.with_infos() && (is_step || arrays.Has("infos")) ? spec_.info_names.size() : 0;
-  B4MRL_ASSIGN_OR_RETURN(outcome.infos, ReadInfos(arrays, "infos", rows, infos));
+  const size_t infos = in_force_.with_infos() && (is_step || columns.arrays.Has("infos"))
+                           ? spec_.info_names.size()
+                           : 0;
+  B4MRL_ASSIGN_OR_RETURN(outcome.infos, ReadInfos(columns, "infos", rows, infos));
   if (!is_step) return outcome;
-  B4MRL_RETURN_IF_ERROR(ReadStepColumns(arrays, rows, &outcome));
-  B4MRL_RETURN_IF_ERROR(ReadEndedEpisodes(arrays, rows, outcome.observations, &outcome));
+  B4MRL_RETURN_IF_ERROR(ReadStepColumns(columns, rows, &outcome));
+  B4MRL_RETURN_IF_ERROR(ReadEndedEpisodes(columns, rows, outcome.observations, &outcome));
   B4MRL_ASSIGN_OR_RETURN(outcome.final_infos,
-                         ReadInfos(arrays, "final_infos", outcome.final_lanes.size(),
+                         ReadInfos(columns, "final_infos", outcome.final_lanes.size(),
                                    outcome.final_lanes.empty() ? 0 : infos));
   return outcome;
 }

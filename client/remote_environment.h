@@ -13,6 +13,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -101,10 +102,6 @@ using QueryOutput = QueryResults<float>;
 
 class RemoteEnvironment {
  public:
-  RemoteEnvironment(RemoteEnvironment&& other) noexcept;
-  RemoteEnvironment& operator=(RemoteEnvironment&& other) noexcept;
-  ~RemoteEnvironment();
-
   const EnvironmentSpec& spec() const { return spec_; }
   // All settings of the session, seed included.
   const pb::OpenReply& in_force() const { return in_force_; }
@@ -166,6 +163,11 @@ class RemoteEnvironment {
     uint64_t id;
     std::vector<uint32_t> lanes;  // empty: all lanes
   };
+  // Closes the session unless Close has, then the connection.
+  struct EndSession {
+    bool is_open;
+    void operator()(Connection* connection) const;
+  };
   RemoteEnvironment(Connection connection, pb::OpenReply in_force, EnvironmentSpec spec,
                     int64_t deadline_ms);
 
@@ -187,16 +189,14 @@ class RemoteEnvironment {
   Status QueryRows(std::span<const Scalar> observations, std::span<const Scalar> actions,
                    const QueryResults<Scalar>& output, uint64_t seed, uint64_t draw,
                    uint64_t first_row);
-  void EndSession();
   Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
 
-  Connection connection_;
+  std::unique_ptr<Connection, EndSession> connection_;
   pb::OpenReply in_force_;
   EnvironmentSpec spec_;
   int64_t deadline_ms_;
   LaneNumbers numbers_;
   std::vector<UnderWay> under_way_;
-  bool open_ = true;
 };
 
 }  // namespace b4mrl

@@ -75,27 +75,25 @@ Result<uint64_t> RemoteEnvironment::SendRows(std::span<const Scalar> observation
   std::ranges::copy(observations,
                     ArrayAt<Scalar>(payload, observations_offset, observations.size()).begin());
   std::ranges::copy(actions, ArrayAt<Scalar>(payload, actions_offset, actions.size()).begin());
-  return connection_.Send(std::move(request), std::move(payload), NewDeadline());
+  return connection_->Send(std::move(request), std::move(payload), NewDeadline());
 }
 
 template <typename Scalar>
 Status RemoteEnvironment::ReceiveRows(uint64_t id, const QueryResults<Scalar>& output) {
-  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_.Receive(id));
+  B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   B4MRL_RETURN_IF_ERROR(CheckOutput(output, spec_.observation.size()));
   const uint64_t rows = output.rewards.size();
-  const ArrayReader& arrays = reply.arrays;
-  B4MRL_ASSIGN_OR_RETURN(const TensorView next,
-                         arrays.Require("next_observations", {DType::kFloat32, DType::kFloat64},
-                                        {rows, spec_.observation.size()}));
-  B4MRL_ASSIGN_OR_RETURN(const TensorView rewards,
-                         arrays.Require("rewards", {DType::kFloat64}, {rows}));
-  B4MRL_ASSIGN_OR_RETURN(const TensorView terminated,
-                         arrays.Require("terminated", {DType::kUint8}, {rows}));
-  B4MRL_ASSIGN_OR_RETURN(const TensorView valid, arrays.Require("valid", {DType::kUint8}, {rows}));
+  B4MRL_ASSIGN_OR_RETURN(
+      const TensorView next,
+      reply.arrays.Require("next_observations", {DType::kFloat32, DType::kFloat64},
+                           {rows, spec_.observation.size()}));
+  B4MRL_ASSIGN_OR_RETURN(const auto rewards, reply.Column<double>("rewards", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(const auto terminated, reply.Column<uint8_t>("terminated", {rows}));
+  B4MRL_ASSIGN_OR_RETURN(const auto valid, reply.Column<uint8_t>("valid", {rows}));
   CopyInto(next, output.next_observations);
-  std::ranges::copy(rewards.As<double>(), output.rewards.begin());
-  std::ranges::copy(terminated.As<uint8_t>(), output.terminated.begin());
-  std::ranges::copy(valid.As<uint8_t>(), output.valid.begin());
+  std::ranges::copy(rewards, output.rewards.begin());
+  std::ranges::copy(terminated, output.terminated.begin());
+  std::ranges::copy(valid, output.valid.begin());
   return Status();
 }
 
@@ -137,7 +135,7 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
       status = ReceiveRows(chunk.id, Rows(output, chunk.first, chunk.rows, observation_size));
     }
   }
-  for (const Chunk& chunk : chunks) connection_.Abandon(chunk.id);
+  for (const Chunk& chunk : chunks) connection_->Abandon(chunk.id);
   return status;
 }
 

@@ -37,7 +37,7 @@ Result<LaneStates> RemoteEnvironment::Snapshot(std::span<const uint32_t> lanes) 
   request.mutable_snapshot();
   Frame payload = AddLanes(lanes, request);
   B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply,
-                         connection_.Call(std::move(request), std::move(payload), NewDeadline()));
+                         connection_->Call(std::move(request), std::move(payload), NewDeadline()));
   LaneStates states;
   states.lanes = numbers_.CountOf(lanes);
   for (const pb::Array& entry : reply.envelope.arrays()) {
@@ -66,14 +66,12 @@ Result<Pictures> RemoteEnvironment::Render(std::span<const uint32_t> lanes, uint
   Frame payload = AddLanes(lanes, request);
   Pictures pictures;
   B4MRL_ASSIGN_OR_RETURN(pictures.reply,
-                         connection_.Call(std::move(request), std::move(payload), NewDeadline()));
+                         connection_->Call(std::move(request), std::move(payload), NewDeadline()));
   pictures.width = width == 0 ? spec_.picture_width : width;
   pictures.height = height == 0 ? spec_.picture_height : height;
-  B4MRL_ASSIGN_OR_RETURN(const TensorView frames,
-                         pictures.reply.arrays.Require("frames", {DType::kUint8},
-                                                       {numbers_.CountOf(lanes), pictures.height,
-                                                        pictures.width, uint64_t{3}}));
-  pictures.frames = frames.As<uint8_t>();
+  B4MRL_ASSIGN_OR_RETURN(pictures.frames, pictures.reply.Column<uint8_t>(
+                                              "frames", {numbers_.CountOf(lanes), pictures.height,
+                                                         pictures.width, uint64_t{3}}));
   return pictures;
 }
 

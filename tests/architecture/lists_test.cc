@@ -113,8 +113,8 @@ std::set<std::string> BuiltFolders(const std::vector<SourceFile>& builds) {
   for (const SourceFile& build : builds) {
     const std::string base = build.path.substr(0, build.path.rfind('/') + 1);
     for (const std::string& arguments : MatchesIn(build.text(), call)) {
-      for (const std::string& folder : MatchesIn(arguments, std::regex(R"(([\w/]+))"))) {
-        folders.insert(base + folder);
+      for (const std::string& folder : MatchesIn(arguments, std::regex(R"(([\w/.]+))"))) {
+        folders.insert(folder == "." ? base.substr(0, base.size() - 1) : base + folder);
       }
     }
   }
