@@ -60,12 +60,11 @@ Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
   if (error) return IoError("make", folder, error.value());
   std::vector<uint8_t> timeouts(kDatasetRows);
   for (size_t row = kEpisodeRows - 1; row < kDatasetRows; row += kEpisodeRows) timeouts[row] = 1;
-  DatasetWriterOptions options;
-  options.observation_dimensions = kCheetahObservationSize;
-  options.action_dimensions = kCheetahActionSize;
-  options.compression_level = 0;
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer,
-                         DatasetWriter::Create(folder + "/HalfCheetah/perf.h5", options));
+                         DatasetWriter::Create(folder + "/HalfCheetah/perf.h5",
+                                               {.observation_dimensions = kCheetahObservationSize,
+                                                .action_dimensions = kCheetahActionSize,
+                                                .compression_level = 0}));
   DatasetRows rows;
   rows.rows = kDatasetRows;
   rows.observations = columns.observations;

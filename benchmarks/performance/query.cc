@@ -92,10 +92,8 @@ static_assert(kRecordedRows % kRowsPerRequest == 0, "requests wrap at the end");
 Status MeasureQuery(const Options& options, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {}));
   B4MRL_ASSIGN_OR_RETURN(const RecordedRows recorded, RecordRows(daemon.client(), options));
-  EnvironmentOptions queries_alone;
-  queries_alone.num_envs = 0;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
-                         daemon.client().Make("HalfCheetah", queries_alone));
+                         daemon.client().Make("HalfCheetah", {.num_envs = 0}));
   QueryLoop loop(std::move(environment), recorded);
   B4MRL_ASSIGN_OR_RETURN(const auto bare, BarePhysics::Load(HalfCheetahTask()));
   const std::vector<PhysicsRow> rows = AsPhysicsRows(recorded);

@@ -35,17 +35,15 @@ struct Block {
 
   uint64_t rows() const { return rewards.size(); }
   TransitionColumns View(const SourceColumns& source) const {
-    TransitionColumns view;
-    view.rows = rows();
-    view.observation_size = source.observation_size;
-    view.action_size = source.action_size;
-    view.observations = observations;
-    view.actions = actions;
-    view.rewards = rewards;
-    view.next_observations = next_observations;
-    view.terminals = std::span(source.terminals).subspan(first_row, rows());
-    view.timeouts = std::span(source.timeouts).subspan(first_row, rows());
-    return view;
+    return {.rows = rows(),
+            .observation_size = source.observation_size,
+            .action_size = source.action_size,
+            .observations = observations,
+            .actions = actions,
+            .rewards = rewards,
+            .next_observations = next_observations,
+            .terminals = std::span(source.terminals).subspan(first_row, rows()),
+            .timeouts = std::span(source.timeouts).subspan(first_row, rows())};
   }
 };
 

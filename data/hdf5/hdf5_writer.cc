@@ -73,6 +73,8 @@ struct Hdf5Writer::State {
   }
   Status EnsureGroups(std::string_view path);
   Status FlushColumn(Column& column);
+  Status WriteWhole(std::string_view path, hid_t file_type, hid_t memory_type,
+                    const Hdf5Handle& space, const Hdf5Handle& creation, const void* data);
   Status WriteScalar(std::string_view path, hid_t file_type, hid_t memory_type, const void* data);
 
   AtomicFile file;
@@ -118,12 +120,12 @@ Status Hdf5Writer::State::FlushColumn(Column& column) {
   return Status();
 }
 
-Status Hdf5Writer::State::WriteScalar(std::string_view path, hid_t file_type, hid_t memory_type,
-                                      const void* data) {
+// Creates a dataset of fixed shape and writes all of it.
+Status Hdf5Writer::State::WriteWhole(std::string_view path, hid_t file_type, hid_t memory_type,
+                                     const Hdf5Handle& space, const Hdf5Handle& creation,
+                                     const void* data) {
   B4MRL_RETURN_IF_ERROR(EnsureGroups(path));
   const std::string name(path);
-  const Hdf5Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Hdf5Handle creation = CreationList();
   const Hdf5Handle dataset(H5Dcreate2(handle.get(), name.c_str(), file_type, space.get(),
                                       H5P_DEFAULT, creation.get(), H5P_DEFAULT),
                            H5Dclose);
@@ -132,6 +134,12 @@ Status Hdf5Writer::State::WriteScalar(std::string_view path, hid_t file_type, hi
     return Failure("write", path);
   }
   return Status();
+}
+
+Status Hdf5Writer::State::WriteScalar(std::string_view path, hid_t file_type, hid_t memory_type,
+                                      const void* data) {
+  const Hdf5Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  return WriteWhole(path, file_type, memory_type, space, CreationList(), data);
 }
 
 Hdf5Writer::Hdf5Writer(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -231,8 +239,6 @@ Status Hdf5Writer::WriteArray(std::string_view path, std::span<const float> valu
                   fmt::format("'{}' has {} values for {} elements in {} dimensions (1 or 2)", path,
                               values.size(), elements, shape.size()));
   }
-  B4MRL_RETURN_IF_ERROR(state_->EnsureGroups(path));
-  const std::string name(path);
   const std::vector<hsize_t> extents(shape.begin(), shape.end());
   const int rank = static_cast<int>(extents.size());
   const Hdf5Handle space(H5Screate_simple(rank, extents.data(), nullptr), H5Sclose);
@@ -240,14 +246,7 @@ Status Hdf5Writer::WriteArray(std::string_view path, std::span<const float> valu
   // One chunk, because only chunked storage carries checksums.
   H5Pset_chunk(creation.get(), rank, extents.data());
   H5Pset_fletcher32(creation.get());
-  const Hdf5Handle dataset(H5Dcreate2(state_->handle.get(), name.c_str(), H5T_IEEE_F32LE,
-                                      space.get(), H5P_DEFAULT, creation.get(), H5P_DEFAULT),
-                           H5Dclose);
-  if (!dataset.valid() ||
-      H5Dwrite(dataset.get(), H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
-    return state_->Failure("write", path);
-  }
-  return Status();
+  return state_->WriteWhole(path, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, space, creation, values.data());
 }
 
 Status Hdf5Writer::WriteString(std::string_view path, std::string_view text) {

@@ -22,9 +22,6 @@ struct Measurement {
   bool smaller_is_better;  // whether a smaller value / limit is better
 
   double ratio() const { return value / limit; }
-  bool reaches_target() const {
-    return target == 0 || (smaller_is_better ? ratio() <= target : ratio() >= target);
-  }
 };
 
 double Median(std::vector<double> values);

@@ -1,22 +1,17 @@
 #include "benchmarks/performance/support/ping_pong.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <signal.h>
-#include <spawn.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <zmq.h>
 
-#include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <vector>
 
 #include "proto/base/clock.h"
-
-extern char** environ;
 
 namespace b4mrl::perf {
 namespace {
@@ -71,24 +66,13 @@ Result<std::unique_ptr<PingPong>> PingPong::Start(const std::string& address, Fr
 }
 
 Status PingPong::Spawn(const std::string& address) {
-  int out[2];
-  if (pipe2(out, O_CLOEXEC) != 0) return IoError("make", "a pipe", errno);
-  from_process_ = out[0];
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
-  std::vector<std::string> words = {"b4mrl-perf", "pong", address, std::to_string(reply_.envelope),
-                                    std::to_string(reply_.payload)};
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  const int error =
-      posix_spawn(&process_, "/proc/self/exe", &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  close(out[1]);
+  const std::vector<std::string> words = {"b4mrl-perf", "pong", address,
+                                          std::to_string(reply_.envelope),
+                                          std::to_string(reply_.payload)};
+  const int error = StartWithOutput("/proc/self/exe", words, &server_);
   if (error != 0) return IoError("start", "the bare server", error);
   char byte = 0;
-  while (read(from_process_, &byte, 1) == 1 && byte != '\n') endpoint_ += byte;
+  while (read(server_.output.get(), &byte, 1) == 1 && byte != '\n') endpoint_ += byte;
   if (byte != '\n') return Status(StatusCode::kUnavailable, "the bare server did not start");
   return Status();
 }
@@ -108,11 +92,10 @@ Status PingPong::Connect(const std::string& address) {
 PingPong::~PingPong() {
   if (socket_ != nullptr) zmq_close(socket_);
   if (context_ != nullptr) zmq_ctx_term(context_);
-  if (process_ > 0) {
-    kill(process_, SIGTERM);
-    waitpid(process_, nullptr, 0);
+  if (server_.process_id > 0) {
+    kill(server_.process_id, SIGTERM);
+    waitpid(server_.process_id, nullptr, 0);
   }
-  if (from_process_ >= 0) close(from_process_);
 }
 
 Result<double> PingPong::RoundTrip() {
@@ -125,7 +108,6 @@ Result<double> PingPong::RoundTrip() {
 
 int RunPong(const std::string& address, FrameSizes reply) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  signal(SIGINT, SIG_IGN);  // a terminal's Ctrl-C is for the measuring process
   void* context = zmq_ctx_new();
   void* socket = zmq_socket(context, ZMQ_ROUTER);
   if (zmq_bind(socket, address.c_str()) != 0) {

@@ -2,12 +2,11 @@
 // messages of given sizes whose content nobody computes or reads.
 #pragma once
 
-#include <sys/types.h>
-
 #include <cstddef>
 #include <memory>
 #include <string>
 
+#include "proto/base/child_program.h"
 #include "proto/base/status.h"
 
 namespace b4mrl::perf {
@@ -37,8 +36,7 @@ class PingPong {
 
   FrameSizes request_;
   FrameSizes reply_;
-  pid_t process_ = -1;
-  int from_process_ = -1;
+  ProgramWithOutput server_;
   std::string endpoint_;
   void* context_ = nullptr;
   void* socket_ = nullptr;

@@ -22,10 +22,8 @@ Result<RecordedRows> RecordRows(Client& client, const Options& options) {
           : options.agent_file;
   B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_file));
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
-  EnvironmentOptions lanes;
-  lanes.num_envs = kRecordedLanes;
-  lanes.seed = 0;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", lanes));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment,
+                         client.Make("HalfCheetah", {.num_envs = kRecordedLanes, .seed = 0}));
   B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, environment.Reset());
   MatrixBuffer<float> noise(kCheetahActionSize, kRecordedLanes);
   MatrixBuffer<float> actions(kCheetahActionSize, kRecordedLanes);

@@ -14,9 +14,7 @@ constexpr size_t kActionRows = 4096;
 }  // namespace
 
 Result<SingleLane> SingleLane::Open(Client& client) {
-  EnvironmentOptions one_lane;
-  one_lane.seed = 0;
-  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", one_lane));
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment environment, client.Make("HalfCheetah", {.seed = 0}));
   B4MRL_RETURN_IF_ERROR(environment.Reset().status());
   return SingleLane(std::move(environment), RandomActions(kActionRows));
 }
