@@ -106,9 +106,13 @@ Status ReplayCollector::Step(const FixedOrderPolicy& policy, MetricMeans& metric
 }
 
 Status ReplayCollector::Collect(const PolicyWeights& policy, uint64_t steps, MetricMeans& metrics) {
-  B4MRL_ASSIGN_OR_RETURN(const FixedOrderPolicy acting, FixedOrderPolicy::Create(policy));
+  if (acting_) {
+    B4MRL_RETURN_IF_ERROR(acting_->Assign(policy));
+  } else {
+    B4MRL_ASSIGN_OR_RETURN(acting_, FixedOrderPolicy::Create(policy));
+  }
   for (uint64_t step = 0; step < steps; step += count_) {
-    B4MRL_RETURN_IF_ERROR(Step(acting, metrics));
+    B4MRL_RETURN_IF_ERROR(Step(*acting_, metrics));
   }
   return Status();
 }

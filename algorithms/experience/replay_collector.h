@@ -81,6 +81,7 @@ class ReplayCollector {
   ReplayBuffer::Options replay_options_;
 
   std::optional<ReplayBuffer> replay_;
+  std::optional<FixedOrderPolicy> acting_;  // the policy of the last Collect
   ObservationHistory histories_;        // the policy's input in every lane
   std::vector<float> previous_;         // one lane's history before a step
   std::vector<float> visible_;          // one observation, as returned by Visible

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "algorithms/policy/inference_kernels.h"
-#include "proto/base/finite.h"
 
 namespace b4mrl {
 namespace {
@@ -24,20 +23,27 @@ struct PackedLayer {
   AlignedVector<float> bias;
 };
 
-PackedLayer Pack(const DenseWeights& dense) {
-  PackedLayer packed{.inputs = dense.inputs, .outputs = dense.outputs};
+// Packs a layer's weights into memory that `packed` may have from an earlier call.
+void Pack(const DenseWeights& dense, PackedLayer& packed) {
+  packed.inputs = dense.inputs;
+  packed.outputs = dense.outputs;
   const int padded = Padded(dense.outputs);
   packed.weights.resize(static_cast<size_t>(padded) * dense.inputs);
-  packed.bias.resize(padded);
+  packed.bias.assign(padded, 0.0f);
   std::copy(dense.bias.begin(), dense.bias.end(), packed.bias.begin());
-  for (int o = 0; o < dense.outputs; ++o) {
-    float* panel = packed.weights.data() + static_cast<size_t>(o / kPanel) * kPanel * dense.inputs;
-    for (int k = 0; k < dense.inputs; ++k) {
-      panel[static_cast<size_t>(k) * kPanel + o % kPanel] =
-          dense.weight[static_cast<size_t>(o) * dense.inputs + k];
+  float* to = packed.weights.data();
+  for (int first = 0; first < dense.outputs; first += kPanel) {
+    const int outputs = std::min(kPanel, dense.outputs - first);
+    const float* from = dense.weight.data() + static_cast<size_t>(first) * dense.inputs;
+    for (int k = 0; k < dense.inputs; ++k, to += kPanel) {
+      for (int o = 0; o < outputs; ++o) to[o] = from[static_cast<size_t>(o) * dense.inputs + k];
+      std::fill(to + outputs, to + kPanel, 0.0f);
     }
   }
-  return packed;
+}
+
+bool AllFinite(const std::vector<float>& values) {
+  return inference::AllFinite(values.data(), values.size());
 }
 
 Status ValidateLayer(const std::string& name, const DenseWeights& dense, int inputs) {
@@ -174,6 +180,35 @@ struct FixedOrderPolicy::Network {
   std::vector<float> scale;  // 1 / observation std
   std::vector<char> seen;
 
+  void Assign(const PolicyWeights& weights) {
+    observation_size = weights.observation_size;
+    action_size = weights.action_size;
+    int widest = std::max(weights.observation_size, weights.action_size);
+    hidden.resize(weights.hidden.size());
+    for (size_t i = 0; i < hidden.size(); ++i) {
+      Pack(weights.hidden[i], hidden[i]);
+      widest = std::max(widest, weights.hidden[i].outputs);
+    }
+    stride = Padded(widest);
+    Pack(weights.mean, mean);
+    if (!weights.log_std) log_std.reset();
+    if (weights.log_std) Pack(*weights.log_std, log_std ? *log_std : log_std.emplace());
+    log_std_min = weights.log_std_min;
+    log_std_max = weights.log_std_max;
+    AssignInput(weights);
+  }
+
+  void AssignInput(const PolicyWeights& weights) {
+    shift.assign(observation_size, 0.0f);
+    scale.assign(observation_size, 1.0f);
+    seen.assign(observation_size, 1);
+    std::copy(weights.observation_mean.begin(), weights.observation_mean.end(), shift.begin());
+    std::transform(weights.observation_std.begin(), weights.observation_std.end(), scale.begin(),
+                   [](float value) { return 1.0f / value; });
+    std::transform(weights.observation_mask.begin(), weights.observation_mask.end(), seen.begin(),
+                   [](float value) { return value != 0; });
+  }
+
   void LoadInput(MatrixView<const float> observations, float* rows) const {
     for (int column = 0; column < observations.columns; ++column) {
       const float* from = observations.column(column);
@@ -253,8 +288,7 @@ struct FixedOrderPolicy::Network {
   }
 };
 
-FixedOrderPolicy::FixedOrderPolicy(std::unique_ptr<const Network> network)
-    : network_(std::move(network)) {}
+FixedOrderPolicy::FixedOrderPolicy() : network_(std::make_unique<Network>()) {}
 FixedOrderPolicy::FixedOrderPolicy(FixedOrderPolicy&&) noexcept = default;
 FixedOrderPolicy& FixedOrderPolicy::operator=(FixedOrderPolicy&&) noexcept = default;
 FixedOrderPolicy::~FixedOrderPolicy() = default;
@@ -264,30 +298,15 @@ Result<FixedOrderPolicy> FixedOrderPolicy::Create(const PolicyWeights& weights) 
     return Status(StatusCode::kUnsupported,
                   "this processor has no AVX2 or no FMA; policies need both");
   }
+  FixedOrderPolicy policy;
+  B4MRL_RETURN_IF_ERROR(policy.Assign(weights));
+  return policy;
+}
+
+Status FixedOrderPolicy::Assign(const PolicyWeights& weights) {
   B4MRL_RETURN_IF_ERROR(Validate(weights));
-  auto network = std::make_unique<Network>();
-  network->observation_size = weights.observation_size;
-  network->action_size = weights.action_size;
-  int widest = std::max(weights.observation_size, weights.action_size);
-  for (const DenseWeights& layer : weights.hidden) {
-    network->hidden.push_back(Pack(layer));
-    widest = std::max(widest, layer.outputs);
-  }
-  network->stride = Padded(widest);
-  network->mean = Pack(weights.mean);
-  if (weights.log_std) network->log_std = Pack(*weights.log_std);
-  network->log_std_min = weights.log_std_min;
-  network->log_std_max = weights.log_std_max;
-  network->shift.assign(weights.observation_size, 0.0f);
-  network->scale.assign(weights.observation_size, 1.0f);
-  network->seen.assign(weights.observation_size, 1);
-  std::copy(weights.observation_mean.begin(), weights.observation_mean.end(),
-            network->shift.begin());
-  std::transform(weights.observation_std.begin(), weights.observation_std.end(),
-                 network->scale.begin(), [](float std) { return 1.0f / std; });
-  std::transform(weights.observation_mask.begin(), weights.observation_mask.end(),
-                 network->seen.begin(), [](float seen) { return seen != 0; });
-  return FixedOrderPolicy(std::move(network));
+  network_->Assign(weights);
+  return {};
 }
 
 int FixedOrderPolicy::observation_size() const { return network_->observation_size; }

@@ -4,8 +4,9 @@
 // is one chain of fused multiply-adds over the inputs in index order, so an observation's action
 // has equal bits in a batch of any size, on any x86-64 processor with AVX2 and FMA. tanh and exp
 // are our own (errors below 4e-7 absolute and 4e-7 relative). The kernels are compiled for
-// x86-64-v3 and use neither Eigen nor BLAS nor libm. Thread rule: FixedOrderPolicy is immutable
-// after Create and shares no scratch space between calls; any number of threads may share it.
+// x86-64-v3 and use neither Eigen nor BLAS nor libm. Thread rule: only Assign changes a
+// FixedOrderPolicy, and calls share no scratch space, so any number of threads may share a policy
+// while none calls Assign.
 #pragma once
 
 #include <memory>
@@ -54,6 +55,9 @@ class FixedOrderPolicy {
   // kInvalidArgument for inconsistent shapes or numbers that are not finite; kUnsupported on a
   // processor without AVX2 and FMA.
   static Result<FixedOrderPolicy> Create(const PolicyWeights& weights);
+  // Replaces the policy by that of `weights`, with Create's errors, which leave it as it was. Keeps
+  // the memory where shapes are equal: a learner acts by other weights after every update.
+  Status Assign(const PolicyWeights& weights);
   FixedOrderPolicy(FixedOrderPolicy&&) noexcept;
   FixedOrderPolicy& operator=(FixedOrderPolicy&&) noexcept;
   ~FixedOrderPolicy();
@@ -72,8 +76,8 @@ class FixedOrderPolicy {
 
  private:
   struct Network;
-  explicit FixedOrderPolicy(std::unique_ptr<const Network> network);
-  std::unique_ptr<const Network> network_;
+  FixedOrderPolicy();
+  std::unique_ptr<Network> network_;
 };
 
 }  // namespace b4mrl

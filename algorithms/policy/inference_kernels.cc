@@ -2,7 +2,10 @@
 
 #include <immintrin.h>
 
+#include <algorithm>
+#include <bit>
 #include <cstddef>
+#include <cstdint>
 #include <type_traits>
 #include <utility>
 
@@ -141,6 +144,15 @@ void Dense(const float* weights, const float* bias, int inputs, int outputs, boo
       DensePanel<1>(w, b, inputs, relu, input + row * in, in, o + row * out, out);
     }
   }
+}
+
+bool AllFinite(const float* values, std::size_t count) {
+  // Without an early return, so that the loop is vectorised: almost every call sees finite numbers.
+  uint32_t largest = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    largest = std::max(largest, std::bit_cast<uint32_t>(values[i]) & 0x7fffffffu);
+  }
+  return largest < 0x7f800000u;  // the bits of infinity; those of NaN are above
 }
 
 void TanhInPlace(int count, float* values) {

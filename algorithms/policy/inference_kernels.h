@@ -7,6 +7,8 @@
 // one row per observation, and row strides that are multiples of kPanel numbers.
 #pragma once
 
+#include <cstddef>
+
 namespace b4mrl::inference {
 
 inline constexpr int kPanel = 16;
@@ -18,6 +20,9 @@ constexpr int Padded(int count) { return (count + kPanel - 1) / kPanel * kPanel;
 // inputs numbers, `bias` Padded(outputs).
 void Dense(const float* weights, const float* bias, int inputs, int outputs, bool relu,
            const float* input, int input_stride, int rows, float* output, int output_stride);
+
+// True if none of the `count` values is NaN or infinite.
+bool AllFinite(const float* values, std::size_t count);
 
 // values[i] = tanh(values[i]) for i in [0, Padded(count)).
 void TanhInPlace(int count, float* values);

@@ -96,6 +96,32 @@ TEST_CASE("fixed-order actions and log-densities agree with a computation in dou
   }
 }
 
+TEST_CASE("a policy that is assigned other weights has the bits of a policy made of them") {
+  const PolicyWeights first = RandomPolicy(17, {256, 256}, 6);
+  // Equal shapes, as in training, and others: fewer outputs than a panel has, and no log_std.
+  PolicyWeights second = GENERATE(RandomPolicy(17, {256, 256}, 6), RandomPolicy(17, {33, 5}, 6));
+  for (float& weight : second.hidden[0].weight) weight *= 0.5f;
+  if (GENERATE(true, false)) second.log_std.reset();
+  second.observation_mask.assign(17, 1.0f);
+  second.observation_mask[3] = 0;
+  FixedOrderPolicy policy = Make(first);
+  REQUIRE(policy.Assign(second).ok());
+  const FixedOrderPolicy expected = Make(second);
+  CHECK(policy.stochastic() == expected.stochastic());
+  const MatrixBuffer<float> observations = Normals(17, 5, 0);
+  MatrixBuffer<float> actions(6, 5), expected_actions(6, 5);
+  policy.Act(observations.view(), actions.view());
+  expected.Act(observations.view(), expected_actions.view());
+  CHECK(std::ranges::equal(actions.values(), expected_actions.values()));
+
+  // Weights that training has made infinite are refused, and the policy stays as it was.
+  PolicyWeights diverged = second;
+  diverged.mean.weight.back() = std::numeric_limits<float>::infinity();
+  CHECK(policy.Assign(diverged).code() == StatusCode::kInvalidArgument);
+  policy.Act(observations.view(), actions.view());
+  CHECK(std::ranges::equal(actions.values(), expected_actions.values()));
+}
+
 TEST_CASE("a row's bits do not depend on the batch around it") {
   const PolicyWeights weights = RandomPolicy(17, {256, 256}, 6);
   const FixedOrderPolicy policy = Make(weights);
