@@ -59,12 +59,6 @@ HyperparameterTable Table() {
       PenaltyRow(0, "the paper"),
       Whole("horizon", 5, {1, 1000}, "steps of a rollout in the corrected simulator",
             {.unit = "steps", .source = "the paper, for HalfCheetah; ours elsewhere"}),
-      Whole("rollout-lag", 0, {0, 1},
-            "age of the policy that is rolled out: 0 the present one, 1 that of one cycle "
-            "ago",
-            {.unit = "cycles",
-             .source = "ours: 0 is the paper's algorithm, 1 lets simulation and updates "
-                       "overlap"}),
       Whole("chunk-rows", 2000, {1, limits::kMaxQueryRows},
             "states and actions in one query to the simulator",
             {.unit = "rows", .source = "ours, by measurement"}),

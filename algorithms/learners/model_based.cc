@@ -28,7 +28,7 @@ ModelBased::ModelBased(const LearnerContext& context, Parts parts)
       dataset_(std::move(parts.dataset)),
       simulator_(std::move(parts.simulator)),
       rollout_every_(context.hyperparameters.Unsigned("rollout-every")),
-      lag_(context.hyperparameters.NumberOr("rollout-lag", 0) == 1),
+      lag_(context.hyperparameters.Integer("rollout-lag") == 1),
       rollout_(RolloutOptionsOf(context, dataset_.mask(), std::move(parts.termination)),
                simulator_ ? &*simulator_ : nullptr, &ensemble_),
       pool_(std::move(parts.pool)),

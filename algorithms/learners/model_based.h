@@ -3,8 +3,9 @@
 //
 // D_model keeps the rollouts of the last `model-retain` cycles. They are a function of the policies
 // that made them, so a checkpoint keeps the policies, and resuming rolls them out again. With
-// `rollout-lag` 1 a cycle uses the rollouts of the previous cycle's policy, which the daemon
-// simulates while this process updates; with 0 it waits for rollouts of the present policy. A
+// `rollout-lag` 0 a cycle waits for rollouts of the present policy. With 1 it uses rollouts of the
+// previous cycle's policy, which were made on a thread of their own, and in HyMOPO by the daemon,
+// during the previous cycle's updates; when they are ready changes no bit of a run. A
 // checkpoint stores only the key of the ensemble, which lies in ensemble.h5 of the run's folder.
 // Thread rule: one thread, but for rollouts under way (model/model_rollout.h).
 #pragma once

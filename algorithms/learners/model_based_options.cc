@@ -23,6 +23,11 @@ HyperparameterTable RolloutRows() {
       Whole("model-retain", 5, {1, 1000},
             "number of recent rollout cycles kept in the model's replay pool",
             {.unit = "cycles", .source = kAuthors}),
+      Whole("rollout-lag", 0, {0, 1},
+            "age of the policy that is rolled out: 0 the present one, 1 that of one cycle ago",
+            {.unit = "cycles",
+             .source = "ours: 0 is the published algorithm; 1 makes the next cycle's rollouts on "
+                       "a thread of their own while updates go on"}),
       Real("real-ratio", 0.05, {0, 1}, "share of a batch that comes from the dataset",
            {.source = kAuthors}),
       Real("target-entropy", -3, {-1e3, 1e3},

@@ -124,10 +124,10 @@ TEST_CASE("A run that loses its daemon keeps its last update and goes on from th
   const Picks queries = [](const pb::Request& request) {
     return request.has_query() && request.query().draw() > 12;  // five a cycle, after the pre-pass
   };
-  const Loss loss = GENERATE_COPY(Loss{"td3-bc", false, batches}, Loss{"iql", false, batches},
-                                  Loss{"mopo", false, batches}, Loss{"mopo", false, starts},
-                                  Loss{"hymopo", false, starts}, Loss{"hymopo", false, queries},
-                                  Loss{"hymopo", true, starts}, Loss{"hymopo", true, queries});
+  const Loss loss = GENERATE_COPY(
+      Loss{"td3-bc", false, batches}, Loss{"iql", false, batches}, Loss{"mopo", false, batches},
+      Loss{"mopo", false, starts}, Loss{"mopo", true, starts}, Loss{"hymopo", false, starts},
+      Loss{"hymopo", false, queries}, Loss{"hymopo", true, starts}, Loss{"hymopo", true, queries});
   INFO(loss.algorithm << ", lag " << loss.lag);
   const TemporaryFolder folder;
   LosableDaemon daemon(loss.picks);
