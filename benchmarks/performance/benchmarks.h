@@ -31,9 +31,10 @@ Status MeasureQuery(const Options& options, Reporter& reporter);
 Status MeasureBatch(const Options& options, Reporter& reporter);
 // highway-bare, highway-socket, highway-ipc, ...-cpu: steps of Highway with 15 other cars.
 Status MeasureHighway(const Options& options, Reporter& reporter);
-// update-sac, update-td3, update-td3-bc, update-ensemble: gradient steps on one thread.
+// update-sac, update-td3, ..., update-ensemble: gradient steps on one thread.
 Status MeasureUpdate(const Options& options, Reporter& reporter);
-// hymopo-cycle: time of 1,000 updates beside the 250,000 queries of a rollout.
+// hymopo-cycle, mopo-cycle: time of 1,000 updates beside rollouts of 250,000 steps; and ...-lag-0,
+// the time of both one after the other.
 Status MeasureCycle(const Options& options, Reporter& reporter);
 
 }  // namespace b4mrl::perf

@@ -23,15 +23,32 @@ namespace {
 
 struct Entry {
   std::string name;
+  std::string about;  // what is measured, for --help
   Status (*measure)(const Options&, Reporter&);
 };
 
 const std::vector<Entry>& Entries() {
   static const std::vector<Entry> kEntries = {
-      {"step", MeasureStep},   {"latency", MeasureLatency}, {"query", MeasureQuery},
-      {"batch", MeasureBatch}, {"update", MeasureUpdate},   {"highway", MeasureHighway},
-      {"cycle", MeasureCycle}};
+      {"step", "steps a second of the MuJoCo tasks through the daemon", MeasureStep},
+      {"latency", "time of one step of one environment, alone and beside another client's queries",
+       MeasureLatency},
+      {"query", "simulated rows a second of queries from given states", MeasureQuery},
+      {"batch", "time until a client has a batch of a dataset", MeasureBatch},
+      {"update", "gradient steps a second of each learner, on one thread", MeasureUpdate},
+      {"highway", "steps a second of Highway, bare and through the daemon", MeasureHighway},
+      {"cycle",
+       "seconds of 1,000 updates and their rollouts in MOPO and HyMOPO, with --rollout-lag 1 and 0",
+       MeasureCycle}};
   return kEntries;
+}
+
+// The list of measurements below the options of --help.
+std::string Footer() {
+  std::string text = "Measurements:\n";
+  for (const Entry& entry : Entries()) {
+    text += fmt::format("  {:<10}{}\n", entry.name, entry.about);
+  }
+  return text + "benchmarks/RESULTS.md lists their rows and limits.";
 }
 
 int ExitCode(const Status& status) {
@@ -84,20 +101,24 @@ int Main(int argc, char** argv) {
   std::string what = "all";
   Options options;
   bool json = false;
-  app.add_option("what", what, "step, latency, query, batch, update, highway, cycle or all")
+  app.footer(Footer());
+  app.add_option("what", what, "one of the measurements below, or all of them")
       ->capture_default_str();
-  app.add_option("--endpoint", options.endpoint, "a running daemon (default: a private one)")
+  app.add_option("--endpoint", options.endpoint,
+                 "address of a running daemon (default: a daemon started for the measurement)")
       ->envname("B4MRL_ENDPOINT");
-  app.add_option("--turns", options.turns, "how often value and limit are measured in turns")
+  app.add_option("--turns", options.turns, "how often a value and its limit are measured, in turns")
       ->transform(CLI::Validator(CountText(1, 100), "1..100"))
       ->capture_default_str();
-  app.add_option("--seconds", options.seconds, "length of one turn of a rate")
+  app.add_option("--seconds", options.seconds,
+                 "length of a turn in which a rate is measured, in seconds")
       ->check(CLI::Range(0.05, 60.0))
       ->capture_default_str();
   app.add_option("--agent", options.agent_file,
-                 "whose states queries start from (default: the policy of HalfCheetah/medium)")
+                 "agent file whose policy visits the states that queries and rollouts start from "
+                 "(default: the policy of HalfCheetah/medium)")
       ->check(CLI::ExistingFile);
-  app.add_flag("--json", json, "one JSON object a line");
+  app.add_flag("--json", json, "print each row as one JSON object");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
