@@ -123,17 +123,7 @@ class LegLength final : public NumberPerturbation {
 
   static Status Derive(mjModel* model) {
     B4MRL_ASSIGN_OR_RETURN(const MjDataPtr data, MakeMujocoData(*model));
-    struct Call {
-      mjModel* model;
-      mjData* data;
-    } call{model, data.get()};
-    const bool derived = RunGuarded(
-        [](void* argument) {
-          auto* c = static_cast<Call*>(argument);
-          mj_setConst(c->model, c->data);
-        },
-        &call);
-    if (derived) return Status();
+    if (RunGuarded([&] { mj_setConst(model, data.get()); })) return Status();
     return Status(StatusCode::kUnsupported,
                   fmt::format("leg does not fit this model: {}", LastMujocoError()));
   }

@@ -61,32 +61,23 @@ Status Refusal(std::string_view message) {
                                                         line, limits::kMaxModelCompilerBytes));
 }
 
-struct CompileCall {
-  const char* path;
-  mjModel* model;
-  char error[1000];
-};
-
 }  // namespace
 
 Result<std::string> CompileModelFile(const std::string& path, const std::string& output) {
   InstallMujocoHandlers();
-  CompileCall call{path.c_str(), nullptr, ""};
+  mjModel* compiled = nullptr;
+  char error[1000] = "";
   try {
-    const bool finished = RunGuarded(
-        [](void* argument) {
-          auto* c = static_cast<CompileCall*>(argument);
-          c->model = mj_loadXML(c->path, nullptr, c->error, sizeof(c->error));
-        },
-        &call);
+    const bool finished =
+        RunGuarded([&] { compiled = mj_loadXML(path.c_str(), nullptr, error, sizeof(error)); });
     if (!finished) return Refusal(LastMujocoError());
   } catch (const std::bad_alloc&) {  // the compiler is C++ behind a C interface
     return Refusal("cannot allocate memory");
-  } catch (const std::exception& error) {
-    return Refusal(error.what());
+  } catch (const std::exception& exception) {
+    return Refusal(exception.what());
   }
-  if (call.model == nullptr) return Refusal(call.error);
-  const MjModelPtr model(call.model);
+  if (compiled == nullptr) return Refusal(error);
+  const MjModelPtr model(compiled);
   B4MRL_RETURN_IF_ERROR(CheckState(*model));
   B4MRL_RETURN_IF_ERROR(CheckSizes(*model));
   const auto size = static_cast<size_t>(mj_sizeModel(model.get()));
@@ -99,10 +90,14 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
   return HashOfModelFile(output);
 }
 
-Result<std::string> HashOfModelFile(const std::string& path) {
+Result<std::string> ReadModelFile(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) return IoError("open", path, errno);
-  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+Result<std::string> HashOfModelFile(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string bytes, ReadModelFile(path));
   const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
   return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
 }

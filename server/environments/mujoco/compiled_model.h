@@ -16,6 +16,8 @@ namespace b4mrl {
 // beyond limits::kMaxModelBytes or kMaxSimulationBytes, or its state beyond what lanes keep.
 Result<std::string> CompileModelFile(const std::string& path, const std::string& output);
 
+// The bytes of a model's file, MJCF or compiled.
+Result<std::string> ReadModelFile(const std::string& path);
 // The hash of a compiled model: 128 bits in hexadecimal.
 Result<std::string> HashOfModelFile(const std::string& path);
 

@@ -56,27 +56,26 @@ void MujocoEnvironment::AddStatePart(const char* name, std::span<double> values)
   parts_.push_back({name, values, false});
 }
 
-bool MujocoEnvironment::Guarded(void (*function)(void*)) {
-  if (RunGuarded(function, this) && TakeWarnings(data_) == 0) return true;
+template <typename Function>
+bool MujocoEnvironment::Guarded(Function function) {
+  if (RunGuarded(function) && TakeWarnings(data_) == 0) return true;
   mj_resetData(&model_, data_);  // also frees the engine's stack after an error
   return false;
 }
 
 bool MujocoEnvironment::Simulate(std::span<const double> action) {
   CopyInto(action, data_->ctrl);
-  return Guarded([](void* argument) {
-    auto* self = static_cast<MujocoEnvironment*>(argument);
-    self->BeforeStep();
-    for (int i = 0; i < self->frame_skip_; ++i) mj_step(&self->model_, self->data_);
-    self->AfterStep();
+  return Guarded([this] {
+    BeforeStep();
+    for (int i = 0; i < frame_skip_; ++i) mj_step(&model_, data_);
+    AfterStep();
   });
 }
 
 bool MujocoEnvironment::Forward() {
-  return Guarded([](void* argument) {
-    auto* self = static_cast<MujocoEnvironment*>(argument);
-    mj_forward(&self->model_, self->data_);
-    self->AfterForward();
+  return Guarded([this] {
+    mj_forward(&model_, data_);
+    AfterForward();
   });
 }
 
@@ -160,9 +159,7 @@ QueryResult MujocoEnvironment::Query(std::span<const double> observation,
   std::ranges::fill(qpos(), 0);
   StateFromObservation(observation, qpos(), qvel());
   std::fill_n(data_->qacc_warmstart, model_.nv, 0);
-  const bool prepared =
-      Guarded([](void* argument) { static_cast<MujocoEnvironment*>(argument)->BeforeQuery(); });
-  if (!prepared) return {};
+  if (!Guarded([this] { BeforeQuery(); })) return {};
   const StepResult step = Step(action);
   if (step.cause == Cause::kNumericalError) return {};
   Observe(next_observation);
@@ -170,12 +167,11 @@ QueryResult MujocoEnvironment::Query(std::span<const double> observation,
 }
 
 Status MujocoEnvironment::Draw(Canvas& canvas) {
-  const bool placed = Guarded([](void* argument) {
-    auto* self = static_cast<MujocoEnvironment*>(argument);
-    mj_kinematics(&self->model_, self->data_);
-    mj_comPos(&self->model_, self->data_);
-    mj_camlight(&self->model_, self->data_);
-    mj_tendon(&self->model_, self->data_);
+  const bool placed = Guarded([this] {
+    mj_kinematics(&model_, data_);
+    mj_comPos(&model_, data_);
+    mj_camlight(&model_, data_);
+    mj_tendon(&model_, data_);
   });
   if (!placed) return Status(StatusCode::kInternal, "the physics engine cannot place the bodies");
   return canvas.DrawModel(model_, *data_);

@@ -85,7 +85,9 @@ class MujocoEnvironment : public Environment {
   bool Simulate(std::span<const double> action);
   // Calls mj_forward and AfterForward; fails as Simulate does.
   bool Forward();
-  bool Guarded(void (*function)(void*));
+  // Calls `function` under MuJoCo's error guard; fails as Simulate does.
+  template <typename Function>
+  bool Guarded(Function function);
 
   Status ApplyParameters(std::span<const double> parameters) final {
     return scratch_.SetParameters(parameters);

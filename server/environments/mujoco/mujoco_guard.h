@@ -19,6 +19,11 @@ void InstallMujocoHandlers();
 // own no object with a destructor while it calls MuJoCo, because an error skips its frame. Guards
 // do not nest.
 bool RunGuarded(void (*function)(void*), void* argument);
+// The same for a callable without arguments, such as a lambda that captures by reference.
+template <typename Function>
+bool RunGuarded(Function function) {
+  return RunGuarded([](void* callable) { (*static_cast<Function*>(callable))(); }, &function);
+}
 
 // The message of this thread's last error that a guard caught; "" if there was none.
 const char* LastMujocoError();

@@ -3,9 +3,6 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
-#include <cerrno>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <mutex>
 
@@ -18,22 +15,15 @@ namespace {
 
 constexpr size_t kMessageBytes = 1000;
 
-Result<std::string> ReadFile(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return IoError("open", path, errno);
-  return std::string(std::istreambuf_iterator<char>(file), {});
-}
-
 Result<LoadedModel> Compile(const std::string& path, const std::string& file_name) {
   InstallMujocoHandlers();
-  auto bytes = ReadFile(path);
-  if (!bytes.ok()) return bytes.status();
+  B4MRL_ASSIGN_OR_RETURN(const std::string bytes, ReadModelFile(path));
   char error[kMessageBytes] = "";
   MjModelPtr model(mj_loadXML(path.c_str(), nullptr, error, sizeof(error)));
   if (model == nullptr) {
     return Status(StatusCode::kDataLoss, fmt::format("model {}: {}", path, error));
   }
-  const uint64_t hash = XXH3_64bits(bytes->data(), bytes->size());
+  const uint64_t hash = XXH3_64bits(bytes.data(), bytes.size());
   return LoadedModel{std::move(model), fmt::format("{}:{:016x}", file_name, hash), "", {}, {}};
 }
 
@@ -70,23 +60,15 @@ Result<LoadedModel> LoadCompiledModel(const CompiledModel& compiled, const std::
                   fmt::format("the compiled copy of {} has other contents than it had", file_name));
   }
   InstallMujocoHandlers();
-  struct Call {
-    const char* path;
-    mjModel* model;
-  } call{compiled.path.c_str(), nullptr};
-  const bool loaded = RunGuarded(
-      [](void* argument) {
-        auto* c = static_cast<Call*>(argument);
-        c->model = mj_loadModel(c->path, nullptr);
-      },
-      &call);
-  if (!loaded || call.model == nullptr) {
+  mjModel* model = nullptr;
+  const bool loaded = RunGuarded([&] { model = mj_loadModel(compiled.path.c_str(), nullptr); });
+  if (!loaded || model == nullptr) {
     return Status(
         StatusCode::kDataLoss,
         fmt::format("the compiled copy of {} cannot be loaded ({})", file_name, EngineVersion()));
   }
   return LoadedModel{
-      MjModelPtr(call.model), fmt::format("{}:{}", file_name, compiled.hash), file_name, {}, {}};
+      MjModelPtr(model), fmt::format("{}:{}", file_name, compiled.hash), file_name, {}, {}};
 }
 
 const char* JointTypeName(int type) {
@@ -167,20 +149,12 @@ Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const Mo
 }
 
 Result<MjDataPtr> MakeMujocoData(const mjModel& model) {
-  struct Call {
-    const mjModel* model;
-    mjData* data;
-  } call{&model, nullptr};
-  const bool made = RunGuarded(
-      [](void* argument) {
-        auto* c = static_cast<Call*>(argument);
-        c->data = mj_makeData(c->model);
-      },
-      &call);
-  if (!made || call.data == nullptr) {
+  mjData* data = nullptr;
+  const bool made = RunGuarded([&] { data = mj_makeData(&model); });
+  if (!made || data == nullptr) {
     return Status(StatusCode::kUnavailable, "no memory for another simulator");
   }
-  return MjDataPtr(call.data);
+  return MjDataPtr(data);
 }
 
 Result<MujocoScratch> MujocoScratch::Create(const LoadedModel& loaded) {
