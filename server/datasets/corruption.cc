@@ -100,16 +100,9 @@ Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observat
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec) {
   Corruption corruption;
-  for (const NamedArgument& item : items) {
-    B4MRL_ASSIGN_OR_RETURN(NamedArgument resolved, ResolvePerturbation(item, spec.name));
-    corruption.items.push_back(std::move(resolved));
-  }
-  B4MRL_ASSIGN_OR_RETURN(corruption.set,
-                         MakePerturbations(corruption.items, spec, PerturbationUse::kDataset));
-  // The arguments as the perturbations themselves write them, so that equal corruptions get equal
-  // fingerprints.
-  corruption.items = corruption.set.items();
-  B4MRL_ASSIGN_OR_RETURN(corruption.hidden_dimensions, HiddenDimensions(corruption.items, spec));
+  B4MRL_ASSIGN_OR_RETURN(corruption.set, MakePerturbations(items, spec, PerturbationUse::kDataset));
+  B4MRL_ASSIGN_OR_RETURN(corruption.hidden_dimensions,
+                         HiddenDimensions(corruption.set.items(), spec));
   return corruption;
 }
 

@@ -32,11 +32,10 @@ Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observat
                                       uint32_t action_size);
 
 struct Corruption {
-  std::vector<NamedArgument> items;         // parametric forms, in order
-  std::vector<uint32_t> hidden_dimensions;  // sorted
+  // Its items() are the arguments as the perturbations themselves write them, so that equal
+  // corruptions get equal fingerprints.
   PerturbationSet set;
-
-  bool empty() const { return items.empty(); }
+  std::vector<uint32_t> hidden_dimensions;  // sorted
 };
 // Resolves presets and builds the set; refuses perturbations that are unknown or cannot corrupt
 // data.

@@ -73,11 +73,6 @@ bool LiesInFile(const Status& failure) {
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kLimitExceeded;
 }
 
-Status NoRoomFor(uint64_t bytes, uint64_t allowed) {
-  return Status(StatusCode::kLimitExceeded,
-                fmt::format("the dataset takes {} bytes, allowed: {}", bytes, allowed));
-}
-
 }  // namespace
 
 DatasetStore::DatasetStore(const Options& options)
@@ -240,7 +235,10 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
   *dataset = nullptr;
   if (!make) return Status();
   const uint64_t bytes = source->cache().bytes();
-  if (bytes > cache_.max_bytes()) return NoRoomFor(bytes, cache_.max_bytes());
+  if (bytes > cache_.max_bytes()) {
+    return Status(StatusCode::kLimitExceeded, fmt::format("the dataset takes {} bytes, allowed: {}",
+                                                          bytes, cache_.max_bytes()));
+  }
   B4MRL_ASSIGN_OR_RETURN(
       DatasetBuilder builder,
       DatasetBuilder::Create(cache_.PathOf(fingerprint), source->columns().observation_size,
@@ -286,7 +284,7 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
       const EnvironmentSpec spec,
       SpecOfDataset(request.name, columns.observation_size, columns.action_size));
   B4MRL_ASSIGN_OR_RETURN(const Corruption corruption, MakeCorruption(request.corruptions, spec));
-  const std::string text = FormatNamedArguments(corruption.items);
+  const std::string text = FormatNamedArguments(corruption.set.items());
   // A file without next observations has already been imported under the other rule.
   const bool apply_d4rl =
       request.rule == TransitionRule::kD4rl && dataset->property("transition_rule") == "stored";
@@ -299,12 +297,12 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
   opened.info = {request.name, file.file.bytes, file.rows, file.sha256, file.behaviour_policy};
   opened.environment = dataset->property("environment");
   if (opened.environment.empty()) opened.environment = EnvironmentOfName(request.name);
-  opened.corruptions = corruption.items;
+  opened.corruptions = corruption.set.items();
   opened.hidden_dimensions = corruption.hidden_dimensions;
   opened.source_bytes = dataset->cache().bytes();
 
   const bool make = cancelled != nullptr;
-  if (!corruption.empty()) {
+  if (!corruption.set.empty()) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
       builder->SetProperty("corruptions", text);
       builder->SetProperty("seed", fmt::format("{}", request.seed));

@@ -11,16 +11,15 @@ namespace b4mrl {
 std::shared_ptr<const Dataset> ServedDatasets::Find(const std::string& fingerprint) {
   const auto found = served_.find(fingerprint);
   if (found == served_.end()) return nullptr;
-  found->second.last_use = ++uses_;
   found->second.used = Clock::now();
   return found->second.dataset;
 }
 
 void ServedDatasets::Add(const std::string& fingerprint, std::shared_ptr<const Dataset> dataset) {
-  served_[fingerprint] = {std::move(dataset), ++uses_, Clock::now()};
+  served_[fingerprint] = {std::move(dataset), Clock::now()};
   if (served_.size() <= limits::kMaxMappedDatasets) return;
-  served_.erase(std::ranges::min_element(served_, {},
-                                         [](const auto& entry) { return entry.second.last_use; }));
+  served_.erase(
+      std::ranges::min_element(served_, {}, [](const auto& entry) { return entry.second.used; }));
 }
 
 void ServedDatasets::ReleaseIdle() {

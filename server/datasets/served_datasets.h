@@ -3,7 +3,6 @@
 // one thread.
 #pragma once
 
-#include <cstdint>
 #include <map>
 #include <memory>
 #include <string>
@@ -25,11 +24,9 @@ class ServedDatasets {
  private:
   struct Served {
     std::shared_ptr<const Dataset> dataset;
-    uint64_t last_use = 0;   // number of its last use, in the order of all uses
     Clock::time_point used;  // time of its last use
   };
   std::map<std::string, Served> served_;
-  uint64_t uses_ = 0;
   Clock::time_point looked_ = Clock::now();
 };
 

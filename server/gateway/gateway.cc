@@ -51,8 +51,8 @@ class Gateway {
         openings_(context.shared(), std::move(workers),
                   {{ModelsFolder(context.options()), context.options().data_folder},
                    context.options().worker_ports},
-                  [this](const Asker& to, const Result<pb::OpenReply>& opened) {
-                    ReplyToOpen(to, opened);
+                  [this](const Asker& to, const Result<pb::Reply>& opened) {
+                    replies_.Reply(to, opened);
                   }),
         relay_(sockets, context.shared(),
                {context.options().worker_addresses, context.options().dataset_address},
@@ -75,8 +75,6 @@ class Gateway {
   // While draining: whether all other children have ended and all their replies were passed on.
   bool MayLeave();
 
-  void ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened);
-
   ChildContext& context_;
   RouterSocket socket_;
   Responder replies_;
@@ -87,13 +85,6 @@ class Gateway {
   std::optional<Deadline> last_words_;  // kLastWordsMs after all other children have ended
   pb::Request request_;                 // reused by every message
 };
-
-void Gateway::ReplyToOpen(const Asker& to, const Result<pb::OpenReply>& opened) {
-  if (!opened.ok()) return replies_.Reply(to, opened.status());
-  pb::Reply reply;
-  *reply.mutable_open() = *opened;
-  replies_.Reply(to, std::move(reply));
-}
 
 void Gateway::Handle(IncomingMessage incoming) {
   struct Handler {

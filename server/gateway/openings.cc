@@ -76,7 +76,7 @@ uint64_t Openings::Enter(const Asker& from, const pb::Request& request) {
   return number;
 }
 
-void Openings::Leave(uint64_t number, const Result<pb::OpenReply>& reply) {
+void Openings::Leave(uint64_t number, const Result<pb::Reply>& reply) {
   const auto found = waiting_.find(number);
   const Waiting waiting = std::move(found->second);
   waiting_.erase(found);
@@ -200,12 +200,12 @@ void Openings::Finish(Attaches::iterator found, const pb::Reply& answer) {
   const uint64_t generation = found->first;
   const Attach attach = std::move(found->second);
   attaches_.erase(found);
-  const Result<pb::OpenReply> reply = Conclude(generation, attach, answer);
+  const Result<pb::Reply> reply = Conclude(generation, attach, answer);
   for (const uint64_t number : attach.waiting) Leave(number, reply);
 }
 
-Result<pb::OpenReply> Openings::Conclude(uint64_t generation, const Attach& attach,
-                                         const pb::Reply& answer) {
+Result<pb::Reply> Openings::Conclude(uint64_t generation, const Attach& attach,
+                                     const pb::Reply& answer) {
   const SessionRecord& record = shared_.session(attach.session_index);
   const bool is_its_own = record.generation == generation;
   if (const Status status = GetStatus(answer.status()); !status.ok()) {
@@ -224,10 +224,11 @@ Result<pb::OpenReply> Openings::Conclude(uint64_t generation, const Attach& atta
       !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
     return Damaged();
   }
-  pb::OpenReply reply;
-  DescribeOpen(request, answer.attach(), &reply);
-  reply.mutable_port()->set_tcp(worker_ports_[attach.worker].tcp);
-  reply.mutable_port()->set_ipc(worker_ports_[attach.worker].ipc);
+  pb::Reply reply;
+  pb::OpenReply* opened = reply.mutable_open();
+  DescribeOpen(request, answer.attach(), opened);
+  opened->mutable_port()->set_tcp(worker_ports_[attach.worker].tcp);
+  opened->mutable_port()->set_ipc(worker_ports_[attach.worker].ipc);
   return reply;
 }
 

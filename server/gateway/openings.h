@@ -40,7 +40,7 @@ class Openings {
     ModelStore::Options models;
     std::vector<ChildOptions::Port> worker_ports;  // the ports that clients are told
   };
-  using ReplyFunction = std::function<void(const Asker& to, const Result<pb::OpenReply>&)>;
+  using ReplyFunction = std::function<void(const Asker& to, const Result<pb::Reply>&)>;
 
   // `workers` are connections to the environment workers. Replies leave through `reply`. What is
   // passed by reference outlives the openings.
@@ -98,10 +98,9 @@ class Openings {
   bool Send(uint64_t generation);
   void ReadWorker(uint32_t index);
   void Finish(Attaches::iterator attach, const pb::Reply& answer);
-  Result<pb::OpenReply> Conclude(uint64_t generation, const Attach& attach,
-                                 const pb::Reply& answer);
+  Result<pb::Reply> Conclude(uint64_t generation, const Attach& attach, const pb::Reply& answer);
   // Ends Open `number` with its reply.
-  void Leave(uint64_t number, const Result<pb::OpenReply>& reply);
+  void Leave(uint64_t number, const Result<pb::Reply>& reply);
 
   SharedState& shared_;
   SessionTable table_;

@@ -62,12 +62,6 @@ std::vector<NamedArgument> PerturbationSet::items() const {
   return items;
 }
 
-std::vector<const Perturbation*> PerturbationSet::members() const {
-  std::vector<const Perturbation*> pointers;
-  for (const auto& member : members_) pointers.push_back(member.get());
-  return pointers;
-}
-
 std::vector<double> PerturbationSet::LargestParameters() const {
   std::vector<double> parameters;
   for (const auto& member : members_) {

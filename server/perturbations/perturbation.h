@@ -111,7 +111,7 @@ class PerturbationSet {
   bool empty() const { return members_.empty(); }
   // The members' parametric forms, in order.
   std::vector<NamedArgument> items() const;
-  std::vector<const Perturbation*> members() const;
+  std::span<const std::unique_ptr<Perturbation>> members() const { return members_; }
   size_t state_size() const { return state_size_; }
 
   // Names of the members that were given a range, in order: "gravity". At most

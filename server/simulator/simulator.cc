@@ -132,7 +132,7 @@ Status Simulator::DrawParameters(Environment& environment, const DrawContext& co
 
 Status Simulator::CheckQueryable() const {
   B4MRL_RETURN_IF_ERROR(model_->CheckQueryable());
-  for (const Perturbation* perturbation : perturbations_.members()) {
+  for (const auto& perturbation : perturbations_.members()) {
     if (perturbation->state_size(spec()) == 0) continue;
     return Status(StatusCode::kUnsupported,
                   fmt::format("'{}' cannot be queried: it depends on the steps before",

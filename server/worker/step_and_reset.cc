@@ -125,15 +125,14 @@ void LaneJob::PlanReply() {
       layout.Add("observations", owner().observation_dtype(), {count, observation_size});
   if (operation_ == Operation::kReset) {
     reply_.mutable_reset();
-    offsets_.digests = layout.Add("digests", DType::kUint64, {count});
   } else {
     reply_.mutable_step();
     offsets_.rewards = layout.Add("rewards", DType::kFloat64, {count});
     offsets_.terminated = layout.Add("terminated", DType::kUint8, {count});
     offsets_.truncated = layout.Add("truncated", DType::kUint8, {count});
     offsets_.cause = layout.Add("cause", DType::kUint8, {count});
-    offsets_.digests = layout.Add("digests", DType::kUint64, {count});
   }
+  offsets_.digests = layout.Add("digests", DType::kUint64, {count});
   if (owner().reported_infos() > 0) {
     offsets_.infos = layout.Add("infos", DType::kFloat64, {count, owner().reported_infos()});
   }

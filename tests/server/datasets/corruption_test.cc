@@ -144,11 +144,11 @@ TEST_CASE("presets resolve, names work, and what cannot corrupt data is refused"
   const auto resolve = [&](const std::string& items) {
     return MakeCorruption(ParseNamedArguments(items).value(), spec);
   };
-  CHECK(FormatNamedArguments(resolve("hidden-high,obs-noise-low")->items) ==
+  CHECK(FormatNamedArguments(resolve("hidden-high,obs-noise-low")->set.items()) ==
         "hidden=9,obs-noise=0.01");
   CHECK(resolve("hidden-high")->hidden_dimensions == std::vector<uint32_t>{9});
-  CHECK(resolve("hidden=" + spec.observation.dimensions[9].name)->items ==
-        resolve("hidden=9")->items);
+  CHECK(resolve("hidden=" + spec.observation.dimensions[9].name)->set.items() ==
+        resolve("hidden=9")->set.items());
   CHECK(resolve("gravity=2").status().code() == StatusCode::kUnsupported);
   CHECK(resolve("hidden=17").status().code() == StatusCode::kInvalidArgument);
   CHECK(resolve("obs-noise=-1").status().code() == StatusCode::kInvalidArgument);

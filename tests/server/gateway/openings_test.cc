@@ -42,7 +42,7 @@ class Fixture {
     workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address("worker"))));
     const Openings::Options options{script.options(), {{.tcp = 7701, .ipc = ""}}};
     openings.emplace(state_, std::move(workers), options,
-                     [this](const Asker& to, const Result<pb::OpenReply>& opened) {
+                     [this](const Asker& to, const Result<pb::Reply>& opened) {
                        answers[{to.peer, to.request_id}].push_back(opened.status());
                      });
   }
