@@ -11,11 +11,9 @@ ARRAY_ALIGNMENT = 64  # bytes, of an array's offset within the payload
 
 # Sessions and lanes.
 TOKEN_BYTES = 16
-MAX_LANES_PER_SESSION = 1024
 MAX_REQUESTS_IN_FLIGHT = 64  # of one connection
 MAX_QUERY_ROWS = 4096  # of one request
 MAX_ROWS_PER_BATCH = 65536  # of one Sample or Read
-MAX_BATCHES_PER_SAMPLE = 64
 MAX_OBSERVATION_DIMENSIONS = 4096
 MAX_ACTION_DIMENSIONS = 1024
 

@@ -12,6 +12,7 @@ ValueError with the line. A test compares the result with protoc's.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Any, NoReturn
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -99,37 +100,39 @@ def load(text: str, name: str) -> dict[str, Any]:
     }
 
 
-def _parse_enum(tokens: _Tokens, enum: descriptor_pb2.EnumDescriptorProto) -> None:
-    tokens.take("enum")
-    enum.name = tokens.take()
+def _statements(tokens: _Tokens, declaration: Any) -> Iterator[str]:
+    """Reads a declaration: keyword, name, and statements in braces.
+
+    Yields the first token of each statement, which the caller takes; skips options.
+    """
+    tokens.take()
+    declaration.name = tokens.take()
     tokens.take("{")
-    while tokens.peek() != "}":
-        if tokens.peek() in ("option", "reserved"):
+    while (first := tokens.peek()) != "}":
+        if first in ("option", "reserved"):
             tokens.skip_statement()
-            continue
-        value = enum.value.add(name=tokens.take())
+        else:
+            yield first
+    tokens.take("}")
+
+
+def _parse_enum(tokens: _Tokens, enum: descriptor_pb2.EnumDescriptorProto) -> None:
+    for name in _statements(tokens, enum):
+        value = enum.value.add(name=tokens.take(name))
         tokens.take("=")
         value.number = tokens.take_number()
         tokens.take(";")
-    tokens.take("}")
 
 
 def _parse_message(tokens: _Tokens, message: descriptor_pb2.DescriptorProto) -> None:
-    tokens.take("message")
-    message.name = tokens.take()
-    tokens.take("{")
     optional_fields = []
-    while tokens.peek() != "}":
-        keyword = tokens.peek()
-        if keyword in ("option", "reserved"):
-            tokens.skip_statement()
-        elif keyword == "oneof":
+    for first in _statements(tokens, message):
+        if first == "oneof":
             _parse_oneof(tokens, message)
-        else:
-            field = _parse_field(tokens, message)
-            if field.proto3_optional:
-                optional_fields.append(field)
-    tokens.take("}")
+            continue
+        field = _parse_field(tokens, message)
+        if field.proto3_optional:
+            optional_fields.append(field)
     # Protobuf represents a proto3 optional field as a oneof of its own, after the written oneofs.
     for field in optional_fields:
         field.oneof_index = len(message.oneof_decl)
@@ -137,13 +140,9 @@ def _parse_message(tokens: _Tokens, message: descriptor_pb2.DescriptorProto) -> 
 
 
 def _parse_oneof(tokens: _Tokens, message: descriptor_pb2.DescriptorProto) -> None:
-    tokens.take("oneof")
     index = len(message.oneof_decl)
-    message.oneof_decl.add(name=tokens.take())
-    tokens.take("{")
-    while tokens.peek() != "}":
+    for _ in _statements(tokens, message.oneof_decl.add()):
         _parse_field(tokens, message).oneof_index = index
-    tokens.take("}")
 
 
 def _parse_field(
