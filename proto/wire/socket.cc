@@ -226,24 +226,11 @@ uint32_t DealerSocket::connections() {
   return connections_;
 }
 
-bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
-                  std::vector<bool>* fd_ready) {
-  std::vector<zmq_pollitem_t> items;
-  items.push_back({socket, 0, ZMQ_POLLIN, 0});
-  for (const int fd : fds) items.push_back({nullptr, fd, ZMQ_POLLIN, 0});
-  zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms));
-  if (fd_ready != nullptr) {
-    fd_ready->assign(fds.size(), false);
-    for (size_t i = 0; i < fds.size(); ++i) (*fd_ready)[i] = items[i + 1].revents != 0;
-  }
-  return items[0].revents != 0;
-}
-
-void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms, std::span<const int> fds) {
+bool WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms, std::span<const int> fds) {
   std::vector<zmq_pollitem_t> items;
   for (void* socket : sockets) items.push_back({socket, 0, ZMQ_POLLIN, 0});
   for (const int fd : fds) items.push_back({nullptr, fd, ZMQ_POLLIN, 0});
-  zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms));
+  return zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout_ms)) > 0;
 }
 
 Result<TcpAddress> ParseTcpAddress(std::string_view address) {

@@ -106,13 +106,9 @@ class DealerSocket {
   int receive_timeout_ms_ = -1;
 };
 
-// Waits until the socket or one of `fds` is readable, at most `timeout_ms`. Returns whether the
-// socket is readable; sets fd_ready[i], if given, to whether fds[i] is.
-bool WaitReadable(void* socket, std::span<const int> fds, int64_t timeout_ms,
-                  std::vector<bool>* fd_ready = nullptr);
-
-// Waits until one of the sockets or descriptors is readable, at most `timeout_ms`.
-void WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms,
+// Waits until one of the sockets or descriptors is readable, at most `timeout_ms`; returns whether
+// one is.
+bool WaitAnyReadable(std::span<void* const> sockets, int64_t timeout_ms,
                      std::span<const int> fds = {});
 
 // The parts of an address "tcp://host:port", made by ParseTcpAddress; kInvalidArgument for others.

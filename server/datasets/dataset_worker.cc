@@ -116,7 +116,8 @@ void DatasetWorker::Run() {
     wakes = {mapping_.fd()};
     imports_.AddDescriptors(&wakes);
     derivations_.AddDescriptors(&wakes);
-    WaitReadable(socket_.handle(), wakes, ready_.empty() ? kBeatIntervalMs : 0);
+    void* const socket = socket_.handle();
+    WaitAnyReadable({&socket, 1}, ready_.empty() ? kBeatIntervalMs : 0, wakes);
     TakeTurn();
     mapping_.RunCompletions();
     imports_.Run();

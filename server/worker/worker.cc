@@ -92,8 +92,9 @@ Status Worker::Run() {
     }
     if (executor_.RunBite()) continue;
     if (executor_.BeginWait()) {
-      WaitReadable(socket_.handle(), {&completion_fd, 1},
-                   std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()));
+      void* const socket = socket_.handle();
+      WaitAnyReadable({&socket, 1}, std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()),
+                      {&completion_fd, 1});
     }
     executor_.EndWait();
   }

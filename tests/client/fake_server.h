@@ -42,7 +42,8 @@ class FakeServer {
 
   // The next request, if one comes in time.
   std::optional<FakeCall> Take(int64_t timeout_ms = 10'000) {
-    if (!WaitReadable(socket_.handle(), {}, timeout_ms)) return std::nullopt;
+    void* const socket = socket_.handle();
+    if (!WaitAnyReadable({&socket, 1}, timeout_ms)) return std::nullopt;
     std::optional<IncomingMessage> incoming = socket_.TryReceive();
     if (!incoming) return std::nullopt;
     FakeCall call{incoming->sender, {}, std::move(incoming->message.payload)};

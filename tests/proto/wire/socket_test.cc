@@ -26,7 +26,8 @@ RouterSocket Listen(Context& context, const std::string& address) {
 }
 
 IncomingMessage Take(RouterSocket& router) {
-  REQUIRE(WaitReadable(router.handle(), {}, kPatienceMs));
+  void* const socket = router.handle();
+  REQUIRE(WaitAnyReadable({&socket, 1}, kPatienceMs));
   std::optional<IncomingMessage> message = router.TryReceive();
   REQUIRE(message.has_value());
   return std::move(*message);
