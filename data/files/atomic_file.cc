@@ -26,14 +26,8 @@ bool StillNamed(int fd, const std::string& path) {
 AtomicFile::AtomicFile(std::string path, UniqueFd fd)
     : path_(std::move(path)), temporary_path_(path_ + ".tmp"), fd_(std::move(fd)) {}
 
-AtomicFile::AtomicFile(AtomicFile&& other) noexcept
-    : path_(std::move(other.path_)),
-      temporary_path_(std::move(other.temporary_path_)),
-      fd_(std::move(other.fd_)),
-      owns_temporary_(std::exchange(other.owns_temporary_, false)) {}
-
 AtomicFile::~AtomicFile() {
-  if (owns_temporary_) unlink(temporary_path_.c_str());
+  if (fd_.valid()) unlink(temporary_path_.c_str());
 }
 
 Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mode_t> mode) {
@@ -58,12 +52,11 @@ Status AtomicFile::Write(std::string_view text) {
 }
 
 Status AtomicFile::Commit() {
-  if (!owns_temporary_) {
+  if (!fd_.valid()) {
     return Status(StatusCode::kFailedPrecondition, fmt::format("{} is already committed", path_));
   }
   if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
   if (rename(temporary_path_.c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
-  owns_temporary_ = false;
   fd_.Reset();
   return SyncFolder(FolderOf(path_));
 }

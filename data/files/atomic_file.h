@@ -24,7 +24,7 @@ class AtomicFile {
  public:
   // Opens the temporary file. It gets `mode`, whatever the umask; without `mode`, 0644 less umask.
   static Result<AtomicFile> Create(const std::string& path, std::optional<mode_t> mode = {});
-  AtomicFile(AtomicFile&& other) noexcept;
+  AtomicFile(AtomicFile&& other) noexcept = default;
   AtomicFile& operator=(AtomicFile&&) = delete;
   ~AtomicFile();
 
@@ -39,8 +39,7 @@ class AtomicFile {
 
   std::string path_;
   std::string temporary_path_;
-  UniqueFd fd_;
-  bool owns_temporary_ = true;
+  UniqueFd fd_;  // open until Commit succeeds or another object takes the file over
 };
 
 // Writes all of `bytes` to `fd`; `path` is for error messages.

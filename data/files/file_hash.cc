@@ -68,23 +68,17 @@ std::string Sha256OfText(std::string_view text) {
   return hash.Finish();
 }
 
-struct StreamHash::State {
-  XXH3_state_t* xxh3 = XXH3_createState();
-  ~State() { XXH3_freeState(xxh3); }
-};
+StreamHash::StreamHash() : state_(XXH3_createState()) { XXH3_128bits_reset(state_.get()); }
 
-StreamHash::StreamHash() : state_(std::make_unique<State>()) { XXH3_128bits_reset(state_->xxh3); }
-StreamHash::StreamHash(StreamHash&&) noexcept = default;
-StreamHash& StreamHash::operator=(StreamHash&&) noexcept = default;
-StreamHash::~StreamHash() = default;
+void StreamHash::Free::operator()(XXH3_state_s* state) const { XXH3_freeState(state); }
 
 void StreamHash::Update(std::span<const std::byte> bytes) {
-  XXH3_128bits_update(state_->xxh3, bytes.data(), bytes.size());
+  XXH3_128bits_update(state_.get(), bytes.data(), bytes.size());
 }
 
 std::string StreamHash::Hex() const {
   XXH128_canonical_t canonical;
-  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state_->xxh3));
+  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state_.get()));
   return Hexadecimal(canonical.digest);
 }
 

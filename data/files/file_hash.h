@@ -12,6 +12,8 @@
 
 #include "proto/base/status.h"
 
+struct XXH3_state_s;  // of xxhash.h
+
 namespace b4mrl {
 
 // The file's SHA-256 as 64 lower-case hexadecimal digits.
@@ -31,15 +33,14 @@ bool IsHash128(std::string_view text);
 class StreamHash {
  public:
   StreamHash();
-  StreamHash(StreamHash&&) noexcept;
-  StreamHash& operator=(StreamHash&&) noexcept;
-  ~StreamHash();
   void Update(std::span<const std::byte> bytes);
   std::string Hex() const;
 
  private:
-  struct State;
-  std::unique_ptr<State> state_;
+  struct Free {
+    void operator()(XXH3_state_s* state) const;
+  };
+  std::unique_ptr<XXH3_state_s, Free> state_;
 };
 
 }  // namespace b4mrl
