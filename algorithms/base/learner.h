@@ -102,6 +102,9 @@ struct Algorithm {
   // contradict each other or the environment's sizes. Asks no daemon. nullptr: all combinations
   // fit.
   Status (*check)(const LearnerContext& context) = nullptr;
+  // Default of --threads: 2 where the second core idles otherwise, since nothing else of the run
+  // works while an ensemble trains.
+  uint32_t threads = 1;
 };
 
 // The seed of use `index` of `role` ("train-lane", "explore", "rollout") within a run.

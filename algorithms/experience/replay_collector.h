@@ -82,11 +82,11 @@ class ReplayCollector {
 
   std::optional<ReplayBuffer> replay_;
   std::optional<FixedOrderPolicy> acting_;  // the policy of the last Collect
-  ObservationHistory histories_;        // the policy's input in every lane
-  std::vector<float> previous_;         // one lane's history before a step
-  std::vector<float> visible_;          // one observation, as returned by Visible
-  MatrixBuffer<float> actions_;         // in [-1, 1]
-  MatrixBuffer<float> scaled_actions_;  // actions_ in the environment's units
+  ObservationHistory histories_;            // the policy's input in every lane
+  std::vector<float> previous_;             // one lane's history before a step
+  std::vector<float> visible_;              // one observation, as returned by Visible
+  MatrixBuffer<float> actions_;             // in [-1, 1]
+  MatrixBuffer<float> scaled_actions_;      // actions_ in the environment's units
   MatrixBuffer<float> noise_;
   uint64_t vector_steps_ = 0;
   uint64_t warm_up_steps_ = 0;  // vector steps of the warm-up

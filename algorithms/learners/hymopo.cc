@@ -79,7 +79,8 @@ Algorithm HymopoAlgorithm() {
           .needs = {.simulator = true, .dataset = true},
           .hyperparameters = Table(),
           .create = Create,
-          .check = CheckModelBased};
+          .check = CheckModelBased,
+          .threads = 2};
 }
 
 }  // namespace b4mrl

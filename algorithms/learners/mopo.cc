@@ -73,7 +73,8 @@ Algorithm MopoAlgorithm() {
           .needs = {.dataset = true},
           .hyperparameters = Table(),
           .create = Create,
-          .check = CheckModelBased};
+          .check = CheckModelBased,
+          .threads = 2};
 }
 
 }  // namespace b4mrl

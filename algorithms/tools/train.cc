@@ -126,7 +126,7 @@ void TrainCommand::AddOptions() {
       "normalised score at which the run ends: the first evaluation that reaches it is the last");
   app->add_option("--threads", options.threads,
                   "threads of an update, for twin critics and ensemble members side by side; they "
-                  "change no number [1]")
+                  "change no number [1; mopo and hymopo: 2]")
       ->transform(Count(1, kMaxTrainingThreads));
   app->add_option(
       "--out", options.folder,
@@ -276,11 +276,13 @@ std::optional<Failure> TrainCommand::Run() {
   if (auto failure = ChooseFolder()) return failure;
   NamedTexts recorded;
   // A run that was killed before its first checkpoint has a record, too.
-  if (options.resume && HasRunRecord(options.folder)) {
+  const bool continues = options.resume && HasRunRecord(options.folder);
+  if (continues) {
     if (Status status = MergeRecord(recorded); !status.ok()) return BadInput(std::move(status));
   }
   auto algorithm = ChosenAlgorithm();
   if (!algorithm.ok()) return BadUsage(algorithm.status());
+  if (!continues && !Given("threads")) options.threads = (*algorithm)->threads;
   if (Status status = SetHyperparameters(**algorithm, recorded); !status.ok()) {
     return BadUsage(std::move(status));
   }

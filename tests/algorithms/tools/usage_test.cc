@@ -94,6 +94,32 @@ TEST_CASE("Every program of the command line tells its version and its help") {
   }
 }
 
+TEST_CASE("A learner with an ensemble has two threads unless it is told otherwise") {
+  TemporaryFolder folder;
+  const std::string data = folder.File("data");
+  REQUIRE(
+      Run({"dataset", "make", "HalfCheetah/medium", "--rows", "1000", "--data", data}).exit_code ==
+      0);
+  WriteBytes(folder.File("small.toml"),
+             "algorithm = \"mopo\"\nenvironment = \"HalfCheetah\"\n"
+             "dataset = \"HalfCheetah/medium\"\neval-episodes = 1\nhidden-width = 8\n"
+             "ensemble-width = 8\nensemble-max-updates = 2\nensemble-cache = false\n"
+             "rollout-rows = 10\ndata = \"" +
+                 data + "\"\n");
+  const auto threads = [&](const std::string& run, const Words& more) {
+    Words train = {"train", "--config", folder.File("small.toml"), "--out", folder.File(run)};
+    train.insert(train.end(), more.begin(), more.end());
+    const Outcome outcome = Run(train);
+    INFO(outcome.err);
+    REQUIRE(outcome.exit_code == 0);
+    const std::string record = ReadBytes(folder.File(run + "/run.json"));
+    return nlohmann::json::parse(record, nullptr, false)["threads"].get<int>();
+  };
+  CHECK(threads("default", {"--updates", "2"}) == 2);
+  CHECK(threads("one", {"--updates", "2", "--threads", "1"}) == 1);
+  CHECK(threads("one", {"--updates", "4", "--resume"}) == 1);
+}
+
 TEST_CASE("Training without an algorithm names those that there are") {
   const Outcome outcome = Run({"train", "--environment", "HalfCheetah"});
   CHECK(outcome.exit_code == 2);
