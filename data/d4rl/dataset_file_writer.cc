@@ -125,6 +125,10 @@ Status DatasetWriter::SetMetadata(std::string_view name, int64_t value) {
   return file_.WriteInteger(fmt::format("metadata/{}", name), value);
 }
 
+Status DatasetWriter::SetProvenance(const DatasetProvenance& provenance) {
+  return WriteDatasetProvenance(file_, provenance);
+}
+
 Status DatasetWriter::SetPolicy(const Agent& agent) { return WriteAgentInto(file_, agent); }
 
 Status DatasetWriter::Commit() { return file_.Commit(); }

@@ -4,7 +4,8 @@
 //   observations (N, obs) f32    actions (N, act) f32       next_observations (N, obs) f32
 //   rewards (N) f32              terminals (N) bool         timeouts (N) bool
 //   infos/action_log_probs (N) f32, infos/qpos (N, nq) f64, infos/qvel (N, nv) f64   (optional)
-//   metadata/<name>              provenance, as strings and numbers
+//   metadata/recording/...       where the rows come from (dataset_provenance.h)
+//   metadata/<name>              other facts, as strings and numbers
 //   metadata/policy/...          the behaviour policy (agent_file.h; optional)
 //
 // infos/qpos and infos/qvel are the state before the step, float64 so that it can be set exactly.
@@ -21,6 +22,7 @@
 #include <vector>
 
 #include "data/d4rl/agent_file.h"
+#include "data/d4rl/dataset_provenance.h"
 #include "data/hdf5/hdf5_file.h"
 #include "proto/base/status.h"
 
@@ -58,6 +60,8 @@ class DatasetWriter {
   // Writes metadata/<name>. Each name may be written once.
   Status SetMetadata(std::string_view name, std::string_view text);
   Status SetMetadata(std::string_view name, int64_t value);
+  // Writes metadata/recording and metadata/license.
+  Status SetProvenance(const DatasetProvenance& provenance);
   // Writes D4RL's metadata of a behaviour policy: the agent's provenance and weights.
   Status SetPolicy(const Agent& agent);
   // Makes the file appear. Nothing may be called afterwards.

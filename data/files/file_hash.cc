@@ -20,29 +20,29 @@ std::string Hexadecimal(std::span<const unsigned char> bytes) {
   return text;
 }
 
-class Sha256 {
- public:
-  Sha256() : context_(EVP_MD_CTX_new(), EVP_MD_CTX_free) {
-    EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr);
-  }
-  void Update(const void* data, size_t size) { EVP_DigestUpdate(context_.get(), data, size); }
-  std::string Finish() {
-    unsigned char digest[EVP_MAX_MD_SIZE];
-    unsigned int size = 0;
-    EVP_DigestFinal_ex(context_.get(), digest, &size);
-    return Hexadecimal(std::span(digest, size));
-  }
-
- private:
-  std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> context_;
-};
-
 }  // namespace
+
+Sha256::Sha256() : context_(EVP_MD_CTX_new()) {
+  EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr);
+}
+
+void Sha256::Free::operator()(evp_md_ctx_st* context) const { EVP_MD_CTX_free(context); }
+
+void Sha256::Update(std::span<const std::byte> bytes) {
+  EVP_DigestUpdate(context_.get(), bytes.data(), bytes.size());
+}
+
+std::string Sha256::Hex() {
+  unsigned char digest[EVP_MAX_MD_SIZE];
+  unsigned int size = 0;
+  EVP_DigestFinal_ex(context_.get(), digest, &size);
+  return Hexadecimal(std::span(digest, size));
+}
 
 Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
                                        const std::function<Status()>& go_on) {
   constexpr size_t kBlockBytes = 1 << 20;
-  std::vector<char> block(kBlockBytes);
+  std::vector<std::byte> block(kBlockBytes);
   Sha256 hash;
   off_t offset = 0;
   while (true) {
@@ -50,8 +50,8 @@ Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
     const ssize_t got = pread(fd, block.data(), block.size(), offset);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return IoError("read", path, errno);
-    if (got == 0) return hash.Finish();
-    hash.Update(block.data(), static_cast<size_t>(got));
+    if (got == 0) return hash.Hex();
+    hash.Update(std::span(block).first(static_cast<size_t>(got)));
     offset += got;
   }
 }
@@ -64,8 +64,8 @@ Result<std::string> Sha256OfFile(const std::string& path) {
 
 std::string Sha256OfText(std::string_view text) {
   Sha256 hash;
-  hash.Update(text.data(), text.size());
-  return hash.Finish();
+  hash.Update(std::as_bytes(std::span(text)));
+  return hash.Hex();
 }
 
 StreamHash::StreamHash() : state_(XXH3_createState()) { XXH3_128bits_reset(state_.get()); }

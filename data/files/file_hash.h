@@ -12,9 +12,25 @@
 
 #include "proto/base/status.h"
 
-struct XXH3_state_s;  // of xxhash.h
+struct XXH3_state_s;   // of xxhash.h
+struct evp_md_ctx_st;  // of openssl/evp.h
 
 namespace b4mrl {
+
+// SHA-256 of a stream of bytes. One thread at a time.
+class Sha256 {
+ public:
+  Sha256();
+  void Update(std::span<const std::byte> bytes);
+  // 64 lower-case hexadecimal digits. Nothing may be called afterwards.
+  std::string Hex();
+
+ private:
+  struct Free {
+    void operator()(evp_md_ctx_st* context) const;
+  };
+  std::unique_ptr<evp_md_ctx_st, Free> context_;
+};
 
 // The file's SHA-256 as 64 lower-case hexadecimal digits.
 Result<std::string> Sha256OfFile(const std::string& path);
