@@ -35,6 +35,7 @@ constexpr int kUpdates = 1'000;
 constexpr size_t kStarts = 50'000;
 constexpr int kHorizon = 5;
 constexpr int kBatch = 256;
+constexpr int kThreads = 2;  // the learners' default
 constexpr int kObservation = kCheetahObservationSize;
 constexpr int kAction = kCheetahActionSize;
 
@@ -43,6 +44,7 @@ SacOptions CoreOptions() {
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.batch_max = kBatch;
+  options.threads = kThreads;
   return options;
 }
 
@@ -139,7 +141,7 @@ Status MeasureLags(const Options& options, ModelLearner learner, const RecordedR
                    pid_t daemon, Reporter& reporter) {
   const std::string name = learner.name + "-cycle";
   B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions()));
-  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(ModelOptions()));
+  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(ModelOptions(), kThreads));
   B4MRL_ASSIGN_OR_RETURN(ReplayBuffer pool,
                          ReplayBuffer::InMemory({.observation_size = kObservation,
                                                  .action_size = kAction,
