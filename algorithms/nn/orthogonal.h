@@ -1,9 +1,9 @@
-// Orthogonal initial weights (Saxe et al. 2014): Initialization::kOrthogonal of nn/mlp.h.
+// Orthogonal initial weights (Saxe et al. 2014): Initialization::kOrthogonal of nn/mlp_layout.h.
 #pragma once
 
 #include <span>
 
-#include "algorithms/nn/mlp.h"
+#include "algorithms/nn/mlp_layout.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {
