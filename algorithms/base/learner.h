@@ -28,6 +28,7 @@
 #include "algorithms/base/hyperparameters.h"
 #include "algorithms/base/metrics.h"
 #include "algorithms/base/progress.h"
+#include "algorithms/nn/products/precision.h"
 #include "algorithms/policy/inference.h"
 #include "proto/base/rng.h"
 #include "proto/base/spec.h"
@@ -48,7 +49,8 @@ struct LearnerContext {
   uint32_t history_length = 1;
   uint64_t seed = 0;
   uint32_t threads = 1;  // that compute an update; results have equal bits for any number
-  std::string folder;    // the run's; holds files that are too big for a checkpoint
+  Precision precision = Precision::kFp32;  // of matrix products between two hidden layers
+  std::string folder;  // the run's; holds files that are too big for a checkpoint
   Hyperparameters hyperparameters;
   const std::atomic<bool>* stop = &kNeverStops;  // set when the run is to end soon
 

@@ -54,6 +54,7 @@ Status ValidateActorCritic(const ActorCriticOptions& options) {
   B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
                                       options.batch_max));
   B4MRL_RETURN_IF_ERROR(ValidateRange("threads", options.threads, kThreadsMax));
+  B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
   B4MRL_RETURN_IF_ERROR(ValidateRate("actor_learning_rate", options.actor_learning_rate));
   B4MRL_RETURN_IF_ERROR(ValidateRate("critic_learning_rate", options.critic_learning_rate));
   B4MRL_RETURN_IF_ERROR(ValidateUnitInterval("gamma", options.gamma));
@@ -83,6 +84,7 @@ TwinCritics<Scalar>::TwinCritics(const ActorCriticOptions& options, const Initia
                        .learning_rate = options.critic_learning_rate,
                        .batch_max = options.batch_max,
                        .threads = options.threads,
+                       .precision = options.precision,
                        .has_target = true,
                        .weights = weights}),
       input(options.observation_size + options.action_size, options.batch_max),

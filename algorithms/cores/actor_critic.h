@@ -27,6 +27,7 @@ struct ActorCriticOptions {
   double tau = 0.005;   // Polyak rate: target <- tau * online + (1 - tau) * target
   uint64_t seed = 0;    // of the initial weights and of the updates' noise
   int threads = 1;      // threads that evaluate the twin critics; their number changes no bit
+  Precision precision = Precision::kFp32;  // of products between two hidden layers
 };
 
 Status ValidateSizes(int observation_size, int action_size, const std::vector<int>& hidden,

@@ -17,6 +17,7 @@ constexpr double kLogitScale = 2;
 Status Validate(const DiscriminatorOptions& options) {
   B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
                                       options.batch_max));
+  B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
   B4MRL_RETURN_IF_ERROR(ValidateRate("discriminator learning_rate", options.learning_rate));
   return ValidateRate("input_noise", options.input_noise);
 }
@@ -54,6 +55,7 @@ Discriminators<Scalar>::Classifier::Classifier(const DiscriminatorOptions& optio
     : Network<Scalar>({.shape = {.inputs = inputs, .hidden = options.hidden, .outputs = kClasses},
                        .learning_rate = options.learning_rate,
                        .batch_max = options.batch_max,
+                       .precision = options.precision,
                        .weights = {Rng(options.seed, weights)}}),
       logits(kClasses, options.batch_max) {}
 

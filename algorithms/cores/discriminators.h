@@ -33,8 +33,9 @@ struct DiscriminatorOptions {
   int batch_max = 512;  // most rows of an update, both kinds together, and most columns that
                         // LogDynamicsRatios evaluates in one pass
   double learning_rate = 3e-4;
-  double input_noise = 0.1;  // standard deviation
-  uint64_t seed = 0;         // of the initial weights and of the steps' noise
+  double input_noise = 0.1;                // standard deviation
+  uint64_t seed = 0;                       // of the initial weights and of the steps' noise
+  Precision precision = Precision::kFp32;  // of products between two hidden layers
 };
 
 struct DiscriminatorMetrics {

@@ -43,7 +43,8 @@ DiscriminatorOptions DiscriminatorsOf(const H2oOptions& options) {
           .batch_max = std::max(options.discriminator_batch_max, options.batch_max),
           .learning_rate = options.discriminator_learning_rate,
           .input_noise = options.discriminator_noise,
-          .seed = options.seed};
+          .seed = options.seed,
+          .precision = options.precision};
 }
 
 }  // namespace

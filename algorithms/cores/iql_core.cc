@@ -32,6 +32,7 @@ NetworkOptions ActorNetwork(const IqlOptions& options) {
   return {.shape = ActorShape(options, options.action_size),
           .learning_rate = options.actor_learning_rate,
           .batch_max = options.batch_max,
+          .precision = options.precision,
           .weights = {Rng(options.seed, "iql-actor-weights"), options.initialization}};
 }
 
@@ -39,6 +40,7 @@ NetworkOptions ValueNetwork(const IqlOptions& options) {
   return {.shape = ActorShape(options, 1),
           .learning_rate = options.value_learning_rate,
           .batch_max = 2 * options.batch_max,
+          .precision = options.precision,
           .weights = {Rng(options.seed, "iql-value-weights"), options.initialization}};
 }
 

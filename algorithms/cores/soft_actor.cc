@@ -34,6 +34,7 @@ SoftActor<Scalar>::SoftActor(const SacOptions& options, const SoftActorVariant& 
       network_({.shape = ActorShape(options, 2 * options.action_size),
                 .learning_rate = options.actor_learning_rate,
                 .batch_max = 2 * options.batch_max,
+                .precision = options.precision,
                 .scalars = variant.learns_log_std_scale ? 2 : 0,
                 .scalars_name = "log_std_scale",
                 .weights = {.stream = Rng(options.seed, "sac-actor-weights"),

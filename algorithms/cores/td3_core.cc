@@ -46,10 +46,12 @@ Td3Core<Scalar>::Td3Core(const Td3Options& options)
       actor_({.shape = ActorShape(options, options.action_size),
               .learning_rate = options.actor_learning_rate,
               .batch_max = options.batch_max,
+              .precision = options.precision,
               .has_target = true,
               .weights = {Rng(options.seed, "td3-actor-weights")}}),
       critics_(options, {Rng(options.seed, "td3-critic-weights")}),
-      first_critic_workspace_(critics_.layout, 1, options.batch_max),
+      first_critic_workspace_(critics_.layout,
+                              {.batch_max = options.batch_max, .precision = options.precision}),
       noise_(options.action_size, options.batch_max),
       action_gradient_(options.action_size, options.batch_max) {
   if (options.bc_alpha) metrics_.bc_loss = metrics_.lambda = 0;

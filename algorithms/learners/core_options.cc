@@ -94,6 +94,7 @@ void SetActorCriticOptions(const LearnerContext& context, int observation_size,
   Read(values, "tau", options.tau);
   options.seed = RoleSeed(context.seed, "core");
   options.threads = static_cast<int>(context.threads);
+  options.precision = context.precision;
 }
 
 void SetSacOptions(const LearnerContext& context, int observation_size, SacOptions& options) {

@@ -135,6 +135,7 @@ DynamicsEnsembleOptions EnsembleOptionsOf(const LearnerContext& context) {
   options.max_updates = static_cast<int64_t>(values.Number("ensemble-max-updates"));
   options.patience_epochs = values.Integer("ensemble-patience");
   options.seed = RoleSeed(context.seed, "ensemble");
+  options.precision = context.precision;
   return options;
 }
 

@@ -19,6 +19,7 @@ constexpr int kPredictionBlock = 512;
 Status Validate(const DynamicsEnsembleOptions& options) {
   B4MRL_RETURN_IF_ERROR(ValidateSizes(options.observation_size, options.action_size, options.hidden,
                                       options.batch_size));
+  B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
   if (options.observation_size >= kGaussianOutputsMax) {
     return InvalidNumber("observation_size", options.observation_size,
                          "below " + std::to_string(kGaussianOutputsMax));
@@ -94,9 +95,11 @@ DynamicsEnsemble<Scalar>::DynamicsEnsemble(const DynamicsEnsembleOptions& option
       best_mse_(options.members, std::numeric_limits<Scalar>::infinity()),
       holdout_mse_(options.members, std::numeric_limits<double>::quiet_NaN()),
       team_(std::make_shared<ThreadTeam>(threads)),
-      workspaces_(threads, MlpWorkspace<Scalar>(layout_, 1, options.batch_size)),
-      scratch_(threads, {MlpWorkspace<Scalar>(layout_, 1, kPredictionBlock, /*threads=*/1,
-                                              /*keep_gradients=*/false),
+      workspaces_(threads, MlpWorkspace<Scalar>(layout_, {.batch_max = options.batch_size,
+                                                          .precision = options.precision})),
+      scratch_(threads, {MlpWorkspace<Scalar>(layout_, {.batch_max = kPredictionBlock,
+                                                        .keep_gradients = false,
+                                                        .precision = options.precision}),
                          MatrixBuffer<Scalar>(layout_.shape().inputs, kPredictionBlock),
                          MatrixBuffer<Scalar>(output_size(), kPredictionBlock),
                          {}}),

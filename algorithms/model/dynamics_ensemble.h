@@ -64,6 +64,7 @@ struct DynamicsEnsembleOptions {
   int patience_epochs = 5;
   int64_t max_updates = 800000;
   uint64_t seed = 0;
+  Precision precision = Precision::kFp32;  // of products between two hidden layers
 };
 
 // Columns are rows of the data set: (observation | action | observation + 1) x N, owned by the

@@ -60,13 +60,13 @@ std::string Describe(const DynamicsEnsembleOptions& options) {
   const auto& [observation_size, action_size, members, elites, hidden, initialization,
                learning_rate, batch_size, decay, decay_scale, bound_weight, max_log_var,
                min_log_var, bootstrap, scale_inputs, holdout_rule, holdout_fraction, holdout_max,
-               min_improvement, patience_epochs, max_updates, seed] = options;
-  return fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
-                     observation_size, action_size, members, elites, fmt::join(hidden, "+"),
-                     static_cast<int>(initialization), learning_rate, batch_size,
-                     fmt::join(decay, "+"), decay_scale, bound_weight, max_log_var, min_log_var,
-                     bootstrap, scale_inputs, static_cast<int>(holdout_rule), holdout_fraction,
-                     holdout_max, min_improvement, patience_epochs, max_updates, seed);
+               min_improvement, patience_epochs, max_updates, seed, precision] = options;
+  return fmt::format(
+      "{} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", observation_size,
+      action_size, members, elites, fmt::join(hidden, "+"), static_cast<int>(initialization),
+      learning_rate, batch_size, fmt::join(decay, "+"), decay_scale, bound_weight, max_log_var,
+      min_log_var, bootstrap, scale_inputs, static_cast<int>(holdout_rule), holdout_fraction,
+      holdout_max, min_improvement, patience_epochs, max_updates, seed, PrecisionName(precision));
 }
 
 std::string KeyAfterFirstUpdate(const DynamicsData<float>& data,

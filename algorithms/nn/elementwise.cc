@@ -91,41 +91,6 @@ void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradien
   }
 }
 
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wignored-attributes"  // Packet's alignment, in PacketBlock<Packet>
-
-template <typename Scalar>
-void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to) {
-  // Transposes square blocks of whole SIMD registers by shuffles; plain loops would be compiled to
-  // moves of single numbers.
-  using Packet = typename Eigen::internal::packet_traits<Scalar>::type;
-  constexpr int kSquare = Eigen::internal::packet_traits<Scalar>::size;
-  for (int column = 0; column < from.columns; column += kSquare) {
-    const int columns = std::min(kSquare, from.columns - column);
-    for (int row = 0; row < from.rows; row += kSquare) {
-      const int rows = std::min(kSquare, from.rows - row);
-      const Scalar* in = from.column(column) + row;
-      Scalar* out = to.column(row) + column;
-      if (rows < kSquare || columns < kSquare) {
-        for (int i = 0; i < rows; ++i) {
-          for (int j = 0; j < columns; ++j) out[i * to.stride + j] = in[j * from.stride + i];
-        }
-        continue;
-      }
-      Eigen::internal::PacketBlock<Packet, kSquare> square;
-      for (int j = 0; j < kSquare; ++j) {
-        square.packet[j] = Eigen::internal::ploadu<Packet>(in + j * from.stride);
-      }
-      Eigen::internal::ptranspose(square);
-      for (int i = 0; i < kSquare; ++i) {
-        Eigen::internal::pstoreu(out + i * to.stride, square.packet[i]);
-      }
-    }
-  }
-}
-
-#pragma GCC diagnostic pop
-
 template <typename Scalar>
 void AddRowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
   // Strips of rows whose partial sums fit in registers.
@@ -155,7 +120,6 @@ void AddRowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums) {
   template void ReluBackwardOuter<Scalar>(MatrixView<const Scalar>, const Scalar*, const Scalar*, \
                                           int, MatrixView<Scalar>);                               \
   template void MultiplyInPlace<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);            \
-  template void TransposeInto<Scalar>(MatrixView<const Scalar>, MatrixView<Scalar>);              \
   template void AddRowSums<Scalar>(MatrixView<const Scalar>, std::span<Scalar>);
 B4MRL_INSTANTIATE(float)
 B4MRL_INSTANTIATE(double)

@@ -36,10 +36,6 @@ void ReluBackwardOuter(MatrixView<const Scalar> activation, const Scalar* column
 template <typename Scalar>
 void MultiplyInPlace(MatrixView<const Scalar> slopes, MatrixView<Scalar> gradient);
 
-// to = from, transposed.
-template <typename Scalar>
-void TransposeInto(MatrixView<const Scalar> from, MatrixView<Scalar> to);
-
 // sums += the sum of each row.
 template <typename Scalar>
 void AddRowSums(MatrixView<const Scalar> matrix, std::span<Scalar> sums);

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "algorithms/nn/elementwise.h"
-#include "algorithms/nn/products/blas.h"
+#include "algorithms/nn/products/left_factor.h"
 
 namespace b4mrl {
 namespace {
@@ -53,11 +53,27 @@ MatrixView<Scalar> DerivativeBlock(const MlpLayout& layout, MlpWorkspace<Scalar>
                      columns);
 }
 
-// Columns per block of a product, so that the next pass over a block finds it in the cache.
+// The precision of products with layer `index`'s weight, whose factors are rounded where both its
+// sides are hidden layers.
 template <typename Scalar>
-int ColumnsAtOnce(int rows, int inner, int columns) {
-  const int narrow = NarrowProductColumns<Scalar>(rows, inner);
-  return narrow > 0 ? narrow : columns;
+Precision PrecisionOf(const MlpLayout& layout, const MlpWorkspace<Scalar>& workspace,
+                      size_t index) {
+  const bool hidden = index > 0 && index + 1 < layout.layers().size();
+  return hidden ? workspace.precision : Precision::kFp32;
+}
+
+// Reserves memory for the products with layer `index`'s weight in passes over `batch` columns.
+template <typename Scalar>
+void ReserveScratch(const MlpLayout& layout, size_t index, int batch,
+                    MlpWorkspace<Scalar>& workspace) {
+  const int inputs = layout.layers()[index].inputs, outputs = layout.layers()[index].outputs;
+  const Precision precision = PrecisionOf(layout, workspace, index);
+  for (ProductScratch<Scalar>& scratch : workspace.scratch) {
+    scratch.Reserve(precision, outputs, inputs, batch);  // forward
+    if (precision == Precision::kFp32) continue;         // prepares nothing in backward passes
+    scratch.Reserve(precision, inputs, outputs, batch);  // to the layer below
+    scratch.Reserve(precision, inputs, batch, outputs);  // to the weight
+  }
 }
 
 // Adds the bias and applies the activation of layer `index` to some columns of its output.
@@ -85,20 +101,14 @@ void ForwardLayer(const MlpLayout& layout, const Scalar* parameters, int member,
   const bool keeps_slopes = index < workspace.slopes.size();
   const MatrixView<Scalar> slopes =
       keeps_slopes ? MemberBlock(layout, workspace, workspace.slopes, index, m, columns) : output;
-  MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
-  Transpose transpose = Transpose::kYes;
-  if (NarrowProductColumns<Scalar>(layer.outputs, layer.inputs) > 0) {
-    const MatrixView<Scalar> copy(workspace.transposed[thread].values().data(), layer.outputs,
-                                  layer.inputs);
-    TransposeInto<Scalar>(weight, copy);
-    weight = copy;
-    transpose = Transpose::kNo;
-  }
-  const int step = ColumnsAtOnce<Scalar>(layer.outputs, layer.inputs, output.columns);
-  for (int first = 0; first < output.columns; first += step) {
-    const int count = std::min(step, output.columns - first);
+  const LeftFactor<Scalar> weight(PrecisionOf(layout, workspace, index),
+                                  WeightView(layer, parameters, member), Transpose::kYes,
+                                  workspace.scratch[thread]);
+  const int step = weight.ColumnsAtOnce(columns);
+  for (int first = 0; first < columns; first += step) {
+    const int count = std::min(step, columns - first);
     const MatrixView<Scalar> block = output.ColumnBlock(first, count);
-    Multiply<Scalar>(weight, transpose, below.ColumnBlock(first, count), Transpose::kNo, block);
+    weight.Multiply(below.ColumnBlock(first, count), Transpose::kNo, block);
     Activate<Scalar>(layout, index, BiasSpan(layer, parameters, member), block,
                      keeps_slopes ? slopes.ColumnBlock(first, count) : MatrixView<Scalar>());
   }
@@ -119,7 +129,7 @@ void ForwardMember(const MlpLayout& layout, const Scalar* parameters, int first_
 // not empty, writes d loss / d the bias of the layer below, too.
 template <typename Scalar>
 void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int member, int m,
-                      size_t index, int columns, MlpWorkspace<Scalar>& workspace,
+                      size_t index, int columns, MlpWorkspace<Scalar>& workspace, int thread,
                       std::span<Scalar> bias_gradient) {
   const MlpLayout::Layer& layer = layout.layers()[index];
   const MatrixView<Scalar> from =
@@ -129,17 +139,19 @@ void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int mem
   const bool swish = layout.shape().activation == Activation::kSwish;
   const MatrixView<const Scalar> kept = DerivativeBlock(layout, workspace, index - 1, m, columns);
   const MatrixView<const Scalar> weight = WeightView(layer, parameters, member);
+  const LeftFactor<Scalar> factor(PrecisionOf(layout, workspace, index), weight, Transpose::kNo,
+                                  workspace.scratch[thread]);
   std::fill(bias_gradient.begin(), bias_gradient.end(), Scalar(0));
-  const int step = ColumnsAtOnce<Scalar>(layer.inputs, layer.outputs, to.columns);
-  for (int first = 0; first < to.columns; first += step) {
-    const int count = std::min(step, to.columns - first);
+  const int step = factor.ColumnsAtOnce(columns);
+  for (int first = 0; first < columns; first += step) {
+    const int count = std::min(step, columns - first);
     const MatrixView<const Scalar> above = from.ColumnBlock(first, count);
     const MatrixView<const Scalar> seen = kept.ColumnBlock(first, count);
     const MatrixView<Scalar> block = to.ColumnBlock(first, count);
     if (!swish && layer.outputs == 1) {
       ReluBackwardOuter<Scalar>(seen, weight.data, above.data, above.stride, block);
     } else {
-      Multiply<Scalar>(weight, Transpose::kNo, above, Transpose::kNo, block);
+      factor.Multiply(above, Transpose::kNo, block);
       if (swish) MultiplyInPlace<Scalar>(seen, block);
       if (!swish) ReluBackward<Scalar>(seen, block);
     }
@@ -149,7 +161,7 @@ void BackwardToHidden(const MlpLayout& layout, const Scalar* parameters, int mem
 
 template <typename Scalar>
 void BackwardMember(const MlpLayout& layout, const Scalar* parameters, int first_member, int m,
-                    MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
+                    MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace, int thread,
                     Scalar* parameter_gradient) {
   const int member = first_member + m;
   const int columns = workspace.batch;
@@ -166,10 +178,13 @@ void BackwardMember(const MlpLayout& layout, const Scalar* parameters, int first
     const MatrixView<const Scalar> below =
         i == 0 ? InputBlock(layout, input, m)
                : MemberBlock(layout, workspace, workspace.activations, i - 1, m, columns);
-    Multiply<Scalar>(below, Transpose::kNo, gradient(i), Transpose::kYes,
-                     WeightView(layout.layers()[i], parameter_gradient, member));
+    LeftFactor<Scalar>(PrecisionOf(layout, workspace, i), below, Transpose::kNo,
+                       workspace.scratch[thread])
+        .Multiply(gradient(i), Transpose::kYes,
+                  WeightView(layout.layers()[i], parameter_gradient, member));
     if (i == 0) break;
-    BackwardToHidden(layout, parameters, member, m, i, columns, workspace, bias_gradient(i - 1));
+    BackwardToHidden(layout, parameters, member, m, i, columns, workspace, thread,
+                     bias_gradient(i - 1));
   }
 }
 
@@ -208,25 +223,26 @@ std::span<const int> KeepColumnsWithGradient(const MlpLayout& layout, int m,
 }  // namespace
 
 template <typename Scalar>
-MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, int member_count, int batch_max,
-                                   int threads, bool keep_gradients)
-    : members(member_count), team(std::make_shared<ThreadTeam>(std::min(threads, member_count))) {
+MlpWorkspace<Scalar>::MlpWorkspace(const MlpLayout& layout, const MlpWorkspaceOptions& options)
+    : members(options.members),
+      precision(options.precision),
+      team(std::make_shared<ThreadTeam>(std::min(options.threads, options.members))),
+      scratch(team->threads()) {
+  const int batch_max = options.batch_max;
   const size_t last = layout.layers().size() - 1;
-  int largest = 0;
   for (size_t i = 0; i <= last; ++i) {
     const int width = layout.layers()[i].outputs;
-    largest = std::max(largest, width * layout.layers()[i].inputs);
+    ReserveScratch(layout, i, batch_max, *this);
     const int rows = i == last ? members * width : width;
     const int columns = i == last ? batch_max : members * batch_max;
     activations.emplace_back(rows, columns);
-    if (!keep_gradients) continue;
+    if (!options.keep_gradients) continue;
     gradients.emplace_back(rows, columns);
     if (i < last && layout.shape().activation == Activation::kSwish) {
       slopes.emplace_back(rows, columns);
     }
   }
-  transposed.assign(team->threads(), MatrixBuffer<Scalar>(largest, 1));
-  if (!keep_gradients) return;
+  if (!options.keep_gradients) return;
   input_gradient = MatrixBuffer<Scalar>(layout.shape().inputs, batch_max);
   kept.resize(members);
   for (std::vector<int>& columns : kept) columns.reserve(batch_max);
@@ -247,8 +263,8 @@ template <typename Scalar>
 void MlpBackward(const MlpLayout& layout, std::span<const Scalar> parameters,
                  MatrixView<const Scalar> input, MlpWorkspace<Scalar>& workspace,
                  std::span<Scalar> parameter_gradient, int first_member) {
-  workspace.team->ForEach(workspace.members, [&](int m, int) {
-    BackwardMember(layout, parameters.data(), first_member, m, input, workspace,
+  workspace.team->ForEach(workspace.members, [&](int m, int thread) {
+    BackwardMember(layout, parameters.data(), first_member, m, input, workspace, thread,
                    parameter_gradient.data());
   });
 }
@@ -257,11 +273,11 @@ template <typename Scalar>
 void MlpBackwardToInput(const MlpLayout& layout, std::span<const Scalar> parameters, int first_row,
                         MlpWorkspace<Scalar>& workspace, MatrixView<Scalar> input_gradient,
                         int first_member) {
-  workspace.team->ForEach(workspace.members, [&](int m, int) {
+  workspace.team->ForEach(workspace.members, [&](int m, int thread) {
     const int columns = static_cast<int>(KeepColumnsWithGradient(layout, m, workspace).size());
     for (size_t i = layout.layers().size() - 1; i > 0; --i) {
       BackwardToHidden<Scalar>(layout, parameters.data(), first_member + m, m, i, columns,
-                               workspace, {});
+                               workspace, thread, {});
     }
   });
   for (int i = 0; i < input_gradient.columns; ++i) {

@@ -19,20 +19,26 @@
 #include <vector>
 
 #include "algorithms/nn/mlp_layout.h"
+#include "algorithms/nn/products/left_factor.h"
 #include "algorithms/nn/products/view.h"
 #include "algorithms/nn/thread_team.h"
 
 namespace b4mrl {
 
+struct MlpWorkspaceOptions {
+  int members = 1;             // members of the layout that a pass evaluates
+  int batch_max = 256;         // most columns of a pass
+  int threads = 1;             // threads of a pass; at most `members` are used
+  bool keep_gradients = true;  // false saves the memory that only the backward pass needs
+  Precision precision = Precision::kFp32;  // of products between two hidden layers
+};
+
 template <typename Scalar>
 struct MlpWorkspace {
-  // A workspace for passes over `members` of the layout's members and up to `batch_max` columns, by
-  // `threads` threads, of which at most `members` are used. `keep_gradients` false saves the memory
-  // that only the backward pass needs.
-  MlpWorkspace(const MlpLayout& layout, int members, int batch_max, int threads = 1,
-               bool keep_gradients = true);
+  MlpWorkspace(const MlpLayout& layout, const MlpWorkspaceOptions& options);
 
   int members;
+  Precision precision;
   int batch = 0;  // columns of the last forward pass
   // Per hidden layer a matrix of width x (members * batch_max), with member m in the columns from
   // m * batch_max on; the last matrix is the stacked output.
@@ -40,8 +46,8 @@ struct MlpWorkspace {
   std::vector<MatrixBuffer<Scalar>> slopes;  // swish's derivative per hidden layer; ReLU: empty
   std::vector<MatrixBuffer<Scalar>>
       gradients;  // d loss / d activation per hidden layer, then d loss / d output
-  std::vector<MatrixBuffer<Scalar>> transposed;  // per thread: one layer's weights of one member
-  std::shared_ptr<ThreadTeam> team;              // copies of a workspace share it
+  std::shared_ptr<ThreadTeam> team;             // copies of a workspace share it
+  std::vector<ProductScratch<Scalar>> scratch;  // per thread
   // For MlpBackwardToInput: per member, the columns of the batch that have a gradient, and space
   // for d loss / d input of one member's columns.
   std::vector<std::vector<int>> kept;

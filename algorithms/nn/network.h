@@ -59,12 +59,13 @@ struct InitialWeights {
 
 struct NetworkOptions {
   MlpShape shape;
-  double learning_rate = 3e-4;  // Adam's
-  int batch_max = 256;          // most columns of a pass
-  int threads = 1;              // threads of a pass; at most shape.members are used
-  bool has_target = false;      // whether to keep a target network
-  int scalars = 0;              // extra numbers that the same Adam trains, 0 at first
-  std::string scalars_name;     // Visit shows the scalars as "<network's name>/<scalars_name>"
+  double learning_rate = 3e-4;             // Adam's
+  int batch_max = 256;                     // most columns of a pass
+  int threads = 1;                         // threads of a pass; at most shape.members are used
+  Precision precision = Precision::kFp32;  // of products between two hidden layers
+  bool has_target = false;                 // whether to keep a target network
+  int scalars = 0;                         // extra numbers that the same Adam trains, 0 at first
+  std::string scalars_name;  // Visit shows the scalars as "<network's name>/<scalars_name>"
   InitialWeights weights;
 };
 
@@ -133,7 +134,10 @@ Network<Scalar>::Network(const NetworkOptions& options)
     : TrainedVector<Scalar>(MlpLayout(options.shape).size() + options.scalars,
                             options.learning_rate),
       layout(options.shape),
-      workspace(layout, options.shape.members, options.batch_max, options.threads),
+      workspace(layout, {.members = options.shape.members,
+                         .batch_max = options.batch_max,
+                         .threads = options.threads,
+                         .precision = options.precision}),
       scalars_name_(options.scalars_name) {
   const InitialWeights& weights = options.weights;
   Rng rng = weights.stream;

@@ -45,7 +45,9 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
   context.environment = environment;
   context.history_length = options.history_length;
   context.seed = options.seed;
+  context.precision = options.precision;
   context.hyperparameters = options.hyperparameters;
+  B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
   const uint64_t values = environment.observation.size();
   const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
   if (options.history_length < 1 || options.history_length > most) {

@@ -96,6 +96,12 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
   B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
   B4MRL_RETURN_IF_ERROR(Take(json, "command", options.command));
+  // Records of earlier versions have no precision: their runs are in fp32.
+  std::string precision(PrecisionName(Precision::kFp32));
+  B4MRL_RETURN_IF_ERROR(Take(json, "precision", precision));
+  const std::optional<Precision> found = FindPrecision(precision);
+  if (!found) return NotUnderstood("precision", precision, "fp32 or bf16");
+  options.precision = *found;
   B4MRL_RETURN_IF_ERROR(TakeNumbers(json, options));
   return TakeHyperparameters(json, record);
 }
@@ -166,6 +172,8 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
   }
   if (!options.corruption.empty()) name += "+" + options.corruption;
   if (options.history_length > 1) name += fmt::format("-h{}", options.history_length);
+  if (options.precision != Precision::kFp32)
+    name += fmt::format("-{}", PrecisionName(options.precision));
   name += fmt::format("-s{}", options.seed);
 
   const std::string all = name;
@@ -190,6 +198,7 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   if (!options.corruption.empty()) add("corruption", Quoted(options.corruption));
   add("history", options.history_length);
   add("seed", Quoted(fmt::format("{}", options.seed)));  // TOML's integers have a sign
+  add("precision", Quoted(std::string(PrecisionName(options.precision))));
   add("updates", options.updates);
   add("eval-every", options.eval_every);
   add("eval-episodes", options.eval_episodes);
@@ -213,6 +222,7 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   json["corruption"] = options.corruption;
   json["history"] = options.history_length;
   json["seed"] = options.seed;
+  json["precision"] = PrecisionName(options.precision);
   json["updates"] = options.updates;
   json["eval_every"] = options.eval_every;
   json["eval_episodes"] = options.eval_episodes;

@@ -25,6 +25,7 @@ struct TrainOptions {
   std::string corruption;  // of the dataset, as the user wrote it; "" for none
   uint32_t history_length = 1;
   uint64_t seed = 0;
+  Precision precision = Precision::kFp32;
   Hyperparameters hyperparameters;
 
   // Length of the run and of its intervals, in updates; these fields may change on resuming.

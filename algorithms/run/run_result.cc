@@ -58,6 +58,7 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["dataset"] = options.dataset;
   json["corruption"] = options.corruption;
   json["seed"] = options.seed;
+  json["precision"] = PrecisionName(options.precision);
   if (!summary.last) return json;
   json["agent"] = summary.agent_path;
   json["returns"] = summary.last->returns;

@@ -129,6 +129,7 @@ Status TrainRun::CreateLearner() {
   context_.seed = options_.seed;
   context_.folder = options_.folder;
   context_.threads = options_.threads;
+  context_.precision = options_.precision;
   context_.stop = &stop_;
   context_.hyperparameters = options_.hyperparameters;
   B4MRL_RETURN_IF_ERROR(CheckTraining(options_, context_.environment));

@@ -28,6 +28,7 @@ struct TrainCommand {
   CLI::App* app;
   TrainOptions options;
   DaemonOptions daemon;
+  std::string precision{PrecisionName(Precision::kFp32)};
   double stop_at_score = 0;
   bool quiet = false;
   bool json = false;
@@ -106,6 +107,10 @@ void TrainCommand::AddOptions() {
       ->transform(Count(1, kMaxAgentHistory));
   app->add_option("--seed", options.seed, "seed of everything random in the run [0]")
       ->transform(Seed());
+  app->add_option("--precision", precision,
+                  "precision of matrix products between two hidden layers: fp32, or bf16, which is "
+                  "faster and needs a processor with AVX512-BF16 [fp32]")
+      ->check(CLI::IsMember({PrecisionName(Precision::kFp32), PrecisionName(Precision::kBf16)}));
   app->add_option("--updates", options.updates, "number of gradient steps of the run [1000000]")
       ->transform(Count(0, kMaxUpdates));
   app->add_option("--eval-every", options.eval_every,
@@ -131,7 +136,7 @@ void TrainCommand::AddOptions() {
   app->add_option(
       "--out", options.folder,
       "folder that keeps the run's files [runs/NAME, with the name made of environment, "
-      "algorithm, simulator, dataset, corruption, history and seed]");
+      "algorithm, simulator, dataset, corruption, history, precision and seed]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
   app->add_flag("--quiet", quiet, "show no progress on stderr");
@@ -186,6 +191,8 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_RETURN_IF_ERROR(Merge("corruption", options.corruption, old.corruption));
   B4MRL_RETURN_IF_ERROR(Merge("history", options.history_length, old.history_length));
   B4MRL_RETURN_IF_ERROR(Merge("seed", options.seed, old.seed));
+  B4MRL_RETURN_IF_ERROR(Merge("precision", precision, std::string(PrecisionName(old.precision))));
+  options.precision = old.precision;
   if (!Given("updates")) options.updates = old.updates;
   if (!Given("eval-every")) options.eval_every = old.eval_every;
   if (!Given("eval-episodes")) options.eval_episodes = old.eval_episodes;
@@ -273,6 +280,7 @@ void SayStateOf(const std::string& folder, Progress& progress) {
 
 std::optional<Failure> TrainCommand::Run() {
   if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
+  options.precision = *FindPrecision(precision);
   if (auto failure = ChooseFolder()) return failure;
   NamedTexts recorded;
   // A run that was killed before its first checkpoint has a record, too.

@@ -31,15 +31,15 @@ CBLAS_TRANSPOSE ToCblas(Transpose transpose) {
 
 // y = op(a) x, with strides for vectors that are rows of a matrix.
 void MatrixVector(Transpose transpose, MatrixView<const float> a, const float* x, int x_stride,
-                  float beta, float* y, int y_stride) {
+                  float* y, int y_stride) {
   cblas_sgemv(CblasColMajor, ToCblas(transpose), a.rows, a.columns, 1.0f, a.data, a.stride, x,
-              x_stride, beta, y, y_stride);
+              x_stride, 0, y, y_stride);
 }
 
 void MatrixVector(Transpose transpose, MatrixView<const double> a, const double* x, int x_stride,
-                  double beta, double* y, int y_stride) {
+                  double* y, int y_stride) {
   cblas_dgemv(CblasColMajor, ToCblas(transpose), a.rows, a.columns, 1.0, a.data, a.stride, x,
-              x_stride, beta, y, y_stride);
+              x_stride, 0, y, y_stride);
 }
 
 void MatrixMatrix(MatrixView<const float> a, Transpose transpose_a, MatrixView<const float> b,
@@ -81,21 +81,21 @@ int NarrowProductColumns<double>(int, int) {
 
 template <typename Scalar>
 void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<const Scalar> b,
-              Transpose transpose_b, MatrixView<Scalar> c, bool accumulate) {
-  Scalar beta = accumulate ? 1 : 0;
+              Transpose transpose_b, MatrixView<Scalar> c) {
   const bool a_flipped = transpose_a == Transpose::kYes;
   const bool b_flipped = transpose_b == Transpose::kYes;
   if (c.rows == 1) {
     // The row c is op(b)^T times the row op(a).
     MatrixVector(b_flipped ? Transpose::kNo : Transpose::kYes, b, a.data, a_flipped ? 1 : a.stride,
-                 beta, c.data, c.stride);
+                 c.data, c.stride);
   } else if (c.columns == 1) {
-    MatrixVector(transpose_a, a, b.data, b_flipped ? b.stride : 1, beta, c.data, 1);
+    MatrixVector(transpose_a, a, b.data, b_flipped ? b.stride : 1, c.data, 1);
   } else {
     const int inner = a_flipped ? a.rows : a.columns;
     const int narrow = a_flipped ? 0 : NarrowProductColumns<Scalar>(c.rows, inner);
     const int step = narrow == 0 ? c.columns : narrow;
-    if (!accumulate && !HasKernelsWithoutPacking()) {
+    Scalar beta = 0;
+    if (!HasKernelsWithoutPacking()) {
       // Clear and beta 1 give the bits of beta 0, with which OpenBLAS clears c more slowly:
       // products with an inner size of 23 to 40 become 20% to 40% faster, of 200 and more some
       // percent.
@@ -112,8 +112,8 @@ void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<cons
 }
 
 template void Multiply<float>(MatrixView<const float>, Transpose, MatrixView<const float>,
-                              Transpose, MatrixView<float>, bool);
+                              Transpose, MatrixView<float>);
 template void Multiply<double>(MatrixView<const double>, Transpose, MatrixView<const double>,
-                               Transpose, MatrixView<double>, bool);
+                               Transpose, MatrixView<double>);
 
 }  // namespace b4mrl

@@ -33,9 +33,9 @@ enum class Transpose : bool { kNo = false, kYes = true };
 template <typename Scalar>
 int NarrowProductColumns(int rows, int inner);
 
-// c = op(a) op(b), or c += op(a) op(b). Shapes must agree; c overlaps neither a nor b.
+// c = op(a) op(b). Shapes must agree; c overlaps neither a nor b.
 template <typename Scalar>
 void Multiply(MatrixView<const Scalar> a, Transpose transpose_a, MatrixView<const Scalar> b,
-              Transpose transpose_b, MatrixView<Scalar> c, bool accumulate = false);
+              Transpose transpose_b, MatrixView<Scalar> c);
 
 }  // namespace b4mrl

@@ -108,6 +108,10 @@ TEST_CASE("Whatever an ensemble depends on gives it another key") {
   SECTION("an option that shows late") { options.patience_epochs = 4; }
   SECTION("how many members rollouts use") { options.elites = 1; }
   SECTION("the decay factor") { options.decay_scale = 0.5; }
+  SECTION("the precision") {
+    if (!HasBf16()) return;
+    options.precision = Precision::kBf16;
+  }
   SECTION("an observation") { other.observations.view()(0, 299) += 1e-6f; }
   SECTION("an action") { other.actions.view()(0, 299) += 1e-6f; }
   SECTION("a target") { other.targets.view()(3, 299) += 1e-6f; }

@@ -29,7 +29,7 @@ struct Fixture {
         gradient(layout.size()),
         input((shared_input ? 1 : shape.members) * shape.inputs, kBatch),
         weights(shape.members * shape.outputs, kBatch),
-        workspace(layout, shape.members, kBatch) {
+        workspace(layout, {.members = shape.members, .batch_max = kBatch}) {
     Rng rng(3, "mlp-test");
     layout.Initialize<double>(Initialization::kTorchUniform, rng, parameters);
     rng.FillNormal(input.values());
@@ -114,7 +114,7 @@ TEST_CASE("the input gradient leaves out columns in which a member has no output
 TEST_CASE("a pass over one member gives that member's rows and gradients") {
   Fixture f(Shape(3, 2, Activation::kSwish), /*shared_input=*/true);
   f.Loss();
-  MlpWorkspace<double> single(f.layout, 1, kBatch);
+  MlpWorkspace<double> single(f.layout, {.batch_max = kBatch});
   for (int member = 0; member < 3; ++member) {
     const MatrixView<double> output =
         MlpForward<double>(f.layout, f.parameters, f.input.view(), single, member);
@@ -131,7 +131,8 @@ TEST_CASE("threads change no bit of outputs and gradients") {
   const bool shared_input = GENERATE(true, false);
   Fixture alone(Shape(5, 2, Activation::kSwish), shared_input);
   Fixture team(Shape(5, 2, Activation::kSwish), shared_input);
-  team.workspace = MlpWorkspace<double>(team.layout, 5, kBatch, /*threads=*/3);
+  team.workspace =
+      MlpWorkspace<double>(team.layout, {.members = 5, .batch_max = kBatch, .threads = 3});
   CHECK(team.workspace.team->threads() == 3);
   alone.Backward();
   team.Backward();

@@ -2,6 +2,8 @@
 
 #include <catch2/catch.hpp>
 
+#include "algorithms/nn/products/view.h"
+
 namespace b4mrl {
 namespace {
 

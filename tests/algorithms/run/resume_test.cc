@@ -328,12 +328,13 @@ TEST_CASE("A run that is told to stop leaves a checkpoint to resume from") {
   CHECK(RunTraining(options, daemon.client()).updates == 60);
 }
 
-TEST_CASE("Threads change no bit of what any learner learns") {
+TEST_CASE("Threads change no bit of what any learner learns, in fp32 and in bf16") {
   for (const Algorithm& algorithm : Algorithms()) {
     DYNAMIC_SECTION(algorithm.name) {
       TestDaemon daemon;
       TrainOptions alone = SmallRun(algorithm.name, daemon.folder("alone"));
       if (!alone.dataset.empty()) daemon.MakeDataset("small", 500);
+      alone.precision = HasBf16() ? GENERATE(Precision::kFp32, Precision::kBf16) : Precision::kFp32;
       TrainOptions team = alone;
       team.folder = daemon.folder("team");
       team.threads = 3;

@@ -22,6 +22,7 @@ class Recorded {
     options.algorithm = "sac";
     options.environment = "HalfCheetah";
     options.seed = UINT64_MAX;
+    options.precision = Precision::kBf16;
     options.folder = folder_.File("");
     REQUIRE(WriteRunRecord(options).ok());
     const auto text = ReadSmallFile(folder_.File("run.json"), 1 << 20);
@@ -67,6 +68,7 @@ TEST_CASE("A run's name tells it from every other") {
   };
   options.seed = 1, is_new(kHybrid);
   options.history_length = 3, is_new(kHybrid);
+  options.precision = Precision::kBf16, is_new(kHybrid);
   options.corruption = "hidden=9+10", is_new(kHybrid);
   options.corruption = "hidden=9+10,obs-noise=0.1", is_new(kHybrid);
   options.dataset = "medium", is_new(kHybrid);
@@ -91,7 +93,18 @@ TEST_CASE("What a run's record keeps is what is read from it") {
   REQUIRE(record.ok());
   CHECK(record->options.algorithm == "sac");
   CHECK(record->options.seed == UINT64_MAX);
+  CHECK(record->options.precision == Precision::kBf16);
   CHECK(record->options.eval_every == TrainOptions().eval_every);
+}
+
+TEST_CASE("A record without a precision is of a run in fp32, and an unknown one is refused") {
+  const Recorded recorded;
+  const Result<RunRecord> older = recorded.ReadWith("precision", nullptr);
+  REQUIRE(older.ok());
+  CHECK(older->options.precision == Precision::kFp32);
+  const Result<RunRecord> unknown = recorded.ReadWith("precision", "fp8");
+  CHECK(unknown.status().code() == StatusCode::kDataLoss);
+  CHECK(unknown.status().message().find("fp32 or bf16") != std::string::npos);
 }
 
 TEST_CASE("A record keeps each change of version and kernel that the run went through") {

@@ -232,6 +232,10 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
   const Outcome changed = Run({"train", "--resume", "--out", folder.File("killed"), "--seed", "9"});
   CHECK(changed.exit_code == 3);
   CHECK(changed.err.find("--seed is '9'") != std::string::npos);
+  const Outcome rounded =
+      Run({"train", "--resume", "--out", folder.File("killed"), "--precision", "bf16"});
+  CHECK(rounded.exit_code == 3);
+  CHECK(rounded.err.find("--precision is 'bf16'") != std::string::npos);
 }
 
 TEST_CASE("Datasets and scores have equal bytes under another BLAS kernel") {
