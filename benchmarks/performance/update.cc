@@ -82,66 +82,103 @@ double SgemmGflops(double seconds) {
   return rate * 2.0 * kSize * kSize * kSize / 1e9;
 }
 
-Status MeasureOne(const Options& options, const std::string& name, double gflop, double target,
-                  const std::function<void()>& update, Reporter& reporter) {
-  const double seconds = options.seconds;
+// One learner's row: its update's rate in one precision.
+struct Row {
+  std::string_view name;
+  double gflop;
+  double target;       // in fp32
+  double bf16_target;  // against the same sgemm
+};
+
+constexpr Row kSac = {"update-sac", kSacGflop, 0.82, 1.40};
+constexpr Row kTd3 = {"update-td3", kTd3Gflop, 0.82, 1.40};
+constexpr Row kTd3Bc = {"update-td3-bc", kTd3Gflop, 0.82, 1.40};
+constexpr Row kIql = {"update-iql", kIqlGflop, 0.82, 1.25};
+constexpr Row kH2o = {"update-h2o", kH2oGflop, 0.82, 1.25};
+constexpr Row kEnsemble = {"update-ensemble", kEnsembleGflop, 0.80, 1.25};
+
+// What a row is measured with, and where it goes.
+struct Measurement {
+  const Options& options;
+  Precision precision;
+  const RandomBatch& batch;
+  Reporter& reporter;
+};
+
+Status MeasureRow(const Measurement& measurement, const Row& row,
+                  const std::function<void()>& update) {
+  const double seconds = measurement.options.seconds;
+  const bool bf16 = measurement.precision == Precision::kBf16;
   B4MRL_ASSIGN_OR_RETURN(
       const Medians medians,
       MeasureInTurns(
-          options.turns, [&]() -> Result<double> { return CallRate(seconds, update); },
-          [&]() -> Result<double> { return SgemmGflops(seconds / 2) / gflop; }));
-  reporter.Report({name, medians.value, "1/s", medians.limit,
-                   "sgemm 256^3 over the products' " + std::to_string(gflop).substr(0, 5) +
-                       " GFLOP, one thread",
-                   target, false});
+          measurement.options.turns, [&]() -> Result<double> { return CallRate(seconds, update); },
+          [&]() -> Result<double> { return SgemmGflops(seconds / 2) / row.gflop; }));
+  measurement.reporter.Report({std::string(row.name) + (bf16 ? "-bf16" : ""), medians.value, "1/s",
+                               medians.limit,
+                               "sgemm 256^3 over the products' " +
+                                   std::to_string(row.gflop).substr(0, 5) + " GFLOP, one thread",
+                               bf16 ? row.bf16_target : row.target, false});
   return Status();
 }
 
-Status MeasureTd3(const Options& options, const std::string& name, std::optional<double> bc_alpha,
-                  const RandomBatch& batch, Reporter& reporter) {
-  Td3Options td3;
-  td3.observation_size = kObservation;
-  td3.action_size = kAction;
-  td3.bc_alpha = bc_alpha;
-  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(td3));
-  return MeasureOne(
-      options, name, kTd3Gflop, 0.82, [&] { core.Update(batch.view()); }, reporter);
+template <typename CoreOptions>
+void SetSizes(const Measurement& measurement, CoreOptions& options) {
+  options.observation_size = kObservation;
+  options.action_size = kAction;
+  options.precision = measurement.precision;
 }
 
-Status MeasureIql(const Options& options, const RandomBatch& batch, Reporter& reporter) {
-  IqlOptions iql;
-  iql.observation_size = kObservation;
-  iql.action_size = kAction;
-  B4MRL_ASSIGN_OR_RETURN(IqlCore<float> core, IqlCore<float>::Create(iql));
-  return MeasureOne(
-      options, "update-iql", kIqlGflop, 0.82, [&] { core.Update(batch.view()); }, reporter);
+Status MeasureSac(const Measurement& measurement) {
+  SacOptions options;
+  SetSizes(measurement, options);
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(options));
+  return MeasureRow(measurement, kSac, [&] { core.Update(measurement.batch.view()); });
 }
 
-Status MeasureH2o(const Options& options, const RandomBatch& batch, Reporter& reporter) {
-  H2oOptions h2o;
-  h2o.observation_size = kObservation;
-  h2o.action_size = kAction;
-  h2o.gap_noise.assign(kObservation, 0.3);
-  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(h2o));
+Status MeasureTd3(const Measurement& measurement, const Row& row, std::optional<double> bc_alpha) {
+  Td3Options options;
+  SetSizes(measurement, options);
+  options.bc_alpha = bc_alpha;
+  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(options));
+  return MeasureRow(measurement, row, [&] { core.Update(measurement.batch.view()); });
+}
+
+Status MeasureIql(const Measurement& measurement) {
+  IqlOptions options;
+  SetSizes(measurement, options);
+  B4MRL_ASSIGN_OR_RETURN(IqlCore<float> core, IqlCore<float>::Create(options));
+  return MeasureRow(measurement, kIql, [&] { core.Update(measurement.batch.view()); });
+}
+
+Status MeasureH2o(const Measurement& measurement) {
+  H2oOptions options;
+  SetSizes(measurement, options);
+  options.gap_noise.assign(kObservation, 0.3);
+  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(options));
   const RandomBatch discriminator_batch(2 * kBatch);
-  return MeasureOne(
-      options, "update-h2o", kH2oGflop, 0.82,
-      [&] {
-        core.Update({batch.view(), kBatch / 2}, {discriminator_batch.view(), kBatch});
-      },
-      reporter);
+  return MeasureRow(measurement, kH2o, [&] {
+    core.Update({measurement.batch.view(), kBatch / 2}, {discriminator_batch.view(), kBatch});
+  });
 }
 
-Status MeasureEnsemble(const Options& options, Reporter& reporter) {
-  DynamicsEnsembleOptions dynamics;
-  dynamics.observation_size = kObservation;
-  dynamics.action_size = kAction;
-  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(dynamics));
+Status MeasureEnsemble(const Measurement& measurement) {
+  DynamicsEnsembleOptions options;
+  SetSizes(measurement, options);
+  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(options));
   const MatrixBuffer<float> inputs = RandomMatrix(kObservation + kAction, kBatch, "inputs");
   const MatrixBuffer<float> targets = RandomMatrix(kObservation + 1, kBatch, "targets");
-  return MeasureOne(
-      options, "update-ensemble", kEnsembleGflop, 0.80,
-      [&] { ensemble.UpdateOnBatch(inputs.view(), targets.view()); }, reporter);
+  return MeasureRow(measurement, kEnsemble,
+                    [&] { ensemble.UpdateOnBatch(inputs.view(), targets.view()); });
+}
+
+Status MeasureAll(const Measurement& measurement) {
+  B4MRL_RETURN_IF_ERROR(MeasureSac(measurement));
+  B4MRL_RETURN_IF_ERROR(MeasureTd3(measurement, kTd3, std::nullopt));
+  B4MRL_RETURN_IF_ERROR(MeasureTd3(measurement, kTd3Bc, 2.5));
+  B4MRL_RETURN_IF_ERROR(MeasureIql(measurement));
+  B4MRL_RETURN_IF_ERROR(MeasureH2o(measurement));
+  return MeasureEnsemble(measurement);
 }
 
 }  // namespace
@@ -149,17 +186,8 @@ Status MeasureEnsemble(const Options& options, Reporter& reporter) {
 Status MeasureUpdate(const Options& options, Reporter& reporter) {
   UseOneBlasThread();
   const RandomBatch batch(kBatch);
-  SacOptions sac;
-  sac.observation_size = kObservation;
-  sac.action_size = kAction;
-  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(sac));
-  B4MRL_RETURN_IF_ERROR(MeasureOne(
-      options, "update-sac", kSacGflop, 0.82, [&] { core.Update(batch.view()); }, reporter));
-  B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3", std::nullopt, batch, reporter));
-  B4MRL_RETURN_IF_ERROR(MeasureTd3(options, "update-td3-bc", 2.5, batch, reporter));
-  B4MRL_RETURN_IF_ERROR(MeasureIql(options, batch, reporter));
-  B4MRL_RETURN_IF_ERROR(MeasureH2o(options, batch, reporter));
-  return MeasureEnsemble(options, reporter);
+  B4MRL_RETURN_IF_ERROR(MeasureAll({options, Precision::kFp32, batch, reporter}));
+  return HasBf16() ? MeasureAll({options, Precision::kBf16, batch, reporter}) : Status();
 }
 
 }  // namespace b4mrl::perf
