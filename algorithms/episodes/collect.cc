@@ -39,7 +39,6 @@ struct Trajectory {
   }
 
   uint64_t episode = 0;
-  double episode_return = 0;
   std::vector<float> observations, actions, next_observations, rewards, log_probs;
   std::vector<uint8_t> terminals, timeouts;
 };
@@ -61,18 +60,18 @@ struct Group {
 
 class Collector {
  public:
-  Collector(const CollectOptions& options, const AgentPolicy& policy, RemoteEnvironment session,
-            DatasetWriter& writer, Progress& progress)
+  Collector(const CollectOptions& options, const Behaviour& behaviour, RemoteEnvironment session,
+            Recorder& recorder, Progress& progress)
       : options_(options),
-        policy_(policy),
+        behaviour_(behaviour),
         session_(std::move(session)),
-        writer_(writer),
+        recorder_(recorder),
         progress_(progress),
         lanes_(session_.num_envs()),
-        histories_(policy.history_length(), policy.observation_size(),
+        histories_(behaviour.history_length(), behaviour.observation_size(),
                    static_cast<int>(lanes_.size())) {}
 
-  Result<CollectSummary> Run();
+  Status Run();
 
  private:
   bool NeedsAnotherEpisode() const;
@@ -83,20 +82,21 @@ class Collector {
   Status WriteFinished();
 
   const CollectOptions& options_;
-  const AgentPolicy& policy_;
+  const Behaviour& behaviour_;
   RemoteEnvironment session_;
-  DatasetWriter& writer_;
+  Recorder& recorder_;
   Progress& progress_;
   std::vector<Lane> lanes_;
   ObservationHistory histories_;
   std::array<Group, kGroups> groups_;
-  uint64_t next_episode_ = 0;
+  uint64_t next_episode_ = 0;                // to be started
   std::map<uint64_t, Trajectory> finished_;  // not written yet, because an earlier one is not
-  CollectSummary summary_;
-  double return_sum_ = 0;
+  uint64_t written_episodes_ = 0;
+  uint64_t rows_ = 0;  // written
+  bool done_ = false;
 };
 
-Result<CollectSummary> Collector::Run() {
+Status Collector::Run() {
   progress_.Start("make dataset", "rows", options_.rows);
   const auto lanes = static_cast<uint32_t>(lanes_.size());
   for (uint32_t g = 0; g < kGroups; ++g) {
@@ -105,18 +105,15 @@ Result<CollectSummary> Collector::Run() {
     B4MRL_RETURN_IF_ERROR(StartEpisodes(group.lanes));
     B4MRL_RETURN_IF_ERROR(SendStep(group));
   }
-  while (summary_.rows < options_.rows) B4MRL_RETURN_IF_ERROR(ReceiveStep());
+  while (!done_) B4MRL_RETURN_IF_ERROR(ReceiveStep());
   progress_.Finish();
-  if (summary_.whole_episodes > 0) {
-    summary_.mean_return = return_sum_ / static_cast<double>(summary_.whole_episodes);
-  }
-  return summary_;
+  return Status();
 }
 
 // Whether to start another episode: only if the episodes under way could not give enough rows even
 // if each reached the step limit. An episode's rows do not depend on this choice.
 bool Collector::NeedsAnotherEpisode() const {
-  uint64_t expected = summary_.rows;
+  uint64_t expected = rows_;
   for (const auto& [episode, trajectory] : finished_) expected += trajectory.rows();
   for (const Lane& lane : lanes_) {
     if (lane.trajectory) expected += session_.spec().max_episode_steps;
@@ -136,7 +133,7 @@ Status Collector::StartEpisodes(std::span<const uint32_t> candidates) {
     lane.trajectory->episode = episode;
     lane.noise.emplace(RoleSeed(options_.seed, "behaviour", episode), "actions");
     started.push_back(index);
-    seeds.push_back(RoleSeed(options_.seed, "episode", episode));
+    seeds.push_back(EpisodeSeed(options_.seed, episode));
   }
   if (started.empty()) return Status();
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session_.Reset(started, seeds));
@@ -153,17 +150,17 @@ Status Collector::SendStep(Group& group) {
   group.request = 0;
   if (group.lanes.empty()) return Status();
   const int count = static_cast<int>(group.lanes.size());
-  MatrixBuffer<float> inputs(policy_.history_length() * policy_.observation_size(), count);
-  MatrixBuffer<float> noise(policy_.action_size(), count);
-  group.actions = MatrixBuffer<float>(policy_.action_size(), count);
+  MatrixBuffer<float> inputs(behaviour_.history_length() * behaviour_.observation_size(), count);
+  MatrixBuffer<float> draws(behaviour_.action_size(), count);
+  group.actions = MatrixBuffer<float>(behaviour_.action_size(), count);
   group.log_probs.resize(group.lanes.size());
   for (int i = 0; i < count; ++i) {
     const std::span<const float> history = histories_.lane(static_cast<int>(group.lanes[i]));
     std::copy(history.begin(), history.end(), inputs.view().column(i));
-    const std::span<float> draws(noise.view().column(i), static_cast<size_t>(noise.rows()));
-    lanes_[group.lanes[i]].noise->FillNormal(draws);
+    behaviour_.Draw(*lanes_[group.lanes[i]].noise,
+                    {draws.view().column(i), static_cast<size_t>(draws.rows())});
   }
-  policy_.Sample(inputs.view(), noise.view(), group.actions.view(), group.log_probs);
+  behaviour_.Act(inputs.view(), draws.view(), group.actions.view(), group.log_probs);
   B4MRL_ASSIGN_OR_RETURN(group.request, session_.Send(group.actions.values(), group.lanes));
   return Status();
 }
@@ -204,7 +201,6 @@ Result<bool> Collector::StoreStep(Group& group, const StepOutcome& outcome, size
   rows.terminals.push_back(outcome.terminated[position]);
   const bool timeout = outcome.truncated[position] != 0 && outcome.terminated[position] == 0;
   rows.timeouts.push_back(timeout ? 1 : 0);
-  rows.episode_return += outcome.rewards[position];
   lane.observation.assign(next.begin(), next.end());
   histories_.Push(static_cast<int>(group.lanes[position]), next);
   if (outcome.terminated[position] == 0 && outcome.truncated[position] == 0) return false;
@@ -215,20 +211,20 @@ Result<bool> Collector::StoreStep(Group& group, const StepOutcome& outcome, size
 }
 
 Status Collector::WriteFinished() {
-  while (!finished_.empty() && finished_.begin()->first == summary_.episodes &&
-         summary_.rows < options_.rows) {
+  while (!done_ && !finished_.empty() && finished_.begin()->first == written_episodes_) {
     const Trajectory& trajectory = finished_.begin()->second;
-    const DatasetRows rows = trajectory.view(options_.rows - summary_.rows);
-    B4MRL_RETURN_IF_ERROR(writer_.Append(rows));
-    summary_.rows += rows.rows;
-    ++summary_.episodes;
-    if (rows.rows == trajectory.rows()) {
-      ++summary_.whole_episodes;
-      return_sum_ += trajectory.episode_return;
+    const uint64_t room = options_.rows - rows_;
+    const bool fits = trajectory.rows() <= room;
+    done_ = trajectory.rows() >= room;
+    if (fits || !options_.whole_episodes) {
+      const DatasetRows rows = trajectory.view(room);
+      B4MRL_RETURN_IF_ERROR(recorder_.Append(rows));
+      rows_ += rows.rows;
     }
+    ++written_episodes_;
     finished_.erase(finished_.begin());
   }
-  progress_.Update(summary_.rows);
+  progress_.Update(rows_);
   return Status();
 }
 
@@ -244,24 +240,20 @@ uint32_t LaneCount(const CollectOptions& options, const EnvironmentSpec& environ
 
 }  // namespace
 
-Result<CollectSummary> Collect(const CollectOptions& options, const AgentPolicy& policy,
-                               Client& client, DatasetWriter& writer, Progress& progress) {
+uint64_t EpisodeSeed(uint64_t seed, uint64_t episode) { return RoleSeed(seed, "episode", episode); }
+
+Status Collect(const CollectOptions& options, const Behaviour& behaviour, Client& client,
+               Recorder& recorder, Progress& progress) {
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment,
                          client.FindEnvironment(options.environment));
-  if (static_cast<size_t>(policy.observation_size()) != environment.observation.size() ||
-      static_cast<size_t>(policy.action_size()) != environment.action.size()) {
-    return InvalidArgument("agent", "one of another size", "an agent for " + environment.name);
-  }
-  if (!policy.stochastic()) {
-    return InvalidArgument("agent", "deterministic", "a stochastic policy (tanh_gaussian)");
-  }
   EnvironmentOptions session_options;
+  session_options.simulator = options.simulator;
   session_options.num_envs = LaneCount(options, environment);
   session_options.seed = options.seed;  // each episode then has its own seed, given by Reset
   session_options.autoreset_mode = AutoresetMode::kDisabled;
   session_options.deadline_ms = kLearnerDeadlineMs;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(environment.name, session_options));
-  Collector collector(options, policy, std::move(session), writer, progress);
+  Collector collector(options, behaviour, std::move(session), recorder, progress);
   return collector.Run();
 }
 

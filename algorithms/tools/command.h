@@ -59,7 +59,8 @@ struct Command {
 std::vector<Command> AddTrainCommand(CLI::App& app, const std::string& command_line);
 std::vector<Command> AddEvaluateCommand(CLI::App& app);
 std::vector<Command> AddDatasetCommands(CLI::App& app);
-std::vector<Command> AddDatasetWriters(CLI::App& group);  // `dataset make` and `dataset import`
+std::vector<Command> AddDatasetMake(CLI::App& group);
+std::vector<Command> AddDatasetImport(CLI::App& group);
 std::vector<Command> AddDemoCommands(CLI::App& app);
 std::vector<Command> AddListCommand(CLI::App& app);
 std::vector<Command> AddStatusCommand(CLI::App& app);

@@ -1,5 +1,5 @@
 // b4mrl dataset export|info: the commands that read a dataset through the daemon, whose sandboxed
-// importer reads the untrusted file. dataset_make.cc has make and import.
+// importer reads the untrusted file.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -45,7 +45,7 @@ std::optional<Failure> ReadCommand::WithDataset(Use use) {
 
 std::optional<Failure> ReadCommand::Export(Client&, RemoteDataset& dataset) {
   if (Status status = WriteExport(dataset); !status.ok()) return FromDaemon(std::move(status));
-  fmt::print("{}: {} rows of {}\n", file, dataset.rows(), name);
+  fmt::print("{}: {} rows of {}\n", file, dataset.rows(), dataset.in_force().info().name());
   return std::nullopt;
 }
 
@@ -74,7 +74,7 @@ Status ReadCommand::WriteExport(RemoteDataset& dataset) {
   }
   const pb::OpenDatasetReply& source = dataset.in_force();
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("environment", dataset.environment()));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", name));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", source.info().name()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source_sha256", source.info().sha256()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption", corruption));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption_seed", static_cast<int64_t>(seed)));
@@ -86,7 +86,7 @@ std::optional<Failure> ReadCommand::Info(Client& client, RemoteDataset& dataset)
   if (!stats.ok()) return FromDaemon(stats.status());
   const pb::DatasetStatsReply& scores = stats->scores;
   const pb::DatasetInfo& info = dataset.in_force().info();
-  nlohmann::ordered_json out = {{"name", name},
+  nlohmann::ordered_json out = {{"name", info.name()},
                                 {"environment", dataset.environment()},
                                 {"rows", dataset.rows()},
                                 {"episodes", scores.episodes()},
@@ -125,7 +125,8 @@ std::optional<Failure> ReadCommand::Info(Client& client, RemoteDataset& dataset)
 std::vector<Command> AddDatasetCommands(CLI::App& app) {
   CLI::App* group = app.add_subcommand("dataset", "make, import, export or describe datasets");
   group->require_subcommand(1);
-  std::vector<Command> commands = AddDatasetWriters(*group);
+  std::vector<Command> commands = AddDatasetMake(*group);
+  for (Command& command : AddDatasetImport(*group)) commands.push_back(std::move(command));
   const auto add = [&](const char* word, const char* description, ReadCommand::Use use) {
     auto command = std::make_shared<ReadCommand>();
     CLI::App* sub = group->add_subcommand(word, description);

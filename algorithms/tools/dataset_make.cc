@@ -1,24 +1,21 @@
-// b4mrl dataset make|import: the commands that write a file into a daemon's data folder.
+// b4mrl dataset make: records datasets by the recipes of dataset_recipes.h, or by the user's own
+// behaviour policy.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cctype>
-#include <cerrno>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <system_error>
 
-#include "algorithms/episodes/collect.h"
-#include "algorithms/policy/agent_policy.h"
 #include "algorithms/tools/command.h"
-#include "algorithms/tools/dataset_place.h"
-#include "client/interrupt.h"
-#include "data/d4rl/agent_file.h"
-#include "data/d4rl/dataset_file_writer.h"
-#include "data/files/atomic_file.h"
+#include "algorithms/tools/dataset_destination.h"
+#include "algorithms/tools/dataset_recipes.h"
+#include "algorithms/tools/dataset_recording.h"
+#include "algorithms/tools/published_datasets.h"
 #include "data/files/file_hash.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
@@ -26,225 +23,224 @@
 namespace b4mrl {
 namespace {
 
-namespace fs = std::filesystem;
-
-// A daemon's data folder, and the file in it that a command is about to write. Members are
-// destroyed in reverse order: first the daemon's connection, then the folders.
-struct Destination {
-  NewFolders folders;
-  std::optional<DaemonConnection> connection;
-  std::string path;
-};
-
-struct WriteCommand {
-  std::string name, agent_path, file;
-  uint64_t rows = 1'000'000;
-  uint64_t seed = 0;
+struct MakeCommand {
+  std::string name, environment, agent;
+  std::optional<uint64_t> rows, seed;
+  std::optional<std::string> simulator;
   bool quiet = false;
   bool json = false;
   bool replace = false;
   DaemonOptions daemon;
 
-  std::optional<Failure> Make();
-  std::optional<Failure> Import();
-
-  // Opens the daemon and makes the folder in which it will look for the new dataset. `advice` is
-  // part of the error message for a name that is taken.
-  std::optional<Failure> Prepare(Destination& destination, std::string_view advice) const;
-  Result<std::string> AgentPath() const;
-  Result<CollectSummary> WriteEpisodes(const Agent& agent, const std::string& agent_file,
-                                       const std::string& path, Client& client);
-  Status CopyInto(const std::string& path) const;
+  std::optional<Failure> Run();
+  std::optional<Failure> MakeAll(Destination& destination) const;
+  std::optional<Failure> MakeOne(const std::string& dataset, Destination& destination) const;
+  // What to record for the dataset of that name; `recipe` is null for a name of the user's own.
+  Result<RecordingOrder> OrderOf(const std::string& dataset, const DatasetRecipe* recipe) const;
+  Status ApplyOptions(RecordingOrder& order) const;
+  bool ChangesRecipe() const { return !agent.empty() || rows || seed || simulator; }
+  void Print(const RecordingOrder& order, const std::string& path, const std::string& sha256,
+             const Recording& made, const std::string& verdict) const;
 };
 
-std::optional<Failure> WriteCommand::Prepare(Destination& destination,
-                                             std::string_view advice) const {
-  const auto parts = ParseDatasetName(name);
-  if (!parts.ok()) return BadInput(parts.status());
-  if (!daemon.data_folder.empty()) {
-    if (Status status = destination.folders.Make(daemon.data_folder); !status.ok()) {
-      return BadInput(std::move(status));
+std::string SourceFile(std::string_view folder, std::string_view stem) {
+  const char* agents = std::getenv("B4MRL_AGENTS");
+  const bool is_set = folder == "agents" && agents != nullptr && *agents != '\0';
+  return fmt::format(
+      "{}/{}.h5",
+      is_set ? agents : SharedFolder(folder, fmt::format("{}/{}", B4MRL_DATA_FOLDER, folder)),
+      stem);
+}
+
+Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
+                                            const DatasetRecipe* recipe) const {
+  RecordingOrder order;
+  B4MRL_ASSIGN_OR_RETURN(const DatasetName parts, ParseDatasetName(dataset));
+  order.name = dataset;
+  order.environment = parts.folder;
+  if (recipe == nullptr) {
+    if (agent.empty()) {
+      std::vector<std::string> names;
+      for (const DatasetRecipe& known : DatasetRecipes()) names.emplace_back(known.name);
+      return UnknownName("dataset (or name its behaviour policy with --agent)", dataset, names);
+    }
+    order.rows = 1'000'000;
+  } else {
+    if (!recipe->missing.empty() && agent.empty()) {
+      return Status(StatusCode::kUnsupported,
+                    fmt::format("{} cannot be made: {}; name another behaviour policy with --agent",
+                                recipe->full_name(), recipe->missing));
+    }
+    order.name = recipe->full_name();
+    order.kind = recipe->kind;
+    order.simulator = recipe->simulator;
+    order.rows = recipe->rows;
+    order.seed = recipe->seed;
+    const bool is_replay = recipe->kind == RecipeKind::kReplay;
+    for (const std::string_view stem : {recipe->source, recipe->second}) {
+      if (!stem.empty()) order.files.push_back(SourceFile(is_replay ? "replays" : "agents", stem));
     }
   }
-  auto connection = DaemonConnection::Open(daemon);
-  if (!connection.ok()) return FromDaemon(connection.status());
-  destination.connection.emplace(*std::move(connection));
-  const auto data_folder = destination.connection->DataFolder();
-  if (!data_folder.ok()) return FromDaemon(data_folder.status());
-  destination.path = DatasetPath(*data_folder, *parts);
-  if (std::error_code error; !replace && fs::exists(destination.path, error)) {
-    return BadInput(Status(StatusCode::kFailedPrecondition,
-                           fmt::format("{} exists; {}", destination.path, advice)));
-  }
-  if (Status status = destination.folders.Make(FolderOf(destination.path)); !status.ok()) {
-    return BadInput(std::move(status));
-  }
-  return std::nullopt;
+  B4MRL_RETURN_IF_ERROR(ApplyOptions(order));
+  return order;
 }
 
-// ---- make
-
-// The given agent file, or a shipped behaviour policy's file, such as halfcheetah-medium.h5.
-Result<std::string> WriteCommand::AgentPath() const {
-  if (!agent_path.empty()) return agent_path;
-  const char* variable = std::getenv("B4MRL_AGENTS");
-  const std::string folder = variable != nullptr && *variable != '\0'
-                                 ? variable
-                                 : SharedFolder("agents", B4MRL_AGENTS_FOLDER);
-  std::string stem = name;
-  std::replace(stem.begin(), stem.end(), '/', '-');
-  std::transform(stem.begin(), stem.end(), stem.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  const std::string path = fmt::format("{}/{}.h5", folder, stem);
-  if (std::error_code error; fs::exists(path, error)) return path;
-  return Status(
-      StatusCode::kUnknownName,
-      fmt::format("no behaviour policy is shipped for {} ({}); name one with --agent", name, path));
+// Replaces what the options name, and writes the command that makes the file again.
+Status MakeCommand::ApplyOptions(RecordingOrder& order) const {
+  order.command = "b4mrl dataset make " + order.name;
+  if (!agent.empty()) {
+    order.kind = RecipeKind::kAgent;
+    order.files = {agent};
+    order.command += " --agent " + agent;
+  }
+  const bool is_replay = order.kind == RecipeKind::kReplay;
+  if (simulator) {
+    if (is_replay)
+      return InvalidArgument("--simulator", *simulator, "none for a run's transitions");
+    order.simulator = *simulator;
+    order.command += " --simulator " + *simulator;
+  }
+  if (rows) {
+    order.rows = *rows;
+    order.command += fmt::format(" --rows {}", *rows);
+  }
+  if (seed) {
+    if (is_replay) {
+      return InvalidArgument("--seed", fmt::format("{}", *seed), "none for a run's transitions");
+    }
+    order.seed = *seed;
+    order.command += fmt::format(" --seed {}", *seed);
+  }
+  return Status();
 }
 
-std::optional<Failure> WriteCommand::Make() {
-  const auto agent_file = AgentPath();
-  if (!agent_file.ok()) return BadInput(agent_file.status());
-  const auto agent = ReadAgent(*agent_file);
-  if (!agent.ok()) return BadInput(agent.status());
+std::optional<Failure> MakeCommand::Run() {
+  const bool all = name == "all";
+  if (!all && !environment.empty()) {
+    return BadUsage(InvalidArgument("--environment", environment, "`dataset make all` alone"));
+  }
+  if (all && (!agent.empty() || seed || simulator)) {
+    return BadUsage(InvalidArgument("all", "--agent, --seed or --simulator", "--rows alone"));
+  }
+  if (!all) {  // what is wrong with a name or an option shows before a daemon is started
+    const auto order = OrderOf(name, FindRecipe(name));
+    if (!order.ok()) return BadInput(order.status());
+  }
   Destination destination;
-  if (auto failure = Prepare(destination, "choose another name, or --replace it")) return failure;
-  const std::string& path = destination.path;
-  const auto summary = WriteEpisodes(*agent, *agent_file, path, destination.connection->client());
-  if (!summary.ok()) return FromDaemon(summary.status());
+  if (auto failure = destination.Open(daemon)) return failure;
+  return all ? MakeAll(destination) : MakeOne(name, destination);
+}
+
+std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
+  std::vector<std::string> environments;
+  for (const DatasetRecipe& recipe : DatasetRecipes()) {
+    environments.emplace_back(recipe.environment());
+    if (!environment.empty() && environment != recipe.environment()) continue;
+    const std::string full_name = recipe.full_name();
+    if (!recipe.missing.empty()) {
+      fmt::print(stderr, "{} cannot be made: {}\n", full_name, recipe.missing);
+      continue;
+    }
+    if (auto failure = MakeOne(full_name, destination)) return failure;
+  }
+  const bool known = environment.empty() || std::ranges::count(environments, environment) > 0;
+  if (known) return std::nullopt;
+  return BadInput(UnknownName("environment", environment, environments));
+}
+
+// How the made dataset relates to the published one of its name, in words, or what differs.
+Result<std::string> Verdict(const RecordingOrder& order, const Recording& made, bool is_changed) {
+  if (is_changed) return std::string("not the published dataset: options change its recipe");
+  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  const auto found = published.find(order.name);
+  if (found == published.end()) return std::string("no figures are published for it");
+  const std::vector<std::string> differences = Differences(made, found->second);
+  if (differences.empty()) return std::string("as published");
+  return Status(StatusCode::kDataLoss, fmt::format("{} differs from the published dataset; {}",
+                                                   order.name, fmt::join(differences, "; ")));
+}
+
+std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
+                                            Destination& destination) const {
+  const DatasetRecipe* recipe = FindRecipe(dataset);
+  const auto order = OrderOf(dataset, recipe);
+  if (!order.ok()) return BadInput(order.status());
+  if (auto failure =
+          destination.Prepare(order->name, replace, "choose another name, or --replace it")) {
+    return failure;
+  }
+  const std::string& path = destination.path();
+  const auto made = Record(*order, path, destination.client(), quiet);
+  if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());
-  if (json) {
-    const nlohmann::ordered_json out = {{"name", name},
-                                        {"file", path},
-                                        {"rows", summary->rows},
-                                        {"episodes", summary->episodes},
-                                        {"mean_return", summary->mean_return},
-                                        {"sha256", *sha256}};
-    fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-  } else {
-    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}\nsha256 {}\n", path, summary->rows,
-               summary->episodes, summary->mean_return, *sha256);
-  }
-  return std::nullopt;
+  const auto verdict = Verdict(*order, *made, recipe == nullptr || ChangesRecipe());
+  Print(*order, path, *sha256, *made, verdict.ok() ? *verdict : "differs from the published one");
+  if (verdict.ok()) return std::nullopt;
+  return Failure{kExitFailed, verdict.status()};
 }
 
-Result<CollectSummary> WriteCommand::WriteEpisodes(const Agent& agent,
-                                                   const std::string& agent_file,
-                                                   const std::string& path, Client& client) {
-  B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
-  B4MRL_ASSIGN_OR_RETURN(const DatasetName parts, ParseDatasetName(name));
-  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment, client.FindEnvironment(parts.folder));
-  DatasetWriterOptions options;
-  options.observation_dimensions = agent.observation_dimensions;
-  options.action_dimensions = agent.action_dimensions;
-  options.action_log_probs = true;
-  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
-  Progress progress(quiet);
-  CollectOptions collect;
-  collect.environment = parts.folder;
-  collect.rows = rows;
-  collect.seed = seed;
-  B4MRL_ASSIGN_OR_RETURN(const CollectSummary summary,
-                         Collect(collect, policy, client, writer, progress));
-  B4MRL_ASSIGN_OR_RETURN(const std::string agent_sha256, Sha256OfFile(agent_file));
-  Agent behaviour = agent;  // may be the agent of another task with equal sizes
-  behaviour.provenance.environment = environment.name;
-  B4MRL_RETURN_IF_ERROR(writer.SetPolicy(behaviour));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_name", name));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("dataset_seed", static_cast<int64_t>(seed)));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("agent_sha256", agent_sha256));
-  B4MRL_RETURN_IF_ERROR(
-      writer.SetMetadata("mean_return", fmt::format("{:.9g}", summary.mean_return)));
-  if (const auto score = environment.NormalisedScore(summary.mean_return)) {
-    B4MRL_RETURN_IF_ERROR(writer.SetMetadata("normalised_score", fmt::format("{:.9g}", *score)));
+void MakeCommand::Print(const RecordingOrder& order, const std::string& path,
+                        const std::string& sha256, const Recording& made,
+                        const std::string& verdict) const {
+  const RecordingSummary& summary = made.summary;
+  if (!json) {
+    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}{}\n{}\nsha256 {}\ncolumns {}\n{}\n",
+               order.name, summary.rows, summary.episodes, summary.mean_return,
+               made.score ? fmt::format(", score {:.1f}", *made.score) : "", path, sha256,
+               summary.columns_sha256, verdict);
+    return;
   }
-  B4MRL_RETURN_IF_ERROR(writer.Commit());
-  return summary;
-}
-
-// ---- import
-
-// Replaces the path of the removed copy, which the daemon read, by the original's in a message.
-Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
-  std::string message = status.message();
-  for (size_t at = 0; (at = message.find(copy, at)) != std::string::npos; at += original.size()) {
-    message.replace(at, copy.size(), original);
+  nlohmann::ordered_json out = {{"name", order.name},
+                                {"file", path},
+                                {"recipe", made.provenance.recipe},
+                                {"policies_sha256", nlohmann::json::array()},
+                                {"seeds", nlohmann::json::array()},
+                                {"rows", summary.rows},
+                                {"episodes", summary.episodes},
+                                {"mean_return", summary.mean_return},
+                                {"std_return", summary.std_return},
+                                {"sha256", sha256},
+                                {"columns_sha256", summary.columns_sha256},
+                                {"engine", made.provenance.engine},
+                                {"license", made.provenance.license},
+                                {"verdict", verdict}};
+  for (const RecordedPart& part : made.provenance.parts) {
+    out["policies_sha256"].push_back(part.policy_sha256);
+    out["seeds"].push_back(fmt::format("{}", part.seed));
   }
-  return Status(status.code(), std::move(message));
-}
-
-// Whether the error is due to the file, so the daemon would refuse it again. Deadlines, interrupts
-// and full queues are not.
-bool LiesInFile(const Status& failure) {
-  return failure.code() == StatusCode::kInvalidArgument ||
-         failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||
-         failure.code() == StatusCode::kVersionMismatch;
-}
-
-std::optional<Failure> WriteCommand::Import() {
-  Destination destination;
-  if (auto failure = Prepare(destination, "choose another --name or remove it")) return failure;
-  if (Status status = CopyInto(destination.path); !status.ok()) return BadInput(std::move(status));
-  const auto dataset = destination.connection->client().OpenDataset(name);
-  if (!dataset.ok() && !LiesInFile(dataset.status())) {
-    return BadInput(dataset.status().WithContext(fmt::format(
-        "{} was copied to {}, where it stays, but not imported yet", file, destination.path)));
-  }
-  if (!dataset.ok()) {
-    std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
-    fs::remove(destination.path, ignored);
-    return BadInput(InTermsOf(file, destination.path, dataset.status()));
-  }
-  fmt::print("{}: {} rows, sha256 {}\n", name, dataset->rows(),
-             dataset->in_force().info().sha256());
-  return std::nullopt;
-}
-
-Status WriteCommand::CopyInto(const std::string& path) const {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) return IoError("read", file, errno);
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
-  std::vector<char> block(1 << 20);
-  while (in) {
-    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
-    in.read(block.data(), static_cast<std::streamsize>(block.size()));
-    const auto count = static_cast<size_t>(in.gcount());
-    B4MRL_RETURN_IF_ERROR(out.Write(std::string_view(block.data(), count)));
-  }
-  if (in.bad()) return IoError("read", file, errno);
-  return out.Commit();
+  if (made.score) out["normalised_score"] = *made.score;
+  fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
 }  // namespace
 
-std::vector<Command> AddDatasetWriters(CLI::App& group) {
-  const auto make = std::make_shared<WriteCommand>(), import = std::make_shared<WriteCommand>();
-
-  CLI::App* make_app = group.add_subcommand("make", "record episodes of a behaviour policy");
-  make_app->add_option("name", make->name, "name of the new dataset: \"HalfCheetah/medium\"")
+std::vector<Command> AddDatasetMake(CLI::App& group) {
+  const auto command = std::make_shared<MakeCommand>();
+  CLI::App* app =
+      group.add_subcommand("make", "record a dataset by its recipe, or episodes of --agent");
+  app->add_option("name", command->name,
+                  "dataset, \"HalfCheetah/medium\" (b4mrl list datasets has them all), a new name "
+                  "with --agent, or \"all\"")
       ->required();
-  make_app->add_option("--rows", make->rows, "transitions to record [1000000]")
+  app->add_option("--environment", command->environment,
+                  "with \"all\": the environment whose datasets are made [every environment]");
+  app->add_option("--rows", command->rows,
+                  "transitions to record; of a medium-replay, its newest whole episodes of at most "
+                  "so many [the recipe's, or 1000000]")
       ->transform(Count(1, limits::kMaxDatasetRows));
-  make_app->add_option("--seed", make->seed, "seed of the episodes' starts and of the actions [0]")
+  app->add_option("--seed", command->seed,
+                  "seed of the episodes' starts and of the actions [the recipe's, or 0]")
       ->transform(Seed());
-  make_app->add_option("--agent", make->agent_path,
-                       "agent file of the behaviour policy [the one shipped for the name]");
-  make_app->add_flag("--replace", make->replace, "overwrite a dataset of that name");
-  make_app->add_flag("--json", make->json, "print the result as JSON");
-
-  CLI::App* import_app =
-      group.add_subcommand("import", "check an HDF5 file in D4RL's layout and copy it in");
-  import_app->add_option("file", import->file, "HDF5 file in D4RL's layout")->required();
-  import_app->add_option("--name", import->name, "name of the new dataset: \"HalfCheetah/mine\"")
-      ->required();
-
-  for (const auto& [command, app] : {std::pair{make, make_app}, {import, import_app}}) {
-    app->add_flag("--quiet", command->quiet, "show no progress on stderr");
-    command->daemon.AddTo(*app);
-  }
-  return {{make_app, [make] { return make->Make(); }},
-          {import_app, [import] { return import->Import(); }}};
+  app->add_option("--agent", command->agent, "agent file of the behaviour policy [the recipe's]");
+  app->add_option("--simulator", command->simulator,
+                  "perturbations of the world in which the episodes are recorded, "
+                  "\"gravity,obs-noise=0.02\" [the recipe's]");
+  app->add_flag("--replace", command->replace, "overwrite a dataset of that name");
+  app->add_flag("--json", command->json, "print the result as JSON");
+  app->add_flag("--quiet", command->quiet, "show no progress on stderr");
+  command->daemon.AddTo(*app);
+  return {{app, [command] { return command->Run(); }}};
 }
 
 }  // namespace b4mrl

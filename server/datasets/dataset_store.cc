@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
+#include <limits>
 #include <utility>
 
 #include "data/columns/column_cache.h"
@@ -33,6 +34,16 @@ constexpr uint64_t kImportBytesPerMs = 4 * 1024;
 // Whether a name can travel in messages, whose strings must be UTF-8, and be typed by people.
 bool IsPlainName(std::string_view name) {
   return std::ranges::all_of(name, [](char c) { return c > ' ' && c <= '~'; });
+}
+
+// N if the name of a file is `name` with the version "-vN"; else -1.
+int64_t VersionOf(std::string_view file_name, std::string_view name) {
+  if (!file_name.starts_with(name)) return -1;
+  file_name.remove_prefix(name.size());
+  if (!file_name.starts_with("-v")) return -1;
+  const Result<uint64_t> version =
+      ParseUnsigned("version", file_name.substr(2), 0, std::numeric_limits<int32_t>::max());
+  return version.ok() ? static_cast<int64_t>(*version) : -1;
 }
 
 // The extension that a dataset file has in a folder of DATA.
@@ -111,10 +122,17 @@ Result<std::vector<DatasetStore::File>> DatasetStore::FindFiles() const {
 Result<DatasetStore::File> DatasetStore::FindFile(const std::string& name) const {
   B4MRL_ASSIGN_OR_RETURN(const std::vector<File> files, FindFiles());
   std::vector<std::string> names;
+  const File* newest = nullptr;
+  int64_t newest_version = -1;
   for (const File& file : files) {
     if (file.name == name) return file;
     names.push_back(file.name);
+    const int64_t version = VersionOf(file.name, name);
+    if (version <= newest_version) continue;
+    newest_version = version;
+    newest = &file;
   }
+  if (newest != nullptr) return *newest;
   return UnknownName("dataset", name, names);
 }
 
@@ -185,7 +203,7 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   B4MRL_ASSIGN_OR_RETURN(opened.dataset, Admit(imported.fingerprint));
   // The whole text may be longer than what DatasetIndex reads again.
   imported.behaviour_policy = PlainPolicy(opened.dataset->property("behaviour_policy"));
-  B4MRL_RETURN_IF_ERROR(index_.Add(name, imported));
+  B4MRL_RETURN_IF_ERROR(index_.Add(file.name, imported));
   return opened;
 }
 
@@ -265,7 +283,11 @@ Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request,
   B4MRL_ASSIGN_OR_RETURN(const FileIdentity identity, FileIdentity::Of(file.path));
   if (const std::optional<ImportedFile> imported = index_.Find(file.name, identity)) {
     Result<DatasetPointer> dataset = Load(imported->fingerprint);
-    if (dataset.ok()) return OpenImported(request, *imported, *dataset, cancelled);
+    if (dataset.ok()) {
+      Result<OpenedDataset> opened = OpenImported(request, *imported, *dataset, cancelled);
+      if (opened.ok()) opened->info.name = file.name;  // the full name
+      return opened;
+    }
     if (!IsToBeMade(dataset.status())) return dataset.status();
   }
   B4MRL_RETURN_IF_ERROR(index_.FindFailure(file.name, identity));

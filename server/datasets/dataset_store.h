@@ -35,7 +35,7 @@ struct DatasetFileInfo {
 };
 
 struct DatasetRequest {
-  std::string name;
+  std::string name;  // "HalfCheetah/medium-v0"; without a version the newest, unless a file has it
   std::vector<NamedArgument> corruptions;
   uint64_t seed = 0;
   TransitionRule rule = TransitionRule::kStored;

@@ -9,7 +9,9 @@
 
 #include "algorithms/base/progress.h"
 #include "algorithms/cores/sac_core.h"
+#include "algorithms/episodes/behaviour.h"
 #include "algorithms/episodes/collect.h"
+#include "algorithms/episodes/recorder.h"
 #include "algorithms/policy/agent_policy.h"
 #include "client/client.h"
 #include "client/private_daemon.h"
@@ -51,11 +53,17 @@ class TestDaemon {
     options.observation_dimensions = 17;
     options.action_dimensions = 6;
     options.action_log_probs = true;
-    DatasetWriter writer = Take(DatasetWriter::Create(path, options));
+    Recorder recorder = Take(Recorder::Create(path, options));
     Progress quiet(true);
-    const AgentPolicy policy = Take(AgentPolicy::Create(RandomAgent()));
-    Take(Collect({"HalfCheetah", rows, seed, lanes_max}, policy, client_, writer, quiet));
-    RequireOk(writer.Commit());
+    const EnvironmentSpec environment = Take(client_.FindEnvironment("HalfCheetah"));
+    const Behaviour behaviour = Take(Behaviour::OfAgent(RandomAgent(), environment));
+    CollectOptions collect;
+    collect.environment = environment.name;
+    collect.rows = rows;
+    collect.seed = seed;
+    collect.lanes_max = lanes_max;
+    RequireOk(Collect(collect, behaviour, client_, recorder, quiet));
+    RequireOk(recorder.writer().Commit());
     return path;
   }
 

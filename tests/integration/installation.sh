@@ -18,13 +18,13 @@ fail() {
 "$cmake" --install "$build" --prefix "$folder/first" >"$folder/log" || fail "$(cat "$folder/log")"
 mv "$folder/first" "$folder/moved"
 b4mrl=$folder/moved/bin/b4mrl
-for file in share/doc/b4mrl/LICENSE share/doc/b4mrl/proto/PROTOCOL.md bin/b4mrl-render; do
+for file in share/b4mrl/datasets.toml share/b4mrl/replays/hopper-medium.h5 share/doc/b4mrl/LICENSE share/doc/b4mrl/proto/PROTOCOL.md bin/b4mrl-render; do
   [ -f "$folder/moved/$file" ] || fail "$file is missing"
 done
 
 # A private daemon steps HalfCheetah under the policy that was installed.
 "$b4mrl" dataset make HalfCheetah/medium --rows 100 --quiet || fail "making a dataset"
-[ -f "$folder/data/b4mrl/HalfCheetah/medium.h5" ] || fail "no dataset was written"
+[ -f "$folder/data/b4mrl/HalfCheetah/medium-v0.h5" ] || fail "no dataset was written"
 "$b4mrl" perf --help >/dev/null || fail "b4mrl perf"
 
 # Whose models and agents it reads shows when they are spoilt.

@@ -247,7 +247,7 @@ TEST_CASE("Datasets and scores have equal bytes under another BLAS kernel") {
         environment);
     INFO(outcome.err);
     REQUIRE(outcome.exit_code == 0);
-    return ReadBytes(folder.File(data + "/HalfCheetah/medium.h5"));
+    return ReadBytes(folder.File(data + "/HalfCheetah/medium-v0.h5"));
   };
   CHECK(make("a", {}) == make("b", {oldest}));
 
@@ -268,7 +268,7 @@ TEST_CASE("Making a dataset replaces an existing one only when told to") {
   const TemporaryFolder folder;
   const Words make = {"dataset", "make", "HalfCheetah/medium", "--data", folder.File("data")};
   REQUIRE(Run(make + Words{"--rows", "1000"}).exit_code == 0);
-  const std::string path = folder.File("data/HalfCheetah/medium.h5");
+  const std::string path = folder.File("data/HalfCheetah/medium-v0.h5");
   const std::string first = ReadBytes(path);
   const Outcome refused = Run(make + Words{"--rows", "2000"});
   CHECK(refused.exit_code == 3);

@@ -30,11 +30,11 @@ TEST_CASE("With an endpoint a dataset is made and imported where that daemon loo
   const Outcome made = Run(Make({}), environment);
   INFO(made.err);
   REQUIRE(made.exit_code == 0);
-  CHECK(fs::exists(folder.File("HalfCheetah/medium.h5")));
+  CHECK(fs::exists(folder.File("HalfCheetah/medium-v0.h5")));
   CHECK_FALSE(fs::exists(UsersFolder() + "/data/HalfCheetah"));
 
-  const Outcome imported = Run({"dataset", "import", folder.File("HalfCheetah/medium.h5"), "--name",
-                                "HalfCheetah/copy", "--endpoint", daemon.endpoint()});
+  const Outcome imported = Run({"dataset", "import", folder.File("HalfCheetah/medium-v0.h5"),
+                                "--name", "HalfCheetah/copy", "--endpoint", daemon.endpoint()});
   INFO(imported.err);
   CHECK(imported.exit_code == 0);
   const std::string list = Run({"list", "datasets"}, environment).out;

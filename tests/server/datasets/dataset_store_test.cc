@@ -2,9 +2,11 @@
 
 #include <sys/stat.h>
 
+#include <fmt/format.h>
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <chrono>
+
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -83,6 +85,28 @@ struct StoreFixture {
     return count;
   }
 };
+
+TEST_CASE("A name without a version means the newest version, unless a file has that very name") {
+  const StoreFixture fixture;
+  for (const char* name :
+       {"expert-v0", "expert-v9", "expert-v10", "expert-vx", "expert-v11-mine"}) {
+    REQUIRE(WriteExample(fixture.folder.File(fmt::format("HalfCheetah/{}.h5", name)), fixture.data)
+                .ok());
+  }
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/medium-v3.h5"), fixture.data).ok());
+  DatasetStore store = fixture.Store();
+  const auto full_name = [&](const std::string& name) {
+    DatasetRequest request = StoreFixture::Request("");
+    request.name = name;
+    return StoreFixture::OpenMade(store, request)->info.name;
+  };
+  CHECK(full_name("HalfCheetah/expert") == "HalfCheetah/expert-v10");
+  CHECK(full_name("HalfCheetah/expert-v9") == "HalfCheetah/expert-v9");
+  CHECK(full_name("HalfCheetah/medium") == "HalfCheetah/medium");
+  DatasetRequest request = StoreFixture::Request("");
+  request.name = "HalfCheetah/expert-v1";
+  CHECK(store.Open(request).status().code() == StatusCode::kUnknownName);
+}
 
 TEST_CASE("an unchanged file is imported once, also by another process") {
   const StoreFixture fixture;

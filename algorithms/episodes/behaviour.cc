@@ -1,0 +1,49 @@
+#include "algorithms/episodes/behaviour.h"
+
+#include <algorithm>
+#include <numbers>
+
+namespace b4mrl {
+
+Behaviour::Behaviour(std::optional<AgentPolicy> policy, const EnvironmentSpec& environment)
+    : policy_(std::move(policy)),
+      observation_size_(static_cast<int>(environment.observation.size())) {
+  for (const DimensionSpec& dimension : environment.action.dimensions) {
+    action_scale_.push_back(static_cast<float>(dimension.high));
+  }
+}
+
+Result<Behaviour> Behaviour::OfAgent(const Agent& agent, const EnvironmentSpec& environment) {
+  B4MRL_ASSIGN_OR_RETURN(AgentPolicy policy, AgentPolicy::Create(agent));
+  if (static_cast<size_t>(policy.observation_size()) != environment.observation.size() ||
+      static_cast<size_t>(policy.action_size()) != environment.action.size()) {
+    return InvalidArgument("agent", "one of another size", "an agent for " + environment.name);
+  }
+  if (!policy.stochastic()) {
+    return InvalidArgument("agent", "deterministic", "a stochastic policy (tanh_gaussian)");
+  }
+  return Behaviour(std::move(policy), environment);
+}
+
+Behaviour Behaviour::Uniform(const EnvironmentSpec& environment) {
+  return Behaviour(std::nullopt, environment);
+}
+
+void Behaviour::Draw(Rng& rng, std::span<float> draws) const {
+  if (policy_) return rng.FillNormal(draws);
+  for (float& draw : draws) draw = static_cast<float>(rng.Uniform(-1, 1));
+}
+
+void Behaviour::Act(MatrixView<const float> histories, MatrixView<const float> draws,
+                    MatrixView<float> actions, std::span<float> log_probs) const {
+  if (policy_) return policy_->Sample(histories, draws, actions, log_probs);
+  for (int lane = 0; lane < actions.columns; ++lane) {
+    for (int i = 0; i < actions.rows; ++i) {
+      actions(i, lane) = draws(i, lane) * action_scale_[static_cast<size_t>(i)];
+    }
+  }
+  // The density of a uniform action in [-1, 1] is 1/2 in every dimension.
+  std::ranges::fill(log_probs, static_cast<float>(-std::numbers::ln2 * action_size()));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,183 @@
+#include "algorithms/episodes/replay.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "algorithms/base/learner.h"
+#include "client/remote_environment.h"
+#include "data/files/file_hash.h"
+#include "proto/wire/tensor_rows.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kBlockRows = 4096;  // that are kept before they are appended
+
+// The SHA-256 of a replay.bin: a header of 64 bytes with the sizes of an observation and an action,
+// then a record of float32 for each transition.
+class ReplayHash {
+ public:
+  ReplayHash(uint32_t observation_size, uint32_t action_size) {
+    std::array<std::byte, 64> header{};
+    std::memcpy(header.data(), "B4REPLA1", 8);
+    std::memcpy(header.data() + 8, &observation_size, sizeof(observation_size));
+    std::memcpy(header.data() + 12, &action_size, sizeof(action_size));
+    hash_.Update(header);
+  }
+  void Add(std::span<const float> numbers) { hash_.Update(std::as_bytes(numbers)); }
+  std::string Hex() { return hash_.Hex(); }
+
+ private:
+  Sha256 hash_;
+};
+
+struct Block {
+  void Clear() { *this = Block(); }
+  DatasetRows view() const {
+    DatasetRows rows;
+    rows.rows = rewards.size();
+    rows.observations = observations;
+    rows.actions = actions;
+    rows.next_observations = next_observations;
+    rows.rewards = rewards;
+    rows.terminals = terminals;
+    rows.timeouts = timeouts;
+    return rows;
+  }
+  std::vector<float> observations, actions, next_observations, rewards;
+  std::vector<uint8_t> terminals, timeouts;
+};
+
+void Extend(std::vector<float>& out, std::span<const float> values) {
+  out.insert(out.end(), values.begin(), values.end());
+}
+
+class Replayer {
+ public:
+  Replayer(const ActionLog& log, uint64_t rows, RemoteEnvironment session, Recorder& recorder)
+      : log_(log),
+        session_(std::move(session)),
+        recorder_(recorder),
+        oldest_row_(log.rows - rows),
+        hash_(static_cast<uint32_t>(session_.spec().observation.size()), log.action_size),
+        scaled_(log.action_size) {}
+
+  Result<uint64_t> Run(Progress& progress);
+
+ private:
+  Status Step(uint64_t row);
+  void Keep(std::span<const float> next, float reward, bool terminated, bool truncated);
+  Status Flush();
+
+  const ActionLog& log_;
+  RemoteEnvironment session_;
+  Recorder& recorder_;
+  uint64_t oldest_row_;  // of the log that may be kept
+  ReplayHash hash_;
+  std::vector<float> scaled_;  // the action in the environment's units
+  std::vector<float> observation_;
+  Block block_;
+  uint64_t episode_ = 0;
+  uint64_t first_episode_ = 0;
+  bool keeps_ = false;  // whether the episode under way is among those to append
+};
+
+Result<uint64_t> Replayer::Run(Progress& progress) {
+  progress.Start("step the log's actions", "rows", log_.rows);
+  const std::array<uint64_t, 1> seeds = {ReplaySeed(log_.seed)};
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session_.Reset({}, seeds));
+  Extend(observation_, RowOf(first.observations, 0));
+  keeps_ = oldest_row_ == 0;
+  for (uint64_t row = 0; row < log_.rows; ++row) {
+    B4MRL_RETURN_IF_ERROR(Step(row));
+    if (row % kBlockRows == 0) progress.Update(row);
+  }
+  B4MRL_RETURN_IF_ERROR(Flush());
+  progress.Update(log_.rows);
+  progress.Finish();
+  if (const std::string sha256 = hash_.Hex(); sha256 != log_.replay_sha256) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("the stepped transitions have the SHA-256 {}, those of the run {}",
+                              sha256, log_.replay_sha256));
+  }
+  return first_episode_;
+}
+
+Status Replayer::Step(uint64_t row) {
+  const std::span<const float> action =
+      std::span(log_.actions).subspan(row * log_.action_size, log_.action_size);
+  for (size_t i = 0; i < action.size(); ++i) {
+    scaled_[i] = action[i] * static_cast<float>(session_.spec().action.dimensions[i].high);
+  }
+  B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session_.Step(scaled_));
+  if (outcome.given_up(0)) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("the simulator gave up the step of row {}", row));
+  }
+  const bool ended = !outcome.final_lanes.empty();
+  const std::span<const float> next =
+      ended ? RowOf(outcome.final_observations, 0) : RowOf(outcome.observations, 0);
+  const auto reward = static_cast<float>(outcome.rewards[0]);
+  const bool terminated = outcome.terminated[0] != 0;
+  hash_.Add(observation_);
+  hash_.Add(action);
+  hash_.Add(next);
+  hash_.Add(std::array{reward, terminated ? 0.0f : 1.0f});
+  if (keeps_) Keep(next, reward, terminated, outcome.truncated[0] != 0);
+  const std::span<const float> shown = RowOf(outcome.observations, 0);
+  observation_.assign(shown.begin(), shown.end());
+  if (ended) {
+    ++episode_;
+    if (!keeps_ && row + 1 >= oldest_row_) {
+      keeps_ = true;
+      first_episode_ = episode_;
+    }
+  }
+  return block_.rewards.size() < kBlockRows ? Status() : Flush();
+}
+
+void Replayer::Keep(std::span<const float> next, float reward, bool terminated, bool truncated) {
+  Extend(block_.observations, observation_);
+  Extend(block_.actions, scaled_);
+  Extend(block_.next_observations, next);
+  block_.rewards.push_back(reward);
+  block_.terminals.push_back(terminated ? 1 : 0);
+  block_.timeouts.push_back(truncated && !terminated ? 1 : 0);
+}
+
+Status Replayer::Flush() {
+  if (block_.rewards.empty()) return Status();
+  B4MRL_RETURN_IF_ERROR(recorder_.Append(block_.view()));
+  block_.Clear();
+  return Status();
+}
+
+}  // namespace
+
+uint64_t ReplaySeed(uint64_t run_seed) { return RoleSeed(run_seed, "train-lane", 0); }
+
+Result<uint64_t> ReplayActions(const ActionLog& log, uint64_t rows, Client& client,
+                               Recorder& recorder, Progress& progress) {
+  if (rows == 0 || rows > log.rows) {
+    return InvalidNumber("rows", rows, fmt::format("1..{}, which the action log has", log.rows));
+  }
+  EnvironmentOptions options;
+  B4MRL_ASSIGN_OR_RETURN(options.simulator, ParseNamedArguments(log.simulator));
+  options.seed = log.seed;
+  options.autoreset_mode = AutoresetMode::kSameStep;
+  options.deadline_ms = kLearnerDeadlineMs;
+  B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client.Make(log.environment, options));
+  if (session.spec().action.size() != log.action_size) {
+    return InvalidNumber("action size of the action log", log.action_size,
+                         fmt::format("{}", session.spec().action.size()));
+  }
+  return Replayer(log, rows, std::move(session), recorder).Run(progress);
+}
+
+}  // namespace b4mrl

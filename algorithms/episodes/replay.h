@@ -1,0 +1,31 @@
+// The transitions of a training run, stepped again from its action log: `b4mrl dataset make` of a
+// medium-replay level.
+//
+// A learner's lane starts from the environment seed RoleSeed(run seed, "train-lane", 0) and begins
+// its next episode at once when one ends. Its experience is therefore a function of its actions,
+// which the log holds. While the rows are stepped, the bytes that the run wrote into replay.bin
+// (experience/replay_buffer.h) are formed again and hashed. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+
+#include "algorithms/base/progress.h"
+#include "algorithms/episodes/recorder.h"
+#include "client/client.h"
+#include "data/d4rl/action_log.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Seed of the environment in which the first episode of a run with `run_seed` starts.
+uint64_t ReplaySeed(uint64_t run_seed);
+
+// Appends the run's newest whole episodes of together at most `rows` rows, and what the run had
+// stepped of the episode under way at the log's end. Returns the number of the first of these
+// episodes, counted from 0 at the beginning of the run. kInvalidArgument when the log has fewer
+// rows than `rows` or fits no such environment; kDataLoss when the experience is not the run's;
+// kFailedPrecondition when the simulator gave up a step.
+Result<uint64_t> ReplayActions(const ActionLog& log, uint64_t rows, Client& client,
+                               Recorder& recorder, Progress& progress);
+
+}  // namespace b4mrl

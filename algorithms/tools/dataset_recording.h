@@ -1,0 +1,44 @@
+// Makes one dataset file by a recipe, as `b4mrl dataset make` does. One thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algorithms/episodes/recorder.h"
+#include "algorithms/tools/dataset_recipes.h"
+#include "client/client.h"
+#include "data/d4rl/dataset_provenance.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// What is to be recorded: a recipe of the table, or what the user asks for instead.
+struct RecordingOrder {
+  std::string name;  // of the dataset, "HalfCheetah/medium-v0"
+  std::string environment;
+  RecipeKind kind = RecipeKind::kUniform;
+  std::vector<std::string> files;  // agents or an action log; none for uniform actions
+  std::string simulator;           // perturbations as the user writes them: "hidden-low"
+  uint64_t rows = 0;
+  uint64_t seed = 0;    // ignored by replays, whose seed is the run's
+  std::string command;  // the command line that makes the file again
+};
+
+struct Recording {
+  RecordingSummary summary;
+  DatasetProvenance provenance;
+  std::optional<double> score;  // normalised mean return; without a value: no reference returns
+};
+
+// The licence of all data that is made: Creative Commons Attribution 4.0.
+inline constexpr char kDataLicence[] = "CC-BY-4.0";
+
+// Writes the file at `path`, complete or not at all. Equal orders give equal bytes, whatever the
+// daemon's numbers of workers and threads and the processor. Errors: those of Collect and
+// ReplayActions, of reading the order's files and of writing.
+Result<Recording> Record(const RecordingOrder& order, const std::string& path, Client& client,
+                         bool quiet);
+
+}  // namespace b4mrl
