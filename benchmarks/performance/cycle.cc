@@ -4,10 +4,12 @@
 //
 // With rollout-lag 1 the next rollouts are made during the updates on the last ones, with 0 before
 // the updates. The limit of the cycle with lag 1 is the processor time of all processes, spread
-// evenly over the cores: the time of a learner that never waits.
+// evenly over the cores: the time of a learner that never waits. In bf16 the limit is the cycle in
+// fp32.
 //
 // The ensemble is untrained, and its standard deviations are so small that rows stay near the
 // recorded states.
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -39,21 +41,23 @@ constexpr int kThreads = 2;  // the learners' default
 constexpr int kObservation = kCheetahObservationSize;
 constexpr int kAction = kCheetahActionSize;
 
-SacOptions CoreOptions() {
+SacOptions CoreOptions(Precision precision) {
   SacOptions options;
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.batch_max = kBatch;
   options.threads = kThreads;
+  options.precision = precision;
   return options;
 }
 
-DynamicsEnsembleOptions ModelOptions() {
+DynamicsEnsembleOptions ModelOptions(Precision precision) {
   DynamicsEnsembleOptions options;
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.max_log_var = -9;
   options.min_log_var = -10;
+  options.precision = precision;
   return options;
 }
 
@@ -75,20 +79,18 @@ ModelRolloutOptions RolloutOptions(std::optional<Termination> termination) {
 // What tells the learners apart: HyMOPO has a simulator, MOPO a termination function.
 struct ModelLearner {
   std::string name;
-  std::optional<RemoteEnvironment> simulator;
+  RemoteEnvironment* simulator;
   std::optional<Termination> termination;
 };
 
 class Cycle {
  public:
-  Cycle(ModelLearner learner, SacCore<float> core, DynamicsEnsemble<float> ensemble,
+  Cycle(const ModelLearner& learner, SacCore<float> core, DynamicsEnsemble<float> ensemble,
         ReplayBuffer pool, const RecordedRows& recorded)
       : core_(std::move(core)),
         ensemble_(std::move(ensemble)),
         pool_(std::move(pool)),
-        simulator_(std::move(learner.simulator)),
-        rollout_(RolloutOptions(std::move(learner.termination)),
-                 simulator_ ? &*simulator_ : nullptr, &ensemble_),
+        rollout_(RolloutOptions(learner.termination), learner.simulator, &ensemble_),
         batch_(kObservation, kAction, kBatch) {
     for (size_t i = 0; i < kStarts; ++i) {
       const float* row = &recorded.observations[i % recorded.rows() * kCheetahObservationSize];
@@ -128,33 +130,42 @@ class Cycle {
   SacCore<float> core_;
   DynamicsEnsemble<float> ensemble_;
   ReplayBuffer pool_;
-  std::optional<RemoteEnvironment> simulator_;
   ModelRollout rollout_;
   BatchBuffer batch_;
   std::vector<float> starts_;
   uint64_t cycle_ = 0;
 };
 
-// Reports NAME-cycle, the seconds of a cycle with rollout-lag 1, and NAME-cycle-lag-0, those
-// without the lag.
-Status MeasureLags(const Options& options, ModelLearner learner, const RecordedRows& recorded,
-                   pid_t daemon, Reporter& reporter) {
-  const std::string name = learner.name + "-cycle";
-  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions()));
-  B4MRL_ASSIGN_OR_RETURN(auto ensemble, DynamicsEnsemble<float>::Create(ModelOptions(), kThreads));
+Result<std::unique_ptr<Cycle>> MakeCycle(const ModelLearner& learner, Precision precision,
+                                         const RecordedRows& recorded) {
+  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(CoreOptions(precision)));
+  B4MRL_ASSIGN_OR_RETURN(auto ensemble,
+                         DynamicsEnsemble<float>::Create(ModelOptions(precision), kThreads));
   B4MRL_ASSIGN_OR_RETURN(ReplayBuffer pool,
                          ReplayBuffer::InMemory({.observation_size = kObservation,
                                                  .action_size = kAction,
                                                  .capacity = 3 * kStarts * kHorizon}));
-  Cycle cycle(std::move(learner), std::move(core), std::move(ensemble), std::move(pool), recorded);
-  B4MRL_RETURN_IF_ERROR(cycle.Start());
+  auto cycle = std::make_unique<Cycle>(learner, std::move(core), std::move(ensemble),
+                                       std::move(pool), recorded);
+  B4MRL_RETURN_IF_ERROR(cycle->Start());
+  return cycle;
+}
+
+Result<double> SecondsOf(Cycle& cycle, bool lag) {
+  const Clock::time_point start = Clock::now();
+  B4MRL_RETURN_IF_ERROR(cycle.Run(lag));
+  return SecondsSince(start);
+}
+
+// Reports NAME-cycle, the seconds of a cycle with rollout-lag 1, and NAME-cycle-lag-0, those
+// without the lag.
+Status MeasureLags(const Options& options, const std::string& name, Cycle& cycle, pid_t daemon,
+                   Reporter& reporter) {
   std::vector<double> processor_seconds;  // of each cycle with the lag, over the cores
   const double cores = static_cast<double>(AvailableCores().size());
   const auto seconds = [&](bool lag) -> Result<double> {
     const double before = ProcessorSecondsWith(daemon);
-    const Clock::time_point start = Clock::now();
-    B4MRL_RETURN_IF_ERROR(cycle.Run(lag));
-    const double taken = SecondsSince(start);
+    B4MRL_ASSIGN_OR_RETURN(const double taken, SecondsOf(cycle, lag));
     if (lag) processor_seconds.push_back((ProcessorSecondsWith(daemon) - before) / cores);
     return taken;
   };
@@ -166,6 +177,23 @@ Status MeasureLags(const Options& options, ModelLearner learner, const RecordedR
                    "all processor time of the same cycle over the cores", 1.15, true});
   reporter.Report({name + "-lag-0", medians.limit, "s", medians.value,
                    "the cycle with rollout-lag 1", 0, true});
+  return Status();
+}
+
+// Reports a learner's cycles in fp32 and, where the processor can, with rollout-lag 1 in bf16.
+Status MeasureLearner(const Options& options, const ModelLearner& learner,
+                      const RecordedRows& recorded, pid_t daemon, Reporter& reporter) {
+  const std::string name = learner.name + "-cycle";
+  B4MRL_ASSIGN_OR_RETURN(const auto fp32, MakeCycle(learner, Precision::kFp32, recorded));
+  B4MRL_RETURN_IF_ERROR(MeasureLags(options, name, *fp32, daemon, reporter));
+  if (!HasBf16()) return Status();
+  B4MRL_ASSIGN_OR_RETURN(const auto bf16, MakeCycle(learner, Precision::kBf16, recorded));
+  B4MRL_ASSIGN_OR_RETURN(const Medians medians,
+                         MeasureInTurns(
+                             options.turns, [&] { return SecondsOf(*bf16, /*lag=*/true); },
+                             [&] { return SecondsOf(*fp32, /*lag=*/true); }));
+  reporter.Report(
+      {name + "-bf16", medians.value, "s", medians.limit, "the cycle in fp32", 0.85, true});
   return Status();
 }
 
@@ -182,10 +210,10 @@ Status MeasureCycle(const Options& options, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment simulator,
                          daemon.client().Make("HalfCheetah", queries_alone));
   B4MRL_ASSIGN_OR_RETURN(Termination never, Termination::Of(simulator.spec()));
-  B4MRL_RETURN_IF_ERROR(MeasureLags(options, {"hymopo", std::move(simulator), {}}, recorded,
-                                    daemon.process_group(), reporter));
-  return MeasureLags(options, {"mopo", {}, std::move(never)}, recorded, daemon.process_group(),
-                     reporter);
+  B4MRL_RETURN_IF_ERROR(MeasureLearner(options, {"hymopo", &simulator, {}}, recorded,
+                                       daemon.process_group(), reporter));
+  return MeasureLearner(options, {"mopo", nullptr, std::move(never)}, recorded,
+                        daemon.process_group(), reporter);
 }
 
 }  // namespace b4mrl::perf

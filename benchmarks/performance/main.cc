@@ -34,10 +34,12 @@ const std::vector<Entry>& Entries() {
        MeasureLatency},
       {"query", "simulated rows a second of queries from given states", MeasureQuery},
       {"batch", "time until a client has a batch of a dataset", MeasureBatch},
-      {"update", "gradient steps a second of each learner, on one thread", MeasureUpdate},
+      {"update", "gradient steps a second of each learner, on one thread, in fp32 and bf16",
+       MeasureUpdate},
       {"highway", "steps a second of Highway, bare and through the daemon", MeasureHighway},
       {"cycle",
-       "seconds of 1,000 updates and their rollouts in MOPO and HyMOPO, with --rollout-lag 1 and 0",
+       "seconds of 1,000 updates and their rollouts in MOPO and HyMOPO, with --rollout-lag 1 and "
+       "0 and in bf16",
        MeasureCycle}};
   return kEntries;
 }
