@@ -6,9 +6,9 @@ install(DIRECTORY data/models data/agents DESTINATION share/b4mrl)
 install(DIRECTORY data/replays DESTINATION share/b4mrl FILES_MATCHING PATTERN *.h5)
 install(FILES data/datasets.toml DESTINATION share/b4mrl)
 # The documents keep their places to each other, for they link to each other.
-install(FILES LICENSE README.md ARCHITECTURE.md CHANGELOG.md CONTRIBUTING.md SECURITY.md
+install(FILES LICENSE NOTICE README.md ARCHITECTURE.md CHANGELOG.md CONTRIBUTING.md SECURITY.md
         DESTINATION share/doc/b4mrl)
-foreach(document proto/PROTOCOL.md data/README.md benchmarks/RESULTS.md client/python/README.md)
+foreach(document proto/PROTOCOL.md data/README.md data/DATASHEET.md benchmarks/RESULTS.md client/python/README.md)
   cmake_path(GET document PARENT_PATH folder)
   install(FILES ${document} DESTINATION share/doc/b4mrl/${folder})
 endforeach()

@@ -123,10 +123,13 @@ std::optional<Failure> ReadCommand::Info(Client& client, RemoteDataset& dataset)
 }  // namespace
 
 std::vector<Command> AddDatasetCommands(CLI::App& app) {
-  CLI::App* group = app.add_subcommand("dataset", "make, import, export or describe datasets");
+  CLI::App* group =
+      app.add_subcommand("dataset", "make, import, verify, export or describe datasets");
   group->require_subcommand(1);
   std::vector<Command> commands = AddDatasetMake(*group);
-  for (Command& command : AddDatasetImport(*group)) commands.push_back(std::move(command));
+  for (auto* add_commands : {AddDatasetImport, AddDatasetVerify}) {
+    for (Command& command : add_commands(*group)) commands.push_back(std::move(command));
+  }
   const auto add = [&](const char* word, const char* description, ReadCommand::Use use) {
     auto command = std::make_shared<ReadCommand>();
     CLI::App* sub = group->add_subcommand(word, description);

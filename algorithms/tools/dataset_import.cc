@@ -8,7 +8,7 @@
 #include <system_error>
 
 #include "algorithms/tools/command.h"
-#include "algorithms/tools/dataset_destination.h"
+#include "algorithms/tools/dataset_place.h"
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 

@@ -12,7 +12,7 @@
 #include <system_error>
 
 #include "algorithms/tools/command.h"
-#include "algorithms/tools/dataset_destination.h"
+#include "algorithms/tools/dataset_place.h"
 #include "algorithms/tools/dataset_recipes.h"
 #include "algorithms/tools/dataset_recording.h"
 #include "algorithms/tools/published_datasets.h"

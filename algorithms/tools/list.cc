@@ -1,5 +1,5 @@
 // b4mrl list: prints the catalogue. Environments, perturbations and datasets come from the daemon,
-// algorithms from this program.
+// algorithms and the recipes of datasets that have not been made from this program.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -8,6 +8,8 @@
 
 #include "algorithms/list.h"
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/dataset_recipes.h"
+#include "algorithms/tools/published_datasets.h"
 
 namespace b4mrl {
 namespace {
@@ -94,10 +96,52 @@ Json DatasetItem(const pb::DatasetInfo& info) {
   return {{"name", info.name()},
           {"description",
            fmt::format("{:.1f} MB, {}", static_cast<double>(info.file_bytes()) / 1e6, rows)},
+          {"made", true},
           {"rows", info.rows()},
           {"file_bytes", info.file_bytes()},
           {"sha256", info.sha256()},
           {"behaviour_policy", info.behaviour_policy()}};
+}
+
+// A dataset that has not been made, with its published figures or the reason why it cannot be made.
+Json RecipeItem(const DatasetRecipe& recipe, const PublishedDatasets& published) {
+  Json item = {{"name", recipe.full_name()},
+               {"description", fmt::format("not made; {} rows", recipe.rows)},
+               {"made", false},
+               {"rows", recipe.rows}};
+  if (!recipe.missing.empty()) {
+    item["description"] = fmt::format("cannot be made: {}", recipe.missing);
+    item["missing"] = recipe.missing;
+  }
+  const auto found = published.find(recipe.full_name());
+  if (found == published.end()) return item;
+  const PublishedDataset& figures = found->second;
+  std::string description = fmt::format("not made; {} rows, mean return {:.1f} +- {:.1f}",
+                                        figures.rows, figures.mean_return, figures.std_return);
+  if (figures.normalised_score) {
+    description += fmt::format(", score {:.1f}", *figures.normalised_score);
+    item["normalised_score"] = *figures.normalised_score;
+  }
+  item["description"] = description;
+  item["mean_return"] = figures.mean_return;
+  item["std_return"] = figures.std_return;
+  item["columns_sha256"] = figures.columns_sha256;
+  item["license"] = figures.license;
+  return item;
+}
+
+// The datasets in the daemon's data folder, then those that `b4mrl dataset make` knows beside them.
+Result<Json> DatasetItems(const std::vector<pb::DatasetInfo>& datasets) {
+  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  Json items = Json::array();
+  for (const pb::DatasetInfo& info : datasets) items.push_back(DatasetItem(info));
+  for (const DatasetRecipe& recipe : DatasetRecipes()) {
+    const auto is_made = [&](const pb::DatasetInfo& info) {
+      return info.name() == recipe.full_name();
+    };
+    if (std::ranges::none_of(datasets, is_made)) items.push_back(RecipeItem(recipe, published));
+  }
+  return items;
 }
 
 Json AlgorithmItem(const Algorithm& algorithm) {
@@ -160,9 +204,6 @@ std::optional<Failure> ListCommand::Run() {
     items = *std::move(listed);
   }
   Print(items);
-  if (kind == "datasets" && items.empty() && !json) {
-    fmt::print(stderr, "no datasets yet; `b4mrl dataset make HalfCheetah/medium` makes one\n");
-  }
   return std::nullopt;
 }
 
@@ -170,8 +211,7 @@ Result<Json> ListCommand::Items(Client& client) const {
   Json items = Json::array();
   if (kind == "datasets") {
     B4MRL_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets());
-    for (const pb::DatasetInfo& info : datasets) items.push_back(DatasetItem(info));
-    return items;
+    return DatasetItems(datasets);
   }
   B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
   if (kind == "perturbations" || kind == "corruptions") {

@@ -152,17 +152,19 @@ TEST_CASE("The list of perturbations tells how each is written and what it takes
   CHECK(Says(text, "model=<file>: "));
 }
 
-TEST_CASE("Where there are no datasets yet, the list says how to make one") {
+TEST_CASE("The list of datasets has those that are there and those that can be made") {
   const TemporaryFolder folder;
   const Words words = {"list", "datasets", "--data", folder.path()};
   const Outcome empty = Run(words);
   CHECK(empty.exit_code == 0);
-  CHECK(empty.out.empty());
-  CHECK(Says(empty.err, "b4mrl dataset make"));
+  CHECK(Says(empty.out, "not made; 1000000 rows, mean return 4739.2"));
+  CHECK(Says(empty.out, "cannot be made: no agent"));
+  CHECK(empty.err.empty());
   REQUIRE(Run({"dataset", "make", "HalfCheetah/medium", "--rows", "1e3", "--data", folder.path()})
               .exit_code == 0);
   const Outcome made = Run(words);
-  CHECK(Says(made.out, "HalfCheetah/medium"));
+  CHECK(Says(made.out, "HalfCheetah/medium-v0 "));
+  CHECK_FALSE(Says(made.out, "not made; 1000000 rows, mean return 4739.2"));
   CHECK_FALSE(Says(made.out, "not imported"));
   CHECK(made.err.empty());
 }

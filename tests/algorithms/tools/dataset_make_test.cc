@@ -1,0 +1,100 @@
+// Datasets are made by their recipes, and files step again to the bit.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "data/d4rl/dataset_file_reader.h"
+#include "data/d4rl/dataset_file_writer.h"
+#include "tests/algorithms/tools/tool.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+bool Says(const std::string& text, std::string_view words) {
+  return text.find(words) != std::string::npos;
+}
+
+// Makes 2,500 rows of a dataset in `folder` and returns what the command prints.
+nlohmann::json Make(const TemporaryFolder& folder, const std::string& name) {
+  const Outcome made = Run(
+      {"dataset", "make", name, "--rows", "2500", "--data", folder.path(), "--quiet", "--json"});
+  INFO(made.err);
+  REQUIRE(made.exit_code == 0);
+  return nlohmann::json::parse(made.out, nullptr, false);
+}
+
+Outcome Verify(const std::string& file) {
+  return Run({"dataset", "verify", file, "--quiet", "--json"});
+}
+
+TEST_CASE("Recordings of every kind step again to the bit") {
+  const auto [name, parts] = GENERATE(
+      std::pair{"HalfCheetah/random", 1u}, std::pair{"HalfCheetah/partial-low-history", 1u},
+      std::pair{"HalfCheetah/medium-replay", 1u}, std::pair{"Hopper/medium-expert", 2u},
+      std::pair{"Highway/medium", 1u});
+  CAPTURE(name);
+  const TemporaryFolder folder;
+  const nlohmann::json made = Make(folder, name);
+  CHECK(made["name"] == std::string(name) + "-v0");
+  CHECK(made["seeds"].size() == parts);
+  CHECK(Says(made["verdict"], "not the published dataset"));
+  const Outcome verified = Verify(made["file"]);
+  INFO(verified.err);
+  CHECK(verified.exit_code == 0);
+  CHECK(nlohmann::json::parse(verified.out)["equal_rows"] == made["rows"]);
+}
+
+TEST_CASE("A dataset that was recorded with a hidden dimension holds zeros there") {
+  const TemporaryFolder folder;
+  const nlohmann::json made = Make(folder, "HalfCheetah/partial-high");
+  const DatasetFileReader file = Take(DatasetFileReader::Open(made["file"]));
+  CHECK(file.provenance().hidden_dimensions == std::vector<uint32_t>{9});
+  CHECK(file.provenance().simulator == "hidden=9");
+  const DatasetBlock rows = Take(file.Read(0, file.rows()));
+  for (size_t row = 0; row < file.rows(); ++row) {
+    REQUIRE(rows.observations[row * 17 + 9] == 0);
+    REQUIRE(rows.next_observations[row * 17 + 9] == 0);
+  }
+}
+
+TEST_CASE("A file with a changed action does not verify, and the error names its row") {
+  const TemporaryFolder folder;
+  const nlohmann::json made = Make(folder, "HalfCheetah/medium");
+  const DatasetFileReader file = Take(DatasetFileReader::Open(made["file"]));
+  DatasetBlock rows = Take(file.Read(0, file.rows()));
+  rows.actions[1234 * file.action_size()] *= 0.5f;
+  DatasetWriterOptions options;
+  options.observation_dimensions = file.observation_size();
+  options.action_dimensions = file.action_size();
+  DatasetWriter copy = Take(DatasetWriter::Create(folder.File("copy.h5"), options));
+  RequireOk(copy.Append(rows.view()));
+  RequireOk(copy.SetProvenance(file.provenance()));
+  RequireOk(copy.Commit());
+  const Outcome verified = Verify(folder.File("copy.h5"));
+  CHECK(verified.exit_code == 1);
+  CHECK(Says(verified.err, "row 1234 of 2500 is the first that differs: next_observations["));
+  CHECK(nlohmann::json::parse(verified.out)["equal_rows"] == 1234);
+}
+
+TEST_CASE("What a recipe cannot give is refused with the reason") {
+  const TemporaryFolder folder;
+  const auto refusal = [&](const Words& more) {
+    Words words = {"dataset", "make", "--quiet", "--data", folder.path()};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = Run(words);
+    CHECK(outcome.exit_code != 0);
+    CHECK(outcome.out.empty());
+    return outcome.err;
+  };
+  CHECK(Says(refusal({"HalfCheetah/action-delay"}), "no agent has reached the medium level"));
+  CHECK(Says(refusal({"HalfCheetah/medum"}), "HalfCheetah/medium"));
+  CHECK(Says(refusal({"Hopper/medium-replay", "--rows", "125001"}), "1..125000"));
+  CHECK(Says(refusal({"Hopper/medium-replay", "--seed", "3"}), "--seed"));
+  CHECK(Says(refusal({"all", "--environment", "Hoper"}), "Hopper"));
+  CHECK(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace b4mrl
