@@ -24,9 +24,9 @@ constexpr int kObservation = static_cast<int>(kObservationSize);
 constexpr int kAction = static_cast<int>(kActionSize);
 
 // A fake daemon that keeps the actions it is sent, and a client of it.
-class Recorder {
+class RecordingDaemon {
  public:
-  Recorder()
+  RecordingDaemon()
       : daemon_([this](FakeServer&, FakeCall& call) { return Note(call); }),
         client_(Connect(daemon_)) {}
 
@@ -102,7 +102,7 @@ DynamicsEnsemble<float> RandomEnsemble() {
 }  // namespace
 
 TEST_CASE("Lanes execute the actions they store, in the environment's units") {
-  Recorder daemon;
+  RecordingDaemon daemon;
   LearnerContext context = daemon.Context(AlgorithmOf("sac").hyperparameters);
   RequireOk(context.hyperparameters.Set("lanes", 2));
   ReplayCollector lanes = Take(ReplayCollector::Open(context));
@@ -119,7 +119,7 @@ TEST_CASE("Lanes execute the actions they store, in the environment's units") {
 }
 
 TEST_CASE("Offline batches hold a dataset's actions in [-1, 1]") {
-  Recorder daemon;
+  RecordingDaemon daemon;
   const LearnerContext context = daemon.Context(AlgorithmOf("td3-bc").hyperparameters);
   OfflineBatches batches = Take(OfflineBatches::Open(context, {.batch_size = 4}));
   batches.Start(3);  // a batch of threes
@@ -149,7 +149,7 @@ TEST_CASE("Rows of a dataset among others hold its actions in [-1, 1]") {
 }
 
 TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about the dataset's") {
-  Recorder daemon;
+  RecordingDaemon daemon;
   const LearnerContext context = daemon.Context(AlgorithmOf("hymopo").hyperparameters);
   const auto dataset = Take(OpenTrainingDataset(context));
   Progress quiet(true);
@@ -163,7 +163,7 @@ TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about t
       CHECK(data->actions.view()(1, row) == static_cast<float>(row) / 2.5f);
     }
   }
-  const std::map<Recorder::QueryId, std::vector<float>> queries = daemon.queries();
+  const std::map<RecordingDaemon::QueryId, std::vector<float>> queries = daemon.queries();
   REQUIRE(queries.size() == 1);
   const std::vector<float>& asked = queries.at({0, 0});
   REQUIRE(asked.size() == 100 * kActionSize);
@@ -171,7 +171,7 @@ TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about t
 }
 
 TEST_CASE("Rollouts ask about the actions they store, every step of every cycle by its own draw") {
-  Recorder daemon;
+  RecordingDaemon daemon;
   const LearnerContext context = daemon.Context(AlgorithmOf("hymopo").hyperparameters);
   RemoteEnvironment simulator = Take(OpenTrainingSimulator(context, /*lanes=*/0));
   DynamicsEnsemble<float> ensemble = RandomEnsemble();
@@ -190,7 +190,7 @@ TEST_CASE("Rollouts ask about the actions they store, every step of every cycle 
   }
   const BatchBuffer rows = All(pool);
   REQUIRE(rows.size() == 2 * 2 * 30);
-  const std::map<Recorder::QueryId, std::vector<float>> queries = daemon.queries();
+  const std::map<RecordingDaemon::QueryId, std::vector<float>> queries = daemon.queries();
   REQUIRE(queries.size() == 2 * 2 * 2);  // cycles, steps, chunks
   for (const int cycle : {0, 1}) {
     for (const int step : {0, 1}) {
