@@ -262,6 +262,7 @@ Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOpt
   AddNamedArguments(options.corruption, open->mutable_corruptions());
   open->set_seed(options.seed);
   open->set_transition_rule(options.transition_rule);
+  open->set_environment(options.environment);
   B4MRL_ASSIGN_OR_RETURN(
       ReceivedReply reply,
       worker.Call(std::move(request), Frame(), Deadline::AfterMs(options.open_deadline_ms)));

@@ -24,6 +24,7 @@ struct DatasetOptions {
   std::vector<NamedArgument> corruption;   // corruptions in the order in which they apply
   uint64_t seed = 0;                       // of the corruptions' noise
   std::string transition_rule = "stored";  // "stored" or "d4rl" (data/columns/episodes.h)
+  std::string environment;                 // refuse data of another environment; "" takes any
   int64_t open_deadline_ms = 300'000;      // of the opening, which may import the file first
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each later request
 };

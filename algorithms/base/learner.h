@@ -46,6 +46,8 @@ struct LearnerContext {
   std::vector<NamedArgument> simulator;  // perturbations of the simulator to learn in
   std::string dataset;                   // "" for none
   std::vector<NamedArgument> corruption;
+  uint64_t corruption_seed = 0;        // of the corruption's noise
+  std::string transitions = "stored";  // rule by which the dataset's next observations are chosen
   uint32_t history_length = 1;
   uint64_t seed = 0;
   uint32_t threads = 1;  // that compute an update; results have equal bits for any number

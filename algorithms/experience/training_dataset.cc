@@ -14,16 +14,13 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
   DatasetOptions options;
   options.corruption = context.corruption;
   options.deadline_ms = kLearnerDeadlineMs;
-  options.seed = RoleSeed(context.seed, "corruption");
+  options.seed = context.corruption_seed;
+  options.transition_rule = context.transitions;
+  options.environment = context.environment.name;
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened,
                          context.client->OpenDataset(context.dataset, options));
   auto dataset = std::make_unique<RemoteDataset>(std::move(opened));
-  // Compare names, since tasks may have equal sizes, as HalfCheetah and Walker2d have.
-  if (!dataset->environment().empty() && dataset->environment() != context.environment.name) {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("dataset {} was recorded in {}, not in {}", context.dataset,
-                              dataset->environment(), context.environment.name));
-  }
+  // The daemon has compared the names of the environments. The networks have these sizes.
   if (dataset->observation_size() != context.environment.observation.size() ||
       dataset->action_size() != context.environment.action.size()) {
     return Status(
@@ -90,8 +87,9 @@ Status TrainingDataset::Load(CheckpointReader& reader, uint64_t update) {
   if (saved != remote_->fingerprint()) {
     return Status(
         StatusCode::kDataLoss,
-        fmt::format("the run's dataset has fingerprint {}, now it is {}: the file changed", saved,
-                    remote_->fingerprint()));
+        fmt::format("the run's dataset has fingerprint {}, now it is {}: its rows changed, or an "
+                    "earlier version of b4mrl began the run",
+                    saved, remote_->fingerprint()));
   }
   Start(update);
   return Status();

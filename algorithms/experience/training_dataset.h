@@ -19,9 +19,9 @@
 
 namespace b4mrl {
 
-// Opens the context's dataset with its corruptions, whose noise is RoleSeed(run seed,
-// "corruption"). kInvalidArgument when the dataset was recorded in another environment, or its
-// sizes are not the environment's. A pointer, since streams need the dataset to stay where it is.
+// Opens the context's dataset with its corruptions, whose noise does not depend on the run's seed.
+// kInvalidArgument when the dataset was recorded in another environment, or its sizes are not the
+// environment's. A pointer, since streams need the dataset to stay where it is.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
 class TrainingDataset {
@@ -40,7 +40,8 @@ class TrainingDataset {
   Status Load(CheckpointReader& reader, uint64_t update);
 
   RemoteDataset& remote() const { return *remote_; }
-  // For each dimension of an observation 1, or 0 where corruptions hide it; empty: none is hidden.
+  // For each dimension of an observation 1, or 0 where corruptions hide it or where the behaviour
+  // policy could not see it; empty: none is hidden.
   const std::vector<float>& mask() const { return mask_; }
   const std::string& sha256() const { return remote_->in_force().info().sha256(); }
 

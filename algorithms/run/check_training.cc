@@ -31,6 +31,12 @@ Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm) {
   if (!algorithm.needs.dataset && !options.corruption.empty()) {
     return refuse("--corruption", options.corruption, "nothing");
   }
+  if (!algorithm.needs.dataset && options.corruption_seed != 0) {
+    return refuse("--corruption-seed", fmt::format("{}", options.corruption_seed), "nothing");
+  }
+  if (!algorithm.needs.dataset && options.transitions != "stored") {
+    return refuse("--transitions", options.transitions, "nothing");
+  }
   if (!algorithm.needs.simulator && !options.simulator.empty()) {
     return refuse("--simulator", options.simulator, "nothing");
   }

@@ -61,6 +61,7 @@ Status TakeNumbers(const Json& json, TrainOptions& options) {
   constexpr uint64_t kAny = std::numeric_limits<uint64_t>::max();
   B4MRL_RETURN_IF_ERROR(Take(json, "history", options.history_length, 1, kMaxAgentHistory));
   B4MRL_RETURN_IF_ERROR(Take(json, "seed", options.seed, 0, kAny));
+  B4MRL_RETURN_IF_ERROR(Take(json, "corruption_seed", options.corruption_seed, 0, kAny));
   B4MRL_RETURN_IF_ERROR(Take(json, "updates", options.updates, 0, kAny));
   B4MRL_RETURN_IF_ERROR(Take(json, "eval_every", options.eval_every, 1, kAny));
   B4MRL_RETURN_IF_ERROR(
@@ -95,6 +96,7 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
   B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
   B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
+  B4MRL_RETURN_IF_ERROR(Take(json, "transitions", options.transitions));
   B4MRL_RETURN_IF_ERROR(Take(json, "command", options.command));
   // Records of earlier versions have no precision: their runs are in fp32.
   std::string precision(PrecisionName(Precision::kFp32));
@@ -171,6 +173,8 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
     name += "-" + options.dataset.substr(own_dataset ? options.environment.size() + 1 : 0);
   }
   if (!options.corruption.empty()) name += "+" + options.corruption;
+  if (options.corruption_seed != 0) name += fmt::format("+c{}", options.corruption_seed);
+  if (options.transitions != "stored") name += "+" + options.transitions;
   if (options.history_length > 1) name += fmt::format("-h{}", options.history_length);
   if (options.precision != Precision::kFp32)
     name += fmt::format("-{}", PrecisionName(options.precision));
@@ -196,6 +200,10 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   if (!options.simulator.empty()) add("simulator", Quoted(options.simulator));
   if (!options.dataset.empty()) add("dataset", Quoted(options.dataset));
   if (!options.corruption.empty()) add("corruption", Quoted(options.corruption));
+  if (options.corruption_seed != 0) {
+    add("corruption-seed", Quoted(fmt::format("{}", options.corruption_seed)));
+  }
+  if (!options.dataset.empty()) add("transitions", Quoted(options.transitions));
   add("history", options.history_length);
   add("seed", Quoted(fmt::format("{}", options.seed)));  // TOML's integers have a sign
   add("precision", Quoted(std::string(PrecisionName(options.precision))));
@@ -220,6 +228,8 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   json["simulator"] = options.simulator;
   json["dataset"] = options.dataset;
   json["corruption"] = options.corruption;
+  json["corruption_seed"] = options.corruption_seed;
+  json["transitions"] = options.transitions;
   json["history"] = options.history_length;
   json["seed"] = options.seed;
   json["precision"] = PrecisionName(options.precision);

@@ -20,9 +20,11 @@ struct TrainOptions {
   // Identity: runs with equal values of these fields compute equal numbers. Resuming keeps them.
   std::string algorithm;
   std::string environment;
-  std::string simulator;   // perturbations as the user wrote them; "" is the true environment
-  std::string dataset;     // "" for none
-  std::string corruption;  // of the dataset, as the user wrote it; "" for none
+  std::string simulator;         // perturbations as the user wrote them; "" is the true environment
+  std::string dataset;           // "" for none
+  std::string corruption;        // of the dataset, as the user wrote it; "" for none
+  uint64_t corruption_seed = 0;  // of the corruption's noise
+  std::string transitions = "stored";  // rule for the dataset's next observations, or "d4rl"
   uint32_t history_length = 1;
   uint64_t seed = 0;
   Precision precision = Precision::kFp32;
@@ -43,7 +45,8 @@ struct TrainOptions {
 };
 
 // A folder name that distinguishes runs: "HalfCheetah-hymopo-gravity-medium-s0", with the
-// corruption behind the dataset ("medium+hidden-high") and a history above 1 ("h3"). It has only
+// corruption behind the dataset ("medium+hidden-high"), a corruption seed above 0 ("+c1"), the
+// rule d4rl ("+d4rl") and a history above 1 ("h3"). It has only
 // letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. If these limits change the
 // name, or the dataset is of another environment, the name ends with a hash of the unchanged name.
 inline constexpr size_t kMaxRunNameBytes = 200;

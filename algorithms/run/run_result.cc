@@ -57,6 +57,8 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["simulator"] = options.simulator;
   json["dataset"] = options.dataset;
   json["corruption"] = options.corruption;
+  json["corruption_seed"] = options.corruption_seed;
+  json["transitions"] = options.transitions;
   json["seed"] = options.seed;
   json["precision"] = PrecisionName(options.precision);
   if (!summary.last) return json;

@@ -123,6 +123,8 @@ Status TrainRun::CreateLearner() {
   B4MRL_ASSIGN_OR_RETURN(context_.environment, client_.FindEnvironment(options_.environment));
   B4MRL_ASSIGN_OR_RETURN(context_.simulator, ParseNamedArguments(options_.simulator));
   B4MRL_ASSIGN_OR_RETURN(context_.corruption, ParseNamedArguments(options_.corruption));
+  context_.corruption_seed = options_.corruption_seed;
+  context_.transitions = options_.transitions;
   context_.client = &client_;
   context_.dataset = options_.dataset;
   context_.history_length = options_.history_length;

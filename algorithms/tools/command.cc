@@ -60,6 +60,21 @@ CLI::Validator Seed() {
   return CLI::Validator(CountText(0, std::numeric_limits<uint64_t>::max()), "");
 }
 
+void AddCorruptionSeed(CLI::App& app, uint64_t& seed) {
+  app.add_option("--corruption-seed", seed,
+                 "seed of the corruptions' noise: each seed gives a dataset one noise matrix, "
+                 "whatever is trained on it [0]")
+      ->transform(Seed());
+}
+
+void AddTransitions(CLI::App& app, std::string& rule) {
+  app.add_option(
+         "--transitions", rule,
+         "rule for next observations: \"stored\" takes those of the file, \"d4rl\" the next "
+         "row's observation, without rows that end by time-out [stored]")
+      ->check(CLI::IsMember({"stored", "d4rl"}));
+}
+
 void DaemonOptions::AddTo(CLI::App& app) {
   app.add_option("--endpoint", endpoint,
                  "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is "

@@ -48,6 +48,10 @@ CLI::Validator Count(uint64_t low, uint64_t high);
 // Accepts any unsigned 64-bit number as an option's value, in the same notation as Count.
 CLI::Validator Seed();
 
+// Options of several commands that open a dataset: --corruption-seed and --transitions.
+void AddCorruptionSeed(CLI::App& app, uint64_t& seed);
+void AddTransitions(CLI::App& app, std::string& rule);
+
 // A command: options bound to a CLI11 subcommand, and the function that runs it.
 using CommandBody = std::function<std::optional<Failure>()>;
 struct Command {

@@ -15,8 +15,8 @@ namespace b4mrl {
 namespace {
 
 struct ReadCommand {
-  std::string name, file, corruption;
-  uint64_t seed = 0;
+  std::string name, file, corruption, transitions = "stored";
+  uint64_t corruption_seed = 0;
   bool quiet = false;
   bool json = false;
   DaemonOptions daemon;
@@ -30,6 +30,51 @@ struct ReadCommand {
   Status WriteExport(RemoteDataset& dataset);
 };
 
+// What an exported file says of its rows: what its source says, with the environment and the hidden
+// dimensions of the dataset as it is served. Its rows may differ from the source's, so it has
+// neither the source's name nor its parts.
+DatasetProvenance ProvenanceOf(const RemoteDataset& dataset) {
+  const pb::OpenDatasetReply& source = dataset.in_force();
+  const pb::DatasetProvenance& said = source.provenance();
+  DatasetProvenance provenance;
+  provenance.environment = dataset.environment();
+  provenance.simulator = said.simulator();
+  provenance.hidden_dimensions.assign(source.hidden_dimensions().begin(),
+                                      source.hidden_dimensions().end());
+  provenance.history_length = std::max(said.history_length(), 1u);
+  provenance.recipe = said.recipe();
+  provenance.engine = said.engine();
+  provenance.program = said.program();
+  provenance.license = said.license();
+  return provenance;
+}
+
+// Where the rows come from, as far as the file says.
+void AddProvenance(const pb::OpenDatasetReply& source, nlohmann::ordered_json* out) {
+  const pb::DatasetProvenance& said = source.provenance();
+  nlohmann::ordered_json& json = *out;
+  if (said.environment().empty()) {
+    json["environment_from"] = source.environment().empty() ? "" : "the dataset's name";
+  } else {
+    json["environment_from"] = "the file";
+  }
+  json["hidden_dimensions"] = source.hidden_dimensions();
+  for (const auto& [key, text] :
+       {std::pair{"full_name", &said.name()}, std::pair{"recorded_in", &said.simulator()},
+        std::pair{"recipe", &said.recipe()}, std::pair{"engine", &said.engine()},
+        std::pair{"program", &said.program()}, std::pair{"command", &said.command()},
+        std::pair{"license", &said.license()}}) {
+    if (!text->empty()) json[key] = *text;
+  }
+  if (said.history_length() > 1) json["history_length"] = said.history_length();
+  for (const pb::RecordedPart& part : said.parts()) {
+    json["parts"].push_back({{"policy", part.policy()},
+                             {"policy_sha256", part.policy_sha256()},
+                             {"seed", part.seed()},
+                             {"rows", part.rows()}});
+  }
+}
+
 std::optional<Failure> ReadCommand::WithDataset(Use use) {
   const auto corruptions = ParseNamedArguments(corruption);
   if (!corruptions.ok()) return BadUsage(corruptions.status());
@@ -37,7 +82,8 @@ std::optional<Failure> ReadCommand::WithDataset(Use use) {
   if (!connection.ok()) return FromDaemon(connection.status());
   DatasetOptions options;
   options.corruption = *corruptions;
-  options.seed = seed;
+  options.seed = corruption_seed;
+  options.transition_rule = transitions;
   auto dataset = connection->client().OpenDataset(name, options);
   if (!dataset.ok()) return FromDaemon(dataset.status());
   return (this->*use)(connection->client(), *dataset);
@@ -72,12 +118,13 @@ Status ReadCommand::WriteExport(RemoteDataset& dataset) {
     B4MRL_RETURN_IF_ERROR(writer.Append(out));
     progress.Update(writer.rows());
   }
+  B4MRL_RETURN_IF_ERROR(writer.SetProvenance(ProvenanceOf(dataset)));
   const pb::OpenDatasetReply& source = dataset.in_force();
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("environment", dataset.environment()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", source.info().name()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source_sha256", source.info().sha256()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption", corruption));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption_seed", static_cast<int64_t>(seed)));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption_seed", static_cast<int64_t>(source.seed())));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("transitions", source.transition_rule()));
   return writer.Commit();
 }
 
@@ -100,8 +147,11 @@ std::optional<Failure> ReadCommand::Info(Client& client, RemoteDataset& dataset)
                                 {"max_reward", scores.max_reward()},
                                 {"file_bytes", info.file_bytes()},
                                 {"sha256", info.sha256()},
+                                {"columns_sha256", info.columns_sha256()},
+                                {"transitions", dataset.in_force().transition_rule()},
                                 {"behaviour_policy", info.behaviour_policy()},
                                 {"fingerprint", dataset.fingerprint()}};
+  AddProvenance(dataset.in_force(), &out);
   const auto environment = client.FindEnvironment(dataset.environment());
   if (environment.ok()) {  // unknown environments have no reference returns
     if (const auto score = environment->NormalisedScore(scores.mean_return())) {
@@ -137,8 +187,8 @@ std::vector<Command> AddDatasetCommands(CLI::App& app) {
         ->required();
     sub->add_option("--corruption", command->corruption,
                     "corruptions of the dataset: \"hidden=9,obs-noise=0.02\"");
-    sub->add_option("--seed", command->seed, "seed of the corruptions' noise [0]")
-        ->transform(Seed());
+    AddCorruptionSeed(*sub, command->corruption_seed);
+    AddTransitions(*sub, command->transitions);
     sub->add_flag("--quiet", command->quiet, "show no progress on stderr");
     command->daemon.AddTo(*sub);
     commands.push_back({sub, [command, use] { return command->WithDataset(use); }});

@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ImportCommand {
-  std::string name, file;
+  std::string name, file, transitions = "stored";
   bool quiet = false;
   DaemonOptions daemon;
 
@@ -52,7 +52,9 @@ std::optional<Failure> ImportCommand::Run() {
   }
   if (Status status = CopyInto(destination.path()); !status.ok())
     return BadInput(std::move(status));
-  const auto dataset = destination.client().OpenDataset(name);
+  DatasetOptions options;
+  options.transition_rule = transitions;
+  const auto dataset = destination.client().OpenDataset(name, options);
   if (!dataset.ok() && !LiesInFile(dataset.status())) {
     return BadInput(dataset.status().WithContext(fmt::format(
         "{} was copied to {}, where it stays, but not imported yet", file, destination.path())));
@@ -91,6 +93,7 @@ std::vector<Command> AddDatasetImport(CLI::App& group) {
   app->add_option("file", command->file, "HDF5 file in D4RL's layout")->required();
   app->add_option("--name", command->name, "name of the new dataset: \"HalfCheetah/mine\"")
       ->required();
+  AddTransitions(*app, command->transitions);
   app->add_flag("--quiet", command->quiet, "show no progress on stderr");
   command->daemon.AddTo(*app);
   return {{app, [command] { return command->Run(); }}};

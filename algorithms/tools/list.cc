@@ -100,6 +100,7 @@ Json DatasetItem(const pb::DatasetInfo& info) {
           {"rows", info.rows()},
           {"file_bytes", info.file_bytes()},
           {"sha256", info.sha256()},
+          {"columns_sha256", info.columns_sha256()},
           {"behaviour_policy", info.behaviour_policy()}};
 }
 

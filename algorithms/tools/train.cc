@@ -102,6 +102,8 @@ void TrainCommand::AddOptions() {
                   "dataset on which the learner trains: \"HalfCheetah/medium\"");
   app->add_option("--corruption", options.corruption,
                   "corruptions of the dataset: \"hidden-high\"");
+  AddCorruptionSeed(*app, options.corruption_seed);
+  AddTransitions(*app, options.transitions);
   app->add_option("--history", options.history_length,
                   "number of most recent observations in the policy's input [1]")
       ->transform(Count(1, kMaxAgentHistory));
@@ -189,6 +191,8 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_RETURN_IF_ERROR(Merge("simulator", options.simulator, old.simulator));
   B4MRL_RETURN_IF_ERROR(Merge("dataset", options.dataset, old.dataset));
   B4MRL_RETURN_IF_ERROR(Merge("corruption", options.corruption, old.corruption));
+  B4MRL_RETURN_IF_ERROR(Merge("corruption-seed", options.corruption_seed, old.corruption_seed));
+  B4MRL_RETURN_IF_ERROR(Merge("transitions", options.transitions, old.transitions));
   B4MRL_RETURN_IF_ERROR(Merge("history", options.history_length, old.history_length));
   B4MRL_RETURN_IF_ERROR(Merge("seed", options.seed, old.seed));
   B4MRL_RETURN_IF_ERROR(Merge("precision", precision, std::string(PrecisionName(old.precision))));

@@ -8,8 +8,8 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -38,12 +38,7 @@ std::string ManifestPath(const std::string& folder) {
   return fmt::format("{}/{}", folder, kManifestName);
 }
 
-// A name beside `folder` for a cache that is being written or removed.
-std::string TemporaryBeside(const std::string& folder) {
-  static std::atomic<uint64_t> counter{0};
-  return fmt::format("{}/{}{}-{}", FolderOf(folder), kUnfinishedCachePrefix, getpid(),
-                     counter.fetch_add(1));
-}
+std::string NameOf(const std::string& folder) { return folder.substr(folder.rfind('/') + 1); }
 
 bool ValidColumnName(std::string_view name) {
   return !name.empty() && name.size() <= 64 && std::all_of(name.begin(), name.end(), [](char c) {
@@ -227,14 +222,9 @@ ColumnCacheWriter::~ColumnCacheWriter() {
 }
 
 Result<ColumnCacheWriter> ColumnCacheWriter::Create(const std::string& folder) {
-  const std::string temporary = TemporaryBeside(folder);
-  // A killed process with the same process id may have left a folder of this name.
-  RemoveCache(temporary);
-  const mode_t mode = ModeInside(FolderOf(folder));
-  if (mkdir(temporary.c_str(), mode) != 0) return IoError("create folder", temporary, errno);
-  ColumnCacheWriter writer(folder, temporary, mode & 0666);
-  if (chmod(temporary.c_str(), mode) != 0) return IoError("set the mode of", temporary, errno);
-  return writer;
+  B4MRL_ASSIGN_OR_RETURN(std::string temporary,
+                         MakeUnfinishedFolder(FolderOf(folder), NameOf(folder)));
+  return ColumnCacheWriter(folder, std::move(temporary), ModeInside(FolderOf(folder)) & 0666);
 }
 
 Result<size_t> ColumnCacheWriter::AddColumn(std::string_view name, DType dtype, uint64_t width) {
@@ -307,15 +297,37 @@ Status PlaceCache(const std::string& made, const std::string& folder) {
   return SyncFolder(FolderOf(folder));
 }
 
+Result<std::string> MakeUnfinishedFolder(const std::string& parent, std::string_view name) {
+  std::string path = fmt::format("{}/{}{}-XXXXXX", parent, kUnfinishedCachePrefix, name);
+  if (mkdtemp(path.data()) == nullptr) return IoError("create folder", path, errno);
+  if (chmod(path.c_str(), ModeInside(parent)) == 0) return path;
+  const Status status = IoError("set the mode of", path, errno);
+  rmdir(path.c_str());
+  return status;
+}
+
+std::string_view NameOfUnfinished(std::string_view folder) {
+  if (!folder.starts_with(kUnfinishedCachePrefix)) return "";
+  folder.remove_prefix(kUnfinishedCachePrefix.size());
+  return folder.substr(0, folder.rfind('-'));
+}
+
 void RemoveCache(const std::string& folder) {
-  const std::string leaving = TemporaryBeside(folder);
-  const bool renamed = rename(folder.c_str(), leaving.c_str()) == 0;
   std::error_code ignored;
-  std::filesystem::remove_all(renamed ? leaving : folder, ignored);
+  std::string leaving = folder;
+  if (!NameOf(folder).starts_with(kUnfinishedCachePrefix)) {
+    const Result<std::string> empty = MakeUnfinishedFolder(FolderOf(folder), NameOf(folder));
+    // The rename replaces the empty folder.
+    if (empty.ok() && rename(folder.c_str(), empty->c_str()) == 0) leaving = *empty;
+    if (empty.ok() && leaving == folder) rmdir(empty->c_str());
+  }
+  std::filesystem::remove_all(leaving, ignored);
 }
 
 bool RemoveUnusedCache(const std::string& folder) {
-  const UniqueFd manifest(open(ManifestPath(folder).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  // Open for writing: NFS gives exclusive locks to no other descriptors.
+  const UniqueFd manifest(open(ManifestPath(folder).c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK));
+  if (!manifest.valid() && errno != ENOENT) return false;
   const bool in_use =
       manifest.valid() && flock(manifest.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
   if (!in_use) RemoveCache(folder);

@@ -128,7 +128,13 @@ Status PlaceCache(const std::string& made, const std::string& folder);
 void RemoveCache(const std::string& folder);
 // Removes the cache unless a process has it mapped. Returns whether it was removed.
 bool RemoveUnusedCache(const std::string& folder);
-// The prefix of the names of folders that are being written.
+
+// Folders that are being written or removed: "unfinished-<name>-<random characters>", where <name>
+// is that of the finished folder, or of the work. No two processes, on any host, share one.
 inline constexpr std::string_view kUnfinishedCachePrefix = "unfinished-";
+// Makes such a folder in `parent`, with the permissions of `parent`. kIoError.
+Result<std::string> MakeUnfinishedFolder(const std::string& parent, std::string_view name);
+// <name>, of the name of such a folder; "" for any other folder.
+std::string_view NameOfUnfinished(std::string_view folder);
 
 }  // namespace b4mrl

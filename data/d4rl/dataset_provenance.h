@@ -28,7 +28,7 @@
 
 namespace b4mrl {
 
-inline constexpr size_t kMaxProvenanceText = 4096;  // bytes of one entry
+inline constexpr size_t kMaxProvenanceText = 2048;  // bytes of one entry
 inline constexpr size_t kMaxRecordedParts = 16;
 
 // Consecutive rows of a file that one behaviour policy recorded with one seed. Parts follow each

@@ -1,14 +1,13 @@
 #include "data/d4rl/import_dataset.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <optional>
 #include <vector>
 
 #include "data/columns/dataset_builder.h"
-#include "data/files/file_hash.h"
+#include "data/columns/episodes.h"
 #include "data/hdf5/hdf5_file.h"
 #include "proto/base/limits.h"
 
@@ -178,7 +177,12 @@ Status CopyD4rl(const SourceColumns& source, DatasetBuilder* builder) {
 }
 
 // The behaviour policy in words; "" if the file does not name it.
-std::string BehaviourPolicy(const Hdf5Reader& file) {
+std::string BehaviourPolicy(const Hdf5Reader& file, const DatasetProvenance& provenance) {
+  std::string policies;
+  for (const RecordedPart& part : provenance.parts) {
+    policies += (policies.empty() ? "" : "; ") + part.policy;
+  }
+  if (!policies.empty()) return policies;
   const Result<std::string> given = file.ReadString("metadata/behaviour_policy");
   if (given.ok()) return *given;
   const Result<std::string> algorithm = file.ReadString("metadata/algorithm");
@@ -187,26 +191,23 @@ std::string BehaviourPolicy(const Hdf5Reader& file) {
   return iteration.ok() ? fmt::format("{}, iteration {:.0f}", *algorithm, *iteration) : *algorithm;
 }
 
-// The environment in which the rows were recorded; "" if the file does not name it.
-std::string Environment(const Hdf5Reader& file) {
-  const Result<std::string> given = file.ReadString("metadata/environment");
-  return given.ok() ? *given : "";
+Status CheckHidden(const DatasetProvenance& provenance, uint32_t observation_size) {
+  const std::vector<uint32_t>& hidden = provenance.hidden_dimensions;  // ascending
+  if (hidden.empty() || hidden.back() < observation_size) return Status();
+  return InvalidNumber("hidden dimension in metadata/recording", hidden.back(),
+                       fmt::format("0..{}", observation_size - 1));
 }
 
 }  // namespace
 
-std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
-                               const std::string& corruptions, uint64_t seed) {
-  return Sha256OfText(fmt::format("b4mrl dataset 1\n{}\n{}\n{}\n{}\n", sha256,
-                                  TransitionRuleName(rule), corruptions,
-                                  corruptions.empty() ? 0 : seed))
-      .substr(0, 32);
-}
-
-Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& cache_folder,
-                               uint64_t max_cache_bytes) {
+Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::string& cache_folder,
+                                      uint64_t max_cache_bytes) {
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(file_path));
   B4MRL_ASSIGN_OR_RETURN(const SourceColumns source, OpenSource(file));
+  ImportedDataset imported;
+  B4MRL_ASSIGN_OR_RETURN(imported.provenance, ReadDatasetProvenance(file));
+  B4MRL_RETURN_IF_ERROR(CheckHidden(imported.provenance, source.observation_size));
+  imported.behaviour_policy = BehaviourPolicy(file, imported.provenance);
   const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // 2: two flags
   if (bytes > max_cache_bytes) {
     return Status(StatusCode::kLimitExceeded,
@@ -220,11 +221,9 @@ Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& 
   B4MRL_RETURN_IF_ERROR(stored ? CopyStored(source, &builder) : CopyD4rl(source, &builder));
   builder.SetProperty("transition_rule",
                       TransitionRuleName(stored ? TransitionRule::kStored : TransitionRule::kD4rl));
-  builder.SetProperty("corruptions", "");
-  builder.SetProperty("behaviour_policy", BehaviourPolicy(file));
-  builder.SetProperty("environment", Environment(file));
   B4MRL_RETURN_IF_ERROR(builder.Commit());
-  return builder.rows();
+  imported.rows = builder.rows();
+  return imported;
 }
 
 }  // namespace b4mrl

@@ -12,20 +12,21 @@
 #include <cstdint>
 #include <string>
 
-#include "data/columns/episodes.h"
+#include "data/d4rl/dataset_provenance.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
 
-// The fingerprint that identifies a served dataset and names its cache folder: 32 hexadecimal
-// digits. `corruptions` are in their parametric form, "" for none; without corruptions the seed
-// does not matter.
-std::string DatasetFingerprint(const std::string& sha256, TransitionRule rule,
-                               const std::string& corruptions, uint64_t seed);
+struct ImportedDataset {
+  uint64_t rows = 0;
+  std::string behaviour_policy;  // in words; "" if the file does not name it
+  DatasetProvenance provenance;
+};
 
-// Makes the column cache `cache_folder` from the HDF5 file `file_path` and returns the number of
-// rows. kLimitExceeded if the cache would take more than `max_cache_bytes`.
-Result<uint64_t> ImportDataset(const std::string& file_path, const std::string& cache_folder,
-                               uint64_t max_cache_bytes);
+// Makes the column cache `cache_folder` from the HDF5 file `file_path`. The cache's properties are
+// the transition rule and the statistics; what else the file says is returned, so that files with
+// equal rows give equal caches. kLimitExceeded if the cache would take more than `max_cache_bytes`.
+Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::string& cache_folder,
+                                      uint64_t max_cache_bytes);
 
 }  // namespace b4mrl

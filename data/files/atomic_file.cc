@@ -37,6 +37,7 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
     UniqueFd fd(open(temporary.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644));
     if (!fd.valid()) return IoError("create", temporary, errno);
     if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+      if (errno != EWOULDBLOCK) return IoError("lock", temporary, errno);
       return Status(StatusCode::kBusy, fmt::format("another process is writing {}", path));
     }
     if (!StillNamed(fd.get(), temporary)) continue;

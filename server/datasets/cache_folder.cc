@@ -2,23 +2,23 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <signal.h>
+#include <poll.h>
 #include <spdlog/spdlog.h>
+#include <sys/file.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
-#include <charconv>
 #include <filesystem>
 #include <vector>
 
 #include "data/columns/column_cache.h"
+#include "data/files/atomic_file.h"
 #include "data/files/cache_root.h"
 #include "data/files/file_hash.h"
 #include "data/files/stored_bytes.h"
-#include "proto/base/unique_fd.h"
+#include "proto/base/clock.h"
+#include "server/datasets/corruption.h"
 
 namespace b4mrl {
 namespace {
@@ -65,13 +65,40 @@ Status CacheFolder::Make() const {
   return MakeFolderInside(IndexFolder());
 }
 
-Result<ImportFolder> CacheFolder::MakeImportFolder() const {
-  static std::atomic<uint64_t> counter{0};
-  const std::string path = fmt::format("{}/{}{}-import-{}", root_, kUnfinishedCachePrefix, getpid(),
-                                       counter.fetch_add(1));
-  RemoveCache(path);  // left by a killed process that had our id
-  B4MRL_RETURN_IF_ERROR(MakeFolderInside(path));
-  return ImportFolder(path);
+Result<UniqueFd> CacheFolder::OpenLock(const std::string& key) const {
+  const std::string folder = root_ + "/locks";
+  B4MRL_RETURN_IF_ERROR(MakeFolderInside(folder));
+  const std::string path = folder + "/" + key;
+  // Open for writing: NFS gives exclusive locks to no other descriptors.
+  UniqueFd fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (!fd.valid()) return IoError("create", path, errno);
+  const mode_t mode = ModeInside(folder) & 0666;
+  // EPERM is no error: another member of the group owns the file, and its mode stays.
+  if (fchmod(fd.get(), mode) != 0 && errno != EPERM) return IoError("set the mode of", path, errno);
+  return fd;
+}
+
+Result<UniqueFd> CacheFolder::Lock(const std::string& key,
+                                   const std::atomic<bool>& cancelled) const {
+  constexpr int64_t kPatienceMs = 600'000;
+  constexpr int kBetweenTriesMs = 20;
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, OpenLock(key));
+  const Deadline patience = Deadline::AfterMs(kPatienceMs);
+  while (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
+    if (errno == EINTR) continue;
+    if (errno != EWOULDBLOCK) break;  // a file system without locks
+    if (cancelled) return Cancelled();
+    if (patience.expired()) {
+      return Status(StatusCode::kUnavailable, "another daemon is still making it; ask again");
+    }
+    poll(nullptr, 0, kBetweenTriesMs);
+  }
+  return fd;
+}
+
+Result<ImportFolder> CacheFolder::MakeImportFolder(const std::string& key) const {
+  B4MRL_ASSIGN_OR_RETURN(std::string path, MakeUnfinishedFolder(root_, key));
+  return ImportFolder(std::move(path));
 }
 
 void CacheFolder::Touch(const std::string& fingerprint) const { TouchPath(PathOf(fingerprint)); }
@@ -110,11 +137,10 @@ Status CacheFolder::MakeRoom() const {
 void CacheFolder::RemoveUnfinished() const {
   for (const fs::path& path : EntriesOf(root_)) {
     const std::string name = path.filename().string();
-    if (!name.starts_with(kUnfinishedCachePrefix)) continue;
-    pid_t writer = 0;
-    const char* digits = name.data() + kUnfinishedCachePrefix.size();
-    std::from_chars(digits, name.data() + name.size(), writer);
-    if (writer <= 0 || (kill(writer, 0) != 0 && errno == ESRCH)) RemoveCache(path);
+    const std::string key(NameOfUnfinished(name));
+    if (key.empty()) continue;
+    const Result<UniqueFd> lock = OpenLock(key);
+    if (lock.ok() && flock(lock->get(), LOCK_EX | LOCK_NB) == 0) RemoveCache(path);
   }
 }
 

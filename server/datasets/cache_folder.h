@@ -1,17 +1,23 @@
 // The folder of a data folder's column caches: where caches lie, which are removed when they take
 // too much room, and how the remains of killed processes are removed.
 //
-//   DATA/.cache/<fingerprint>/               a column cache: of a file, or derived from a cache
-//   DATA/.cache/unfinished-<process id>-*/   a cache that is being written or removed
+//   DATA/.cache/<fingerprint>/        a column cache: of a file, or derived from a cache
+//   DATA/.cache/unfinished-<key>-*/   a cache that is being written or removed
+//   DATA/.cache/locks/<key>           locked while what the key names is being made
 //
-// Several daemons may share a data folder. Any thread.
+// A key is a cache's fingerprint or, of an import, a hash of the dataset's name. Several daemons,
+// in containers and on several hosts, may share a data folder: the lock ends with the process that
+// holds it, wherever that runs. On a file system without locks, work may be done twice. Any
+// thread.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <string>
 #include <utility>
 
 #include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
 
 namespace b4mrl {
 
@@ -38,17 +44,22 @@ class CacheFolder {
   std::string IndexFolder() const;
   // Makes the folders that are missing. kIoError.
   Status Make() const;
-  Result<ImportFolder> MakeImportFolder() const;
+  // Waits until no other thread or process makes what `key` names; the lock ends with the
+  // descriptor. kUnavailable soon after `cancelled` turned true, and after ten minutes; kIoError.
+  Result<UniqueFd> Lock(const std::string& key, const std::atomic<bool>& cancelled) const;
+  Result<ImportFolder> MakeImportFolder(const std::string& key) const;
   // Sets the time stamp of a cache to now: it says when the cache was last used.
   void Touch(const std::string& fingerprint) const;
   // Removes the caches that were used longest ago until the rest take at most max_bytes. A cache
   // that a process has mapped stays, so callers hold the caches that they need. kLimitExceeded if
   // those alone take more.
   Status MakeRoom() const;
-  // Removes the unfinished caches of dead processes.
+  // Removes the unfinished caches that nobody makes any more.
   void RemoveUnfinished() const;
 
  private:
+  Result<UniqueFd> OpenLock(const std::string& key) const;
+
   std::string data_folder_;
   std::string root_;
   uint64_t max_bytes_;

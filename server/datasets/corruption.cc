@@ -4,40 +4,14 @@
 
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cstring>
 
 #include "data/columns/episodes.h"
-#include "server/environments/list.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr uint64_t kBlockRows = 16384;  // between two looks at `cancelled`
-constexpr std::string_view kD4rlFolder = "d4rl/";
-
-std::string LowerCase(std::string_view text) {
-  std::string lower(text);
-  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
-}
-
-EnvironmentSpec UnnamedSpec(const std::string& name, uint32_t observation_size,
-                            uint32_t action_size) {
-  const auto space = [](std::string_view prefix, uint32_t size) {
-    SpaceSpec made;
-    made.shape = {size};
-    for (uint32_t i = 0; i < size; ++i) {
-      made.dimensions.push_back({.name = fmt::format("{}-{}", prefix, i)});
-    }
-    return made;
-  };
-  EnvironmentSpec spec;
-  spec.name = name.substr(0, name.find('/'));
-  spec.observation = space("observation", observation_size);
-  spec.action = space("action", action_size);
-  return spec;
-}
 
 // Perturbs float32 rows in double precision. Elements that no perturbation changes keep their bits,
 // payloads of NaN included.
@@ -70,39 +44,13 @@ bool SameBits(std::span<const float> a, std::span<const float> b) {
 
 }  // namespace
 
-std::string EnvironmentOfName(const std::string& name) {
-  const bool is_d4rl = name.starts_with(kD4rlFolder);
-  const std::string rest = name.substr(is_d4rl ? kD4rlFolder.size() : 0);
-  const std::string prefix = rest.substr(0, rest.find(is_d4rl ? '-' : '/'));
-  for (const EnvironmentEntry& entry : EnvironmentList()) {
-    if ((is_d4rl ? LowerCase(entry.name) : std::string(entry.name)) == prefix) {
-      return std::string(entry.name);
-    }
-  }
-  return "";
-}
-
-Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
-                                      uint32_t action_size) {
-  const std::string environment = EnvironmentOfName(name);
-  if (environment.empty()) return UnnamedSpec(name, observation_size, action_size);
-  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec, DescribeEnvironment(environment));
-  if (spec.observation.size() == observation_size && spec.action.size() == action_size) {
-    return spec;
-  }
-  return Status(StatusCode::kFailedPrecondition,
-                fmt::format("dataset '{}' has {} observation and {} action dimensions where {} "
-                            "has {} and {}",
-                            name, observation_size, action_size, spec.name, spec.observation.size(),
-                            spec.action.size()));
-}
-
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec) {
   Corruption corruption;
   B4MRL_ASSIGN_OR_RETURN(corruption.set, MakePerturbations(items, spec, PerturbationUse::kDataset));
   B4MRL_ASSIGN_OR_RETURN(corruption.hidden_dimensions,
                          HiddenDimensions(corruption.set.items(), spec));
+  corruption.draws = DrawsForDatasets(corruption.set);
   return corruption;
 }
 
@@ -145,12 +93,5 @@ Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& s
 }
 
 Status Cancelled() { return Status(StatusCode::kUnavailable, "it was cancelled; ask again"); }
-
-uint64_t MatrixOfFile(const std::string& sha256) {
-  uint64_t matrix = 0;
-  const std::string first = sha256.substr(0, 16);
-  const auto [end, error] = std::from_chars(first.data(), first.data() + first.size(), matrix, 16);
-  return error == std::errc() && end == first.data() + 16 ? matrix : 0;
-}
 
 }  // namespace b4mrl

@@ -1,13 +1,13 @@
 // Corrupted datasets: the perturbations of observations, applied to recorded data.
 //
-// Row i of the result is a pure function of (file hash, corruptions, seed). Observation i gets the
-// noise of row i of the dataset's noise matrix, and so does the next observation of row i - 1 if
-// both rows belong to one episode: a state looks the same in both columns. The next observation of
-// an episode's last row i is in no other row; it gets the noise of row i of a second matrix. Noise
-// is drawn once and scaled by its level; hidden dimensions are 0 in both columns. Every file has
-// its own matrix: the file's hash names the random stream. Rewards, actions and flags do not
-// change; infos are never served with a corruption. Numbers that are not finite pass unchanged. Any
-// thread.
+// Row i of the result is a pure function of (noise matrix, corruptions, seed). Observation i gets
+// the noise of row i of the dataset's noise matrix, and so does the next observation of row i - 1
+// if both rows belong to one episode: a state looks the same in both columns. The next observation
+// of an episode's last row i is in no other row; it gets the noise of row i of a second matrix.
+// Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns. Every
+// dataset has its own matrix, named by its rows and its environment (identity.h). Rewards, actions
+// and flags do not change; infos are never served with a corruption. Numbers that are not finite
+// pass unchanged. Any thread.
 #pragma once
 
 #include <atomic>
@@ -22,34 +22,24 @@
 
 namespace b4mrl {
 
-// The environment that a dataset's name belongs to, "HalfCheetah" for "HalfCheetah/medium" and
-// "d4rl/halfcheetah-medium-v2"; "" if no known environment has that name.
-std::string EnvironmentOfName(const std::string& name);
-
-// The specification of that environment; for any other name, one with unnamed dimensions.
-// kFailedPrecondition when the sizes differ.
-Result<EnvironmentSpec> SpecOfDataset(const std::string& name, uint32_t observation_size,
-                                      uint32_t action_size);
-
 struct Corruption {
   // Its items() are the arguments as the perturbations themselves write them, so that equal
   // corruptions get equal fingerprints.
   PerturbationSet set;
   std::vector<uint32_t> hidden_dimensions;  // sorted
+  bool draws = false;                       // whether the noise depends on a seed
 };
 // Resolves presets and builds the set; refuses perturbations that are unknown or cannot corrupt
 // data.
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec);
 
-// Appends every row of `source`, corrupted. `matrix` names the noise matrix (MatrixOfFile). Ends
+// Appends every row of `source`, corrupted. `matrix` names the noise matrix (NoiseMatrix). Ends
 // with Cancelled() within milliseconds after `cancelled` turned true.
 Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
                        uint64_t matrix, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder);
 // kUnavailable, with the text that the work was cancelled.
 Status Cancelled();
-// The first 64 bits of a SHA-256 in hexadecimal; 0 for anything else.
-uint64_t MatrixOfFile(const std::string& sha256);
 
 }  // namespace b4mrl

@@ -10,7 +10,7 @@
 #include "data/columns/column_cache.h"
 #include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
-#include "server/datasets/cache_folder.h"
+#include "server/datasets/provenance_json.h"
 
 namespace b4mrl {
 namespace {
@@ -41,8 +41,12 @@ Result<FileIdentity> FileIdentity::Of(const std::string& path) {
                       info.st_ino};
 }
 
+std::string DatasetIndex::KeyOf(const std::string& name) {
+  return Sha256OfText(name).substr(0, 32);
+}
+
 std::string DatasetIndex::PathOf(const std::string& name) const {
-  return fmt::format("{}/{}.json", folder_, Sha256OfText(name).substr(0, 32));
+  return fmt::format("{}/{}.json", folder_, KeyOf(name));
 }
 
 std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
@@ -53,9 +57,14 @@ std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
   if (!json.is_object()) return std::nullopt;
   const FileIdentity known{NumberOf(json, "file_bytes"), NumberOf(json, "modified_ns"),
                            NumberOf(json, "inode")};
-  ImportedFile imported{file, StringOf(json, "sha256"), StringOf(json, "fingerprint"),
-                        StringOf(json, "behaviour_policy"), NumberOf(json, "rows")};
-  if (known != file || !IsHash128(imported.fingerprint)) return std::nullopt;
+  const auto provenance = ProvenanceOf(json.value("provenance", Json()));
+  ImportedFile imported{file,
+                        StringOf(json, "sha256"),
+                        StringOf(json, "columns_sha256"),
+                        StringOf(json, "fingerprint"),
+                        {NumberOf(json, "rows"), StringOf(json, "behaviour_policy"), {}}};
+  if (known != file || !provenance.ok() || !IsHash128(imported.fingerprint)) return std::nullopt;
+  imported.contents.provenance = *provenance;
   return imported;
 }
 
@@ -65,10 +74,12 @@ Status DatasetIndex::Add(const std::string& name, const ImportedFile& imported) 
                      {"modified_ns", imported.file.modified_ns},
                      {"inode", imported.file.inode},
                      {"sha256", imported.sha256},
+                     {"columns_sha256", imported.columns_sha256},
                      {"fingerprint", imported.fingerprint},
-                     {"behaviour_policy", imported.behaviour_policy},
-                     {"rows", imported.rows}};
-  return WriteSmallFile(PathOf(name), json.dump(1, ' ', false, Json::error_handler_t::replace),
+                     {"rows", imported.contents.rows},
+                     {"behaviour_policy", PlainPolicy(imported.contents.behaviour_policy)},
+                     {"provenance", ToJson(imported.contents.provenance)}};
+  return WriteSmallFile(PathOf(name), json.dump(-1, ' ', false, Json::error_handler_t::replace),
                         ModeInside(folder_) & 0666);
 }
 

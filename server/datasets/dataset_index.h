@@ -13,6 +13,7 @@
 #include <optional>
 #include <string>
 
+#include "data/d4rl/import_dataset.h"
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 
@@ -30,15 +31,18 @@ struct FileIdentity {
 
 struct ImportedFile {
   FileIdentity file;
-  std::string sha256;
+  std::string sha256;          // of the file
+  std::string columns_sha256;  // of the rows (data/columns/columns_hash.h)
   std::string fingerprint;
-  std::string behaviour_policy;
-  uint64_t rows = 0;
+  ImportedDataset contents;
 };
 
 class DatasetIndex {
  public:
   explicit DatasetIndex(std::string folder) : folder_(std::move(folder)) {}
+
+  // A hash of a dataset's name, which names the index's entry and the lock of the file's import.
+  static std::string KeyOf(const std::string& name);
 
   std::optional<ImportedFile> Find(const std::string& name, const FileIdentity& file) const;
   // The index's folder must exist. kIoError, kBusy.

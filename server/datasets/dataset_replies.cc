@@ -1,38 +1,48 @@
 #include "server/datasets/dataset_replies.h"
 
-#include <algorithm>
 #include <string>
 
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
+#include "server/datasets/provenance_json.h"
 
 namespace b4mrl {
 namespace {
 
 // Bytes for the entries of a page, and bytes for the tag and length of each entry.
 constexpr size_t kMaxListBytes = limits::kMaxEnvelopeBytes - 1024, kFieldBytes = 4;
-// The longest texts about a file's origin that replies and listings carry.
-constexpr size_t kMaxPolicyBytes = 200, kMaxEnvironmentBytes = 64;
-
-// A file may hold any bytes, and a protobuf string only UTF-8.
-std::string PlainText(const std::string& text, size_t max_bytes) {
-  std::string plain = text.substr(0, max_bytes);
-  std::ranges::replace_if(
-      plain, [](char c) { return c < ' ' || c > '~'; }, '?');
-  return plain;
-}
-
 void FillInfo(const DatasetFileInfo& info, pb::DatasetInfo* out) {
   out->set_name(info.name);
   out->set_rows(info.rows);
   out->set_file_bytes(info.file_bytes);
   out->set_sha256(info.sha256);
   out->set_behaviour_policy(PlainPolicy(info.behaviour_policy));
+  out->set_columns_sha256(info.columns_sha256);
+}
+
+void FillProvenance(const DatasetProvenance& provenance, pb::DatasetProvenance* out) {
+  out->set_name(provenance.name);
+  out->set_environment(provenance.environment);
+  out->set_simulator(provenance.simulator);
+  for (const uint32_t dimension : provenance.hidden_dimensions) {
+    out->add_hidden_dimensions(dimension);
+  }
+  out->set_history_length(provenance.history_length);
+  out->set_recipe(provenance.recipe);
+  for (const RecordedPart& part : provenance.parts) {
+    pb::RecordedPart* added = out->add_parts();
+    added->set_policy(part.policy);
+    added->set_policy_sha256(part.policy_sha256);
+    added->set_seed(part.seed);
+    added->set_rows(part.rows);
+  }
+  out->set_engine(provenance.engine);
+  out->set_program(provenance.program);
+  out->set_command(provenance.command);
+  out->set_license(provenance.license);
 }
 
 }  // namespace
-
-std::string PlainPolicy(const std::string& text) { return PlainText(text, kMaxPolicyBytes); }
 
 void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first,
               pb::ListDatasetsReply* out) {
@@ -56,7 +66,10 @@ void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out) {
   out->set_action_size(opened.dataset->columns().action_size);
   AddNamedArguments(opened.corruptions, out->mutable_corruptions());
   for (const uint32_t dimension : opened.hidden_dimensions) out->add_hidden_dimensions(dimension);
-  out->set_environment(PlainText(opened.environment, kMaxEnvironmentBytes));
+  out->set_environment(opened.environment);
+  out->set_seed(opened.seed);
+  out->set_transition_rule(std::string(TransitionRuleName(opened.rule)));
+  FillProvenance(opened.provenance, out->mutable_provenance());
 }
 
 }  // namespace b4mrl

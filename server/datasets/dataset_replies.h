@@ -1,17 +1,12 @@
-// The replies to ListDatasets and OpenDataset. Texts that come from a file are cut to a length and
-// made printable here. Pure functions; any thread.
+// The replies to ListDatasets and OpenDataset. Pure functions; any thread.
 #pragma once
 
-#include <string>
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
 #include "server/datasets/dataset_store.h"
 
 namespace b4mrl {
-
-// A file's text about its behaviour policy as replies show it: at most 200 printable characters.
-std::string PlainPolicy(const std::string& text);
 
 // The datasets from number `first` on, as many as fit an envelope.
 void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first, pb::ListDatasetsReply* out);

@@ -7,19 +7,20 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
-#include <limits>
+#include <iterator>
 #include <utility>
 
 #include "data/columns/column_cache.h"
-#include "data/d4rl/import_dataset.h"
+#include "data/columns/columns_hash.h"
 #include "data/files/cache_root.h"
 #include "data/files/file_hash.h"
 #include "data/files/stored_bytes.h"
 #include "proto/base/clock.h"
-#include "proto/base/limits.h"
 #include "proto/base/unique_fd.h"
 #include "server/datasets/corruption.h"
-#include "server/datasets/dataset_replies.h"
+#include "server/datasets/dataset_environment.h"
+#include "server/datasets/dataset_files.h"
+#include "server/datasets/identity.h"
 #include "server/datasets/importer.h"
 
 namespace b4mrl {
@@ -30,26 +31,6 @@ namespace fs = std::filesystem;
 // An import may take kMinImportMs, and longer the more bytes the file stores.
 constexpr int64_t kMinImportMs = 60'000, kMaxImportMs = 3'600'000;
 constexpr uint64_t kImportBytesPerMs = 4 * 1024;
-
-// Whether a name can travel in messages, whose strings must be UTF-8, and be typed by people.
-bool IsPlainName(std::string_view name) {
-  return std::ranges::all_of(name, [](char c) { return c > ' ' && c <= '~'; });
-}
-
-// N if the name of a file is `name` with the version "-vN"; else -1.
-int64_t VersionOf(std::string_view file_name, std::string_view name) {
-  if (!file_name.starts_with(name)) return -1;
-  file_name.remove_prefix(name.size());
-  if (!file_name.starts_with("-v")) return -1;
-  const Result<uint64_t> version =
-      ParseUnsigned("version", file_name.substr(2), 0, std::numeric_limits<int32_t>::max());
-  return version.ok() ? static_cast<int64_t>(*version) : -1;
-}
-
-// The extension that a dataset file has in a folder of DATA.
-std::string_view ExtensionIn(const std::string& folder) {
-  return folder == "d4rl" ? ".hdf5" : ".h5";
-}
 
 // Appends the rows that the rule d4rl keeps, in blocks, because a builder holds a block in memory.
 Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
@@ -65,6 +46,31 @@ Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& ca
         builder->AppendD4rl(block, first, all.terminals, all.timeouts, following.observations));
   }
   return Status();
+}
+
+// The hash of a dataset's columns. Calls `go_on` between blocks of rows; an error
+// of `go_on` ends the call.
+Result<std::string> HashCache(const Dataset& dataset, const std::function<Status()>& go_on) {
+  constexpr uint64_t kBlockRows = 65536;
+  const TransitionColumns& all = dataset.columns();
+  ColumnsHash hash;
+  for (uint64_t first = 0; first < all.rows; first += kBlockRows) {
+    B4MRL_RETURN_IF_ERROR(go_on());
+    hash.Append(all.Rows(first, std::min(kBlockRows, all.rows - first)));
+  }
+  return hash.Hex();
+}
+
+std::string EnvironmentOf(const ImportedFile& file, const std::string& name) {
+  const std::string& said = file.contents.provenance.environment;
+  return said.empty() ? EnvironmentOfName(name) : said;
+}
+
+// The numbers of `a` and `b`, ascending, without repetition; both are ascending.
+std::vector<uint32_t> Union(const std::vector<uint32_t>& a, const std::vector<uint32_t>& b) {
+  std::vector<uint32_t> all;
+  std::ranges::set_union(a, b, std::back_inserter(all));
+  return all;
 }
 
 // Whether a cache's files are damaged. A passing shortage of memory or descriptors is no damage.
@@ -91,79 +97,35 @@ DatasetStore::DatasetStore(const Options& options)
       cache_(options.data_folder, options.max_cache_bytes),
       index_(cache_.IndexFolder()) {}
 
-Result<std::vector<DatasetStore::File>> DatasetStore::FindFiles() const {
-  std::vector<File> files;
-  std::error_code error;
-  fs::directory_iterator folders(options_.data_folder, error);
-  if (error) return IoError("open data folder", options_.data_folder, error.value());
-  for (; folders != fs::directory_iterator(); folders.increment(error)) {
-    const std::string folder = folders->path().filename().string();
-    std::error_code ignored;
-    if (folder.starts_with('.') || !folders->is_directory(ignored)) continue;
-    fs::directory_iterator entries(folders->path(), ignored);
-    for (; !ignored && entries != fs::directory_iterator(); entries.increment(ignored)) {
-      const fs::path& path = entries->path();
-      if (path.extension() != ExtensionIn(folder)) continue;
-      std::string name = folder + "/" + path.stem().string();
-      if (!IsPlainName(name)) continue;
-      files.push_back({std::move(name), path.string()});
-      if (files.size() > limits::kMaxDatasets) {
-        return Status(StatusCode::kLimitExceeded,
-                      fmt::format("{} has more than {} datasets", options_.data_folder,
-                                  limits::kMaxDatasets));
-      }
-    }
-  }
-  if (error) return IoError("read data folder", options_.data_folder, error.value());
-  std::ranges::sort(files, {}, &File::name);
-  return files;
-}
-
-Result<DatasetStore::File> DatasetStore::FindFile(const std::string& name) const {
-  B4MRL_ASSIGN_OR_RETURN(const std::vector<File> files, FindFiles());
-  std::vector<std::string> names;
-  const File* newest = nullptr;
-  int64_t newest_version = -1;
-  for (const File& file : files) {
-    if (file.name == name) return file;
-    names.push_back(file.name);
-    const int64_t version = VersionOf(file.name, name);
-    if (version <= newest_version) continue;
-    newest_version = version;
-    newest = &file;
-  }
-  if (newest != nullptr) return *newest;
-  return UnknownName("dataset", name, names);
-}
-
 Result<std::vector<DatasetFileInfo>> DatasetStore::List() const {
-  B4MRL_ASSIGN_OR_RETURN(const std::vector<File> files, FindFiles());
+  B4MRL_ASSIGN_OR_RETURN(const std::vector<DatasetFile> files,
+                         FindDatasetFiles(options_.data_folder));
   std::vector<DatasetFileInfo> list;
-  for (const File& file : files) {
+  for (const DatasetFile& file : files) {
     const Result<FileIdentity> identity = FileIdentity::Of(file.path);
     if (!identity.ok()) continue;  // removed meanwhile
     DatasetFileInfo info;
     info.name = file.name;
     info.file_bytes = identity->bytes;
     if (const std::optional<ImportedFile> imported = index_.Find(file.name, *identity)) {
-      info.rows = imported->rows;
+      info.rows = imported->contents.rows;
       info.sha256 = imported->sha256;
-      info.behaviour_policy = imported->behaviour_policy;
+      info.behaviour_policy = imported->contents.behaviour_policy;
+      info.columns_sha256 = imported->columns_sha256;
     }
     list.push_back(std::move(info));
   }
   return list;
 }
 
-Result<ImportedFile> DatasetStore::ImportFile(const File& file,
+Result<ImportedFile> DatasetStore::ImportFile(const DatasetFile& file, const std::string& key,
                                               const std::atomic<bool>& cancelled) {
   ImportedFile imported;
   B4MRL_ASSIGN_OR_RETURN(imported.file, FileIdentity::Of(file.path));
   const UniqueFd fd(open(file.path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (!fd.valid()) return IoError("open", file.path, errno);
   const uint64_t stored_bytes = StoredBytes(fd.get());
-  B4MRL_RETURN_IF_ERROR(cache_.Make());
-  B4MRL_ASSIGN_OR_RETURN(const ImportFolder folder, cache_.MakeImportFolder());
+  B4MRL_ASSIGN_OR_RETURN(const ImportFolder folder, cache_.MakeImportFolder(key));
   const Deadline deadline = Deadline::AfterMs(std::min<int64_t>(
       kMinImportMs + static_cast<int64_t>(stored_bytes / kImportBytesPerMs), kMaxImportMs));
   spdlog::info("importing {} ({} bytes)", file.path, stored_bytes);
@@ -172,13 +134,19 @@ Result<ImportedFile> DatasetStore::ImportFile(const File& file,
     return deadline.expired() ? Status(StatusCode::kDataLoss, "its import did not end in time")
                               : Status();
   };
+  const std::string made = ImportedCachePath(folder.path());
   const auto run = [&]() -> Status {
     B4MRL_ASSIGN_OR_RETURN(
-        imported.rows,
+        imported.contents,
         ImportInChild(options_.importer_program, {file.path, folder.path(), cache_.max_bytes()},
                       deadline, &cancelled));
-    // The hash is computed here, because a crafted file may control what the importer says.
+    // The hashes are computed here, because a crafted file may control what the importer says.
     B4MRL_ASSIGN_OR_RETURN(imported.sha256, Sha256OfDescriptor(fd.get(), file.path, go_on));
+    B4MRL_ASSIGN_OR_RETURN(const DatasetPointer dataset, Dataset::Open(made));
+    B4MRL_ASSIGN_OR_RETURN(imported.columns_sha256, HashCache(*dataset, go_on));
+    imported.fingerprint =
+        ImportedFingerprint(VersionedEnvironment(EnvironmentOf(imported, file.name)),
+                            imported.columns_sha256, dataset->cache().properties());
     return Status();
   };
   const Status status = run();
@@ -188,22 +156,26 @@ Result<ImportedFile> DatasetStore::ImportFile(const File& file,
   }
   if (LiesInFile(status)) index_.AddFailure(file.name, imported.file, status);
   B4MRL_RETURN_IF_ERROR(status);
-  imported.fingerprint = DatasetFingerprint(imported.sha256, TransitionRule::kStored, "", 0);
-  B4MRL_RETURN_IF_ERROR(
-      PlaceCache(ImportedCachePath(folder.path()), cache_.PathOf(imported.fingerprint)));
+  B4MRL_RETURN_IF_ERROR(PlaceCache(made, cache_.PathOf(imported.fingerprint)));
   return imported;
 }
 
 Result<OpenedDataset> DatasetStore::Import(const std::string& name,
                                            const std::atomic<bool>& cancelled) {
-  B4MRL_ASSIGN_OR_RETURN(const File file, FindFile(name));
-  B4MRL_ASSIGN_OR_RETURN(ImportedFile imported, ImportFile(file, cancelled));
+  B4MRL_ASSIGN_OR_RETURN(const DatasetFile file, FindDatasetFile(options_.data_folder, name));
+  B4MRL_RETURN_IF_ERROR(cache_.Make());
+  const std::string key = DatasetIndex::KeyOf(file.name);
+  B4MRL_ASSIGN_OR_RETURN(const UniqueFd lock, cache_.Lock(key, cancelled));
+  B4MRL_ASSIGN_OR_RETURN(auto found, FindImported(file));  // another daemon may have been first
+  auto& [imported, dataset] = found;
+  if (dataset == nullptr) {
+    B4MRL_ASSIGN_OR_RETURN(imported, ImportFile(file, key, cancelled));
+    B4MRL_ASSIGN_OR_RETURN(dataset, Admit(imported.fingerprint));
+    B4MRL_RETURN_IF_ERROR(index_.Add(file.name, imported));
+  }
   OpenedDataset opened;
   opened.fingerprint = imported.fingerprint;
-  B4MRL_ASSIGN_OR_RETURN(opened.dataset, Admit(imported.fingerprint));
-  // The whole text may be longer than what DatasetIndex reads again.
-  imported.behaviour_policy = PlainPolicy(opened.dataset->property("behaviour_policy"));
-  B4MRL_RETURN_IF_ERROR(index_.Add(file.name, imported));
+  opened.dataset = std::move(dataset);
   return opened;
 }
 
@@ -242,16 +214,21 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Admit(const std::string& fing
   return room;
 }
 
-Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerprint, bool make,
+Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerprint,
+                             const std::atomic<bool>* cancelled,
                              const std::function<Status(DatasetBuilder*)>& derive) {
   const DatasetPointer source = *dataset;
+  UniqueFd lock;
+  if (cancelled != nullptr) {
+    B4MRL_ASSIGN_OR_RETURN(lock, cache_.Lock(fingerprint, *cancelled));
+  }
   Result<DatasetPointer> cached = Load(fingerprint);
   if (!IsToBeMade(cached.status())) {
     B4MRL_ASSIGN_OR_RETURN(*dataset, std::move(cached));
     return Status();
   }
   *dataset = nullptr;
-  if (!make) return Status();
+  if (cancelled == nullptr) return Status();
   const uint64_t bytes = source->cache().bytes();
   if (bytes > cache_.max_bytes()) {
     return Status(StatusCode::kLimitExceeded, fmt::format("the dataset takes {} bytes, allowed: {}",
@@ -277,20 +254,29 @@ Result<OpenedDataset> DatasetStore::Derive(const DatasetRequest& request,
   return FindAndOpen(request, &cancelled);
 }
 
+Result<std::pair<ImportedFile, DatasetStore::DatasetPointer>> DatasetStore::FindImported(
+    const DatasetFile& file) {
+  B4MRL_ASSIGN_OR_RETURN(const FileIdentity identity, FileIdentity::Of(file.path));
+  std::pair<ImportedFile, DatasetPointer> found;
+  if (std::optional<ImportedFile> imported = index_.Find(file.name, identity)) {
+    Result<DatasetPointer> dataset = Load(imported->fingerprint);
+    if (!dataset.ok() && !IsToBeMade(dataset.status())) return dataset.status();
+    if (dataset.ok()) found = {std::move(*imported), std::move(*dataset)};
+  }
+  if (found.second == nullptr) B4MRL_RETURN_IF_ERROR(index_.FindFailure(file.name, identity));
+  return found;
+}
+
 Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request,
                                                 const std::atomic<bool>* cancelled) {
-  B4MRL_ASSIGN_OR_RETURN(const File file, FindFile(request.name));
-  B4MRL_ASSIGN_OR_RETURN(const FileIdentity identity, FileIdentity::Of(file.path));
-  if (const std::optional<ImportedFile> imported = index_.Find(file.name, identity)) {
-    Result<DatasetPointer> dataset = Load(imported->fingerprint);
-    if (dataset.ok()) {
-      Result<OpenedDataset> opened = OpenImported(request, *imported, *dataset, cancelled);
-      if (opened.ok()) opened->info.name = file.name;  // the full name
-      return opened;
-    }
-    if (!IsToBeMade(dataset.status())) return dataset.status();
+  B4MRL_ASSIGN_OR_RETURN(const DatasetFile file,
+                         FindDatasetFile(options_.data_folder, request.name));
+  B4MRL_ASSIGN_OR_RETURN(const auto found, FindImported(file));
+  if (found.second != nullptr) {
+    Result<OpenedDataset> opened = OpenImported(request, found.first, found.second, cancelled);
+    if (opened.ok()) opened->info.name = file.name;  // the full name
+    return opened;
   }
-  B4MRL_RETURN_IF_ERROR(index_.FindFailure(file.name, identity));
   OpenedDataset missing;
   missing.missing = OpenedDataset::Missing::kImport;
   missing.source_bytes =
@@ -302,44 +288,53 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
                                                  const ImportedFile& file, DatasetPointer dataset,
                                                  const std::atomic<bool>* cancelled) {
   const TransitionColumns columns = dataset->columns();
+  const DatasetProvenance& provenance = file.contents.provenance;
+  const std::string environment = EnvironmentOf(file, request.name);
+  B4MRL_RETURN_IF_ERROR(CheckEnvironment(request.name, environment, columns, request.environment));
   B4MRL_ASSIGN_OR_RETURN(
       const EnvironmentSpec spec,
-      SpecOfDataset(request.name, columns.observation_size, columns.action_size));
+      SpecOfDataset(request.name, environment, columns.observation_size, columns.action_size));
   B4MRL_ASSIGN_OR_RETURN(const Corruption corruption, MakeCorruption(request.corruptions, spec));
   const std::string text = FormatNamedArguments(corruption.set.items());
   // A file without next observations has already been imported under the other rule.
-  const bool apply_d4rl =
-      request.rule == TransitionRule::kD4rl && dataset->property("transition_rule") == "stored";
-  const auto fingerprint_under = [&](TransitionRule rule) {
-    return DatasetFingerprint(file.sha256, rule, text, request.seed);
-  };
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRule imported_rule,
+                         ParseTransitionRule(dataset->property("transition_rule")));
+  const TransitionRule applied_rule =
+      imported_rule == TransitionRule::kStored ? request.rule : TransitionRule::kStored;
   OpenedDataset opened;
-  opened.fingerprint =
-      fingerprint_under(apply_d4rl ? TransitionRule::kD4rl : TransitionRule::kStored);
-  opened.info = {request.name, file.file.bytes, file.rows, file.sha256, file.behaviour_policy};
-  opened.environment = dataset->property("environment");
-  if (opened.environment.empty()) opened.environment = EnvironmentOfName(request.name);
+  opened.info = {request.name,
+                 file.file.bytes,
+                 file.contents.rows,
+                 file.sha256,
+                 file.contents.behaviour_policy,
+                 file.columns_sha256};
+  opened.environment = environment;
+  opened.provenance = provenance;
   opened.corruptions = corruption.set.items();
-  opened.hidden_dimensions = corruption.hidden_dimensions;
+  opened.seed = corruption.draws ? request.seed : 0;
+  opened.rule = imported_rule == TransitionRule::kStored ? request.rule : imported_rule;
+  opened.hidden_dimensions = Union(provenance.hidden_dimensions, corruption.hidden_dimensions);
   opened.source_bytes = dataset->cache().bytes();
+  opened.fingerprint = DerivedFingerprint(file.fingerprint, text, opened.seed, applied_rule);
 
-  const bool make = cancelled != nullptr;
   if (!corruption.set.empty()) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
       builder->SetProperty("corruptions", text);
-      builder->SetProperty("seed", fmt::format("{}", request.seed));
-      return AppendCorrupted(source->columns(), corruption.set, request.seed,
-                             MatrixOfFile(file.sha256), *cancelled, builder);
+      builder->SetProperty("seed", fmt::format("{}", opened.seed));
+      const uint64_t matrix = NoiseMatrix(VersionedEnvironment(environment), file.columns_sha256);
+      return AppendCorrupted(source->columns(), corruption.set, opened.seed, matrix, *cancelled,
+                             builder);
     };
-    B4MRL_RETURN_IF_ERROR(
-        Replace(&dataset, fingerprint_under(TransitionRule::kStored), make, derive));
+    const std::string fingerprint =
+        DerivedFingerprint(file.fingerprint, text, opened.seed, TransitionRule::kStored);
+    B4MRL_RETURN_IF_ERROR(Replace(&dataset, fingerprint, cancelled, derive));
   }
-  if (apply_d4rl && dataset != nullptr) {
+  if (applied_rule == TransitionRule::kD4rl && dataset != nullptr) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
       builder->SetProperty("transition_rule", TransitionRuleName(TransitionRule::kD4rl));
       return AppendUnderD4rl(source->columns(), *cancelled, builder);
     };
-    B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, make, derive));
+    B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, cancelled, derive));
   }
   if (dataset == nullptr) opened.missing = OpenedDataset::Missing::kDerivation;
   opened.dataset = std::move(dataset);

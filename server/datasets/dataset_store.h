@@ -1,7 +1,8 @@
 // The datasets of a data folder and their caches: finds files, has them imported, derives datasets
 // under corruptions and transition rules, and maps the results.
 //
-// Thread rule: any thread; two imports of one file at once do the work twice. The Datasets that are
+// Several stores, in one process or in several, may share a data folder: one of them makes a cache
+// while the others wait for it. Thread rule: any thread. The Datasets that are
 // returned are immutable; any thread may read them. Errors: kUnknownName, those of the importer,
 // kIoError, kLimitExceeded (more bytes than the caches may take), kUnavailable (cancelled).
 #pragma once
@@ -13,6 +14,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "data/columns/dataset.h"
@@ -21,6 +23,7 @@
 #include "proto/base/spec.h"
 #include "proto/base/status.h"
 #include "server/datasets/cache_folder.h"
+#include "server/datasets/dataset_files.h"
 #include "server/datasets/dataset_index.h"
 
 namespace b4mrl {
@@ -32,6 +35,7 @@ struct DatasetFileInfo {
   uint64_t rows = 0;
   std::string sha256;
   std::string behaviour_policy;
+  std::string columns_sha256;
 };
 
 struct DatasetRequest {
@@ -39,14 +43,18 @@ struct DatasetRequest {
   std::vector<NamedArgument> corruptions;
   uint64_t seed = 0;
   TransitionRule rule = TransitionRule::kStored;
+  std::string environment;  // refuse data of another environment; "" takes any
 };
 
 struct OpenedDataset {
   std::string fingerprint;
   DatasetFileInfo info;
-  std::string environment;                  // as the file says, else as its name; "" if neither
-  std::vector<NamedArgument> corruptions;   // parametric forms
-  std::vector<uint32_t> hidden_dimensions;  // sorted
+  std::string environment;                 // as the file says, else as its name; "" if neither
+  DatasetProvenance provenance;            // as the file says
+  std::vector<NamedArgument> corruptions;  // parametric forms
+  uint64_t seed = 0;                       // of their noise; 0 where they draw none
+  TransitionRule rule = TransitionRule::kStored;  // in force
+  std::vector<uint32_t> hidden_dimensions;  // by corruptions or for the behaviour policy; sorted
   std::shared_ptr<const Dataset> dataset;   // null unless `missing` is kNothing
 
   // The step that has to be done first, and how many bytes it reads.
@@ -72,7 +80,8 @@ class DatasetStore {
   Result<OpenedDataset> Open(const DatasetRequest& request);
   // Imports the file of that name, which may take minutes. Of the result, only `fingerprint` and
   // `dataset` are set. A failure that lies in the file is remembered, and Open returns it from then
-  // on. Returns soon after `cancelled` turned true.
+  // on. Returns soon after `cancelled` turned true. If another daemon imports the file already,
+  // waits for it.
   Result<OpenedDataset> Import(const std::string& name, const std::atomic<bool>& cancelled);
   // Opens a dataset and derives it if it is missing; its file must have been imported.
   Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
@@ -86,22 +95,19 @@ class DatasetStore {
 
  private:
   using DatasetPointer = std::shared_ptr<const Dataset>;
-  struct File {
-    std::string name;
-    std::string path;
-  };
-
-  Result<std::vector<File>> FindFiles() const;
-  Result<File> FindFile(const std::string& name) const;
   // Both functions derive a missing dataset unless `cancelled` is null.
   Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
                                      DatasetPointer dataset, const std::atomic<bool>* cancelled);
   Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,
                                     const std::atomic<bool>* cancelled);
-  Result<ImportedFile> ImportFile(const File& file, const std::atomic<bool>& cancelled);
-  // Replaces `*dataset` by the dataset of `fingerprint`: from the cache or, if `make`, made by
-  // `derive`; else null.
-  Status Replace(DatasetPointer* dataset, const std::string& fingerprint, bool make,
+  // The remembered import of a file and its dataset, mapped; null if the file has to be imported.
+  Result<std::pair<ImportedFile, DatasetPointer>> FindImported(const DatasetFile& file);
+  Result<ImportedFile> ImportFile(const DatasetFile& file, const std::string& key,
+                                  const std::atomic<bool>& cancelled);
+  // Replaces `*dataset` by the dataset of `fingerprint`: from the cache or, unless `cancelled` is
+  // null, made by `derive`; else null.
+  Status Replace(DatasetPointer* dataset, const std::string& fingerprint,
+                 const std::atomic<bool>* cancelled,
                  const std::function<Status(DatasetBuilder*)>& derive);
   // Maps a cache that was just made and makes room for it. Removes the new cache if there is none.
   Result<DatasetPointer> Admit(const std::string& fingerprint);

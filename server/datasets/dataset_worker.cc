@@ -201,7 +201,7 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
   const pb::OpenDatasetRequest& request = pending.request.open_dataset();
   const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
   if (!rule.ok()) return replies_.Reply(pending.from, rule.status());
-  DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule};
+  DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule, request.environment()};
   if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
     return replies_.Reply(pending.from,
                           InvalidNumber("number of corruptions", request.corruptions_size(),

@@ -11,9 +11,9 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "data/d4rl/import_dataset.h"
 #include "data/files/stored_bytes.h"
 #include "proto/base/unique_fd.h"
+#include "server/datasets/provenance_json.h"
 #include "server/sandbox/sandbox.h"
 #include "server/sandbox/sandboxed_child.h"
 
@@ -30,7 +30,7 @@ constexpr uint64_t kFileBytesPerCpuSecond = 4ull << 20;
 constexpr uint64_t kMaxExpansion = 64;
 constexpr uint64_t kMinCacheFileBytes = 1ull << 30;
 
-Result<uint64_t> ImportInSandbox(const ImporterOptions& options) {
+Result<ImportedDataset> ImportInSandbox(const ImporterOptions& options) {
   const UniqueFd fd(open(options.file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (!fd.valid()) return IoError("open", options.file, errno);
   struct stat info {};
@@ -50,16 +50,25 @@ Result<uint64_t> ImportInSandbox(const ImporterOptions& options) {
   return ImportDataset(options.file, ImportedCachePath(options.folder), options.max_cache_bytes);
 }
 
-std::string Answer(const Result<uint64_t>& rows) {
-  if (!rows.ok()) return ErrorAnswer(rows.status());
-  return Json({{"ok", true}, {"rows", *rows}}).dump();
+std::string Answer(const Result<ImportedDataset>& imported) {
+  if (!imported.ok()) return ErrorAnswer(imported.status());
+  return Json({{"ok", true},
+               {"rows", imported->rows},
+               {"behaviour_policy", PlainPolicy(imported->behaviour_policy)},
+               {"provenance", ToJson(imported->provenance)}})
+      .dump();
 }
 
-Result<uint64_t> ParseAnswer(const std::string& text) {
+Result<ImportedDataset> ParseAnswer(const std::string& text) {
   const Json answer = Json::parse(text, nullptr, /*allow_exceptions=*/false);
   const Json rows = answer.value("rows", Json());
-  if (rows.is_number_unsigned()) return rows.get<uint64_t>();
-  return Status(StatusCode::kDataLoss, "the importer gave no usable answer");
+  const Json policy = answer.value("behaviour_policy", Json());
+  if (!rows.is_number_unsigned() || !policy.is_string()) {
+    return Status(StatusCode::kDataLoss, "the importer gave no usable answer");
+  }
+  ImportedDataset imported{rows.get<uint64_t>(), PlainPolicy(policy.get<std::string>()), {}};
+  B4MRL_ASSIGN_OR_RETURN(imported.provenance, ProvenanceOf(answer.value("provenance", Json())));
+  return imported;
 }
 
 }  // namespace
@@ -68,25 +77,28 @@ std::string ImportedCachePath(const std::string& folder) { return folder + "/imp
 
 int RunImporter(const ImporterOptions& options) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  const Result<uint64_t> rows = ImportInSandbox(options);
-  std::printf("%s\n", Answer(rows).c_str());
+  const Result<ImportedDataset> imported = ImportInSandbox(options);
+  std::printf("%s\n", Answer(imported).c_str());
   std::fflush(stdout);
-  if (rows.ok()) return 0;
-  return rows.status().code() == StatusCode::kInternal ? 1 : 3;
+  if (imported.ok()) return 0;
+  return imported.status().code() == StatusCode::kInternal ? 1 : 3;
 }
 
-Result<uint64_t> ImportInChild(const std::string& program, const ImporterOptions& options,
-                               const Deadline& deadline, const std::atomic<bool>* cancelled) {
+Result<ImportedDataset> ImportInChild(const std::string& program, const ImporterOptions& options,
+                                      const Deadline& deadline,
+                                      const std::atomic<bool>* cancelled) {
   const SandboxedChild child = {
       program,
       {"--role", "importer", "--file", options.file, "--cache", options.folder, "--cache-bytes",
        std::to_string(options.max_cache_bytes)},
       "the importer"};
   const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
-  const Result<uint64_t> rows = answer.json.ok() ? ParseAnswer(*answer.json) : answer.json.status();
-  if (rows.ok()) return rows;
-  const bool late = rows.status().code() == StatusCode::kDeadlineExceeded;
-  return Status(late ? StatusCode::kDataLoss : rows.status().code(), rows.status().message())
+  Result<ImportedDataset> imported =
+      answer.json.ok() ? ParseAnswer(*answer.json) : answer.json.status();
+  if (imported.ok()) return imported;
+  const Status& status = imported.status();
+  const bool late = status.code() == StatusCode::kDeadlineExceeded;
+  return Status(late ? StatusCode::kDataLoss : status.code(), status.message())
       .WithContext(options.file);
 }
 

@@ -6,9 +6,9 @@
 // the file system beyond reading the one file and writing into the one folder that was made for
 // this import. Its limits on time and size follow the bytes that the file stores, without its
 // holes. It prints one JSON line on stdout:
-//   {"ok": true, "rows": 1000000}
+//   {"ok": true, "rows": 1000000, "behaviour_policy": "SAC", "provenance": {...}}
 //   {"ok": false, "code": 12, "message": "..."}
-// The file's hash, which names the cache, is not taken from this process: a crafted file may
+// The hashes of the file and of the columns are not taken from this process: a crafted file may
 // control it. Thread rule: RunImporter is a process's main function; ImportInChild may be called by
 // any thread.
 #pragma once
@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <string>
 
+#include "data/d4rl/import_dataset.h"
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 
@@ -34,12 +35,12 @@ std::string ImportedCachePath(const std::string& folder);
 // stands, 3 on bad input, 1 otherwise.
 int RunImporter(const ImporterOptions& options);
 
-// Starts `program --role importer ...`, waits for it and returns the number of rows. A crash, a
+// Starts `program --role importer ...`, waits for it and returns what it says. A crash, a
 // silent exit or a missed deadline (the child is killed) becomes a kDataLoss that names the file;
 // asking again would not help. When `cancelled` (may be null) turns true, the child is killed
 // within 100 ms: kUnavailable. The caller removes what a failed import leaves in the folder.
-Result<uint64_t> ImportInChild(const std::string& program, const ImporterOptions& options,
-                               const Deadline& deadline,
-                               const std::atomic<bool>* cancelled = nullptr);
+Result<ImportedDataset> ImportInChild(const std::string& program, const ImporterOptions& options,
+                                      const Deadline& deadline,
+                                      const std::atomic<bool>* cancelled = nullptr);
 
 }  // namespace b4mrl

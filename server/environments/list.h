@@ -2,6 +2,7 @@
 // Everything here but EnvironmentEntry::open works without the physics engine. Any thread.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <span>
@@ -65,6 +66,9 @@ struct EnvironmentEntry {
   Result<std::shared_ptr<const EnvironmentModel>> (*open)(const EnvironmentSetup& setup);
   // Presets of this environment that no perturbation's own file has.
   std::span<const Preset> presets = {};
+  // The number in "HalfCheetah-v0": raised when a change of spaces or dynamics makes old data and
+  // results incomparable.
+  uint32_t version = 0;
 };
 
 // All environments, in the catalogue's order.

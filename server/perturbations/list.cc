@@ -202,6 +202,12 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
   return set;
 }
 
+bool DrawsForDatasets(const PerturbationSet& set) {
+  return std::ranges::any_of(set.members(), [](const auto& member) {
+    return FindEntry(member->ToNamedArgument().name)->draws_for_datasets;
+  });
+}
+
 Result<std::vector<uint32_t>> HiddenDimensions(std::span<const NamedArgument> items,
                                                const EnvironmentSpec& spec) {
   std::set<uint32_t> hidden;

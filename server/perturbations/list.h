@@ -37,6 +37,7 @@ struct PerturbationEntry {
   bool takes_range = false;      // accepts LOW..HIGH, drawn anew for each episode
   std::string_view description;  // one line
   bool corrupts_datasets = false;
+  bool draws_for_datasets = false;  // whether its effect on a dataset is random
   // What the environment must have: one of EnvironmentSpec::features; "" for nothing.
   std::string_view needs;
   std::span<const Preset> presets;  // for all environments: the paper's values
@@ -95,6 +96,9 @@ Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string
 // changes a simulator rather than data.
 Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
                                           const EnvironmentSpec& spec, PerturbationUse use);
+
+// Whether corrupting a dataset by `set` draws random numbers, so that the seed matters.
+bool DrawsForDatasets(const PerturbationSet& set);
 
 // The 0-based dimensions that `items` (resolved) hide; sorted, without repetition.
 Result<std::vector<uint32_t>> HiddenDimensions(std::span<const NamedArgument> items,

@@ -64,6 +64,7 @@ constinit const PerturbationEntry kObservationNoise = {
     .high = 1e6,
     .description = "adds independent normal noise to every dimension of observations",
     .corrupts_datasets = true,
+    .draws_for_datasets = true,
     .presets = kPresets,
     .make = MakeNumberPerturbation<ObservationNoise>};
 

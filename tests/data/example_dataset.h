@@ -64,6 +64,18 @@ inline ExampleDataset MakeExampleDataset(const std::vector<size_t>& lengths,
   return data;
 }
 
+// A file that says `provenance` of its rows.
+inline Status WriteExample(const std::string& path, const ExampleDataset& data,
+                           const DatasetProvenance& provenance) {
+  DatasetWriterOptions options;
+  options.observation_dimensions = data.observation_size;
+  options.action_dimensions = data.action_size;
+  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
+  B4MRL_RETURN_IF_ERROR(writer.Append(data.Rows()));
+  B4MRL_RETURN_IF_ERROR(writer.SetProvenance(provenance));
+  return writer.Commit();
+}
+
 // `environment` and `policy` are what the file says of its environment and its behaviour policy; ""
 // for nothing.
 inline Status WriteExample(const std::string& path, const ExampleDataset& data,

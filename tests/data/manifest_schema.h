@@ -1,4 +1,5 @@
-// Gives a cache's manifest another schema and the right hash for it, as a later version would.
+// Changes a cache's manifest and gives it the right hash, as another version of the program or a
+// crafted file would.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,15 +11,20 @@
 
 namespace b4mrl {
 
-inline void ChangeManifestSchema(const std::string& path, int schema) {
+template <typename Change>
+void ChangeManifest(const std::string& path, const Change& change) {
   nlohmann::json manifest = nlohmann::json::parse(ReadBytes(path));
-  manifest["schema"] = schema;
+  change(manifest);
   manifest.erase("hash");
   const std::string text = manifest.dump();
   StreamHash hash;
   hash.Update(std::as_bytes(std::span(text)));
   manifest["hash"] = hash.Hex();
   WriteBytes(path, manifest.dump());
+}
+
+inline void ChangeManifestSchema(const std::string& path, int schema) {
+  ChangeManifest(path, [schema](nlohmann::json& manifest) { manifest["schema"] = schema; });
 }
 
 }  // namespace b4mrl

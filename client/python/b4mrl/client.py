@@ -280,6 +280,7 @@ class Client(Shown):
         *,
         seed: int = 0,
         transition_rule: str = "stored",
+        environment: str = "",
         open_deadline_ms: float = _OPEN_DATASET_DEADLINE_MS,
         deadline_ms: float | None = None,
     ) -> Dataset:
@@ -289,9 +290,11 @@ class Client(Shown):
             name: a name from `datasets()`, such as "HalfCheetah/medium".
             corruption: perturbations of the data, written like `simulator` of `make`:
                 "obs-noise-high", "hidden=9+10". None: the data as recorded.
-            seed: seed of the corruption's noise.
+            seed: seed of the corruption's noise: each seed gives a dataset one noise matrix.
             transition_rule: "stored" for the file's next observations, "d4rl" for the next row's
                 observations, without the rows that end by time-out.
+            environment: the environment that the data is for, such as "HalfCheetah". A dataset that
+                was recorded in another one is refused, even if its sizes are the same. "": any.
             open_deadline_ms: time limit of the opening, in milliseconds.
             deadline_ms: time limit of each later request, in milliseconds. None: the client's.
         """
@@ -300,6 +303,7 @@ class Client(Shown):
             "corruption": corruption,
             "seed": seed,
             "transition_rule": transition_rule,
+            "environment": environment,
             "open_deadline_ms": open_deadline_ms,
             "deadline_ms": deadline_ms,
         }
@@ -309,6 +313,7 @@ class Client(Shown):
             request.open_dataset.corruptions.add(name=item.name, argument=item.argument)
         request.open_dataset.seed = checks.unsigned("seed", seed)
         request.open_dataset.transition_rule = transition_rule
+        request.open_dataset.environment = environment
         connection = self._connect_datasets()
         try:
             reply = connection.call(request, bytearray(), open_deadline_ms).reply.open_dataset

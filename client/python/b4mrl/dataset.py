@@ -80,7 +80,9 @@ class Dataset(Shown):
             transition rule leaves.
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
-        fingerprint: hash of the file's contents, the corruptions and the transition rule.
+        hidden_dimensions: indices of observations that are 0 because a corruption hides them, or
+            because the behaviour policy could not see them.
+        fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         in_force: the daemon's reply to the opening, with all corruptions in parametric form.
     """
 
@@ -96,6 +98,7 @@ class Dataset(Shown):
         self.in_force = in_force
         self.name = in_force.info.name
         self.environment = in_force.environment
+        self.hidden_dimensions = in_force.hidden_dimensions
         self.fingerprint = in_force.fingerprint
         self.rows = in_force.rows
         self.observation_size = in_force.observation_size

@@ -96,6 +96,8 @@ class DatasetInfo(Record):
     Attributes:
         rows, sha256: number of rows and hash of the file; 0 and "" while it has not been imported.
         behaviour_policy: the policy that recorded the dataset, in the file's words.
+        columns_sha256: hash of the rows, whatever else the file holds; "" while it has not been
+            imported.
     """
 
     name: str
@@ -103,6 +105,47 @@ class DatasetInfo(Record):
     file_bytes: int
     sha256: str
     behaviour_policy: str
+    columns_sha256: str
+
+
+@dataclass(frozen=True, repr=False)
+class RecordedPart(Record):
+    """Consecutive rows that one behaviour policy recorded with one seed.
+
+    Attributes:
+        policy: the behaviour policy in words; policy_sha256 is the hash of its file, "" without one.
+        seed: seed of the episodes' starts and of the actions.
+    """
+
+    policy: str
+    policy_sha256: str
+    seed: int
+    rows: int
+
+
+@dataclass(frozen=True, repr=False)
+class DatasetProvenance(Record):
+    """Where a dataset's rows come from, as its file says; what the file does not say is empty.
+
+    Attributes:
+        name: name with version, "HalfCheetah/medium-v0".
+        simulator: perturbations of the environment while recording.
+        hidden_dimensions: observations that the behaviour policy could not see; 0 in the rows.
+        history_length: number of observations that the behaviour policy saw at a time.
+        recipe, engine, program, command: how the rows were made, and with what.
+    """
+
+    name: str
+    environment: str
+    simulator: str
+    hidden_dimensions: tuple[int, ...]
+    history_length: int
+    recipe: str
+    parts: tuple[RecordedPart, ...]
+    engine: str
+    program: str
+    command: str
+    license: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,12 +176,16 @@ class DatasetInForce(Record):
     """How a dataset is served.
 
     Attributes:
-        fingerprint: hash of the file's contents, the corruptions and the transition rule.
+        fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         rows: number of rows that the transition rule leaves.
         corruptions: in the order in which they apply; presets in their parametric form.
-        hidden_dimensions: indices of observations that the corruptions set to 0.
+        hidden_dimensions: indices of observations that are 0 because a corruption hides them, or
+            because the behaviour policy could not see them.
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
+        seed: seed of the corruptions' noise; 0 where they draw none.
+        transition_rule: "stored", or "d4rl" also where the file has no next observations.
+        provenance: where the rows come from; its `environment` is "" where the name alone tells it.
     """
 
     fingerprint: str
@@ -149,6 +196,9 @@ class DatasetInForce(Record):
     corruptions: tuple[NamedArgument, ...]
     hidden_dimensions: tuple[int, ...]
     environment: str
+    seed: int
+    transition_rule: str
+    provenance: DatasetProvenance
 
 
 _KINDS: dict[str, type[Any]] = {
@@ -158,6 +208,8 @@ _KINDS: dict[str, type[Any]] = {
     "SessionStatus": SessionStatus,
     "ServerStatusReply": ServerStatus,
     "DatasetInfo": DatasetInfo,
+    "RecordedPart": RecordedPart,
+    "DatasetProvenance": DatasetProvenance,
     "OpenReply": SessionInForce,
     "OpenDatasetReply": DatasetInForce,
     "NamedArgument": NamedArgument,

@@ -71,6 +71,9 @@ TEST_CASE("A run's name tells it from every other") {
   options.precision = Precision::kBf16, is_new(kHybrid);
   options.corruption = "hidden=9+10", is_new(kHybrid);
   options.corruption = "hidden=9+10,obs-noise=0.1", is_new(kHybrid);
+  options.corruption_seed = 1, is_new(kHybrid);
+  options.transitions = "d4rl", is_new(kHybrid);
+  options.corruption_seed = 0, options.transitions = "stored";
   options.dataset = "medium", is_new(kHybrid);
   options.dataset = "d4rl/halfcheetah-medium-v2", is_new(kHybrid);
   options.dataset = "d4rl_halfcheetah-medium-v2", is_new(kHybrid);

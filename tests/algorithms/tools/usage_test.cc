@@ -27,15 +27,15 @@ std::vector<CountOption> CountOptions() {
   const Words dataset = {"dataset", "info", "HalfCheetah/none"};
   std::vector<CountOption> options;
   for (const char* name : {"--seed", "--updates", "--history", "--eval-every", "--eval-episodes",
-                           "--log-every", "--checkpoint-every", "--threads"}) {
+                           "--log-every", "--checkpoint-every", "--threads", "--corruption-seed"}) {
     options.push_back({train, name});
   }
   for (const char* name : {"--episodes", "--seed"}) options.push_back({evaluate, name});
   for (const char* name : {"--rows", "--seed"}) {
     options.push_back({{"dataset", "make", "HalfCheetah/none"}, name});
   }
-  options.push_back({{"dataset", "export", "HalfCheetah/none", "none.h5"}, "--seed"});
-  options.push_back({{"dataset", "info", "HalfCheetah/none"}, "--seed"});
+  options.push_back({{"dataset", "export", "HalfCheetah/none", "none.h5"}, "--corruption-seed"});
+  options.push_back({{"dataset", "info", "HalfCheetah/none"}, "--corruption-seed"});
   for (const char* name : {"--decisions", "--seed"}) {
     options.push_back({{"demo", "confounding"}, name});
   }

@@ -243,6 +243,31 @@ def test_pairs_are_those_of_the_environment_that_the_file_names(tmp_path: Path) 
                 unknown.pair("gravity")
 
 
+def test_a_file_says_where_its_rows_come_from(tmp_path: Path) -> None:
+    write_example(tmp_path / "HalfCheetah" / "partial.h5")
+    with h5py.File(tmp_path / "HalfCheetah" / "partial.h5", "a") as file:
+        for name, text in {
+            "environment": "HalfCheetah",
+            "hidden": "9,16",
+            "policies": "SAC;TD3",
+            "policies_sha256": "ab,cd",
+            "seeds": "3,4",
+            "rows": "1000,4000",
+        }.items():
+            file[f"metadata/recording/{name}"] = np.bytes_(text)
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.dataset("HalfCheetah/partial", "hidden=1", environment="HalfCheetah") as dataset:
+            assert dataset.hidden_dimensions == (1, 9, 16)
+            provenance = dataset.in_force.provenance
+            assert provenance.hidden_dimensions == (9, 16)
+            assert [part.policy for part in provenance.parts] == ["SAC", "TD3"]
+            assert [part.seed for part in provenance.parts] == [3, 4]
+            assert len(dataset.in_force.info.columns_sha256) == 64
+            assert dataset.in_force.transition_rule == "stored"
+        with pytest.raises(errors.InvalidArgumentError, match="recorded in HalfCheetah, not in W"):
+            client.dataset("HalfCheetah/partial", environment="Walker2d")
+
+
 @pytest.mark.parametrize(
     "make_copy", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))], ids=["copy", "pickle"]
 )

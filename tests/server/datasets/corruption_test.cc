@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "server/datasets/dataset_environment.h"
+#include "server/environments/list.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 
@@ -26,7 +28,7 @@ struct Corrupted {
 Corrupted Corrupt(const ExampleDataset& data, const std::string& items, uint64_t seed,
                   uint64_t matrix = 1) {
   const TemporaryFolder folder;  // what is mapped outlives it
-  const auto spec = SpecOfDataset("HalfCheetah/medium", kSize, kActions);
+  const auto spec = SpecOfDataset("HalfCheetah/medium", "HalfCheetah", kSize, kActions);
   REQUIRE(spec.ok());
   const auto corruption = MakeCorruption(ParseNamedArguments(items).value(), *spec);
   INFO(corruption.status().ToString());
@@ -94,7 +96,7 @@ TEST_CASE("levels scale one matrix, which is standard normal") {
   CHECK(std::abs(squares / count - 1) < 0.017);
 }
 
-TEST_CASE("noise is a function of seed and file") {
+TEST_CASE("noise is a function of the seed and of the matrix") {
   const ExampleDataset data = HalfCheetahLike({50});
   const auto observations = [&](uint64_t seed, uint64_t matrix) {
     const Corrupted noisy = Corrupt(data, "obs-noise=0.1", seed, matrix);
@@ -104,8 +106,6 @@ TEST_CASE("noise is a function of seed and file") {
   CHECK(observations(1, 1) == observations(1, 1));
   CHECK(observations(1, 1) != observations(2, 1));
   CHECK(observations(1, 1) != observations(1, 2));
-  CHECK(MatrixOfFile("ffffffffffffffff00") == UINT64_MAX);
-  CHECK(MatrixOfFile("xyz") == 0);
 }
 
 TEST_CASE("hidden dimensions are zero in both columns and everything else is untouched") {
@@ -139,8 +139,8 @@ TEST_CASE("noise passes NaN and infinity") {
 }
 
 TEST_CASE("presets resolve, names work, and what cannot corrupt data is refused") {
-  const EnvironmentSpec spec = SpecOfDataset("d4rl/halfcheetah-medium-v2", 17, 6).value();
-  CHECK(spec.name == "HalfCheetah");
+  const EnvironmentSpec spec =
+      SpecOfDataset("d4rl/halfcheetah-medium-v2", "HalfCheetah", 17, 6).value();
   const auto resolve = [&](const std::string& items) {
     return MakeCorruption(ParseNamedArguments(items).value(), spec);
   };
@@ -155,11 +155,41 @@ TEST_CASE("presets resolve, names work, and what cannot corrupt data is refused"
   CHECK(resolve("obs-noize=1").status().code() == StatusCode::kUnknownName);
 }
 
+TEST_CASE("the seed matters to exactly those corruptions that say that they draw numbers") {
+  const ExampleDataset data = HalfCheetahLike({20});
+  const auto observations = [&](const std::string& items, uint64_t seed) {
+    const Corrupted corrupted = Corrupt(data, items, seed);
+    const auto values = corrupted.columns().observations;
+    return std::vector<float>(values.begin(), values.end());
+  };
+  size_t corruptions = 0;
+  for (const PerturbationEntry& entry : PerturbationList()) {
+    if (!entry.corrupts_datasets) continue;
+    ++corruptions;
+    const std::string item = std::string(entry.name) + "=1";
+    CAPTURE(item);
+    const bool differs = observations(item, 1) != observations(item, 2);
+    CHECK(differs == entry.draws_for_datasets);
+    const EnvironmentSpec spec = SpecOfDataset("x", "HalfCheetah", kSize, kActions).value();
+    CHECK(MakeCorruption(ParseNamedArguments(item).value(), spec)->draws == differs);
+  }
+  CHECK(corruptions >= 2);
+}
+
 TEST_CASE("datasets of unknown environments have unnamed dimensions") {
-  const EnvironmentSpec spec = SpecOfDataset("Mine/first", 2, 1).value();
-  CHECK(MakeCorruption({{"hidden", "1"}}, spec)->hidden_dimensions == std::vector<uint32_t>{1});
-  CHECK(SpecOfDataset("HalfCheetah/medium", 2, 1).status().code() ==
+  for (const char* environment : {"", "Swimmer"}) {
+    const EnvironmentSpec spec = SpecOfDataset("Mine/first", environment, 2, 1).value();
+    CHECK(MakeCorruption({{"hidden", "1"}}, spec)->hidden_dimensions == std::vector<uint32_t>{1});
+  }
+  CHECK(SpecOfDataset("HalfCheetah/medium", "HalfCheetah", 2, 1).status().code() ==
         StatusCode::kFailedPrecondition);
+}
+
+TEST_CASE("a dataset belongs to the environment that its folder or its D4RL name says") {
+  CHECK(EnvironmentOfName("HalfCheetah/medium") == "HalfCheetah");
+  CHECK(EnvironmentOfName("d4rl/halfcheetah-medium-v2") == "HalfCheetah");
+  CHECK(EnvironmentOfName("halfcheetah/medium").empty());
+  CHECK(EnvironmentOfName("Mine/first").empty());
 }
 
 }  // namespace

@@ -1,90 +1,22 @@
 #include "server/datasets/dataset_store.h"
 
-#include <sys/stat.h>
-
 #include <fmt/format.h>
-#include <atomic>
+
 #include <catch2/catch.hpp>
 #include <chrono>
-
-#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <thread>
+#include <vector>
 
 #include "data/files/file_hash.h"
-#include "tests/data/example_dataset.h"
 #include "tests/data/file_size_limit.h"
 #include "tests/data/manifest_schema.h"
-#include "tests/data/temporary_folder.h"
+#include "tests/server/datasets/store_fixture.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct StoreFixture {
-  TemporaryFolder folder;
-  ExampleDataset data = MakeExampleDataset({700, 300}, 17, 6);
-
-  StoreFixture() {
-    fs::create_directory(folder.File("HalfCheetah"));
-    REQUIRE(WriteExample(folder.File("HalfCheetah/medium.h5"), data).ok());
-  }
-  DatasetStore Store(uint64_t max_cache_bytes = 1ull << 30,
-                     const std::string& importer = B4MRL_BINARY_DIR "/b4mrl-serve") const {
-    return DatasetStore({.data_folder = folder.path(),
-                         .importer_program = importer,
-                         .max_cache_bytes = max_cache_bytes});
-  }
-  // Opens it, with whatever it lacks made first.
-  static Result<OpenedDataset> OpenMade(DatasetStore& store, const DatasetRequest& request) {
-    const std::atomic<bool> cancelled{false};
-    while (true) {
-      Result<OpenedDataset> opened = store.Open(request);
-      if (!opened.ok() || opened->dataset != nullptr) return opened;
-      const bool is_import = opened->missing == OpenedDataset::Missing::kImport;
-      Result<OpenedDataset> made =
-          is_import ? store.Import(request.name, cancelled) : store.Derive(request, cancelled);
-      if (!made.ok()) return made;
-    }
-  }
-  Result<OpenedDataset> OpenMade(const std::string& corruptions, uint64_t seed = 0) const {
-    DatasetStore store = Store();
-    return OpenMade(store, Request(corruptions, seed));
-  }
-  std::string WriteScript(const std::string& body) const {
-    const std::string path = folder.File("program");
-    WriteBytes(path, "#!/bin/sh\n" + body);
-    fs::permissions(path, fs::perms::owner_all);
-    return path;
-  }
-  static DatasetRequest Request(const std::string& corruptions, uint64_t seed = 0) {
-    return {"HalfCheetah/medium", ParseNamedArguments(corruptions).value(), seed,
-            TransitionRule::kStored};
-  }
-  bool HasCache(const std::string& fingerprint) const {
-    return fs::exists(folder.File(".cache/" + fingerprint + "/manifest.json"));
-  }
-  // On disk, in whole blocks.
-  uint64_t CacheBytes(const std::string& fingerprint) const {
-    uint64_t bytes = 0;
-    for (const auto& entry : fs::directory_iterator(folder.File(".cache/" + fingerprint))) {
-      bytes += (entry.file_size() + 4095) / 4096 * 4096;
-    }
-    return bytes;
-  }
-  mode_t ModeOf(const std::string& path) const {
-    struct stat info {};
-    REQUIRE(stat(folder.File(path).c_str(), &info) == 0);
-    return info.st_mode & 0777;
-  }
-  size_t CacheCount() const {
-    size_t count = 0;
-    for (const auto& entry : fs::directory_iterator(folder.File(".cache"))) {
-      count += entry.path().filename().string().size() == 32 ? 1 : 0;
-    }
-    return count;
-  }
-};
 
 TEST_CASE("A name without a version means the newest version, unless a file has that very name") {
   const StoreFixture fixture;
@@ -204,7 +136,7 @@ TEST_CASE("work that was cancelled leaves nothing") {
   d4rl.rule = TransitionRule::kD4rl;
   CHECK(store.Derive(d4rl, cancelled).status().code() == StatusCode::kUnavailable);
   CHECK(fixture.CacheCount() == 1);
-  CHECK(std::distance(fs::directory_iterator(fixture.folder.File(".cache")), {}) == 2);
+  CHECK(fixture.UnfinishedCount() == 0);
 }
 
 TEST_CASE("caches that were opened longest ago make room, and come back when asked for by name") {
@@ -280,6 +212,46 @@ TEST_CASE("no cache goes for a file that is not found good, or that takes more t
   CHECK(fixture.CacheCount() == 2);
 }
 
+TEST_CASE("stores that import one file at once import it once, and wait for each other") {
+  const StoreFixture fixture;
+  const std::string tries = fixture.folder.File("tries");
+  const std::string importer =
+      fixture.WriteScript("echo x >>" + tries + "\nexec " B4MRL_BINARY_DIR "/b4mrl-serve \"$@\"\n");
+  constexpr size_t kStores = 4;
+  std::vector<Result<OpenedDataset>> opened(kStores, Status(StatusCode::kInternal, "not opened"));
+  std::vector<std::thread> threads;
+  for (Result<OpenedDataset>& result : opened) {
+    threads.emplace_back([&] {
+      DatasetStore store = fixture.Store(1ull << 30, importer);
+      result = StoreFixture::OpenMade(store, StoreFixture::Request("obs-noise=1"));
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const Result<OpenedDataset>& result : opened) {
+    INFO(result.status().ToString());
+    REQUIRE(result.ok());
+    CHECK(result->fingerprint == opened[0]->fingerprint);
+    CHECK(result->dataset->rows() == fixture.data.rows());
+  }
+  CHECK(ReadBytes(tries) == "x\n");
+  CHECK(fixture.CacheCount() == 2);
+  CHECK(fixture.UnfinishedCount() == 0);
+}
+
+TEST_CASE("what waits for another's work ends when it is cancelled") {
+  const StoreFixture fixture;
+  DatasetStore store = fixture.Store();
+  REQUIRE(fixture.OpenMade(store, fixture.Request("")).ok());
+  const CacheFolder cache(fixture.folder.path(), 1ull << 30);
+  const std::atomic<bool> not_cancelled{false};
+  const auto noisy = store.Open(fixture.Request("obs-noise=1"));
+  const auto held = cache.Lock(noisy->fingerprint, not_cancelled);
+  REQUIRE(held.ok());
+  const std::atomic<bool> cancelled{true};
+  CHECK(store.Derive(fixture.Request("obs-noise=1"), cancelled).status().code() ==
+        StatusCode::kUnavailable);
+}
+
 TEST_CASE("an import that failed for its file is not tried again until the file changes") {
   const StoreFixture fixture;
   const std::string tries = fixture.folder.File("tries");
@@ -301,23 +273,6 @@ TEST_CASE("an import that failed for its file is not tried again until the file 
     CHECK(fixture.OpenMade(store, fixture.Request("")).status().code() == StatusCode::kIoError);
   }
   CHECK(ReadBytes(tries) == "x\nx\nx\n");
-}
-
-TEST_CASE("an importer cannot say which file it has read") {
-  const StoreFixture fixture;
-  const std::string victim = fixture.OpenMade("")->fingerprint;
-  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/evil.h5"), MakeExampleDataset({5}, 17, 6))
-              .ok());
-  // Copies another dataset's cache, and claims its name.
-  DatasetStore store = fixture.Store(
-      1ull << 30,
-      fixture.WriteScript(
-          "cp -r " + fixture.folder.File(".cache/" + victim) + " \"$6/imported\"\n" +
-          R"(echo '{"ok": true, "rows": 1, "sha256": "ab", "fingerprint": ")" + victim + "\"}'\n"));
-  const auto evil = fixture.OpenMade(store, {"HalfCheetah/evil", {}, 0, TransitionRule::kStored});
-  REQUIRE(evil.ok());
-  CHECK(evil->fingerprint != victim);
-  CHECK(evil->info.sha256 == Sha256OfFile(fixture.folder.File("HalfCheetah/evil.h5")).value());
 }
 
 TEST_CASE("a cache of another schema is made anew") {
@@ -370,19 +325,23 @@ TEST_CASE("a full disk while deriving is an error that leaves no cache") {
           StatusCode::kIoError);
   }
   CHECK(fixture.CacheCount() == 1);
-  CHECK(std::distance(fs::directory_iterator(fixture.folder.File(".cache")), {}) == 2);
+  CHECK(fixture.UnfinishedCount() == 0);
   CHECK(fixture.OpenMade(store, fixture.Request("hidden-high")).ok());
 }
 
 TEST_CASE("what dead processes left half-made is removed, what live ones make is not") {
   const StoreFixture fixture;
-  const std::string dead = fixture.folder.File(".cache/unfinished-2147483647-0");
-  const std::string dead_import = fixture.folder.File(".cache/unfinished-2147483647-import-0");
-  const std::string live = fixture.folder.File(".cache/unfinished-1-0");
-  for (const std::string& path : {dead, dead_import, live}) fs::create_directories(path);
+  const std::string dead = fixture.folder.File(".cache/unfinished-aa-abcdef");
+  const std::string of_older_version = fixture.folder.File(".cache/unfinished-12-import-0");
+  const std::string live = fixture.folder.File(".cache/unfinished-bb-abcdef");
+  for (const std::string& path : {dead, of_older_version, live}) fs::create_directories(path);
+  const std::atomic<bool> cancelled{false};
+  const CacheFolder cache(fixture.folder.path(), 1ull << 30);
+  const auto lock = cache.Lock("bb", cancelled);
+  REQUIRE(lock.ok());
   fixture.Store().TidyUp();
   CHECK_FALSE(fs::exists(dead));
-  CHECK_FALSE(fs::exists(dead_import));
+  CHECK_FALSE(fs::exists(of_older_version));
   CHECK(fs::exists(live));
 }
 

@@ -23,8 +23,9 @@ struct ImportFixture {
   std::string file = folder.File("x.h5");
   std::string cache = folder.File("cache");
 
-  Result<uint64_t> Import(const std::string& program = kProgram, int64_t deadline_ms = 60'000,
-                          uint64_t max_cache_bytes = 1ull << 30) {
+  Result<ImportedDataset> Import(const std::string& program = kProgram,
+                                 int64_t deadline_ms = 60'000,
+                                 uint64_t max_cache_bytes = 1ull << 30) {
     std::filesystem::remove_all(cache);
     std::filesystem::create_directory(cache);
     return ImportInChild(program, {file, cache, max_cache_bytes}, Deadline::AfterMs(deadline_ms));
@@ -208,7 +209,7 @@ TEST_CASE("a file with random bytes changed is imported whole or refused") {
     ++imported;
     const auto dataset = Dataset::Open(ImportedCachePath(fixture.cache));
     REQUIRE(dataset.ok());
-    CHECK((*dataset)->rows() == *result);
+    CHECK((*dataset)->rows() == result->rows);
     CHECK((*dataset)->cache().Verify().ok());
   }
   CHECK(imported < 60);
@@ -251,16 +252,33 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   CHECK(fixture.Import(fixture.folder.File("none")).status().code() == StatusCode::kIoError);
 }
 
-TEST_CASE("fingerprints depend on file, rule, corruptions and, with corruptions, the seed") {
-  const std::string a(64, 'a');
-  const std::string plain = DatasetFingerprint(a, TransitionRule::kStored, "", 0);
-  CHECK(plain.size() == 32);
-  CHECK(plain == DatasetFingerprint(a, TransitionRule::kStored, "", 7));
-  CHECK(plain != DatasetFingerprint(std::string(64, 'b'), TransitionRule::kStored, "", 0));
-  CHECK(plain != DatasetFingerprint(a, TransitionRule::kD4rl, "", 0));
-  const std::string noisy = DatasetFingerprint(a, TransitionRule::kStored, "obs-noise=1", 0);
-  CHECK(noisy != plain);
-  CHECK(noisy != DatasetFingerprint(a, TransitionRule::kStored, "obs-noise=1", 1));
+TEST_CASE("an import says where the rows come from, and keeps that out of the cache") {
+  ImportFixture fixture;
+  const ExampleDataset data = MakeExampleDataset({50}, 17, 6);
+  REQUIRE(WriteExample(fixture.file, data).ok());
+  const auto plain = fixture.ImportAndOpen();
+  DatasetProvenance provenance;
+  provenance.environment = "HalfCheetah";
+  provenance.hidden_dimensions = {9, 16};
+  provenance.parts = {{"SAC, iteration 5", "ab", 3, 50}};
+  provenance.command = "b4mrl \x01\xff";
+  REQUIRE(WriteExample(fixture.file, data, provenance).ok());
+  const auto imported = fixture.Import();
+  REQUIRE(imported.ok());
+  CHECK(imported->behaviour_policy == "SAC, iteration 5");
+  provenance.command = "b4mrl ??";  // printable
+  CHECK(imported->provenance == provenance);
+  const auto same = Dataset::Open(ImportedCachePath(fixture.cache));
+  REQUIRE(same.ok());
+  CHECK((*same)->cache().properties() == plain->cache().properties());
+}
+
+TEST_CASE("a file that hides dimensions which it does not have is refused") {
+  ImportFixture fixture;
+  DatasetProvenance provenance;
+  provenance.hidden_dimensions = {2, 3};
+  REQUIRE(WriteExample(fixture.file, MakeExampleDataset({5}, 3, 2), provenance).ok());
+  CHECK(fixture.Import().status().code() == StatusCode::kInvalidArgument);
 }
 
 }  // namespace

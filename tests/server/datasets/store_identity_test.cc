@@ -1,0 +1,108 @@
+// Which datasets are one dataset, and which environment and hidden dimensions a dataset has.
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+#include "data/files/file_hash.h"
+#include "tests/data/manifest_schema.h"
+#include "tests/server/datasets/store_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+TEST_CASE("an importer cannot pass its columns off as another file's") {
+  const StoreFixture fixture;
+  const auto victim = fixture.OpenMade("");
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/evil.h5"), MakeExampleDataset({5}, 17, 6))
+              .ok());
+  // Copies another dataset's cache with other statistics and claims the other's names.
+  const std::string stolen = fixture.folder.File("stolen");
+  fs::copy(fixture.folder.File(".cache/" + victim->fingerprint), stolen);
+  ChangeManifest(stolen + "/manifest.json", [](nlohmann::json& manifest) {
+    manifest["properties"]["transition_rule"] = "d4rl";
+  });
+  const std::string claims = R"("sha256": "ab", "columns_sha256": "cd", "fingerprint": ")";
+  DatasetStore store = fixture.Store(
+      1ull << 30, fixture.WriteScript(
+                      "cp -r " + stolen + " \"$6/imported\"\n" +
+                      R"(echo '{"ok": true, "rows": 1, "behaviour_policy": "", "provenance": )" +
+                      R"({"name": "", "environment": "", "simulator": "", "recipe": "", )" +
+                      R"("engine": "", "program": "", "command": "", "license": "", )" +
+                      R"("hidden_dimensions": [], "history_length": 1, "parts": []}, )" + claims +
+                      victim->fingerprint + "\"}'\n"));
+  const auto evil = fixture.OpenMade(store, {"HalfCheetah/evil", {}, 0, TransitionRule::kStored});
+  INFO(evil.status().ToString());
+  REQUIRE(evil.ok());
+  CHECK(evil->fingerprint != victim->fingerprint);
+  CHECK(evil->info.sha256 == Sha256OfFile(fixture.folder.File("HalfCheetah/evil.h5")).value());
+  CHECK(evil->info.columns_sha256 == victim->info.columns_sha256);  // of what it did write
+}
+
+TEST_CASE("files with equal rows are one dataset, whatever else they say") {
+  const StoreFixture fixture;
+  const auto before = fixture.OpenMade("obs-noise=1");
+  DatasetProvenance provenance;
+  provenance.environment = "HalfCheetah";
+  provenance.command = "b4mrl dataset make HalfCheetah/medium-v0";
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  const auto after = fixture.OpenMade("obs-noise=1");
+  REQUIRE(after.ok());
+  CHECK(after->info.sha256 != before->info.sha256);
+  CHECK(after->info.columns_sha256 == before->info.columns_sha256);
+  CHECK(after->fingerprint == before->fingerprint);
+  CHECK(after->provenance == provenance);
+  CHECK(before->provenance == DatasetProvenance());
+  CHECK(fixture.CacheCount() == 2);
+  // The same rows of another environment are another dataset, with noise of its own.
+  provenance.environment = "Walker2d";
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  const auto other = fixture.OpenMade("obs-noise=1");
+  REQUIRE(other.ok());
+  CHECK(other->environment == "Walker2d");
+  CHECK(other->fingerprint != before->fingerprint);
+  CHECK(other->dataset->columns().observations[0] != before->dataset->columns().observations[0]);
+}
+
+TEST_CASE("the seed counts where numbers are drawn, and nowhere else") {
+  const StoreFixture fixture;
+  CHECK(fixture.OpenMade("obs-noise=1", 0)->fingerprint !=
+        fixture.OpenMade("obs-noise=1", 1)->fingerprint);
+  CHECK(fixture.OpenMade("obs-noise=1", 1)->seed == 1);
+  CHECK(fixture.OpenMade("hidden=9", 0)->fingerprint ==
+        fixture.OpenMade("hidden=9", 1)->fingerprint);
+  CHECK(fixture.OpenMade("hidden=9", 1)->seed == 0);
+}
+
+TEST_CASE("dimensions that the behaviour policy could not see are hidden with the corruption's") {
+  const StoreFixture fixture;
+  DatasetProvenance provenance;
+  provenance.environment = "HalfCheetah";
+  provenance.hidden_dimensions = {9, 12};
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  CHECK(fixture.OpenMade("")->hidden_dimensions == std::vector<uint32_t>{9, 12});
+  CHECK(fixture.OpenMade("hidden=3+9")->hidden_dimensions == std::vector<uint32_t>{3, 9, 12});
+}
+
+TEST_CASE("data of another environment is refused by name, and of an unknown one by size") {
+  const StoreFixture fixture;
+  fs::create_directory(fixture.folder.File("Mine"));
+  REQUIRE(WriteExample(fixture.folder.File("Mine/first.h5"), fixture.data).ok());
+  DatasetStore store = fixture.Store();
+  const auto open = [&](const std::string& name, const std::string& environment) {
+    return fixture.OpenMade(store, {name, {}, 0, TransitionRule::kStored, environment}).status();
+  };
+  CHECK(open("HalfCheetah/medium", "HalfCheetah").ok());
+  const Status refused = open("HalfCheetah/medium", "Walker2d");  // of equal sizes
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(refused.message(), Catch::Contains("HalfCheetah/medium was recorded in HalfCheetah"));
+  CHECK(open("Mine/first", "Walker2d").ok());
+  CHECK(open("Mine/first", "Hopper").code() == StatusCode::kInvalidArgument);
+  CHECK(open("Mine/first", "Swimmer").code() == StatusCode::kUnknownName);
+}
+
+}  // namespace
+}  // namespace b4mrl
