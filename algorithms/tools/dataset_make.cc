@@ -111,6 +111,12 @@ Status MakeCommand::ApplyOptions(RecordingOrder& order) const {
     order.seed = *seed;
     order.command += fmt::format(" --seed {}", *seed);
   }
+  for (const std::string& file : order.files) {
+    if (std::error_code error; !std::filesystem::exists(file, error)) {
+      return Status(StatusCode::kIoError,
+                    fmt::format("cannot open {}, by which {} is recorded", file, order.name));
+    }
+  }
   return Status();
 }
 

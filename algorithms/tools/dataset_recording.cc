@@ -61,7 +61,9 @@ Result<Recording> Session::Run(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(recorder_, Recorder::Create(path, options));
   B4MRL_RETURN_IF_ERROR(is_replay ? RecordReplay(*log) : RecordEpisodes());
   recording_.summary = recorder_->Summarise();
-  recording_.score = environment_.NormalisedScore(recording_.summary.mean_return);
+  if (recording_.summary.episodes > 0) {
+    recording_.score = environment_.NormalisedScore(recording_.summary.mean_return);
+  }
   B4MRL_RETURN_IF_ERROR(WriteMetadata());
   B4MRL_RETURN_IF_ERROR(recorder_->writer().Commit());
   return std::move(recording_);

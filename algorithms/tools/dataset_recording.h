@@ -29,7 +29,7 @@ struct RecordingOrder {
 struct Recording {
   RecordingSummary summary;
   DatasetProvenance provenance;
-  std::optional<double> score;  // normalised mean return; without a value: no reference returns
+  std::optional<double> score;  // normalised mean return, if there is one
 };
 
 // The licence of all data that is made: Creative Commons Attribution 4.0.
