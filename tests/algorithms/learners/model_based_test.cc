@@ -290,11 +290,8 @@ TEST_CASE("A dataset of another task is refused although it has the same sizes")
 
 TEST_CASE("MOPO refuses an environment whose end no observation tells") {
   TestDaemon daemon;
-  const std::string file = daemon.MakeDataset("small", 50);
-  std::filesystem::create_directories(daemon.folder("data/mine"));  // which tells no task
-  std::filesystem::rename(file, daemon.folder("data/mine/small.h5"));
-  LearnerContext context = CheetahContext(daemon, "mine/small");
-  context.environment.name = "Highway";
+  daemon.MakeDataset("small", 50);
+  LearnerContext context = CheetahContext(daemon, "HalfCheetah/small");
   context.environment.termination.reset();
   const Algorithm* mopo = Take(FindAlgorithm("mopo"));
   context.hyperparameters = Hyperparameters(mopo->hyperparameters);

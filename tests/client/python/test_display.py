@@ -94,7 +94,9 @@ def test_whatever_stands_in_a_cell_is_text() -> None:
     cells = Cells(table((evil,), [(evil,), ((evil, 1),)]))
     assert cells.tags == {"table", "thead", "tbody", "tr", "th", "td"}
     assert cells.texts.count(evil) == 2
-    info = DatasetInfo(name=evil, rows=1, file_bytes=2, sha256="", behaviour_policy=evil)
+    info = DatasetInfo(
+        name=evil, rows=1, file_bytes=2, sha256="", columns_sha256="", behaviour_policy=evil
+    )
     for shown in (info, Listing([info]), Table({evil: info})):
         assert evil in Cells(shown._repr_html_()).texts
         assert "script" not in Cells(shown._repr_html_()).tags
