@@ -10,6 +10,10 @@ The CSV files stand beside this one, one for each benchmark. Equivalence is show
 interval (Student's t) of the difference bf16 - fp32, paired by seed, lies within 2 points; a run's
 score is the mean over its evaluations in the last fifth of its updates. B4MRL names another build
 of b4mrl than build/release. Needs Python 3.11 alone.
+
+ensemble/ holds the hold-out error of the best member after each epoch of an ensemble's training:
+`b4mrl train --algorithm mopo --environment HalfCheetah --dataset HalfCheetah/medium --seed 0
+--ensemble-max-updates 150000 --ensemble-patience 1000`.
 """
 
 import csv
