@@ -66,6 +66,7 @@ std::vector<Command> AddDatasetCommands(CLI::App& app);
 std::vector<Command> AddDatasetMake(CLI::App& group);
 std::vector<Command> AddDatasetImport(CLI::App& group);
 std::vector<Command> AddDatasetVerify(CLI::App& group);
+std::vector<Command> AddDatasetExport(CLI::App& group);
 std::vector<Command> AddDemoCommands(CLI::App& app);
 std::vector<Command> AddListCommand(CLI::App& app);
 std::vector<Command> AddStatusCommand(CLI::App& app);

@@ -11,11 +11,11 @@
 #include <optional>
 #include <system_error>
 
+#include "algorithms/datasets/dataset_recipes.h"
+#include "algorithms/datasets/dataset_recording.h"
+#include "algorithms/datasets/published_datasets.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
-#include "algorithms/tools/dataset_recipes.h"
-#include "algorithms/tools/dataset_recording.h"
-#include "algorithms/tools/published_datasets.h"
 #include "data/files/file_hash.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"

@@ -6,10 +6,10 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "algorithms/datasets/dataset_recipes.h"
+#include "algorithms/datasets/published_datasets.h"
 #include "algorithms/list.h"
 #include "algorithms/tools/command.h"
-#include "algorithms/tools/dataset_recipes.h"
-#include "algorithms/tools/published_datasets.h"
 
 namespace b4mrl {
 namespace {

@@ -1,4 +1,4 @@
-#include "algorithms/tools/dataset_recipes.h"
+#include "algorithms/datasets/dataset_recipes.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "algorithms/tools/dataset_recording.h"
+#include "algorithms/datasets/dataset_recording.h"
 
 #include <fmt/format.h>
 

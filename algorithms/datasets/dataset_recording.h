@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/episodes/recorder.h"
-#include "algorithms/tools/dataset_recipes.h"
 #include "client/client.h"
 #include "data/d4rl/dataset_provenance.h"
 #include "proto/base/status.h"

@@ -23,7 +23,7 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/tools/dataset_recording.h"
+#include "algorithms/datasets/dataset_recording.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {

@@ -1,4 +1,4 @@
-#include "algorithms/tools/published_datasets.h"
+#include "algorithms/datasets/published_datasets.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
