@@ -118,29 +118,22 @@ inline __attribute__((always_inline)) void MultiplyTile(const Pairs& a, const Pa
   }
 }
 
+// Calls body.operator()<n>() with n = min(count, kMost), for count >= 1.
+template <int kMost, typename Body>
+inline __attribute__((always_inline)) void WithCount(int count, const Body& body) {
+  if constexpr (kMost > 1) {
+    if (count < kMost) return WithCount<kMost - 1>(count, body);
+  }
+  body.template operator()<kMost>();
+}
+
 // A panel of kRegisters registers of rows of c, all its columns.
 template <int kRegisters>
 void MultiplyPanel(const Pairs& a, Pairs b, __mmask16 last, MatrixView<float> c) {
   for (int column = 0; column < c.columns; column += kTileColumns) {
-    switch (c.columns - column) {
-      case 1:
-        MultiplyTile<kRegisters, 1>(a, b, last, c.data, c.stride);
-        break;
-      case 2:
-        MultiplyTile<kRegisters, 2>(a, b, last, c.data, c.stride);
-        break;
-      case 3:
-        MultiplyTile<kRegisters, 3>(a, b, last, c.data, c.stride);
-        break;
-      case 4:
-        MultiplyTile<kRegisters, 4>(a, b, last, c.data, c.stride);
-        break;
-      case 5:
-        MultiplyTile<kRegisters, 5>(a, b, last, c.data, c.stride);
-        break;
-      default:
-        MultiplyTile<kRegisters, kTileColumns>(a, b, last, c.data, c.stride);
-    }
+    WithCount<kTileColumns>(c.columns - column, [&]<int kColumns>() {
+      MultiplyTile<kRegisters, kColumns>(a, b, last, c.data, c.stride);
+    });
     b.data += kTileColumns * b.outer_stride;
     c.data += static_cast<int64_t>(kTileColumns) * c.stride;
   }
@@ -210,19 +203,8 @@ void Multiply(const Pairs& a, const Pairs& b, MatrixView<float> c) {
     const int panels = (left + kTileRegisters - 1) / kTileRegisters;
     const int registers = (left + panels - 1) / panels;
     const __mmask16 last = LaneMask(c.rows - (registers - 1) * kLanes);
-    switch (registers) {
-      case 1:
-        MultiplyPanel<1>(panel, b, last, c);
-        break;
-      case 2:
-        MultiplyPanel<2>(panel, b, last, c);
-        break;
-      case 3:
-        MultiplyPanel<3>(panel, b, last, c);
-        break;
-      default:
-        MultiplyPanel<kTileRegisters>(panel, b, last, c);
-    }
+    WithCount<kTileRegisters>(
+        registers, [&]<int kRegisters>() { MultiplyPanel<kRegisters>(panel, b, last, c); });
     panel.data += registers * kLanes;
     c.data += registers * kLanes;
     c.rows -= registers * kLanes;
