@@ -61,6 +61,8 @@ struct StepOutcome {
   std::span<const double> infos;        // lanes x names
   std::span<const double> final_infos;  // ended episodes x names
 
+  // Whether the step limit alone ended the row's episode: D4RL's timeout.
+  bool timed_out(size_t row) const { return truncated[row] != 0 && terminated[row] == 0; }
   // Whether the daemon or the physics engine gave up the step of this row: it ended its episode
   // through no rule of the task, and its observation is not an outcome of the action.
   bool given_up(size_t row) const {

@@ -199,8 +199,7 @@ Result<bool> Collector::StoreStep(Group& group, const StepOutcome& outcome, size
   rows.rewards.push_back(static_cast<float>(outcome.rewards[position]));
   rows.log_probs.push_back(group.log_probs[position]);
   rows.terminals.push_back(outcome.terminated[position]);
-  const bool timeout = outcome.truncated[position] != 0 && outcome.terminated[position] == 0;
-  rows.timeouts.push_back(timeout ? 1 : 0);
+  rows.timeouts.push_back(outcome.timed_out(position) ? 1 : 0);
   lane.observation.assign(next.begin(), next.end());
   histories_.Push(static_cast<int>(group.lanes[position]), next);
   if (outcome.terminated[position] == 0 && outcome.truncated[position] == 0) return false;

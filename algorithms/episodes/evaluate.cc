@@ -2,11 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 #include <numeric>
 #include <span>
 
 #include "algorithms/base/learner.h"
+#include "algorithms/base/metrics.h"
 #include "algorithms/policy/observation_history.h"
 #include "proto/wire/tensor_rows.h"
 
@@ -58,13 +58,9 @@ Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& spec) {
 }
 
 void Summarise(const EnvironmentSpec& environment, EvaluationResult& result) {
-  const auto count = static_cast<double>(result.returns.size());
-  result.mean_return = std::accumulate(result.returns.begin(), result.returns.end(), 0.0) / count;
-  double squares = 0;
-  for (const double value : result.returns) {
-    squares += (value - result.mean_return) * (value - result.mean_return);
-  }
-  result.std_return = std::sqrt(squares / count);
+  const MeanAndStd figures = MeanAndStdOf(result.returns);
+  result.mean_return = figures.mean;
+  result.std_return = figures.std;
   result.score = environment.NormalisedScore(result.mean_return);
 }
 

@@ -1,8 +1,8 @@
 #include "algorithms/episodes/recorder.h"
 
-#include <cmath>
-#include <numeric>
 #include <utility>
+
+#include "algorithms/base/metrics.h"
 
 namespace b4mrl {
 
@@ -13,16 +13,9 @@ Result<Recorder> Recorder::Create(const std::string& path, const DatasetWriterOp
 
 Status Recorder::Append(const DatasetRows& rows) {
   B4MRL_RETURN_IF_ERROR(writer_.Append(rows));
-  TransitionColumns columns;
-  columns.rows = rows.rows;
+  TransitionColumns columns = rows;
   columns.observation_size = options_.observation_dimensions;
   columns.action_size = options_.action_dimensions;
-  columns.observations = rows.observations;
-  columns.actions = rows.actions;
-  columns.rewards = rows.rewards;
-  columns.next_observations = rows.next_observations;
-  columns.terminals = rows.terminals;
-  columns.timeouts = rows.timeouts;
   hash_.Append(columns);
   for (size_t i = 0; i < rows.rows; ++i) {
     episode_return_ += rows.rewards[i];
@@ -38,11 +31,9 @@ RecordingSummary Recorder::Summarise() {
   summary.episodes = returns_.size();
   summary.columns_sha256 = hash_.Hex();
   if (returns_.empty()) return summary;
-  const auto count = static_cast<double>(returns_.size());
-  summary.mean_return = std::accumulate(returns_.begin(), returns_.end(), 0.0) / count;
-  double squares = 0;
-  for (const double value : returns_) squares += std::pow(value - summary.mean_return, 2);
-  summary.std_return = std::sqrt(squares / count);
+  const MeanAndStd figures = MeanAndStdOf(returns_);
+  summary.mean_return = figures.mean;
+  summary.std_return = figures.std;
   return summary;
 }
 

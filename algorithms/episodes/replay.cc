@@ -10,7 +10,9 @@
 #include <vector>
 
 #include "algorithms/base/learner.h"
+#include "algorithms/base/replay_file.h"
 #include "client/remote_environment.h"
+#include "data/d4rl/dataset_file_reader.h"
 #include "data/files/file_hash.h"
 #include "proto/wire/tensor_rows.h"
 
@@ -19,39 +21,20 @@ namespace {
 
 constexpr size_t kBlockRows = 4096;  // that are kept before they are appended
 
-// The SHA-256 of a replay.bin: a header of 64 bytes with the sizes of an observation and an action,
-// then a record of float32 for each transition.
+// The SHA-256 of a replay.bin (base/replay_file.h).
 class ReplayHash {
  public:
   ReplayHash(uint32_t observation_size, uint32_t action_size) {
-    std::array<std::byte, 64> header{};
-    std::memcpy(header.data(), "B4REPLA1", 8);
-    std::memcpy(header.data() + 8, &observation_size, sizeof(observation_size));
-    std::memcpy(header.data() + 12, &action_size, sizeof(action_size));
-    hash_.Update(header);
+    const ReplayHeader header{.observation_size = observation_size, .action_size = action_size};
+    std::array<std::byte, kReplayHeaderBytes> bytes{};
+    std::memcpy(bytes.data(), &header, sizeof(header));
+    hash_.Update(bytes);
   }
   void Add(std::span<const float> numbers) { hash_.Update(std::as_bytes(numbers)); }
   std::string Hex() { return hash_.Hex(); }
 
  private:
   Sha256 hash_;
-};
-
-struct Block {
-  void Clear() { *this = Block(); }
-  DatasetRows view() const {
-    DatasetRows rows;
-    rows.rows = rewards.size();
-    rows.observations = observations;
-    rows.actions = actions;
-    rows.next_observations = next_observations;
-    rows.rewards = rewards;
-    rows.terminals = terminals;
-    rows.timeouts = timeouts;
-    return rows;
-  }
-  std::vector<float> observations, actions, next_observations, rewards;
-  std::vector<uint8_t> terminals, timeouts;
 };
 
 void Extend(std::vector<float>& out, std::span<const float> values) {
@@ -72,7 +55,7 @@ class Replayer {
 
  private:
   Status Step(uint64_t row);
-  void Keep(std::span<const float> next, float reward, bool terminated, bool truncated);
+  void Keep(std::span<const float> next, float reward, bool terminated, bool timed_out);
   Status Flush();
 
   const ActionLog& log_;
@@ -82,7 +65,7 @@ class Replayer {
   ReplayHash hash_;
   std::vector<float> scaled_;  // the action in the environment's units
   std::vector<float> observation_;
-  Block block_;
+  DatasetBlock block_;
   uint64_t episode_ = 0;
   uint64_t first_episode_ = 0;
   bool keeps_ = false;  // whether the episode under way is among those to append
@@ -129,7 +112,7 @@ Status Replayer::Step(uint64_t row) {
   hash_.Add(action);
   hash_.Add(next);
   hash_.Add(std::array{reward, terminated ? 0.0f : 1.0f});
-  if (keeps_) Keep(next, reward, terminated, outcome.truncated[0] != 0);
+  if (keeps_) Keep(next, reward, terminated, outcome.timed_out(0));
   const std::span<const float> shown = RowOf(outcome.observations, 0);
   observation_.assign(shown.begin(), shown.end());
   if (ended) {
@@ -142,19 +125,19 @@ Status Replayer::Step(uint64_t row) {
   return block_.rewards.size() < kBlockRows ? Status() : Flush();
 }
 
-void Replayer::Keep(std::span<const float> next, float reward, bool terminated, bool truncated) {
+void Replayer::Keep(std::span<const float> next, float reward, bool terminated, bool timed_out) {
   Extend(block_.observations, observation_);
   Extend(block_.actions, scaled_);
   Extend(block_.next_observations, next);
   block_.rewards.push_back(reward);
   block_.terminals.push_back(terminated ? 1 : 0);
-  block_.timeouts.push_back(truncated && !terminated ? 1 : 0);
+  block_.timeouts.push_back(timed_out ? 1 : 0);
 }
 
 Status Replayer::Flush() {
   if (block_.rewards.empty()) return Status();
   B4MRL_RETURN_IF_ERROR(recorder_.Append(block_.view()));
-  block_.Clear();
+  block_ = DatasetBlock();
   return Status();
 }
 

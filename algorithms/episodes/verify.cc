@@ -192,7 +192,7 @@ Status PartVerifier::StepLanes(const std::vector<uint32_t>& busy) {
 bool PartVerifier::CompareStep(Episode& lane, const StepOutcome& outcome, size_t position) {
   const uint64_t at = lane.row++, row = block_row_ + at;
   const bool terminated = outcome.terminated[position] != 0;
-  const bool truncated = outcome.truncated[position] != 0;
+  const bool timed_out = outcome.timed_out(position);
   const std::span<const float> next = RowOf(outcome.observations, position);
   std::optional<RowDifference> found =
       Compare(row, "next_observations", StoredRow(block_.next_observations, at), next);
@@ -202,13 +202,13 @@ bool PartVerifier::CompareStep(Episode& lane, const StepOutcome& outcome, size_t
   }
   if (!found) found = CompareNumber(row, "terminals", block_.terminals[at], terminated ? 1 : 0);
   if (!found) {
-    found = CompareNumber(row, "timeouts", block_.timeouts[at], truncated && !terminated ? 1 : 0);
+    found = CompareNumber(row, "timeouts", block_.timeouts[at], timed_out ? 1 : 0);
   }
   if (!found && lane.row < lane.end) {
     found = Compare(row + 1, "observations", StoredRow(block_.observations, at + 1), next);
   }
   Note(found);
-  return !found && !terminated && !truncated;
+  return !found && !terminated && !timed_out;
 }
 
 void PartVerifier::Note(std::optional<RowDifference> difference) {
@@ -217,18 +217,13 @@ void PartVerifier::Note(std::optional<RowDifference> difference) {
 
 // ---- files of others
 
-std::pair<double, uint64_t> LargestOf(const std::vector<double>& differences) {
-  const auto largest = std::ranges::max_element(differences);
-  return {*largest, static_cast<uint64_t>(largest - differences.begin())};
-}
-
 // `rows[i]` is the row of `differences[i]`.
 Deviation DeviationOf(std::vector<double> differences, const std::vector<uint64_t>& rows) {
   Deviation deviation;
   if (differences.empty()) return deviation;
-  const auto [largest, index] = LargestOf(differences);
-  deviation.largest = largest;
-  deviation.largest_row = rows[index];
+  const auto largest = std::ranges::max_element(differences);
+  deviation.largest = *largest;
+  deviation.largest_row = rows[static_cast<size_t>(largest - differences.begin())];
   const auto quantile = [&](double share) {
     const auto at =
         static_cast<std::ptrdiff_t>(share * static_cast<double>(differences.size() - 1));

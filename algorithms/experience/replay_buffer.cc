@@ -7,23 +7,16 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
+#include "algorithms/base/replay_file.h"
+
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kHeaderBytes = 64;  // keeps records aligned for SIMD loads
-constexpr std::array<char, 8> kMagic = {'B', '4', 'R', 'E', 'P', 'L', 'A', '1'};
 constexpr uint64_t kGrowthRecords = 65'536;
-
-struct Header {
-  std::array<char, 8> magic = kMagic;
-  uint32_t observation_size = 0;
-  uint32_t action_size = 0;
-};
 
 }  // namespace
 
@@ -59,7 +52,7 @@ Result<ReplayBuffer> ReplayBuffer::CreateFile(const std::string& path, const Opt
   if (!fd.valid()) return IoError("create", path, errno);
   ReplayBuffer buffer(options, std::move(fd), path);
   B4MRL_RETURN_IF_ERROR(buffer.Reserve(kGrowthRecords));
-  Header header;
+  ReplayHeader header;
   header.observation_size = static_cast<uint32_t>(options.observation_size);
   header.action_size = static_cast<uint32_t>(options.action_size);
   std::memcpy(buffer.mapping_, &header, sizeof(header));
@@ -72,9 +65,9 @@ Result<ReplayBuffer> ReplayBuffer::ResumeFile(const std::string& path, const Opt
   if (!fd.valid()) return IoError("open", path, errno);
   struct stat info {};
   if (fstat(fd.get(), &info) != 0) return IoError("read the size of", path, errno);
-  Header header;
+  ReplayHeader header;
   if (pread(fd.get(), &header, sizeof(header), 0) != static_cast<ssize_t>(sizeof(header)) ||
-      header.magic != kMagic ||
+      header.magic != kReplayMagic ||
       header.observation_size != static_cast<uint32_t>(options.observation_size) ||
       header.action_size != static_cast<uint32_t>(options.action_size)) {
     return Status(StatusCode::kDataLoss,
@@ -83,8 +76,8 @@ Result<ReplayBuffer> ReplayBuffer::ResumeFile(const std::string& path, const Opt
   }
   ReplayBuffer buffer(options, std::move(fd), path);
   const uint64_t stored =
-      (static_cast<uint64_t>(info.st_size) - kHeaderBytes) / buffer.record_bytes();
-  if (static_cast<uint64_t>(info.st_size) < kHeaderBytes || stored < length) {
+      (static_cast<uint64_t>(info.st_size) - kReplayHeaderBytes) / buffer.record_bytes();
+  if (static_cast<uint64_t>(info.st_size) < kReplayHeaderBytes || stored < length) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("{} has fewer than the checkpoint's {} records", path, length));
   }
@@ -95,7 +88,7 @@ Result<ReplayBuffer> ReplayBuffer::ResumeFile(const std::string& path, const Opt
 }
 
 Status ReplayBuffer::Reserve(uint64_t records) {
-  const uint64_t header = fd_.valid() ? kHeaderBytes : 0;
+  const uint64_t header = fd_.valid() ? kReplayHeaderBytes : 0;
   const uint64_t bytes = header + records * record_bytes();
   if (fd_.valid()) {
     const int error = posix_fallocate(fd_.get(), 0, static_cast<off_t>(bytes));
@@ -114,7 +107,7 @@ Status ReplayBuffer::Reserve(uint64_t records) {
 
 float* ReplayBuffer::Record(uint64_t number) const {
   const uint64_t slot = fd_.valid() ? number : number % reserved_;
-  const uint64_t offset = (fd_.valid() ? kHeaderBytes : 0) + slot * record_bytes();
+  const uint64_t offset = (fd_.valid() ? kReplayHeaderBytes : 0) + slot * record_bytes();
   return reinterpret_cast<float*>(mapping_ + offset);
 }
 

@@ -106,19 +106,19 @@ Json DatasetItem(const pb::DatasetInfo& info) {
 
 // A dataset that has not been made, with its published figures or the reason why it cannot be made.
 Json RecipeItem(const DatasetRecipe& recipe, const PublishedDatasets& published) {
+  const bool can_be_made = recipe.missing.empty();
+  std::string description = can_be_made ? fmt::format("not made; {} rows", recipe.rows)
+                                        : fmt::format("cannot be made: {}", recipe.missing);
   Json item = {{"name", recipe.full_name()},
-               {"description", fmt::format("not made; {} rows", recipe.rows)},
+               {"description", description},
                {"made", false},
                {"rows", recipe.rows}};
-  if (!recipe.missing.empty()) {
-    item["description"] = fmt::format("cannot be made: {}", recipe.missing);
-    item["missing"] = recipe.missing;
-  }
+  if (!can_be_made) item["missing"] = recipe.missing;
   const auto found = published.find(recipe.full_name());
   if (found == published.end()) return item;
   const PublishedDataset& figures = found->second;
-  std::string description = fmt::format("not made; {} rows, mean return {:.1f} +- {:.1f}",
-                                        figures.rows, figures.mean_return, figures.std_return);
+  description +=
+      fmt::format(", mean return {:.1f} +- {:.1f}", figures.mean_return, figures.std_return);
   if (figures.normalised_score) {
     description += fmt::format(", score {:.1f}", *figures.normalised_score);
     item["normalised_score"] = *figures.normalised_score;

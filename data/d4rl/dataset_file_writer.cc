@@ -6,7 +6,6 @@
 #include <tuple>
 #include <utility>
 
-#include "data/columns/dataset.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {

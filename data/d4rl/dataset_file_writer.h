@@ -21,6 +21,7 @@
 #include <string_view>
 #include <vector>
 
+#include "data/columns/dataset.h"
 #include "data/d4rl/agent_file.h"
 #include "data/d4rl/dataset_provenance.h"
 #include "data/hdf5/hdf5_file.h"
@@ -38,15 +39,9 @@ struct DatasetWriterOptions {
 };
 
 // Consecutive rows of a dataset. Every array is row-major and must have `rows` rows. Optional
-// arrays that DatasetWriterOptions leave out must be empty.
-struct DatasetRows {
-  size_t rows = 0;
-  std::span<const float> observations;
-  std::span<const float> actions;
-  std::span<const float> next_observations;
-  std::span<const float> rewards;
-  std::span<const uint8_t> terminals;
-  std::span<const uint8_t> timeouts;
+// arrays that DatasetWriterOptions leave out must be empty. The sizes of an observation and an
+// action are those of DatasetWriterOptions; the writer does not read them here.
+struct DatasetRows : TransitionColumns {
   std::span<const float> action_log_probs;
   std::span<const double> qpos;
   std::span<const double> qvel;

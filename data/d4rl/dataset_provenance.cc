@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <string_view>
 
 #include "data/d4rl/agent_file.h"
 #include "proto/base/limits.h"
@@ -16,17 +15,6 @@ namespace {
 constexpr std::string_view kLicense = "metadata/license";
 
 std::string At(std::string_view name) { return fmt::format("metadata/recording/{}", name); }
-
-struct TextEntry {
-  std::string_view name;
-  std::string DatasetProvenance::*text;
-};
-constexpr TextEntry kTexts[] = {
-    {"name", &DatasetProvenance::name},           {"environment", &DatasetProvenance::environment},
-    {"simulator", &DatasetProvenance::simulator}, {"recipe", &DatasetProvenance::recipe},
-    {"engine", &DatasetProvenance::engine},       {"program", &DatasetProvenance::program},
-    {"command", &DatasetProvenance::command},
-};
 
 Status CheckText(std::string_view path, std::string_view text) {
   if (text.size() <= kMaxProvenanceText) return Status();
@@ -154,7 +142,7 @@ Status CheckPart(const RecordedPart& part) {
 }  // namespace
 
 Status DatasetProvenance::Validate() const {
-  for (const TextEntry& entry : kTexts) {
+  for (const ProvenanceText& entry : kProvenanceTexts) {
     B4MRL_RETURN_IF_ERROR(CheckText(At(entry.name), this->*entry.text));
   }
   B4MRL_RETURN_IF_ERROR(CheckText(kLicense, license));
@@ -180,7 +168,7 @@ Status DatasetProvenance::Validate() const {
 
 Status WriteDatasetProvenance(Hdf5Writer& file, const DatasetProvenance& provenance) {
   B4MRL_RETURN_IF_ERROR(provenance.Validate());
-  for (const TextEntry& entry : kTexts) {
+  for (const ProvenanceText& entry : kProvenanceTexts) {
     B4MRL_RETURN_IF_ERROR(WriteText(file, At(entry.name), provenance.*entry.text));
   }
   B4MRL_RETURN_IF_ERROR(WriteText(file, At("hidden"),
@@ -193,7 +181,7 @@ Status WriteDatasetProvenance(Hdf5Writer& file, const DatasetProvenance& provena
 Result<DatasetProvenance> ReadDatasetProvenance(const Hdf5Reader& file) {
   DatasetProvenance provenance;
   provenance.environment = ReadForeignText(file, "metadata/environment");
-  for (const TextEntry& entry : kTexts) {
+  for (const ProvenanceText& entry : kProvenanceTexts) {
     B4MRL_RETURN_IF_ERROR(ReadText(file, At(entry.name), &(provenance.*entry.text)));
   }
   B4MRL_RETURN_IF_ERROR(ReadHidden(file, &provenance.hidden_dimensions));

@@ -21,6 +21,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "data/hdf5/hdf5_file.h"
@@ -59,6 +60,18 @@ struct DatasetProvenance {
 
   // OK if every entry is within its range.
   Status Validate() const;
+};
+
+// The entries that are one text each, by their names under metadata/recording.
+struct ProvenanceText {
+  std::string_view name;
+  std::string DatasetProvenance::*text;
+};
+inline constexpr ProvenanceText kProvenanceTexts[] = {
+    {"name", &DatasetProvenance::name},           {"environment", &DatasetProvenance::environment},
+    {"simulator", &DatasetProvenance::simulator}, {"recipe", &DatasetProvenance::recipe},
+    {"engine", &DatasetProvenance::engine},       {"program", &DatasetProvenance::program},
+    {"command", &DatasetProvenance::command},
 };
 
 // Writes all entries; each may stand in a file once.

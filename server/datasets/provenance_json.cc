@@ -12,18 +12,9 @@ using Json = nlohmann::json;
 
 constexpr size_t kMaxPolicyBytes = 200;
 
-struct TextEntry {
-  const char* name;
-  std::string DatasetProvenance::*text;
-};
-constexpr TextEntry kTexts[] = {
-    {"name", &DatasetProvenance::name},           {"environment", &DatasetProvenance::environment},
-    {"simulator", &DatasetProvenance::simulator}, {"recipe", &DatasetProvenance::recipe},
-    {"engine", &DatasetProvenance::engine},       {"program", &DatasetProvenance::program},
-    {"command", &DatasetProvenance::command},     {"license", &DatasetProvenance::license},
-};
+constexpr char kLicense[] = "license";
 
-bool Take(const Json& json, const char* name, std::string* out) {
+bool Take(const Json& json, std::string_view name, std::string* out) {
   const Json value = json.value(name, Json());
   if (value.is_string()) *out = value.get<std::string>();
   return value.is_string();
@@ -67,8 +58,9 @@ Json ToJson(const DatasetProvenance& provenance) {
   Json json = {{"hidden_dimensions", provenance.hidden_dimensions},
                {"history_length", provenance.history_length},
                {"parts", Json::array()}};
-  for (const TextEntry& entry : kTexts) {
-    json[entry.name] = PlainText(provenance.*entry.text, kMaxProvenanceText);
+  json[kLicense] = PlainText(provenance.license, kMaxProvenanceText);
+  for (const ProvenanceText& entry : kProvenanceTexts) {
+    json[std::string(entry.name)] = PlainText(provenance.*entry.text, kMaxProvenanceText);
   }
   for (const RecordedPart& part : provenance.parts) {
     json["parts"].push_back({{"policy", PlainText(part.policy, kMaxProvenanceText)},
@@ -86,7 +78,8 @@ Result<DatasetProvenance> ProvenanceOf(const Json& json) {
                   TakeAll(json.value("hidden_dimensions", Json()), &provenance.hidden_dimensions,
                           Take<uint32_t>) &&
                   TakeAll(json.value("parts", Json()), &provenance.parts, TakePart);
-  for (const TextEntry& entry : kTexts) {
+  complete = complete && Take(json, kLicense, &provenance.license);
+  for (const ProvenanceText& entry : kProvenanceTexts) {
     complete = complete && Take(json, entry.name, &(provenance.*entry.text));
   }
   if (complete && provenance.Validate().ok()) return provenance;

@@ -98,13 +98,13 @@ void WriteDataset(const std::string& path) {
       {.observation_dimensions = kCheetahObservationSize, .action_dimensions = kCheetahActionSize});
   REQUIRE(writer.ok());
   REQUIRE(writer
-              ->Append({.rows = 4,
-                        .observations = observations,
-                        .actions = actions,
-                        .next_observations = next_observations,
-                        .rewards = rewards,
-                        .terminals = terminals,
-                        .timeouts = timeouts})
+              ->Append({{.rows = 4,
+                         .observations = observations,
+                         .actions = actions,
+                         .rewards = rewards,
+                         .next_observations = next_observations,
+                         .terminals = terminals,
+                         .timeouts = timeouts}})
               .ok());
   REQUIRE(writer->Commit().ok());
 }

@@ -91,13 +91,13 @@ void WriteWideDataset(const TestDaemon& daemon, int rows) {
   for (int row = 0; row < rows; ++row) observations[row * kWide] = static_cast<float>(row);
   const std::vector<float> actions(static_cast<size_t>(rows) * kWideAction), rewards(rows);
   const std::vector<uint8_t> flags(rows);
-  RequireOk(writer.Append({.rows = static_cast<size_t>(rows),
-                           .observations = observations,
-                           .actions = actions,
-                           .next_observations = observations,
-                           .rewards = rewards,
-                           .terminals = flags,
-                           .timeouts = flags}));
+  RequireOk(writer.Append({{.rows = static_cast<size_t>(rows),
+                            .observations = observations,
+                            .actions = actions,
+                            .rewards = rewards,
+                            .next_observations = observations,
+                            .terminals = flags,
+                            .timeouts = flags}}));
   RequireOk(writer.Commit());
 }
 
