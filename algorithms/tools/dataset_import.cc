@@ -1,11 +1,14 @@
-// b4mrl dataset import: the command that copies a file of others into a daemon's data folder.
+// b4mrl dataset import: the command that copies files of others into a daemon's data folder.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <system_error>
+#include <vector>
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
@@ -18,13 +21,45 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ImportCommand {
-  std::string name, file, transitions = "stored";
+  std::string name, file, d4rl_folder, transitions = "stored";
   bool quiet = false;
   DaemonOptions daemon;
 
-  std::optional<Failure> Run();
-  Status CopyInto(const std::string& path) const;
+  std::optional<Failure> Run() const;
+  // Imports every file of D4RL in d4rl_folder that the data folder does not have. A file that
+  // cannot be imported is reported and does not keep the others back.
+  std::optional<Failure> ImportFolder(Destination& destination) const;
+  std::optional<Failure> ImportFile(const std::string& source, const std::string& dataset,
+                                    Destination& destination) const;
 };
+
+// A file of D4RL and the name of the dataset that it becomes.
+struct D4rlFile {
+  std::string path, dataset;
+};
+
+std::string LowerCase(std::string text) {
+  std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+// The files of `folder` that have a name of D4RL for one of the daemon's environments, by name.
+Result<std::vector<D4rlFile>> D4rlFilesIn(const std::string& folder, Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
+  std::vector<D4rlFile> files;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string dataset = D4rlDatasetName(entry->path().filename());
+    const bool known = std::ranges::any_of(catalogue.environments(), [&](const auto& environment) {
+      return dataset.starts_with(fmt::format("d4rl/{}-", LowerCase(environment.name())));
+    });
+    if (known) files.push_back({entry->path(), dataset});
+  }
+  if (error) return IoError("list", folder, error.value());
+  std::ranges::sort(files, {}, &D4rlFile::dataset);
+  return files;
+}
 
 // Replaces the path of the removed copy, which the daemon read, by the original's in a message.
 Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
@@ -43,33 +78,7 @@ bool LiesInFile(const Status& failure) {
          failure.code() == StatusCode::kVersionMismatch;
 }
 
-std::optional<Failure> ImportCommand::Run() {
-  Destination destination;
-  if (auto failure = destination.Open(daemon)) return failure;
-  if (auto failure =
-          destination.Prepare(name, /*replace=*/false, "choose another --name or remove it")) {
-    return failure;
-  }
-  if (Status status = CopyInto(destination.path()); !status.ok())
-    return BadInput(std::move(status));
-  DatasetOptions options;
-  options.transition_rule = transitions;
-  const auto dataset = destination.client().OpenDataset(name, options);
-  if (!dataset.ok() && !LiesInFile(dataset.status())) {
-    return BadInput(dataset.status().WithContext(fmt::format(
-        "{} was copied to {}, where it stays, but not imported yet", file, destination.path())));
-  }
-  if (!dataset.ok()) {
-    std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
-    fs::remove(destination.path(), ignored);
-    return BadInput(InTermsOf(file, destination.path(), dataset.status()));
-  }
-  fmt::print("{}: {} rows, sha256 {}\n", name, dataset->rows(),
-             dataset->in_force().info().sha256());
-  return std::nullopt;
-}
-
-Status ImportCommand::CopyInto(const std::string& path) const {
+Status Copy(const std::string& file, const std::string& path) {
   std::ifstream in(file, std::ios::binary);
   if (!in) return IoError("read", file, errno);
   B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
@@ -84,15 +93,89 @@ Status ImportCommand::CopyInto(const std::string& path) const {
   return out.Commit();
 }
 
+std::optional<Failure> ImportCommand::Run() const {
+  if (file.empty() && d4rl_folder.empty()) {
+    return BadUsage(Status(StatusCode::kInvalidArgument,
+                           "nothing to import: give a file and its --name, or --d4rl DIR"));
+  }
+  Destination destination;
+  if (auto failure = destination.Open(daemon)) return failure;
+  return d4rl_folder.empty() ? ImportFile(file, name, destination) : ImportFolder(destination);
+}
+
+std::optional<Failure> ImportCommand::ImportFolder(Destination& destination) const {
+  const auto files = D4rlFilesIn(d4rl_folder, destination.client());
+  if (!files.ok()) return BadInput(files.status());
+  if (files->empty()) {
+    return BadInput(Status(
+        StatusCode::kUnknownName,
+        fmt::format("{} has no file of D4RL for an environment of the daemon; their names are "
+                    "those of D4RL, as halfcheetah_medium_replay-v2.hdf5",
+                    d4rl_folder)));
+  }
+  std::optional<Failure> first;
+  size_t failed = 0;
+  for (const D4rlFile& found : *files) {
+    if (destination.Has(found.dataset)) {
+      if (!quiet) fmt::print(stderr, "{}: is there already\n", found.dataset);
+      continue;
+    }
+    auto failure = ImportFile(found.path, found.dataset, destination);
+    if (!failure) continue;
+    if (Interrupted()) return failure;
+    fmt::print(stderr, "{}: {}\n", found.dataset, failure->status.message());
+    ++failed;
+    if (!first) first = std::move(failure);
+  }
+  if (!first) return std::nullopt;
+  return Failure{first->exit_code,
+                 Status(first->status.code(),
+                        fmt::format("{} of {} files were not imported", failed, files->size()))};
+}
+
+std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
+                                                 const std::string& dataset,
+                                                 Destination& destination) const {
+  if (auto failure =
+          destination.Prepare(dataset, /*replace=*/false, "choose another --name or remove it")) {
+    return failure;
+  }
+  if (Status status = Copy(source, destination.path()); !status.ok()) {
+    return BadInput(std::move(status));
+  }
+  DatasetOptions options;
+  options.transition_rule = transitions;
+  const auto opened = destination.client().OpenDataset(dataset, options);
+  if (!opened.ok() && !LiesInFile(opened.status())) {
+    return BadInput(opened.status().WithContext(fmt::format(
+        "{} was copied to {}, where it stays, but not imported yet", source, destination.path())));
+  }
+  if (!opened.ok()) {
+    std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
+    fs::remove(destination.path(), ignored);
+    return BadInput(InTermsOf(source, destination.path(), opened.status()));
+  }
+  fmt::print("{}: {} rows, sha256 {}\n", dataset, opened->rows(),
+             opened->in_force().info().sha256());
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::vector<Command> AddDatasetImport(CLI::App& group) {
   const auto command = std::make_shared<ImportCommand>();
   CLI::App* app =
-      group.add_subcommand("import", "check an HDF5 file in D4RL's layout and copy it in");
-  app->add_option("file", command->file, "HDF5 file in D4RL's layout")->required();
-  app->add_option("--name", command->name, "name of the new dataset: \"HalfCheetah/mine\"")
-      ->required();
+      group.add_subcommand("import", "check HDF5 files in D4RL's layout and copy them in");
+  auto* file = app->add_option("file", command->file, "HDF5 file in D4RL's layout");
+  auto* name =
+      app->add_option("--name", command->name, "name of the new dataset: \"HalfCheetah/mine\"");
+  app->add_option("--d4rl", command->d4rl_folder,
+                  "folder of D4RL's own files, as ~/.d4rl/datasets; those of known environments "
+                  "become d4rl/halfcheetah-medium-v2 and so on")
+      ->excludes(file)
+      ->excludes(name);
+  file->needs(name);
+  name->needs(file);
   AddTransitions(*app, command->transitions);
   app->add_flag("--quiet", command->quiet, "show no progress on stderr");
   command->daemon.AddTo(*app);

@@ -30,6 +30,22 @@ Result<DatasetName> ParseDatasetName(const std::string& name) {
   return parts;
 }
 
+std::string D4rlDatasetName(const std::string& file_name) {
+  constexpr std::string_view kEnding = ".hdf5";
+  constexpr std::string_view kMixed = "-mixed-";
+  if (!file_name.ends_with(kEnding)) return "";
+  std::string name = file_name.substr(0, file_name.size() - kEnding.size());
+  std::ranges::replace(name, '_', '-');
+  const size_t dash = name.rfind("-v");
+  const bool has_version = dash != std::string::npos && dash + 2 < name.size() &&
+                           name.find_first_not_of("0123456789", dash + 2) == std::string::npos;
+  if (!has_version) name += "-v0";
+  if (const size_t mixed = name.find(kMixed); mixed != std::string::npos) {
+    name.replace(mixed, kMixed.size(), "-medium-replay-");
+  }
+  return "d4rl/" + name;
+}
+
 std::string DatasetPath(const std::string& data_folder, const DatasetName& name) {
   return fmt::format("{}/{}/{}{}", data_folder, name.folder, name.file,
                      name.folder == "d4rl" ? ".hdf5" : ".h5");
@@ -70,6 +86,12 @@ std::optional<Failure> Destination::Open(const DaemonOptions& daemon) {
   if (!data_folder.ok()) return FromDaemon(data_folder.status());
   data_folder_ = *std::move(data_folder);
   return std::nullopt;
+}
+
+bool Destination::Has(const std::string& name) const {
+  const auto parts = ParseDatasetName(name);
+  std::error_code error;
+  return parts.ok() && std::filesystem::exists(DatasetPath(data_folder_, *parts), error);
 }
 
 std::optional<Failure> Destination::Prepare(const std::string& name, bool replace,

@@ -18,6 +18,11 @@ struct DatasetName {
 // Refuses names that could point outside the data folder: parts have letters, digits, '-' and '_'.
 Result<DatasetName> ParseDatasetName(const std::string& name);
 
+// The name that D4RL gives a file's dataset, "d4rl/halfcheetah-medium-replay-v2" for
+// "halfcheetah_medium_replay-v2.hdf5"; "" for files that do not end in ".hdf5". Files of D4RL's
+// first version have no version in their names, and their "mixed" is the later medium-replay.
+std::string D4rlDatasetName(const std::string& file_name);
+
 // The dataset's path, "<data>/HalfCheetah/medium.h5"; names "d4rl/..." end with D4RL's ".hdf5".
 std::string DatasetPath(const std::string& data_folder, const DatasetName& name);
 
@@ -45,6 +50,9 @@ class Destination {
   // Makes the folder of the dataset `name` and keeps its path. Unless `replace`, a file that is
   // there already is an error, whose message ends with `advice`.
   std::optional<Failure> Prepare(const std::string& name, bool replace, std::string_view advice);
+
+  // Whether the data folder has a file of that name.
+  bool Has(const std::string& name) const;
 
   Client& client() { return connection_->client(); }
   const std::string& path() const { return path_; }  // of the dataset that was prepared last

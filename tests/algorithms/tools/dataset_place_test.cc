@@ -6,6 +6,7 @@
 #include "proto/base/folders.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/client/fake_daemon.h"
+#include "tests/data/example_dataset.h"
 #include "tests/integration/support/daemon.h"
 
 namespace b4mrl {
@@ -116,6 +117,44 @@ TEST_CASE("What cannot be imported is told by its own name and reason, and leave
   CHECK(missing.exit_code == 3);
   CHECK(Says(missing.err, "No such file"));
   CHECK_FALSE(fs::exists(folder.File("data/zz")));
+}
+
+TEST_CASE("A folder of D4RL's files is imported under D4RL's names, whatever else is in it") {
+  const TemporaryFolder folder;
+  const std::string files = folder.File("files"), data = folder.File("data");
+  fs::create_directories(files);
+  const ExampleDataset example = MakeExampleDataset({5, 7}, 17, 6);
+  REQUIRE(WriteExample(files + "/halfcheetah_medium_replay-v2.hdf5", example).ok());
+  REQUIRE(WriteExample(files + "/halfcheetah_mixed.hdf5", example).ok());
+  WriteBytes(files + "/walker2d_random-v1.hdf5", "no HDF5");
+  WriteBytes(files + "/maze2d-umaze-sparse-v1.hdf5", "of no known environment");
+  WriteBytes(files + "/notes.txt", "no dataset");
+  const auto import = [&] { return Run({"dataset", "import", "--d4rl", files, "--data", data}); };
+  const Outcome first = import();
+  CAPTURE(first.out, first.err);
+  CHECK(first.exit_code == 3);
+  CHECK(Says(first.out, "d4rl/halfcheetah-medium-replay-v2: "));
+  CHECK(Says(first.out, "d4rl/halfcheetah-medium-replay-v0: "));
+  CHECK(Says(first.err, "walker2d_random-v1.hdf5"));
+  CHECK(Says(first.err, "1 of 3 files were not imported"));
+  CHECK_FALSE(fs::exists(data + "/d4rl/walker2d-random-v1.hdf5"));
+  CHECK_FALSE(Says(first.err, "maze2d"));
+
+  fs::remove(files + "/walker2d_random-v1.hdf5");
+  const Outcome again = import();
+  CHECK(again.exit_code == 0);
+  CHECK(again.out.empty());
+  CHECK(Says(again.err, "d4rl/halfcheetah-medium-replay-v2: is there already"));
+}
+
+TEST_CASE("An import without a file, a name or a folder says what is missing") {
+  const TemporaryFolder folder;
+  CHECK(Run({"dataset", "import"}).exit_code == 2);
+  CHECK(Run({"dataset", "import", "file.h5"}).exit_code == 2);
+  CHECK(Run({"dataset", "import", "file.h5", "--name", "a/b", "--d4rl", "."}).exit_code == 2);
+  const Outcome empty = Run({"dataset", "import", "--d4rl", folder.path()});
+  CHECK(empty.exit_code == 3);
+  CHECK(Says(empty.err, folder.path()));
 }
 
 }  // namespace
