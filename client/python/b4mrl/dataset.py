@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import functools
 import itertools
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl import errors, query, simulators
+from b4mrl import errors, pairs, simulators
 from b4mrl.descriptions import DatasetInForce
 from b4mrl.display import Record, Shown
 from b4mrl.origin import Origin
@@ -109,7 +111,7 @@ class Dataset(Shown):
         self._connect = connect
         self._open_queries = open_queries
         self._next_batch = 0
-        self._pairs: dict[tuple[str, int], Batch] = {}
+        self._pairs: dict[tuple[str, int, str | None], Batch] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (self._origin.open_again, ())
@@ -224,6 +226,7 @@ class Dataset(Shown):
         credits: int = 4,
         pair_with: Simulator = None,
         pair_seed: int = 0,
+        pair_folder: str | os.PathLike[str] | None = None,
     ) -> Iterator[Batch]:
         """Random batches with the numbers first_batch, first_batch + 1, ..., without end.
 
@@ -235,22 +238,31 @@ class Dataset(Shown):
             pair_with: a simulator, written as in Client.make. Each batch then also has that
                 simulator's columns for its rows: see pair.
             pair_seed: seed of the simulator's noise.
+            pair_folder: where that simulator's columns are kept; None: in memory.
         """
-        pairs = None if pair_with is None else self.pair(pair_with, seed=pair_seed)
+        paired = None
+        if pair_with is not None:
+            paired = self.pair(pair_with, seed=pair_seed, folder=pair_folder)
         connection = self._connection
         sent = (
-            self._send_sample(connection, rows, seed, number, pairs is not None)
+            self._send_sample(connection, rows, seed, number, paired is not None)
             for number in itertools.count(checks.unsigned("first_batch", first_batch))
         )
         window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
         for delivery in connection.replies_to(sent, window):
             batch = self._columns(delivery, rows)
-            if pairs is not None:
+            if paired is not None:
                 indices = batch.pop("indices")
-                batch |= {name: column[indices] for name, column in pairs.items()}
+                batch |= {name: column[indices] for name, column in paired.items()}
             yield batch
 
-    def pair(self, simulator: Simulator, *, seed: int = 0) -> Batch:
+    def pair(
+        self,
+        simulator: Simulator,
+        *,
+        seed: int = 0,
+        folder: str | os.PathLike[str] | None = None,
+    ) -> Batch:
         """Simulates one step from every row's observation and action; columns in the file's order.
 
         The columns are `simulator_next_observations` (rows, observation size) float32,
@@ -260,12 +272,19 @@ class Dataset(Shown):
         Client.query with `seed`, draw 0 and row number i. The first call simulates all rows; the
         dataset keeps the columns.
 
+        Args:
+            folder: keeps the columns on disk as well, for later runs of any process, under a name
+                made of the identities of dataset, simulator and seed; made if it is missing. The
+                columns are then mapped from the files, read-only, and take no memory of their own.
+
         FailedPreconditionError: the environment in which the dataset was recorded is not known.
+        DataLossError: a file of the folder is damaged.
         """
         text = simulators.text_of(simulators.parse(simulator))
-        key = (text, checks.unsigned("seed", seed))
+        where = None if folder is None else os.path.abspath(folder)
+        key = (text, checks.unsigned("seed", seed), where)
         if key not in self._pairs:
-            self._pairs[key] = self._compute_pairs(text, seed)
+            self._pairs[key] = self._find_pairs(*key)
         return self._pairs[key]
 
     def close(self) -> None:
@@ -278,21 +297,23 @@ class Dataset(Shown):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _compute_pairs(self, simulator: str, seed: int) -> Batch:
+    def _find_pairs(self, simulator: str, seed: int, folder: str | None) -> Batch:
         if not self.environment:
             raise errors.FailedPreconditionError(
                 f"neither the file of the dataset {self.name!r} nor its name says in which "
                 "environment it was recorded; use Client.query, which takes the environment's name"
             )
-        pairs: Batch = {}
         with self._open_queries(self.environment, simulator) as session:
-            for first_row, rows in self._parts(0, self.rows):
-                asked = query.Rows.of(rows["observations"], rows["actions"])
-                answer = query.run(session, asked, seed, 0, first_row)
-                names = ("next_observations", "rewards", "terminals", "valid")
-                part = {"simulator_" + name: column for name, column in zip(names, answer)}
-                _put(pairs, part, first_row, self.rows)
-        return pairs
+            simulate = functools.partial(
+                pairs.simulate, session, self._parts(0, self.rows), self.rows, seed
+            )
+            if folder is None:
+                return simulate()
+            experiment = session.in_force.experiment_id
+            kept = Path(folder) / pairs.name_of(self.fingerprint, experiment, seed)
+            if not kept.is_dir():
+                pairs.write(kept, simulate())
+        return pairs.read(kept, self.rows, self.observation_size)
 
     @functools.cached_property
     def _rows_per_read(self) -> int:

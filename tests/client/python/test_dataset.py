@@ -228,6 +228,47 @@ def test_pairs_do_not_depend_on_how_the_rows_are_cut(example) -> None:
         assert_same(cut.pair({"obs-noise": 0.1}, seed=2), whole.pair("obs-noise=0.1", seed=2))
 
 
+def test_pairs_that_were_kept_in_a_folder_are_simulated_once(
+    example, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, _ = example
+    simulator = "gravity,obs-noise=0.1"
+    with client.dataset("HalfCheetah/medium") as dataset:
+        wanted = dataset.pair(simulator, seed=2)
+        kept = dataset.pair(simulator, seed=2, folder=tmp_path / "pairs")
+        assert_same(kept, wanted)
+        assert not kept["simulator_rewards"].flags.writeable
+    with client.dataset("HalfCheetah/medium") as later:
+        with monkeypatch.context() as patch:
+            patch.setattr(b4mrl.query, "run", None)  # any simulation would fail
+            assert_same(later.pair(simulator, seed=2, folder=tmp_path / "pairs"), wanted)
+            batch = next(
+                later.stream(8, pair_with=simulator, pair_seed=2, pair_folder=tmp_path / "pairs")
+            )
+            assert batch["simulator_next_observations"].shape == (8, 17)
+        # Another seed, simulator or corruption is another pairing.
+        other_seed = later.pair(simulator, seed=3, folder=tmp_path / "pairs")
+        other_simulator = later.pair("gravity", folder=tmp_path / "pairs")
+    with client.dataset("HalfCheetah/medium", "hidden=9") as hidden:
+        other_data = hidden.pair(simulator, seed=2, folder=tmp_path / "pairs")
+    column = "simulator_next_observations"
+    for other in (other_seed, other_simulator, other_data):
+        assert not np.array_equal(other[column], wanted[column])
+    assert len(list((tmp_path / "pairs").iterdir())) == 4
+
+
+def test_damaged_files_of_pairs_are_named(example, tmp_path: Path) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        dataset.pair("gravity", folder=tmp_path)
+    (column,) = tmp_path.glob("*/simulator_rewards.npy")
+    for damage in (column.read_bytes()[:-8], b""):
+        column.write_bytes(damage)
+        with client.dataset("HalfCheetah/medium") as dataset:
+            with pytest.raises(errors.DataLossError, match="simulator_rewards.npy"):
+                dataset.pair("gravity", folder=tmp_path)
+
+
 def test_pairs_are_those_of_the_environment_that_the_file_names(tmp_path: Path) -> None:
     for name in ("Mine/a", "Walker2d/b", "Mine/c"):
         write_example(tmp_path / f"{name}.h5")
@@ -256,7 +297,9 @@ def test_a_file_says_where_its_rows_come_from(tmp_path: Path) -> None:
         }.items():
             file[f"metadata/recording/{name}"] = np.bytes_(text)
     with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
-        with client.dataset("HalfCheetah/partial", "hidden=1", environment="HalfCheetah") as dataset:
+        with client.dataset(
+            "HalfCheetah/partial", "hidden=1", environment="HalfCheetah"
+        ) as dataset:
             assert dataset.hidden_dimensions == (1, 9, 16)
             provenance = dataset.in_force.provenance
             assert provenance.hidden_dimensions == (9, 16)
