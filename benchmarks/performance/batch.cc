@@ -1,13 +1,17 @@
 // Microseconds until a client has 256 rows of HalfCheetah data (five columns), with and without
-// batches requested ahead (credits), against a local gather of the same rows.
+// batches requested ahead (credits), against a local gather of the same rows; and the rate at which
+// 16 clients at once get them, against a bare ROUTER that sends the same bytes.
 //
 // The dataset is synthetic and has a million rows, as the paper's. Its content does not change the
 // times, but its size in memory does.
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
@@ -30,6 +34,8 @@ constexpr uint32_t kCredits = 4;
 constexpr int kColdBatchesPerTurn = 500;
 constexpr int kStreamBatchesPerTurn = 100;
 constexpr double kConsumerSeconds = 0.005;
+constexpr int kClients = 16;
+constexpr int kBatchesPerClient = 100;  // in a turn
 
 // The dataset's five columns in this process's memory.
 struct LocalColumns {
@@ -143,8 +149,8 @@ Result<double> MedianOf(int count, Call call) {
   return Median(std::move(times));
 }
 
-Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& gather,
-                   Reporter& reporter) {
+// The bare server of replies as large as that to a request for one batch, and a first asker.
+Result<std::unique_ptr<PingPong>> StartBareServer(RemoteDataset& dataset) {
   B4MRL_ASSIGN_OR_RETURN(const TransitionRows sample, dataset.Sample(kRows, 0, 0));
   pb::Request request;
   request.set_protocol_version(limits::kProtocolVersion);
@@ -153,10 +159,13 @@ Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& 
   request.mutable_sample()->set_fingerprint(dataset.fingerprint());
   request.mutable_sample()->set_rows(kRows);
   request.mutable_sample()->set_batches(1);
-  B4MRL_ASSIGN_OR_RETURN(
-      const auto bare,
-      PingPong::Start("tcp://127.0.0.1:*", {request.ByteSizeLong(), 0},
-                      {sample.reply->envelope.ByteSizeLong(), sample.reply->payload.size()}));
+  return PingPong::Start("tcp://127.0.0.1:*", {request.ByteSizeLong(), 0},
+                         {sample.reply->envelope.ByteSizeLong(), sample.reply->payload.size()});
+}
+
+Status MeasureCold(const Options& options, RemoteDataset& dataset, LocalGather& gather,
+                   Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(const auto bare, StartBareServer(dataset));
   uint64_t batch = 0;
   const auto value = [&]() -> Result<double> {
     const Clock::time_point start = Clock::now();
@@ -203,6 +212,53 @@ Status MeasureStream(const Options& options, RemoteDataset& dataset, LocalGather
   return Status();
 }
 
+// Batches a second that `ask[i]`, each on a thread of its own, get together. The calls of one
+// thread come one after the other.
+Result<double> RateTogether(const std::vector<std::function<Status()>>& ask) {
+  std::vector<Status> results(ask.size());
+  std::vector<std::thread> threads;
+  const Clock::time_point start = Clock::now();
+  for (size_t i = 0; i < ask.size(); ++i) {
+    threads.emplace_back([&, i] {
+      for (int n = 0; n < kBatchesPerClient && results[i].ok(); ++n) results[i] = ask[i]();
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  const double seconds = SecondsSince(start);
+  for (const Status& status : results) B4MRL_RETURN_IF_ERROR(status);
+  return kBatchesPerClient * static_cast<double>(ask.size()) / seconds;
+}
+
+Status MeasureClients(const Options& options, const std::string& endpoint, RemoteDataset& dataset,
+                      Reporter& reporter) {
+  B4MRL_ASSIGN_OR_RETURN(const auto first, StartBareServer(dataset));
+  std::vector<Client> clients;
+  std::vector<RemoteDataset> datasets;
+  std::vector<std::unique_ptr<PingPong>> askers;
+  clients.reserve(kClients);  // a dataset refers to its client
+  datasets.reserve(kClients);
+  std::vector<std::function<Status()>> served, bare;
+  for (int i = 0; i < kClients; ++i) {
+    B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(endpoint));
+    clients.push_back(std::move(client));
+    B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened, clients.back().OpenDataset("HalfCheetah/perf"));
+    datasets.push_back(std::move(opened));
+    B4MRL_ASSIGN_OR_RETURN(auto asker, PingPong::Join(*first));
+    askers.push_back(std::move(asker));
+    served.push_back([&from = datasets.back(), i, batch = uint64_t{0}]() mutable {
+      return from.Sample(kRows, static_cast<uint64_t>(i), batch++).status();
+    });
+    bare.push_back([&from = *askers.back()] { return from.RoundTrip().status(); });
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Medians medians,
+                         MeasureInTurns(
+                             2 * options.turns, [&] { return RateTogether(served); },
+                             [&] { return RateTogether(bare); }));
+  reporter.Report({"batch-clients", medians.value, "1/s", medians.limit,
+                   "bare ROUTER with replies of that size; 16 clients at once", 0.7, false});
+  return Status();
+}
+
 }  // namespace
 
 Status MeasureBatch(const Options& options, Reporter& reporter) {
@@ -218,7 +274,8 @@ Status MeasureBatch(const Options& options, Reporter& reporter) {
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset dataset, daemon.client().OpenDataset("HalfCheetah/perf"));
   LocalGather gather(columns);
   B4MRL_RETURN_IF_ERROR(MeasureCold(options, dataset, gather, reporter));
-  return MeasureStream(options, dataset, gather, reporter);
+  B4MRL_RETURN_IF_ERROR(MeasureStream(options, dataset, gather, reporter));
+  return MeasureClients(options, daemon.endpoint(), dataset, reporter);
 }
 
 }  // namespace b4mrl::perf

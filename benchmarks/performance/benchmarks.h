@@ -27,7 +27,8 @@ Status MeasureLatency(const Options& options, Reporter& reporter);
 Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter);
 // query-HalfCheetah: rows of queries a second, from recorded on-policy states.
 Status MeasureQuery(const Options& options, Reporter& reporter);
-// batch-cold, batch-stream: time until a client has 256 rows of HalfCheetah data.
+// batch-cold, batch-stream: time until a client has 256 rows of HalfCheetah data. batch-clients:
+// such batches a second that 16 clients get together.
 Status MeasureBatch(const Options& options, Reporter& reporter);
 // highway-bare, highway-socket, highway-ipc, ...-cpu: steps of Highway with 15 other cars.
 Status MeasureHighway(const Options& options, Reporter& reporter);

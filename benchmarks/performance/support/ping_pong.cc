@@ -65,6 +65,12 @@ Result<std::unique_ptr<PingPong>> PingPong::Start(const std::string& address, Fr
   return pair;
 }
 
+Result<std::unique_ptr<PingPong>> PingPong::Join(const PingPong& other) {
+  std::unique_ptr<PingPong> pair(new PingPong(other.request_, other.reply_));
+  B4MRL_RETURN_IF_ERROR(pair->Connect(other.endpoint_));
+  return pair;
+}
+
 Status PingPong::Spawn(const std::string& address) {
   const std::vector<std::string> words = {"b4mrl-perf", "pong", address,
                                           std::to_string(reply_.envelope),

@@ -24,6 +24,8 @@ class PingPong {
   // "ipc://PATH"), and connects to it.
   static Result<std::unique_ptr<PingPong>> Start(const std::string& address, FrameSizes request,
                                                  FrameSizes reply);
+  // Connects another asker to the process that `other` started; `other` outlives it.
+  static Result<std::unique_ptr<PingPong>> Join(const PingPong& other);
   ~PingPong();
 
   // Microseconds of one round trip; kDeadlineExceeded if the process answers nothing for 10 s.
