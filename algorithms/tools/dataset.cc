@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/dataset_pictures.h"
 #include "algorithms/tools/dataset_source.h"
 
 namespace b4mrl {
@@ -13,9 +14,11 @@ namespace {
 
 struct InfoCommand {
   DatasetSource source;
+  std::string pictures;  // the folder for pictures; "" for none
   bool json = false;
 
   std::optional<Failure> Run() const;
+  std::optional<Failure> Describe(Client& client, RemoteDataset& dataset) const;
 };
 
 // Where the rows come from, as far as the file says.
@@ -44,7 +47,8 @@ void AddProvenance(const pb::OpenDatasetReply& source, nlohmann::ordered_json* o
   }
 }
 
-std::optional<Failure> Describe(Client& client, RemoteDataset& dataset, bool json) {
+// Prints the description, after the pictures have been written if they are wanted.
+std::optional<Failure> InfoCommand::Describe(Client& client, RemoteDataset& dataset) const {
   const auto stats = dataset.Stats();
   if (!stats.ok()) return FromDaemon(stats.status());
   const pb::DatasetStatsReply& scores = stats->scores;
@@ -74,27 +78,37 @@ std::optional<Failure> Describe(Client& client, RemoteDataset& dataset, bool jso
       out["behaviour_score"] = *score;
     }
   }
+  if (!pictures.empty()) {
+    const auto paths = WriteDatasetPictures(client, dataset, pictures, source.quiet);
+    if (!paths.ok()) return FromDaemon(paths.status());
+    out["pictures"] = *paths;
+  }
+  constexpr auto kReplace = nlohmann::json::error_handler_t::replace;  // of what is not UTF-8
   if (json) {
     out["observation_mean"] = stats->observation_mean;
     out["observation_std"] = stats->observation_std;
-    fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+    fmt::print("{}\n", out.dump(2, ' ', false, kReplace));
     return std::nullopt;
   }
   for (const auto& [key, value] : out.items()) {
-    fmt::print("{:<18} {}\n", key, value.is_string() ? value.get<std::string>() : value.dump());
+    fmt::print("{:<18} {}\n", key,
+               value.is_string() ? value.get<std::string>() : value.dump(-1, ' ', false, kReplace));
   }
   return std::nullopt;
 }
 
 std::optional<Failure> InfoCommand::Run() const {
   return source.Open(
-      [this](Client& client, RemoteDataset& dataset) { return Describe(client, dataset, json); });
+      [this](Client& client, RemoteDataset& dataset) { return Describe(client, dataset); });
 }
 
 Command AddDatasetInfo(CLI::App& group) {
   const auto command = std::make_shared<InfoCommand>();
   CLI::App* app = group.add_subcommand("info", "a dataset's size, returns, moments and hash");
   command->source.AddTo(*app);
+  app->add_option("--svg", command->pictures,
+                  "folder for pictures: returns.svg, observations.svg (clean against corrupted, "
+                  "with --corruption), actions.svg");
   app->add_flag("--json", command->json, "print the description as JSON");
   return {app, [command] { return command->Run(); }};
 }
