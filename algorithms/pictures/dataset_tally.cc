@@ -34,9 +34,10 @@ Histogram DimensionBins(const NumberRange& a, const NumberRange& b) {
   return RoundBins(std::min(a.low(), b.low()), std::max(a.high(), b.high()), kMostBins);
 }
 
-// About as many bins as the square root of the number of returns, within 12 to 60.
+// At most twice as many bins as the square root of the number of returns, within 12 to 80: a few
+// failed episodes often make the range ten times as wide as that of all others.
 Histogram ReturnBins(const NumberRange& returns) {
-  const double most = std::clamp(std::sqrt(static_cast<double>(returns.finite())), 12.0, 60.0);
+  const double most = std::clamp(2 * std::sqrt(static_cast<double>(returns.finite())), 12.0, 80.0);
   return RoundBins(returns.low(), returns.high(), most);
 }
 

@@ -1,5 +1,7 @@
 #include "algorithms/pictures/figure.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <span>
 
@@ -41,12 +43,10 @@ void DrawLegend(const Figure& figure, double width, SvgWriter* svg, double* y) {
       x = 0;
       *y += kLineHeight;
     }
-    const std::string left = SvgWriter::Number(kMargin + x);
-    const std::string right = SvgWriter::Number(kMargin + x + kSwatchWidth);
-    const std::string top = SvgWriter::Number(*y + 2);
-    const std::string bottom = SvgWriter::Number(*y + 2 + kSwatchHeight);
-    const std::string path = "M" + left + " " + bottom + "V" + top + "H" + right + "V" + bottom;
-    if (i == 0) svg->Path(path + "Z", "area " + SeriesClass(i));
+    const std::string path =
+        fmt::format("M{} {}h{}v{}h-{}Z", SvgWriter::Number(kMargin + x), SvgWriter::Number(*y + 2),
+                    kSwatchWidth, kSwatchHeight, kSwatchWidth);
+    if (i == 0) svg->Path(path, "area " + SeriesClass(i));
     svg->Path(path, SeriesClass(i));
     svg->Text({kMargin + x + kSwatchWidth + kGap, *y + kTextSize}, figure.series[i],
               {.size = kTextSize});
