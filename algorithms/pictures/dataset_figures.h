@@ -18,7 +18,7 @@ namespace b4mrl {
 
 struct DatasetDescription {
   std::string name;        // with its version: "HalfCheetah/medium-v0"
-  std::string corruption;  // as applied: "obs-noise=0.1 (corruption seed 0)"; "" for none
+  std::string corruption;  // as applied: "obs-noise=0.1 (corruption seed 1)"; "" for none
   // Names and units of dimensions, reference returns; without it, or with other sizes than the
   // dataset's, dimensions have numbers alone.
   std::optional<EnvironmentSpec> environment;

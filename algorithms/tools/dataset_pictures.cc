@@ -55,14 +55,15 @@ Status CountRows(Counted& counted, Counted* clean, bool quiet) {
   return Status();
 }
 
-// "obs-noise=0.1 (corruption seed 0)"; "" without corruptions.
+// "obs-noise=0.1", with " (corruption seed 1)" unless the seed is 0, the default and the seed of
+// corruptions that draw nothing; "" without corruptions.
 std::string CorruptionWords(const pb::OpenDatasetReply& opened) {
   std::string words;
   for (const pb::NamedArgument& item : opened.corruptions()) {
     if (!words.empty()) words += ", ";
     words += NamedArgument{item.name(), item.argument()}.ToString();
   }
-  return words.empty() ? words : fmt::format("{} (corruption seed {})", words, opened.seed());
+  return opened.seed() == 0 ? words : fmt::format("{} (corruption seed {})", words, opened.seed());
 }
 
 // Writes figures as NAME.svg, NAME-2.svg, ... and adds their paths to `paths`.

@@ -55,8 +55,19 @@ TEST_CASE("Pictures of a dataset are drawn beside its description, with equal by
   CHECK(observations.Says("observation 9: v-root-z"));
   CHECK(observations.Says("v-root-z (m/s)"));
   CHECK(observations.Says("corrupted: hidden: always 0"));
+  CHECK(observations.Says("Corrupted by hidden=9."));
   CHECK(observations.Says("1 NaN"));
   CHECK(observations.Count("path", "series1") == 17);  // 16 dimensions and the legend
+}
+
+TEST_CASE("The picture of a corruption names another seed than the default") {
+  const TemporaryFolder folder;
+  WriteSpoiltDataset(folder);
+  REQUIRE(
+      Draw(folder, "one", {"--corruption", "obs-noise=0.1", "--corruption-seed", "1"}).exit_code ==
+      0);
+  CHECK(SvgDocument(ReadBytes(folder.File("one/observations.svg")))
+            .Says("Corrupted by obs-noise=0.1 (corruption seed 1)."));
 }
 
 TEST_CASE("A folder for pictures that cannot be made ends with code 3 before anything is read") {
