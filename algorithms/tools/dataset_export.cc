@@ -1,23 +1,39 @@
-// b4mrl dataset export: the command that writes a dataset, as a daemon serves it, to a file.
+// b4mrl dataset export: the command that writes a dataset, as a daemon serves it, to files of other
+// programs.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <functional>
+#include <limits>
 #include <memory>
+#include <utility>
 
 #include "algorithms/base/progress.h"
 #include "algorithms/tools/command.h"
+#include "algorithms/tools/dataset_place.h"
 #include "algorithms/tools/dataset_source.h"
+#include "data/csv/dataset_csv_writer.h"
 #include "data/d4rl/dataset_file_writer.h"
+#include "data/files/atomic_file.h"
+#include "data/minari/minari_id.h"
+#include "data/minari/minari_writer.h"
+#include "proto/wire/named_arguments.h"
 
 namespace b4mrl {
 namespace {
 
 struct ExportCommand {
   DatasetSource source;
-  std::string file;
+  std::string path, format = "d4rl", id;
 
   std::optional<Failure> Run() const;
-  Status Write(RemoteDataset& dataset) const;
+  Status WriteD4rl(RemoteDataset& dataset) const;
+  Status WriteCsv(RemoteDataset& dataset) const;
+  Status WriteMinari(Client& client, RemoteDataset& dataset) const;
+  // Calls `use` for all rows in order, in blocks; `stage` names the work in the progress.
+  Status ForRows(RemoteDataset& dataset, std::string_view stage,
+                 const std::function<Status(const DatasetRows&)>& use) const;
 };
 
 // What an exported file says of its rows: what its source says, with the environment and the hidden
@@ -39,25 +55,14 @@ DatasetProvenance ProvenanceOf(const RemoteDataset& dataset) {
   return provenance;
 }
 
-std::optional<Failure> ExportCommand::Run() const {
-  return source.Open([this](Client&, RemoteDataset& dataset) -> std::optional<Failure> {
-    if (Status status = Write(dataset); !status.ok()) return FromDaemon(std::move(status));
-    fmt::print("{}: {} rows of {}\n", file, dataset.rows(), dataset.in_force().info().name());
-    return std::nullopt;
-  });
-}
-
-Status ExportCommand::Write(RemoteDataset& dataset) const {
+Status ExportCommand::ForRows(RemoteDataset& dataset, std::string_view stage,
+                              const std::function<Status(const DatasetRows&)>& use) const {
   constexpr uint32_t kRowsPerRead = 16'384;
-  DatasetWriterOptions options;
-  options.observation_dimensions = static_cast<uint32_t>(dataset.observation_size());
-  options.action_dimensions = static_cast<uint32_t>(dataset.action_size());
-  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(file, options));
   const uint32_t most = std::min(kRowsPerRead, dataset.max_rows_per_request());
   Progress progress(source.quiet);
-  progress.Start("export", "rows", dataset.rows());
-  while (writer.rows() < dataset.rows()) {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(writer.rows(), most));
+  progress.Start(stage, "rows", dataset.rows());
+  for (uint64_t row = 0; row < dataset.rows();) {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(row, most));
     if (served.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
     DatasetRows out;
     out.rows = served.rows;
@@ -67,9 +72,20 @@ Status ExportCommand::Write(RemoteDataset& dataset) const {
     out.rewards = served.rewards;
     out.terminals = served.terminals;
     out.timeouts = served.timeouts;
-    B4MRL_RETURN_IF_ERROR(writer.Append(out));
-    progress.Update(writer.rows());
+    B4MRL_RETURN_IF_ERROR(use(out));
+    row += served.rows;
+    progress.Update(row);
   }
+  return Status();
+}
+
+Status ExportCommand::WriteD4rl(RemoteDataset& dataset) const {
+  DatasetWriterOptions options;
+  options.observation_dimensions = static_cast<uint32_t>(dataset.observation_size());
+  options.action_dimensions = static_cast<uint32_t>(dataset.action_size());
+  B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer, DatasetWriter::Create(path, options));
+  B4MRL_RETURN_IF_ERROR(
+      ForRows(dataset, "export", [&](const DatasetRows& rows) { return writer.Append(rows); }));
   B4MRL_RETURN_IF_ERROR(writer.SetProvenance(ProvenanceOf(dataset)));
   const pb::OpenDatasetReply& served_from = dataset.in_force();
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", served_from.info().name()));
@@ -81,13 +97,149 @@ Status ExportCommand::Write(RemoteDataset& dataset) const {
   return writer.Commit();
 }
 
+Status ExportCommand::WriteCsv(RemoteDataset& dataset) const {
+  B4MRL_ASSIGN_OR_RETURN(
+      DatasetCsvWriter writer,
+      DatasetCsvWriter::Create(path, static_cast<uint32_t>(dataset.observation_size()),
+                               static_cast<uint32_t>(dataset.action_size())));
+  B4MRL_RETURN_IF_ERROR(
+      ForRows(dataset, "export", [&](const DatasetRows& rows) { return writer.Append(rows); }));
+  return writer.Commit();
+}
+
+std::string MinariIdOf(const RemoteDataset& dataset) {
+  const pb::OpenDatasetReply& source = dataset.in_force();
+  return MinariIdOf(ServedRows{.name = source.info().name(),
+                               .corruptions = NamedArgumentsOf(source.corruptions()),
+                               .corruption_seed = source.seed(),
+                               .d4rl_transitions = source.transition_rule() == "d4rl"});
+}
+
+// Where the rows come from, in sentences.
+std::string DescriptionOf(const RemoteDataset& dataset, bool last_is_unfinished) {
+  const pb::OpenDatasetReply& source = dataset.in_force();
+  const pb::DatasetProvenance& said = source.provenance();
+  std::string text = fmt::format("The dataset {}, as B4MRL serves it.", source.info().name());
+  const auto add = [&text](std::string_view what, std::string_view words) {
+    if (!words.empty()) text += fmt::format(" {}: {}.", what, words);
+  };
+  add("Environment", source.environment());
+  add("Perturbations while recording", said.simulator());
+  add("Engine", said.engine());
+  add("How the rows were made", said.recipe());
+  add("Observation dimensions that the behaviour policy could not see or that are hidden",
+      fmt::format("{}", fmt::join(source.hidden_dimensions(), ", ")));
+  add("Corruptions", FormatNamedArguments(NamedArgumentsOf(source.corruptions())));
+  if (source.seed() != 0) add("Seed of the corruptions' noise", fmt::format("{}", source.seed()));
+  if (source.transition_rule() == "d4rl") {
+    text += " Rows that end by time-out were dropped, as d4rl.qlearning_dataset does.";
+  }
+  add("Licence", said.license());
+  if (last_is_unfinished) {
+    text += " The rows end before the last episode does; its last row is marked as truncated.";
+  }
+  return text;
+}
+
+// A box without bounds.
+SpaceSpec Unbounded(size_t size) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  SpaceSpec space;
+  space.dimensions.resize(size, {.low = -kInfinity, .high = kInfinity});
+  return space;
+}
+
+MinariDescription DescribeForMinari(Client& client, const RemoteDataset& dataset,
+                                    bool last_is_unfinished) {
+  const pb::OpenDatasetReply& source = dataset.in_force();
+  MinariDescription description;
+  description.metadata.algorithm = source.info().behaviour_policy();
+  description.metadata.description = DescriptionOf(dataset, last_is_unfinished);
+  description.metadata.provenance = ProvenanceOf(dataset);
+  description.observation = Unbounded(dataset.observation_size());
+  description.action = Unbounded(dataset.action_size());
+  const auto environment = client.FindEnvironment(dataset.environment());
+  if (environment.ok()) {  // the server has checked that the sizes are the environment's
+    description.observation = environment->observation;
+    description.action = environment->action;
+    description.reference_min = environment->reference_min;
+    description.reference_max = environment->reference_max;
+  }
+  // Files with a licence are those that `b4mrl dataset make` wrote.
+  if (!source.provenance().license().empty()) description.author = "The B4MRL authors";
+  description.source = {
+      {"source", source.info().name()},
+      {"source_sha256", source.info().sha256()},
+      {"source_columns_sha256", source.info().columns_sha256()},
+      {"corruption", FormatNamedArguments(NamedArgumentsOf(source.corruptions()))},
+      {"corruption_seed", fmt::format("{}", source.seed())},
+      {"transitions", source.transition_rule()}};
+  return description;
+}
+
+Status ExportCommand::WriteMinari(Client& client, RemoteDataset& dataset) const {
+  const std::string name = id.empty() ? MinariIdOf(dataset) : id;
+  const std::string folder = fmt::format("{}/{}", path, name);
+  NewFolders folders;
+  B4MRL_RETURN_IF_ERROR(folders.Make(FolderOf(folder)));
+  B4MRL_RETURN_IF_ERROR(AtomicFolder::CheckAbsent(folder));
+  EpisodeLengths episodes;
+  B4MRL_RETURN_IF_ERROR(
+      ForRows(dataset, "check", [&](const DatasetRows& rows) { return episodes.Append(rows); }));
+  const MinariDescription description =
+      DescribeForMinari(client, dataset, episodes.last_is_unfinished());
+  B4MRL_ASSIGN_OR_RETURN(MinariWriter writer,
+                         MinariWriter::Create(path, name, std::move(episodes)));
+  B4MRL_RETURN_IF_ERROR(
+      ForRows(dataset, "export", [&](const DatasetRows& rows) { return writer.Append(rows); }));
+  B4MRL_RETURN_IF_ERROR(writer.Commit(description));
+  fmt::print("{}: {} rows of {}, for minari.load_dataset(\"{}\")\n", folder, dataset.rows(),
+             dataset.in_force().info().name(), name);
+  return Status();
+}
+
+// Rows that Minari cannot hold and a folder that exists are faults of the input, not refusals of
+// the daemon.
+std::optional<Failure> FailureOf(Status status) {
+  if (status.ok()) return std::nullopt;
+  if (status.code() == StatusCode::kFailedPrecondition) return BadInput(std::move(status));
+  return FromDaemon(std::move(status));
+}
+
+std::optional<Failure> ExportCommand::Run() const {
+  if (!id.empty() && format != "minari") {
+    return BadUsage(InvalidArgument("--id", id, "--format minari alone"));
+  }
+  if (!id.empty()) {
+    if (Status status = CheckMinariId(id); !status.ok()) return BadUsage(std::move(status));
+  }
+  return source.Open([this](Client& client, RemoteDataset& dataset) -> std::optional<Failure> {
+    if (format == "minari") return FailureOf(WriteMinari(client, dataset));
+    Status status = format == "csv" ? WriteCsv(dataset) : WriteD4rl(dataset);
+    if (!status.ok()) return FailureOf(std::move(status));
+    fmt::print("{}: {} rows of {}\n", path, dataset.rows(), dataset.in_force().info().name());
+    return std::nullopt;
+  });
+}
+
 }  // namespace
 
 std::vector<Command> AddDatasetExport(CLI::App& group) {
   const auto command = std::make_shared<ExportCommand>();
-  CLI::App* app = group.add_subcommand("export", "write a dataset, corrupted if asked, as HDF5");
+  CLI::App* app = group.add_subcommand(
+      "export", "write a dataset, corrupted if asked, in D4RL's layout, for Minari or as CSV");
   command->source.AddTo(*app);
-  app->add_option("file", command->file, "HDF5 file to write")->required();
+  app->add_option("path", command->path,
+                  "file to write; with --format minari the root folder of Minari's datasets "
+                  "(~/.minari/datasets or $MINARI_DATASETS_PATH)")
+      ->required();
+  app->add_option("--format", command->format,
+                  "\"d4rl\": an HDF5 file in D4RL's layout; \"minari\": a folder that "
+                  "minari.load_dataset opens; \"csv\": a table of text [d4rl]")
+      ->check(CLI::IsMember({"d4rl", "minari", "csv"}));
+  app->add_option("--id", command->id,
+                  "Minari's id of the dataset, \"NAMESPACE/NAME-v0\" [\"b4mrl/\" and the "
+                  "dataset's full name with its corruptions]");
   return {{app, [command] { return command->Run(); }}};
 }
 

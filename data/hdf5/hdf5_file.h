@@ -10,7 +10,7 @@
 //
 // Hdf5Writer makes a file that appears complete or not at all (see atomic_file.h). Equal calls give
 // equal bytes: no timestamps, and buffering makes the layout independent of how appends are split.
-// Every dataset carries fletcher32 checksums.
+// Every column and every array of WriteArray carries fletcher32 checksums.
 //
 // Paths inside a file are "/"-separated ("metadata/policy/fc0/weight"). Arrays are row-major with
 // one or two dimensions; a one-dimensional array and an (N, 1) array both have width 1. Thread
@@ -116,6 +116,17 @@ class Hdf5Writer {
   // Writes a small array of fixed shape. No extent is 0, and their product is values.size().
   Status WriteArray(std::string_view path, std::span<const float> values,
                     std::span<const uint64_t> shape);
+  // Creates an array of known extents, one or two and none of them 0, and the groups on its path;
+  // WriteRows fills it. It is stored without chunks, compression and checksum, which would take
+  // more space than the rows of a short array. 300 bytes of the file describe it, and no memory.
+  Status CreateArray(std::string_view path, Hdf5Type type, std::span<const uint64_t> shape);
+  // Writes whole rows, of the array's type (uint8_t for bool and integer arrays), from `first_row`.
+  Status WriteRows(std::string_view array, uint64_t first_row, std::span<const float> values);
+  Status WriteRows(std::string_view array, uint64_t first_row, std::span<const uint8_t> values);
+  // Creates a group and those on its path, as far as they do not exist.
+  Status CreateGroup(std::string_view path);
+  // Writes a whole number as an attribute of a group that exists.
+  Status WriteAttribute(std::string_view group, std::string_view name, int64_t value);
   Status WriteString(std::string_view path, std::string_view text);
   Status WriteInteger(std::string_view path, int64_t value);
   Status WriteNumber(std::string_view path, double value);
@@ -127,6 +138,7 @@ class Hdf5Writer {
   struct State;
   explicit Hdf5Writer(std::unique_ptr<State> state);
   Status AppendBytes(ColumnId column, Hdf5Type given, std::span<const std::byte> bytes);
+  Status WriteBytes(std::string_view array, uint64_t first_row, std::span<const std::byte> bytes);
   std::unique_ptr<State> state_;
 };
 

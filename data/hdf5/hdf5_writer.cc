@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <set>
 
 #include "data/files/atomic_file.h"
 #include "data/hdf5/hdf5_file.h"
@@ -81,21 +80,19 @@ struct Hdf5Writer::State {
   Hdf5DriverState driver;
   Hdf5Handle handle;
   std::vector<Column> columns;
-  std::set<std::string, std::less<>> groups;
 };
 
 Status Hdf5Writer::State::EnsureGroups(std::string_view path) {
   for (size_t slash = path.find('/'); slash != std::string_view::npos;
        slash = path.find('/', slash + 1)) {
     const std::string group(path.substr(0, slash));
-    if (groups.contains(group)) continue;
+    if (H5Lexists(handle.get(), group.c_str(), H5P_DEFAULT) > 0) continue;
     Hdf5Handle creation(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
     H5Pset_obj_track_times(creation.get(), false);
     const Hdf5Handle made(
         H5Gcreate2(handle.get(), group.c_str(), H5P_DEFAULT, creation.get(), H5P_DEFAULT),
         H5Gclose);
     if (!made.valid()) return Failure("create group", group);
-    groups.insert(group);
   }
   return Status();
 }
@@ -247,6 +244,76 @@ Status Hdf5Writer::WriteArray(std::string_view path, std::span<const float> valu
   H5Pset_chunk(creation.get(), rank, extents.data());
   H5Pset_fletcher32(creation.get());
   return state_->WriteWhole(path, H5T_IEEE_F32LE, H5T_NATIVE_FLOAT, space, creation, values.data());
+}
+
+Status Hdf5Writer::CreateArray(std::string_view path, Hdf5Type type,
+                               std::span<const uint64_t> shape) {
+  const bool fits = !shape.empty() && shape.size() <= 2 && !std::ranges::count(shape, 0u);
+  if (!fits || type == Hdf5Type::kString) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("array '{}' needs a numeric type and 1 or 2 extents above 0", path));
+  }
+  B4MRL_RETURN_IF_ERROR(state_->EnsureGroups(path));
+  const std::vector<hsize_t> extents(shape.begin(), shape.end());
+  const Hdf5Handle space(
+      H5Screate_simple(static_cast<int>(extents.size()), extents.data(), nullptr), H5Sclose);
+  const Hdf5Handle dataset(
+      H5Dcreate2(state_->handle.get(), std::string(path).c_str(), FileType(type).get(), space.get(),
+                 H5P_DEFAULT, CreationList().get(), H5P_DEFAULT),
+      H5Dclose);
+  return dataset.valid() ? Status() : state_->Failure("create", path);
+}
+
+Status Hdf5Writer::WriteBytes(std::string_view path, uint64_t first_row,
+                              std::span<const std::byte> bytes) {
+  const Hdf5Handle dataset(H5Dopen2(state_->handle.get(), std::string(path).c_str(), H5P_DEFAULT),
+                           H5Dclose);
+  const Hdf5Handle type(H5Dget_type(dataset.get()), H5Tclose);
+  const Hdf5Handle file_space(H5Dget_space(dataset.get()), H5Sclose);
+  std::array<hsize_t, 2> extent = {0, 1};
+  const int rank = H5Sget_simple_extent_dims(file_space.get(), extent.data(), nullptr);
+  if (rank < 1) return state_->Failure("open", path);
+  const size_t row_bytes = H5Tget_size(type.get()) * extent[1];
+  const std::array<hsize_t, 2> start = {first_row, 0};
+  const std::array<hsize_t, 2> count = {bytes.size() / row_bytes, extent[1]};
+  if (bytes.size() % row_bytes != 0 || first_row > extent[0] || count[0] > extent[0] - first_row) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{} bytes from row {} on are not whole rows of '{}'", bytes.size(),
+                              first_row, path));
+  }
+  const Hdf5Handle memory_space(H5Screate_simple(rank, count.data(), nullptr), H5Sclose);
+  H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
+                      nullptr);
+  const herr_t written = H5Dwrite(dataset.get(), type.get(), memory_space.get(), file_space.get(),
+                                  H5P_DEFAULT, bytes.data());
+  if (written < 0 || state_->driver.error_number != 0) return state_->Failure("write", path);
+  return Status();
+}
+
+Status Hdf5Writer::WriteRows(std::string_view array, uint64_t first_row,
+                             std::span<const float> values) {
+  return WriteBytes(array, first_row, std::as_bytes(values));
+}
+
+Status Hdf5Writer::WriteRows(std::string_view array, uint64_t first_row,
+                             std::span<const uint8_t> values) {
+  return WriteBytes(array, first_row, std::as_bytes(values));
+}
+
+Status Hdf5Writer::CreateGroup(std::string_view path) {
+  return state_->EnsureGroups(fmt::format("{}/", path));
+}
+
+Status Hdf5Writer::WriteAttribute(std::string_view group, std::string_view name, int64_t value) {
+  const Hdf5Handle space(H5Screate(H5S_SCALAR), H5Sclose);
+  const Hdf5Handle attribute(
+      H5Acreate_by_name(state_->handle.get(), std::string(group).c_str(), std::string(name).c_str(),
+                        H5T_STD_I64LE, space.get(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+      H5Aclose);
+  if (!attribute.valid() || H5Awrite(attribute.get(), H5T_NATIVE_INT64, &value) < 0) {
+    return state_->Failure("write attribute of", group);
+  }
+  return Status();
 }
 
 Status Hdf5Writer::WriteString(std::string_view path, std::string_view text) {

@@ -189,5 +189,46 @@ TEST_CASE("a flipped bit in the data of a written file is found") {
   CHECK(silent == 0);
 }
 
+TEST_CASE("arrays of known extents read back, and rows outside them are refused") {
+  const TemporaryFolder folder;
+  auto writer = Hdf5Writer::Create(folder.File("x.h5"));
+  REQUIRE(writer.ok());
+  REQUIRE(writer->CreateArray("a/b/values", Hdf5Type::kFloat32, std::vector<uint64_t>{4, 2}).ok());
+  REQUIRE(writer->CreateArray("a/flags", Hdf5Type::kBool, std::vector<uint64_t>{3}).ok());
+  const std::vector<float> late = {5, 6, 7, 8}, early = {1, 2, 3, 4};
+  REQUIRE(writer->WriteRows("a/b/values", 2, late).ok());
+  REQUIRE(writer->WriteRows("a/b/values", 0, early).ok());
+  REQUIRE(writer->WriteRows("a/flags", 1, std::vector<uint8_t>{1}).ok());
+  REQUIRE(writer->CreateGroup("a/empty").ok());
+  REQUIRE(writer->WriteAttribute("a", "id", -7).ok());
+  const auto code = [&](const char* path, uint64_t first, const std::vector<float>& values) {
+    return writer->WriteRows(path, first, values).code();
+  };
+  CHECK(code("a/b/values", 3, late) == StatusCode::kInvalidArgument);
+  CHECK(code("a/b/values", ~uint64_t{0}, late) == StatusCode::kInvalidArgument);
+  CHECK(code("a/b/values", 0, {1}) == StatusCode::kInvalidArgument);
+  CHECK(code("a/nothing", 0, late) == StatusCode::kInternal);
+  for (const std::vector<uint64_t>& shape : {std::vector<uint64_t>{}, {0}, {2, 0}, {1, 1, 1}}) {
+    CHECK(writer->CreateArray("b", Hdf5Type::kFloat32, shape).code() ==
+          StatusCode::kInvalidArgument);
+  }
+  REQUIRE(writer->Commit().ok());
+
+  const auto reader = Hdf5Reader::Open(folder.File("x.h5"));
+  REQUIRE(reader.ok());
+  CHECK(reader->ReadFloats("a/b/values").value() == std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8});
+  std::vector<uint8_t> flags(3);
+  REQUIRE(reader->OpenColumn("a/flags")->ReadFlags(0, flags).ok());
+  CHECK(flags == std::vector<uint8_t>{0, 1, 0});
+  CHECK(reader->Exists("a/empty"));
+  const hid_t file = H5Fopen(folder.File("x.h5").c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
+  const hid_t attribute = H5Aopen_by_name(file, "a", "id", H5P_DEFAULT, H5P_DEFAULT);
+  int64_t id = 0;
+  CHECK(H5Aread(attribute, H5T_NATIVE_INT64, &id) >= 0);
+  CHECK(id == -7);
+  H5Aclose(attribute);
+  H5Fclose(file);
+}
+
 }  // namespace
 }  // namespace b4mrl
