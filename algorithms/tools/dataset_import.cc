@@ -12,8 +12,10 @@
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
+#include "algorithms/tools/minari_import.h"
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
+#include "data/minari/minari_reader.h"
 
 namespace b4mrl {
 namespace {
@@ -70,15 +72,22 @@ Status InTermsOf(const std::string& original, const std::string& copy, const Sta
   return Status(status.code(), std::move(message));
 }
 
-// Whether the error is due to the file, so the daemon would refuse it again. Deadlines, interrupts
-// and full queues are not.
+// Whether the error is due to the file, or to rows of other sizes than those of the environment
+// that its name belongs to, so the daemon would refuse it again. Deadlines, interrupts and full
+// queues are not.
 bool LiesInFile(const Status& failure) {
   return failure.code() == StatusCode::kInvalidArgument ||
+         failure.code() == StatusCode::kFailedPrecondition ||
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||
          failure.code() == StatusCode::kVersionMismatch;
 }
 
 Status Copy(const std::string& file, const std::string& path) {
+  if (std::error_code error; fs::is_directory(file, error)) {
+    return InvalidArgument("file", file,
+                           "an HDF5 file, or the folder of a Minari dataset, which has a file "
+                           "data/metadata.json");
+  }
   std::ifstream in(file, std::ios::binary);
   if (!in) return IoError("read", file, errno);
   B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
@@ -140,9 +149,11 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
           destination.Prepare(dataset, /*replace=*/false, "choose another --name or remove it")) {
     return failure;
   }
-  if (Status status = Copy(source, destination.path()); !status.ok()) {
-    return BadInput(std::move(status));
-  }
+  const auto minari = FindMinariData(source);
+  Status status = minari ? ConvertMinari(*minari, destination.path(), destination.client(), quiet)
+                               .WithContext(source)
+                         : Copy(source, destination.path());
+  if (!status.ok()) return BadInput(std::move(status));
   DatasetOptions options;
   options.transition_rule = transitions;
   const auto opened = destination.client().OpenDataset(dataset, options);
@@ -164,9 +175,9 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
 
 std::vector<Command> AddDatasetImport(CLI::App& group) {
   const auto command = std::make_shared<ImportCommand>();
-  CLI::App* app =
-      group.add_subcommand("import", "check HDF5 files in D4RL's layout and copy them in");
-  auto* file = app->add_option("file", command->file, "HDF5 file in D4RL's layout");
+  CLI::App* app = group.add_subcommand("import", "check datasets of others and copy them in");
+  auto* file = app->add_option("file", command->file,
+                               "HDF5 file in D4RL's layout, or folder of a Minari dataset");
   auto* name =
       app->add_option("--name", command->name, "name of the new dataset: \"HalfCheetah/mine\"");
   app->add_option("--d4rl", command->d4rl_folder,

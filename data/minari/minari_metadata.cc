@@ -20,6 +20,8 @@ using Json = nlohmann::ordered_json;
 // The readers of Minari 0.5.0 and later accept this version, and no earlier version has the layout.
 constexpr char kMinariVersion[] = "0.5.0";
 
+constexpr size_t kMaxIdBytes = 256;  // of the ids of a dataset and an environment that are kept
+
 struct TextEntry {
   const char* name;
   std::string DatasetProvenance::*text;
@@ -122,12 +124,12 @@ Result<uint64_t> CountOf(const Json& json, const char* entry, uint64_t most) {
   return Refuse(entry, value, fmt::format("1..{}", most));
 }
 
-// A text that the file may lack; "" if it is anything but a text of kMaxProvenanceText bytes.
-std::string TextOf(const Json& json, const char* entry) {
+// A text that the file may lack; "" if it is anything but a text of at most `most` bytes.
+std::string TextOf(const Json& json, const char* entry, size_t most = kMaxProvenanceText) {
   const auto found = json.find(entry);
   if (found == json.end() || !found->is_string()) return "";
   std::string text = found->get<std::string>();
-  return text.size() <= kMaxProvenanceText ? text : "";
+  return text.size() <= most ? text : "";
 }
 
 Result<uint32_t> BoxSizeOf(const Json& json, const char* entry, uint64_t most) {
@@ -176,9 +178,10 @@ void ParseEnvironment(const Json& json, MinariMetadata* metadata) {
   if (text == json.end() || !text->is_string()) return;
   const Json spec = Parse(text->get_ref<const std::string&>());
   if (!spec.is_object()) return;
-  metadata->gymnasium_id = TextOf(spec, "id");
+  metadata->gymnasium_id = TextOf(spec, "id", kMaxIdBytes);
   const auto arguments = spec.find("kwargs");
-  if (arguments != spec.end() && !arguments->empty()) metadata->gymnasium_kwargs = Dump(*arguments);
+  if (arguments == spec.end() || arguments->empty()) return;
+  metadata->gymnasium_kwargs = arguments->dump(-1, ' ', /*ensure_ascii=*/true);
 }
 
 }  // namespace
@@ -223,7 +226,7 @@ Result<ParsedMinariMetadata> ParseMinariMetadata(std::string_view text) {
                          BoxSizeOf(json, "observation_space", limits::kMaxObservationDimensions));
   B4MRL_ASSIGN_OR_RETURN(parsed.action_size,
                          BoxSizeOf(json, "action_space", limits::kMaxActionDimensions));
-  metadata.id = TextOf(json, "dataset_id");
+  metadata.id = TextOf(json, "dataset_id", kMaxIdBytes);
   metadata.algorithm = TextOf(json, "algorithm_name");
   ParseEnvironment(json, &metadata);
   B4MRL_RETURN_IF_ERROR(ParseOwnEntry(json, &metadata));

@@ -28,7 +28,7 @@ struct MinariMetadata {
   std::string description;  // in words
   // "HalfCheetah-v5": the environment's id in Gymnasium's registry; "" if the file does not say.
   std::string gymnasium_id;
-  std::string gymnasium_kwargs;  // the environment's arguments as JSON; "" for none
+  std::string gymnasium_kwargs;  // the environment's arguments as ASCII JSON; "" for none
   DatasetProvenance provenance;  // empty in files of others
   // Whether the last row is marked as truncated only because the rows end there.
   bool last_is_unfinished = false;

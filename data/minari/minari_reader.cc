@@ -75,11 +75,10 @@ Result<MinariReader> MinariReader::Open(const std::string& data_folder) {
   const std::string metadata_file = fmt::format("{}/{}", data_folder, kMinariMetadataFile);
   B4MRL_ASSIGN_OR_RETURN(const std::string text,
                          ReadSmallFile(metadata_file, kMaxMinariMetadataBytes));
-  Result<ParsedMinariMetadata> parsed = ParseMinariMetadata(text);
-  if (!parsed.ok()) return parsed.status().WithContext(metadata_file);
+  B4MRL_ASSIGN_OR_RETURN(ParsedMinariMetadata parsed, ParseMinariMetadata(text));
   B4MRL_ASSIGN_OR_RETURN(Hdf5Reader file,
                          Hdf5Reader::Open(fmt::format("{}/{}", data_folder, kMinariDataFile)));
-  return MinariReader(std::move(file), *std::move(parsed));
+  return MinariReader(std::move(file), std::move(parsed));
 }
 
 Result<Hdf5Column> MinariReader::OpenColumn(uint64_t episode, std::string_view name,

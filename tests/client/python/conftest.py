@@ -10,7 +10,7 @@ import b4mrl
 import pytest
 
 # Compared with other people's programs in the long form alone, whatever is installed.
-LONG_FILES = ("test_sb3.py", "test_highway_original.py", "test_torch.py")
+LONG_FILES = ("test_sb3.py", "test_highway_original.py", "test_minari.py", "test_torch.py")
 MODES = ("next_step", "same_step", "disabled")
 
 

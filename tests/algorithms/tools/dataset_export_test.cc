@@ -1,0 +1,156 @@
+// Exports to files of other programs, and Minari's folders on their way back.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/algorithms/tools/tool.h"
+#include "tests/data/example_dataset.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Exports {
+ public:
+  Outcome Dataset(Words arguments) const {
+    arguments.insert(arguments.begin(), "dataset");
+    for (const std::string& word : {std::string("--data"), folder.File("data")}) {
+      arguments.push_back(word);
+    }
+    return Run(arguments);
+  }
+  void Make(const std::string& name, const std::string& rows) const {
+    REQUIRE(Dataset({"make", name, "--rows", rows}).exit_code == 0);
+  }
+  nlohmann::json Info(const std::string& name, const Words& more = {}) const {
+    Words words = {"info", name, "--json"};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = Dataset(words);
+    INFO(outcome.err);
+    REQUIRE(outcome.exit_code == 0);
+    return nlohmann::json::parse(outcome.out, nullptr, false);
+  }
+  std::string Root() const { return folder.File("minari"); }
+
+  TemporaryFolder folder;
+};
+
+TEST_CASE("A dataset comes back from Minari's folder with equal columns and provenance") {
+  const Exports exports;
+  exports.Make("Hopper/random", "700");  // episodes of some 20 rows, the last one unfinished
+  REQUIRE(exports.Dataset({"export", "Hopper/random", exports.Root(), "--format", "minari"})
+              .exit_code == 0);
+  const std::string exported = exports.Root() + "/b4mrl/Hopper/random-v0";
+  REQUIRE(exports.Dataset({"import", exported, "--name", "Hopper/back"}).exit_code == 0);
+  const auto original = exports.Info("Hopper/random"), back = exports.Info("Hopper/back");
+  for (const char* key : {"columns_sha256", "episodes", "environment", "behaviour_policy", "recipe",
+                          "engine", "license"}) {
+    INFO(key);
+    CHECK(original[key] == back[key]);
+  }
+  CHECK(ReadBytes(exports.Root() + "/b4mrl/namespace_metadata.json") == "{}");
+}
+
+TEST_CASE("Hidden dimensions stay hidden on the way through Minari, and the id tells of them") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1500");
+  REQUIRE(exports
+              .Dataset({"export", "HalfCheetah/random", exports.Root(), "--format", "minari",
+                        "--corruption", "hidden=9,obs-noise=0.05", "--corruption-seed", "3"})
+              .exit_code == 0);
+  const std::string exported =
+      exports.Root() + "/b4mrl/HalfCheetah/random_hidden-9_obs-noise-0p05_seed-3-v0/data";
+  REQUIRE(exports.Dataset({"import", exported, "--name", "HalfCheetah/back"}).exit_code == 0);
+  const auto back = exports.Info("HalfCheetah/back");
+  CHECK(back["hidden_dimensions"] == std::vector<int>{9});
+  const auto served = exports.Info(
+      "HalfCheetah/random", {"--corruption", "hidden=9,obs-noise=0.05", "--corruption-seed", "3"});
+  CHECK(back["observation_mean"] == served["observation_mean"]);
+  CHECK(back["observation_std"] == served["observation_std"]);
+}
+
+TEST_CASE("A Minari dataset is not replaced, and only ids that Minari reads are taken") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  const Words words = {"export", "HalfCheetah/random", exports.Root(), "--format", "minari"};
+  const auto with_id = [&](const std::string& id) {
+    Words more = words;
+    more.insert(more.end(), {"--id", id});
+    return exports.Dataset(more).exit_code;
+  };
+  CHECK(with_id("mine/run-v3") == 0);
+  CHECK(fs::exists(exports.Root() + "/mine/run-v3/data/metadata.json"));
+  CHECK(with_id("mine/run-v3") == 3);
+  CHECK(with_id("mine/run") == 2);
+  CHECK(with_id("../run-v0") == 2);
+  CHECK(exports
+            .Dataset({"export", "HalfCheetah/random", exports.folder.File("x.csv"), "--format",
+                      "csv", "--id", "a-v0"})
+            .exit_code == 2);
+  CHECK_FALSE(fs::exists(exports.folder.File("x.csv")));
+}
+
+TEST_CASE("Rows that Minari cannot hold are refused by number, and nothing is written") {
+  const Exports exports;
+  ExampleDataset data = MakeExampleDataset({30, 20}, 5, 2);
+  data.next_observations[41 * 5] += 1;
+  fs::create_directories(exports.folder.File("data/Mine"));
+  REQUIRE(WriteExample(exports.folder.File("data/Mine/x.h5"), data).ok());
+  const Outcome refused =
+      exports.Dataset({"export", "Mine/x", exports.Root(), "--format", "minari"});
+  CHECK(refused.exit_code == 3);
+  CHECK_THAT(refused.err, Catch::Contains("row 41"));
+  CHECK_FALSE(fs::exists(exports.Root()));
+  CHECK(exports.Dataset({"export", "Mine/x", exports.folder.File("x.csv"), "--format", "csv"})
+            .exit_code == 0);
+  CHECK(fs::file_size(exports.folder.File("x.csv")) > 50 * 13 * 2);
+}
+
+TEST_CASE("Data of an unknown environment go to Minari without one, as a box without bounds") {
+  const Exports exports;
+  fs::create_directories(exports.folder.File("data/Mine"));
+  REQUIRE(WriteExample(exports.folder.File("data/Mine/x.h5"), MakeExampleDataset({30}, 5, 2)).ok());
+  REQUIRE(exports.Dataset({"export", "Mine/x", exports.Root(), "--format", "minari"}).exit_code ==
+          0);
+  const auto metadata = nlohmann::json::parse(
+      ReadBytes(exports.Root() + "/b4mrl/Mine/x-v0/data/metadata.json"), nullptr, false);
+  CHECK_FALSE(metadata.contains("env_spec"));
+  CHECK_FALSE(metadata.contains("ref_min_score"));
+  CHECK_THAT(metadata["action_space"].get<std::string>(),
+             Catch::Contains("[2], \"low\": [-Infinity, -Infinity]"));
+}
+
+TEST_CASE("A damaged or foreign Minari folder is refused and leaves no dataset") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  REQUIRE(exports
+              .Dataset({"export", "HalfCheetah/random", exports.Root(), "--format", "minari",
+                        "--id", "x-v0"})
+              .exit_code == 0);
+  const std::string data = exports.Root() + "/x-v0/data";
+  const auto refused = [&](const std::string& words) {
+    const Outcome outcome =
+        exports.Dataset({"import", exports.Root() + "/x-v0", "--name", "Hopper/back"});
+    CHECK(outcome.exit_code == 3);
+    CHECK_THAT(outcome.err, Catch::Contains(words));
+    CHECK_FALSE(fs::exists(exports.folder.File("data/Hopper/back.h5")));
+  };
+  const std::string metadata = ReadBytes(data + "/metadata.json");
+  WriteBytes(data + "/metadata.json", "{");
+  refused("metadata.json");
+  auto changed = nlohmann::json::parse(metadata);
+  changed["action_space"] = R"({"type": "Discrete", "n": 4, "start": 0})";
+  WriteBytes(data + "/metadata.json", changed.dump());
+  refused("a Box");
+  WriteBytes(data + "/metadata.json", metadata);
+  fs::resize_file(data + "/main_data.hdf5", 3000);
+  refused("main_data.hdf5");
+  fs::remove_all(data);
+  refused("data/metadata.json");
+}
+
+}  // namespace
+}  // namespace b4mrl
