@@ -2,16 +2,12 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
 
-#include "data/files/atomic_file.h"
+#include "data/files/toml_file.h"
 #include "proto/base/folders.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr size_t kMaxFileBytes = 1 << 20;
 
 std::vector<std::string> Texts(const toml::table& table, std::string_view name) {
   std::vector<std::string> texts;
@@ -39,15 +35,9 @@ PublishedDataset FromTable(const toml::table& table) {
 }  // namespace
 
 Result<PublishedDatasets> ReadPublishedDatasets(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
-  const toml::parse_result parsed = toml::parse(text);
-  if (!parsed) {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("{} line {}: {}", path, parsed.error().source().begin.line,
-                              parsed.error().description()));
-  }
+  B4MRL_ASSIGN_OR_RETURN(const toml::table all, ReadTomlFile(path));
   PublishedDatasets datasets;
-  for (const auto& [key, value] : parsed.table()) {
+  for (const auto& [key, value] : all) {
     const toml::table* table = value.as_table();
     const std::string name(key.str());
     if (table == nullptr) return InvalidArgument(path, name, "tables named after datasets");

@@ -1,28 +1,18 @@
 #include "algorithms/tools/config_file.h"
 
 #include <fmt/format.h>
-#define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
 
 #include <algorithm>
 
-#include "data/files/atomic_file.h"
+#include "data/files/toml_file.h"
 
 namespace b4mrl {
 namespace {
 
-constexpr size_t kMaxConfigBytes = 1 << 20;
-
 Result<std::vector<std::string>> ReadOptions(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxConfigBytes));
-  const toml::parse_result parsed = toml::parse(text);
-  if (!parsed) {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("{} line {}: {}", path, parsed.error().source().begin.line,
-                              parsed.error().description()));
-  }
+  B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
   std::vector<std::string> options;
-  for (const auto& [key, value] : parsed.table()) {
+  for (const auto& [key, value] : table) {
     const std::string name = fmt::format("--{}", key.str());
     if (const auto* flag = value.as_boolean()) {
       options.push_back(fmt::format("{}={}", name, flag->get()));

@@ -4,7 +4,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <toml++/toml.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
@@ -12,6 +11,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "data/files/toml_file.h"
 #include "proto/base/count.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
@@ -66,6 +66,7 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
   if (key == "data") return text(&options->data_folder);
   if (key == "models") return text(&options->models_folder);
+  if (key == "suites") return text(&options->suites_folder);
   if (key == "insecure") return flag(&options->insecure);
   if (key == "pin") return flag(&options->pin);
   if (key == "single-port") return flag(&options->single_port);
@@ -82,19 +83,14 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   }
   return UnknownName("key", key,
                      std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data",
-                                              "models", "insecure", "single-port"});
+                                              "models", "suites", "insecure", "single-port"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
-  try {
-    const toml::table table = toml::parse_file(path);
-    for (const auto& [key, node] : table) {
-      const Status status = ApplyConfigValue(std::string(key.str()), node, options);
-      if (!status.ok()) return status.WithContext(path);
-    }
-  } catch (const toml::parse_error& error) {
-    return Complain(fmt::format("cannot read {}: {} (line {})", path, error.description(),
-                                error.source().begin.line));
+  B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
+  for (const auto& [key, node] : table) {
+    const Status status = ApplyConfigValue(std::string(key.str()), node, options);
+    if (!status.ok()) return status.WithContext(path);
   }
   return Status();
 }
@@ -129,6 +125,9 @@ Status Complete(Flags* flags) {
   B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
   if (!serve.models_folder.empty()) {
     B4MRL_RETURN_IF_ERROR(CheckFolder("--models", serve.models_folder));
+  }
+  if (!serve.suites_folder.empty()) {
+    B4MRL_RETURN_IF_ERROR(CheckFolder("--suites", serve.suites_folder));
   }
   return Status();
 }
@@ -182,6 +181,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
   child.pin = serve.pin;
   child.data_folder = serve.data_folder;
   child.models_folder = serve.models_folder;
+  child.suites_folder = serve.suites_folder;
   for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
   for (const std::string& text : flags.worker_ports) child.worker_ports.push_back(ParsePort(text));
   child.dataset_port = ParsePort(flags.dataset_port);
@@ -214,6 +214,8 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  "folder of the datasets (default $B4MRL_DATA or ~/.local/share/b4mrl)");
   app.add_option("--models", serve.models_folder,
                  "folder of MJCF models for model=FILE.xml (default: data/models)");
+  app.add_option("--suites", serve.suites_folder,
+                 "folder of benchmark suites (TOML), beside the project's own");
   app.add_option("--config", flags.config_file, "TOML file with the same keys; flags win");
   app.add_flag("--insecure", serve.insecure,
                "allow addresses that other machines can reach (nothing authenticates them yet)");
@@ -259,6 +261,7 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
   };
   if (child.pin) arguments.push_back("--pin");
   if (!child.models_folder.empty()) add("--models", child.models_folder);
+  if (!child.suites_folder.empty()) add("--suites", child.suites_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {
     add("--listen", fmt::format("{}={}", endpoint.fd, endpoint.address));
   }

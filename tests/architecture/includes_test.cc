@@ -63,6 +63,7 @@ struct Door {
 const std::vector<Door> kDoors = {
     {"ZeroMQ", {"zmq"}, {"proto/wire/"}},
     {"HDF5", {"hdf5", "H5"}, {"data/"}},
+    {"toml++", {"toml++/"}, {"data/files/toml_file"}},
     {"MuJoCo", {"mujoco/"}, {"server/environments/", "server/perturbations/", "server/render/"}},
     {"OSMesa", {"GL/"}, {"server/render/"}},
     {"Cairo", {"cairo"}, {"server/render/"}},
