@@ -34,7 +34,8 @@ SpaceSpec SpaceOf(const pb::Space& space) {
 }
 
 uint32_t EntriesOf(const pb::CatalogueReply& catalogue) {
-  return static_cast<uint32_t>(catalogue.environments_size() + catalogue.perturbations_size());
+  return static_cast<uint32_t>(catalogue.environments_size() + catalogue.perturbations_size() +
+                               catalogue.benchmarks_size());
 }
 
 // Checks the numbers from which the client computes sizes, whoever sent them.
@@ -126,12 +127,13 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
   return client;
 }
 
-Result<pb::CatalogueReply> Client::Catalogue() {
+Result<pb::CatalogueReply> Client::Catalogue(bool with_benchmarks) {
   pb::CatalogueReply catalogue;
   while (true) {
     const uint32_t known = EntriesOf(catalogue);
     pb::Request request;
     request.mutable_catalogue()->set_first(known);
+    request.mutable_catalogue()->set_with_benchmarks(with_benchmarks);
     B4MRL_ASSIGN_OR_RETURN(
         const ReceivedReply reply,
         gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));

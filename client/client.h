@@ -51,8 +51,8 @@ class Client {
   void set_reporter(std::function<void(const std::string&)> reporter);
   // Whether requests to any session or dataset so far went through the gateway.
   bool relayed() const { return relayed_; }
-  // All pages of the catalogue as one message.
-  Result<pb::CatalogueReply> Catalogue();
+  // All pages of the catalogue as one message; benchmarks only if asked for, as they are many.
+  Result<pb::CatalogueReply> Catalogue(bool with_benchmarks = false);
   Result<pb::ServerStatusReply> ServerStatus();
   // The specification of one environment, without opening it.
   Result<EnvironmentSpec> FindEnvironment(std::string_view name);

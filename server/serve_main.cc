@@ -1,5 +1,6 @@
 #include "server/serve_main.h"
 
+#include <fmt/format.h>
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/cfg/env.h>
 #include <spdlog/sinks/stdout_sinks.h>
@@ -9,6 +10,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "data/suites/suites.h"
 #include "server/datasets/dataset_worker.h"
 #include "server/datasets/importer.h"
 #include "server/models/model_compiler.h"
@@ -68,7 +70,14 @@ int ServeMain(int argc, char** argv) {
     LeaveSandbox(RunModelCompiler(
         {line->child.models_folder, line->untrusted_file, line->environment, line->cache_folder}));
   }
-  return line->is_child ? RunChild(std::move(*line)) : RunSupervisor(line->serve);
+  if (line->is_child) return RunChild(std::move(*line));
+  // A mistake in a suite is told to who starts the daemon; its gateway reads the suites later.
+  const auto suites = ReadSuites({DefaultSuitesFolder(), line->serve.suites_folder});
+  if (!suites.ok()) {
+    fmt::print(stderr, "b4mrl serve: {}\n", suites.status().message());
+    return kExitBadInput;
+  }
+  return RunSupervisor(line->serve);
 }
 
 }  // namespace b4mrl

@@ -173,6 +173,45 @@ Json AlgorithmItem(const Algorithm& algorithm) {
   return item;
 }
 
+// Whether a benchmark is defined for an algorithm: it has data for one that needs data, and its
+// suite says nothing else.
+bool IsDefined(const pb::BenchmarkInfo& info, const Algorithm& algorithm) {
+  if (algorithm.needs.dataset && info.dataset().empty()) return false;
+  if (std::ranges::count(info.exceptions(), algorithm.name) > 0) return false;
+  return info.algorithms().empty() || std::ranges::count(info.algorithms(), algorithm.name) > 0;
+}
+
+Json BenchmarkItem(const pb::BenchmarkInfo& info) {
+  const auto or_none = [](const std::string& text, const char* none) {
+    return text.empty() ? none : text;
+  };
+  Json item = {
+      {"name", info.name()},
+      {"description", fmt::format("simulator: {}; data: {}{}", or_none(info.simulator(), "true"),
+                                  or_none(info.dataset(), "none"),
+                                  info.corruption().empty() ? "" : ", " + info.corruption())},
+      {"suite", info.suite()},
+      {"environment", info.environment()},
+      {"challenge", info.challenge()},
+      {"simulator", info.simulator()},
+      {"dataset", info.dataset()},
+      {"corruption", info.corruption()},
+      {"world", info.world()},
+      {"algorithms", Json::array()},
+      {"hyperparameters", Json::object()},
+      {"paper", Json::object()}};
+  for (const Algorithm& algorithm : Algorithms()) {
+    if (IsDefined(info, algorithm)) item["algorithms"].push_back(algorithm.name);
+  }
+  for (const pb::Hyperparameter& entry : info.hyperparameters()) {
+    item["hyperparameters"][entry.name()] = entry.value();
+  }
+  for (const pb::PaperScore& score : info.paper()) {
+    item["paper"][score.algorithm()] = {{"mean", score.mean()}, {"std", score.std()}};
+  }
+  return item;
+}
+
 struct ListCommand {
   CLI::App* app;
   DaemonOptions daemon;
@@ -185,7 +224,8 @@ struct ListCommand {
 };
 
 const std::vector<std::string> kKinds = {"environments", "dimensions", "perturbations",
-                                         "corruptions",  "datasets",   "algorithms"};
+                                         "corruptions",  "datasets",   "algorithms",
+                                         "benchmarks"};
 
 std::optional<Failure> ListCommand::Run() {
   if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) {
@@ -214,7 +254,14 @@ Result<Json> ListCommand::Items(Client& client) const {
     B4MRL_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets());
     return DatasetItems(datasets);
   }
-  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue,
+                         client.Catalogue(kind == "benchmarks"));
+  if (kind == "benchmarks") {
+    for (const pb::BenchmarkInfo& info : catalogue.benchmarks()) {
+      items.push_back(BenchmarkItem(info));
+    }
+    return items;
+  }
   if (kind == "perturbations" || kind == "corruptions") {
     for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
       if (kind == "perturbations" || info.corrupts_datasets()) {
@@ -263,10 +310,12 @@ std::vector<Command> AddListCommand(CLI::App& app) {
   auto command = std::make_shared<ListCommand>();
   command->app = app.add_subcommand(
       "list",
-      "list environments, dimensions E, perturbations, corruptions, datasets or algorithms");
+      "list environments, dimensions E, perturbations, corruptions, datasets, algorithms or "
+      "benchmarks");
   command->app
       ->add_option("kind", command->kind,
-                   "environments, dimensions, perturbations, corruptions, datasets or algorithms")
+                   "environments, dimensions, perturbations, corruptions, datasets, algorithms or "
+                   "benchmarks")
       ->required();
   command->app->add_option("environment", command->environment,
                            "environment whose dimensions `list dimensions` names");

@@ -42,19 +42,52 @@ void DescribePerturbation(const PerturbationEntry& entry, pb::PerturbationInfo* 
   }
 }
 
+void DescribeBenchmark(const Benchmark& benchmark, pb::BenchmarkInfo* out) {
+  out->set_name(benchmark.name);
+  out->set_suite(benchmark.suite);
+  out->set_environment(benchmark.environment);
+  out->set_challenge(benchmark.challenge);
+  out->set_simulator(benchmark.simulator);
+  out->set_dataset(benchmark.dataset);
+  out->set_corruption(benchmark.corruption);
+  out->set_world(benchmark.world);
+  out->mutable_algorithms()->Assign(benchmark.algorithms.begin(), benchmark.algorithms.end());
+  out->mutable_exceptions()->Assign(benchmark.exceptions.begin(), benchmark.exceptions.end());
+  for (const auto& [name, value] : benchmark.hyperparameters) {
+    pb::Hyperparameter* hyperparameter = out->add_hyperparameters();
+    hyperparameter->set_name(name);
+    hyperparameter->set_value(value);
+  }
+  for (const auto& [algorithm, score] : benchmark.paper) {
+    pb::PaperScore* printed = out->add_paper();
+    printed->set_algorithm(algorithm);
+    printed->set_mean(score.mean);
+    printed->set_std(score.std);
+  }
+}
+
 }  // namespace
 
-Catalogue::Catalogue(std::string models_folder, size_t page_bytes)
-    : models_folder_(std::move(models_folder)), page_bytes_(page_bytes - kEnvelopeRest) {}
+Catalogue::Catalogue(std::string models_folder, const std::vector<Benchmark>& benchmarks,
+                     size_t page_bytes)
+    : models_folder_(std::move(models_folder)), page_bytes_(page_bytes - kEnvelopeRest) {
+  for (const Benchmark& benchmark : benchmarks) {
+    pb::CatalogueReply entry;
+    DescribeBenchmark(benchmark, entry.add_benchmarks());
+    Add(benchmark.name, entry, &benchmarks_);
+  }
+}
 
-void Catalogue::FillPage(uint32_t first, pb::Reply* reply) {
+void Catalogue::FillPage(const pb::CatalogueRequest& request, pb::Reply* reply) {
   ReadFolder();
+  const size_t total = entries_.size() + (request.with_benchmarks() ? benchmarks_.size() : 0);
   pb::CatalogueReply head;
-  head.set_total(static_cast<uint32_t>(entries_.size()));
+  head.set_total(static_cast<uint32_t>(total));
   std::string page;
-  for (size_t i = first; i < entries_.size(); ++i) {
-    if (page.size() + entries_[i].size() > page_bytes_) break;
-    page += entries_[i];
+  for (size_t i = request.first(); i < total; ++i) {
+    const std::string& entry = i < entries_.size() ? entries_[i] : benchmarks_[i - entries_.size()];
+    if (page.size() + entry.size() > page_bytes_) break;
+    page += entry;
   }
   // Parsers merge concatenated messages, so the entries can stand beside the total as they are.
   page += head.SerializeAsString();
@@ -79,26 +112,28 @@ void Catalogue::ReadFolder() {
   Serialise();
 }
 
+void Catalogue::Add(const std::string& name, const pb::CatalogueReply& entry,
+                    std::vector<std::string>* entries) const {
+  std::string bytes = entry.SerializeAsString();
+  if (bytes.size() <= page_bytes_) return entries->push_back(std::move(bytes));
+  spdlog::error("the catalogue leaves out {}: its description has {} bytes", name, bytes.size());
+}
+
 void Catalogue::Serialise() {
   entries_.clear();
-  const auto add = [this](const std::string& name, const pb::CatalogueReply& entry) {
-    std::string bytes = entry.SerializeAsString();
-    if (bytes.size() <= page_bytes_) return entries_.push_back(std::move(bytes));
-    spdlog::error("the catalogue leaves out {}: its description has {} bytes", name, bytes.size());
-  };
   for (const EnvironmentEntry& environment : EnvironmentList()) {
     const Result<EnvironmentSpec> spec = DescribeEnvironment(environment.name);
     if (!spec.ok()) continue;  // leaves out an environment that cannot be described
     pb::CatalogueReply entry;
     FillEnvironmentInfo(*spec, entry.add_environments());
-    add(spec->name, entry);
+    Add(spec->name, entry, &entries_);
   }
   for (const PerturbationEntry& perturbation : PerturbationList()) {
     pb::CatalogueReply entry;
     pb::PerturbationInfo* info = entry.add_perturbations();
     DescribePerturbation(perturbation, info);
     if (perturbation.type == "file") info->mutable_files()->Assign(files_.begin(), files_.end());
-    add(info->name(), entry);
+    Add(info->name(), entry, &entries_);
   }
 }
 

@@ -1,5 +1,6 @@
-// The catalogue: all environments and perturbations, and the models of users. A client asks for it
-// page by page, as it may be longer than an envelope.
+// The catalogue: all environments and perturbations, the models of users and, for clients that ask
+// for them, all benchmarks. A client asks for it page by page, as it may be longer than an
+// envelope.
 //
 // To put the catalogue together takes milliseconds, and it changes only with the models folder, so
 // its entries are kept in serialised form. Thread rule: the gateway's main thread.
@@ -10,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "data/suites/suites.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/limits.h"
 
@@ -19,23 +21,30 @@ class Catalogue {
  public:
   // The envelope of a page takes at most `page_bytes`. An entry that takes more by itself is left
   // out, and an error is logged.
-  explicit Catalogue(std::string models_folder, size_t page_bytes = limits::kMaxEnvelopeBytes);
+  Catalogue(std::string models_folder, const std::vector<Benchmark>& benchmarks,
+            size_t page_bytes = limits::kMaxEnvelopeBytes);
 
-  // Makes `reply` carry the entries from number `first` on, as many as fit a page. Environments
-  // come first, then perturbations. The entries stand in the reply as bytes, which are written to
-  // the envelope as they are: `reply->catalogue()` is empty until the envelope is parsed.
-  void FillPage(uint32_t first, pb::Reply* reply);
+  // Makes `reply` carry the entries from number request.first() on, as many as fit a page.
+  // Environments come first, then perturbations, then benchmarks. The entries stand in the reply as
+  // bytes, which are written to the envelope as they are: `reply->catalogue()` is empty until the
+  // envelope is parsed.
+  void FillPage(const pb::CatalogueRequest& request, pb::Reply* reply);
 
  private:
   // Lists the models folder, unless its time of change shows that the list is still right.
   void ReadFolder();
   void Serialise();
+  // Appends an entry, named `name`, to `entries`.
+  void Add(const std::string& name, const pb::CatalogueReply& entry,
+           std::vector<std::string>* entries) const;
 
   const std::string models_folder_;
   const size_t page_bytes_;  // of all entries of a page
   std::vector<std::string> files_;
   std::optional<int64_t> folder_changed_ns_;  // when files_ was read; unset if it may be outdated
-  std::vector<std::string> entries_;          // each a serialised CatalogueReply of one entry
+  // Each entry is a serialised CatalogueReply that holds it alone.
+  std::vector<std::string> entries_;
+  std::vector<std::string> benchmarks_;
 };
 
 }  // namespace b4mrl

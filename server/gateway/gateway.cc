@@ -1,11 +1,14 @@
 // The gateway's main loop: answers Hello, Catalogue, ServerStatus and Open. Its replacement reads
 // all that it needs from shared memory. Steps pass through the gateway only when their client
 // reaches no other port (server/gateway/relay.h).
+#include <spdlog/spdlog.h>
+
 #include <chrono>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "data/suites/suites.h"
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/gateway/catalogue.h"
@@ -35,6 +38,15 @@ std::string ModelsFolder(const ChildOptions& options) {
   return options.models_folder.empty() ? DefaultModelsFolder() : options.models_folder;
 }
 
+// The supervisor has read the suites before it started this process; should they have changed into
+// ones that cannot be read, everything else is served on.
+std::vector<Benchmark> BenchmarksOf(const ChildOptions& options) {
+  auto benchmarks = ReadSuites({DefaultSuitesFolder(), options.suites_folder});
+  if (benchmarks.ok()) return *std::move(benchmarks);
+  spdlog::error("the catalogue has no benchmarks: {}", benchmarks.status().message());
+  return {};
+}
+
 class Gateway {
  public:
   Gateway(ChildContext& context, Context& sockets, RouterSocket socket,
@@ -47,7 +59,7 @@ class Gateway {
                    (void)socket_.Send(client, std::move(reply));
                  }),
         status_(context.shared(), context.options().data_folder),
-        catalogue_(ModelsFolder(context.options())),
+        catalogue_(ModelsFolder(context.options()), BenchmarksOf(context.options())),
         openings_(context.shared(), std::move(workers),
                   {{ModelsFolder(context.options()), context.options().data_folder},
                    context.options().worker_ports},
@@ -135,7 +147,7 @@ void Gateway::HandleHello(const Asker& from) {
 
 void Gateway::HandleCatalogue(const Asker& from) {
   pb::Reply reply;
-  catalogue_.FillPage(request_.catalogue().first(), &reply);
+  catalogue_.FillPage(request_.catalogue(), &reply);
   replies_.Reply(from, std::move(reply));
 }
 

@@ -28,6 +28,7 @@ struct ChildOptions {
   bool pin = false;      // an environment worker keeps each thread on one core
   std::string data_folder;
   std::string models_folder;  // "" for the default
+  std::string suites_folder;  // beside the project's suites; "": none
   std::vector<ListeningEndpoint> endpoints;
   // Where clients reach each environment worker and the dataset worker, in the form of pb::Port.
   struct Port {

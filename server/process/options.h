@@ -24,6 +24,7 @@ struct ServeOptions {
   uint32_t lease_seconds = 0;  // a session without requests ends after this; 0: the default
   std::string data_folder;     // exists
   std::string models_folder;   // exists, or "" for the default
+  std::string suites_folder;   // exists, or "": the project's suites alone
   bool insecure = false;       // allow addresses that other machines can reach
   bool single_port = false;    // clients reach the gateway alone, which relays
 };

@@ -59,6 +59,7 @@ void Supervisor::AddChildren(const ServeOptions& options) {
   common.pin = options.pin;
   common.data_folder = options.data_folder;
   common.models_folder = options.models_folder;
+  common.suites_folder = options.suites_folder;
   common.worker_ports = listeners_.worker_ports;
   common.dataset_port = listeners_.dataset_port;
   for (const auto& worker : listeners_.workers) {

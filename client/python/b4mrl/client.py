@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from b4mrl import config as settings
-from b4mrl import descriptions, errors, query, simulators
+from b4mrl import catalogue, descriptions, errors, query, simulators
 from b4mrl.dataset import Dataset
-from b4mrl.descriptions import DatasetInfo, Perturbation, ServerStatus
+from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
 from b4mrl.opening import Opening, open_session
@@ -106,11 +106,17 @@ class Client(Shown):
 
     def environments(self) -> dict[str, EnvironmentSpec]:
         """Name -> specification of every environment, under its default settings."""
-        return Table((info.name, spec_of(info)) for info in self._catalogue().environments)
+        found = catalogue.read(self._ask_gateway)
+        return Table((info.name, spec_of(info)) for info in found.environments)
 
     def perturbations(self) -> list[Perturbation]:
         """All kinds of perturbations, each with its presets."""
-        return Listing(map(descriptions.read, self._catalogue().perturbations))
+        return Listing(map(descriptions.read, catalogue.read(self._ask_gateway).perturbations))
+
+    def benchmarks(self) -> list[BenchmarkInfo]:
+        """All benchmarks: of the project's suites and of the daemon's `--suites`."""
+        found = catalogue.read(self._ask_gateway, with_benchmarks=True)
+        return Listing(map(descriptions.read, found.benchmarks))
 
     def server_status(self) -> ServerStatus:
         """The daemon's uptime, processes and sessions."""
@@ -343,22 +349,6 @@ class Client(Shown):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _catalogue(self) -> Any:
-        """All pages of the catalogue as one CatalogueReply."""
-        catalogue = self._catalogue_page(0)
-        while (known := _entries(catalogue)) < catalogue.total:
-            page = self._catalogue_page(known)
-            if _entries(page) == 0:
-                break
-            catalogue.MergeFrom(page)
-        return catalogue
-
-    def _catalogue_page(self, first: int) -> Any:
-        request = Request()
-        request.catalogue.first = first
-        request.catalogue.SetInParent()
-        return self._ask_gateway(request).catalogue
-
     def _open(self, opening: Opening) -> Session:
         deadline_ms = checks.deadline_ms(opening.deadline_ms, self.deadline_ms)
         return open_session(self.endpoint, self._routes, opening, deadline_ms)
@@ -387,10 +377,6 @@ class Client(Shown):
 
     def _connect_datasets(self) -> Connection:
         return self._routes.reach(self.hello.dataset_port)
-
-
-def _entries(catalogue: Any) -> int:
-    return len(catalogue.environments) + len(catalogue.perturbations)
 
 
 def call_once(

@@ -201,7 +201,38 @@ class DatasetInForce(Record):
     provenance: DatasetProvenance
 
 
+@dataclass(frozen=True, repr=False)
+class BenchmarkInfo(Record):
+    """A simulator, a dataset, their flaws, and the world in which policies are scored.
+
+    Attributes:
+        name: "HalfCheetah/confounding/hidden-high+medium-expert".
+        suite: version of the suite, "v0".
+        simulator, corruption, world: perturbations of the simulator, of the dataset and of the
+            true environment, written as in Client.make: "gravity,obs-noise=0.02"; "" for none.
+        dataset: "HalfCheetah/medium-expert"; "" for none.
+        algorithms: the only ones that it is defined for; () for all.
+        exceptions: algorithms that it is not defined for.
+        hyperparameters: those that differ from their defaults.
+        paper: the paper's scores by algorithm: (mean, standard deviation) of three seeds.
+    """
+
+    name: str
+    suite: str
+    environment: str
+    challenge: str
+    simulator: str
+    dataset: str
+    corruption: str
+    world: str
+    algorithms: tuple[str, ...]
+    exceptions: tuple[str, ...]
+    hyperparameters: dict[str, float]
+    paper: dict[str, tuple[float, float]]
+
+
 _KINDS: dict[str, type[Any]] = {
+    "BenchmarkInfo": BenchmarkInfo,
     "PresetInfo": Preset,
     "PerturbationInfo": Perturbation,
     "WorkerStatus": WorkerStatus,
@@ -217,6 +248,8 @@ _KINDS: dict[str, type[Any]] = {
 _READERS: dict[str, Callable[[Any], Any]] = {
     "autoreset_mode": lambda number: AUTORESET_MODES.values_by_number[number].name.lower(),
     "config": lambda text: json.loads(text or "{}"),
+    "hyperparameters": lambda entries: {entry.name: entry.value for entry in entries},
+    "paper": lambda scores: {score.algorithm: (score.mean, score.std) for score in scores},
 }
 
 

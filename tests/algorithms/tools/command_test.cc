@@ -176,28 +176,6 @@ TEST_CASE("Defaults are shown as they hold in the environment") {
   CHECK(found == 1);
 }
 
-TEST_CASE("Lists are JSON arrays of objects with a name") {
-  for (const Words& words : std::vector<Words>{
-           {"environments"}, {"dimensions", "HalfCheetah"}, {"perturbations"}, {"algorithms"}}) {
-    const Outcome outcome = Run(Words{"list"} + words + Words{"--json"});
-    INFO(words[0] << ": " << outcome.err);
-    CHECK(outcome.exit_code == 0);
-    const auto json = nlohmann::json::parse(outcome.out, nullptr, false);
-    REQUIRE(json.is_array());
-    CHECK_FALSE(json.empty());
-    for (const auto& item : json) CHECK(item["name"].is_string());
-  }
-}
-
-TEST_CASE("A list that there is not is refused with the names of those that there are") {
-  const Outcome outcome = Run({"list", "benchmarks"});
-  CHECK(outcome.exit_code == 2);
-  CHECK(outcome.out.empty());
-  CHECK(outcome.err.find("'benchmarks'") != std::string::npos);
-  CHECK(outcome.err.find("environments") != std::string::npos);
-  CHECK(Run({"list", "--help"}).out.find("benchmarks") == std::string::npos);
-}
-
 TEST_CASE("A training process that is killed and resumed ends like one that was not") {
   TemporaryFolder folder;
   const Outcome straight = Run(SmallTraining(folder.File("straight")));

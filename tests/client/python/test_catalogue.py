@@ -5,36 +5,50 @@ from __future__ import annotations
 from typing import Any
 
 import b4mrl
-import pytest
+from b4mrl import catalogue
+from b4mrl.wire.messages import Reply
 
 
-def test_the_pages_of_the_catalogue_are_put_together(
-    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = client._catalogue()
+def test_the_pages_of_the_catalogue_are_put_together(client: b4mrl.Client) -> None:
+    whole = catalogue.read(client._ask_gateway, with_benchmarks=True)
+    kinds = [whole.environments, whole.perturbations, whole.benchmarks]
+    entries = [(i, entry) for i, kind in enumerate(kinds) for entry in kind]
     asked: list[int] = []
 
-    def page(first: int) -> Any:
-        """At most two entries, from number `first` on."""
-        asked.append(first)
-        reply = type(whole)(total=whole.total)
-        reply.environments.extend(whole.environments[first : first + 2])
-        start = max(first - len(whole.environments), 0)
-        left = 2 - len(reply.environments)
-        reply.perturbations.extend(whole.perturbations[start : start + left])
+    def ask(request: Any) -> Any:
+        """At most seven entries, from number `first` on."""
+        asked.append(request.catalogue.first)
+        reply = Reply()
+        page = reply.catalogue
+        page.total = whole.total
+        lists = [page.environments, page.perturbations, page.benchmarks]
+        for kind, entry in entries[request.catalogue.first :][:7]:
+            lists[kind].append(entry)
         return reply
 
-    monkeypatch.setattr(client, "_catalogue_page", page)
-    assert client._catalogue() == whole
-    assert asked == list(range(0, whole.total, 2))
+    assert catalogue.read(ask, with_benchmarks=True) == whole
+    assert asked == list(range(0, whole.total, 7))
 
 
-def test_a_catalogue_that_promises_more_than_it_has_comes_to_an_end(
-    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = client._catalogue()
-    pages = {0: type(whole)(total=whole.total + 1, environments=whole.environments)}
-    monkeypatch.setattr(
-        client, "_catalogue_page", lambda first: pages.get(first, type(whole)(total=99))
-    )
-    assert list(client._catalogue().environments) == list(whole.environments)
+def test_a_catalogue_that_promises_more_than_it_has_comes_to_an_end(client: b4mrl.Client) -> None:
+    whole = catalogue.read(client._ask_gateway)
+
+    def ask(request: Any) -> Any:
+        reply = Reply()
+        reply.catalogue.total = whole.total + 1
+        if request.catalogue.first == 0:
+            reply.catalogue.environments.extend(whole.environments)
+        return reply
+
+    assert list(catalogue.read(ask).environments) == list(whole.environments)
+
+
+def test_benchmarks_say_what_they_are_made_of(client: b4mrl.Client) -> None:
+    found = {each.name: each for each in client.benchmarks()}
+    one = found["HalfCheetah/confounding/hidden-high+medium-expert"]
+    assert (one.environment, one.simulator) == ("HalfCheetah", "gravity")
+    assert (one.dataset, one.corruption) == ("HalfCheetah/medium-expert", "hidden-high")
+    assert one.paper["td3-bc"][0] > 0 and len(one.paper) == 7
+    control = found["HalfCheetah/controls/no-penalty+medium"]
+    assert control.hyperparameters == {"penalty": 0}
+    assert control.algorithms == ("mopo",)

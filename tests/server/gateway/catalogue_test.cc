@@ -13,6 +13,7 @@
 #include "server/environments/list.h"
 #include "server/perturbations/list.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -22,16 +23,20 @@ struct Page {
   pb::CatalogueReply entries;
   size_t bytes = 0;
   uint32_t size() const {
-    return static_cast<uint32_t>(entries.environments_size() + entries.perturbations_size());
+    return static_cast<uint32_t>(entries.environments_size() + entries.perturbations_size() +
+                                 entries.benchmarks_size());
   }
 };
 
-Page Ask(Catalogue& catalogue, uint32_t first) {
+Page Ask(Catalogue& catalogue, uint32_t first, bool with_benchmarks = false) {
+  pb::CatalogueRequest request;
+  request.set_first(first);
+  request.set_with_benchmarks(with_benchmarks);
   pb::Reply filled, parsed;
   filled.set_protocol_version(limits::kProtocolVersion);
   filled.set_request_id(UINT64_MAX);
   filled.mutable_status();
-  catalogue.FillPage(first, &filled);
+  catalogue.FillPage(request, &filled);
   const Result<Frame> envelope = SerializeEnvelope(filled);
   REQUIRE(envelope.ok());
   REQUIRE(ParseEnvelope(*envelope, &parsed).ok());
@@ -42,10 +47,10 @@ Page Ask(Catalogue& catalogue, uint32_t first) {
 }
 
 pb::CatalogueReply AskAll(Catalogue& catalogue, size_t page_bytes = limits::kMaxEnvelopeBytes,
-                          int* pages = nullptr) {
+                          int* pages = nullptr, bool with_benchmarks = false) {
   pb::CatalogueReply all;
   for (uint32_t known = 0; known == 0 || known < all.total();) {
-    const Page page = Ask(catalogue, known);
+    const Page page = Ask(catalogue, known, with_benchmarks);
     CHECK(page.bytes <= page_bytes);
     REQUIRE(page.size() > 0);
     known += page.size();
@@ -85,7 +90,7 @@ TEST_CASE("The kept catalogue lists the models that are there now") {
     const timespec times[2] = {{1'000'000'000, 0}, {1'000'000'000, 0}};
     REQUIRE(utimensat(AT_FDCWD, folder.path().c_str(), times, 0) == 0);
   };
-  Catalogue catalogue(folder.path());
+  Catalogue catalogue(folder.path(), {});
   CHECK(Models(AskAll(catalogue)).empty());
   WriteBytes(folder.File("a.xml"), "");
   CHECK(Models(AskAll(catalogue)) == Names{"a.xml"});
@@ -99,7 +104,7 @@ TEST_CASE("The kept catalogue lists the models that are there now") {
 
 TEST_CASE("A models folder that is not there yet is empty") {
   const TemporaryFolder folder;
-  Catalogue catalogue(folder.File("models"));
+  Catalogue catalogue(folder.File("models"), {});
   CHECK(Models(AskAll(catalogue)).empty());
   std::filesystem::create_directory(folder.File("models"));
   WriteBytes(folder.File("models/a.xml"), "");
@@ -114,7 +119,7 @@ TEST_CASE("A catalogue that is longer than an envelope is delivered whole, in pa
     files.push_back(fmt::format("{:03}-{}.xml", i, std::string(92, 'x')));
     WriteBytes(folder.File(files.back()), "");
   }
-  Catalogue catalogue(folder.path());
+  Catalogue catalogue(folder.path(), {});
   int pages = 0;
   const pb::CatalogueReply all = AskAll(catalogue, limits::kMaxEnvelopeBytes, &pages);
   CHECK(EntriesOf(all) == AllEntries());
@@ -126,7 +131,7 @@ TEST_CASE("A catalogue that is longer than an envelope is delivered whole, in pa
 TEST_CASE("Pages hold what fits them, whatever number they begin with") {
   const TemporaryFolder folder;
   constexpr size_t kPageBytes = 20'000;  // Humanoid's description has 17 KB
-  Catalogue catalogue(folder.path(), kPageBytes);
+  Catalogue catalogue(folder.path(), {}, kPageBytes);
   const Names names = EntriesOf(AskAll(catalogue, kPageBytes));
   CHECK(names == AllEntries());
   for (uint32_t first = 0; first < names.size(); ++first) {
@@ -144,10 +149,41 @@ TEST_CASE("Pages hold what fits them, whatever number they begin with") {
 TEST_CASE("An entry that is longer than a page is left out, and all others are delivered") {
   const TemporaryFolder folder;
   constexpr size_t kPageBytes = 10'000;
-  Catalogue catalogue(folder.path(), kPageBytes);
+  Catalogue catalogue(folder.path(), {}, kPageBytes);
   Names expected = AllEntries();
   std::erase(expected, "Humanoid");
   CHECK(EntriesOf(AskAll(catalogue, kPageBytes)) == expected);
+}
+
+TEST_CASE("Benchmarks are told to those who ask for them, whole, in pages") {
+  const TemporaryFolder folder;
+  const std::vector<Benchmark> benchmarks = Take(ReadSuites({DefaultSuitesFolder()}));
+  Catalogue catalogue(folder.path(), benchmarks);
+  CHECK(AskAll(catalogue).benchmarks().empty());
+  int pages = 0;
+  const pb::CatalogueReply all =
+      AskAll(catalogue, limits::kMaxEnvelopeBytes, &pages, /*with_benchmarks=*/true);
+  CHECK(EntriesOf(all) == AllEntries());
+  REQUIRE(static_cast<size_t>(all.benchmarks_size()) == benchmarks.size());
+  for (int i = 0; i < all.benchmarks_size(); ++i) {
+    const pb::BenchmarkInfo& told = all.benchmarks(i);
+    CHECK(told.name() == benchmarks[i].name);
+    CHECK(told.dataset() == benchmarks[i].dataset);
+    CHECK(told.paper_size() == static_cast<int>(benchmarks[i].paper.size()));
+  }
+}
+
+TEST_CASE("The perturbations of the project's benchmarks exist and fit their environments") {
+  for (const Benchmark& benchmark : Take(ReadSuites({DefaultSuitesFolder()}))) {
+    CAPTURE(benchmark.name);
+    const EnvironmentSpec spec = Take(DescribeEnvironment(benchmark.environment));
+    for (const auto& [text, use] : {std::pair{&benchmark.simulator, PerturbationUse::kSimulator},
+                                    std::pair{&benchmark.world, PerturbationUse::kSimulator},
+                                    std::pair{&benchmark.corruption, PerturbationUse::kDataset}}) {
+      const auto arguments = Take(ParseNamedArguments(*text));
+      CHECK(MakePerturbations(arguments, spec, use).ok());
+    }
+  }
 }
 
 }  // namespace

@@ -1,0 +1,284 @@
+#include "data/suites/suites.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <filesystem>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "data/files/atomic_file.h"
+#include "data/files/toml_file.h"
+#include "proto/base/folders.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kMaxFileBytes = 1 << 20;
+
+// The keys of one table of a suite's file. Reading one marks it as known, so that what is left over
+// is a mistake.
+class Keys {
+ public:
+  Keys(const toml::table& table, std::string where) : table_(table), where_(std::move(where)) {}
+
+  Result<std::string> Text(std::string_view key, bool required) {
+    const toml::node* node = Find(key);
+    if (node == nullptr && !required) return std::string();
+    const auto text = node == nullptr ? std::nullopt : node->value_exact<std::string>();
+    if (!text || text->empty()) return Refuse(key, "a text that is not empty");
+    return CheckName(key, *text);
+  }
+
+  // The texts of a list; `otherwise` if the key is missing.
+  Result<std::vector<std::string>> Texts(std::string_view key, std::vector<std::string> otherwise) {
+    const toml::node* node = Find(key);
+    if (node == nullptr) return otherwise;
+    const toml::array* array = node->as_array();
+    if (array == nullptr || array->empty()) return Refuse(key, "a list of texts that is not empty");
+    std::vector<std::string> texts;
+    for (const toml::node& entry : *array) {
+      const auto text = entry.value_exact<std::string>();
+      if (!text) return Refuse(key, "a list of texts");
+      B4MRL_ASSIGN_OR_RETURN(std::string checked, CheckName(key, *text));
+      texts.push_back(std::move(checked));
+    }
+    return texts;
+  }
+
+  Result<std::map<std::string, double>> Numbers(std::string_view key) {
+    std::map<std::string, double> numbers;
+    const toml::node* node = Find(key);
+    if (node == nullptr) return numbers;
+    const toml::table* table = node->as_table();
+    if (table == nullptr) return Refuse(key, "a table of numbers");
+    for (const auto& [name, value] : *table) {
+      const auto number = value.value<double>();
+      if (!number || value.is_boolean()) return Refuse(key, "a table of numbers");
+      numbers.emplace(std::string(name.str()), *number);
+    }
+    return numbers;
+  }
+
+  Result<std::vector<const toml::table*>> Tables(std::string_view key) {
+    const toml::node* node = Find(key);
+    const toml::array* array = node == nullptr ? nullptr : node->as_array();
+    std::vector<const toml::table*> tables;
+    for (size_t i = 0; array != nullptr && i < array->size(); ++i) {
+      tables.push_back((*array)[i].as_table());
+    }
+    if (tables.empty() || std::ranges::count(tables, nullptr) > 0) {
+      return Refuse(key, fmt::format("tables [[{}]]", key));
+    }
+    return tables;
+  }
+
+  // An error if the table has a key that nobody asked for.
+  Status Finish() const {
+    for (const auto& [key, node] : table_) {
+      if (known_.contains(key.str())) continue;
+      return UnknownName(fmt::format("key of {}", where_), std::string(key.str()),
+                         std::vector<std::string>(known_.begin(), known_.end()));
+    }
+    return Status();
+  }
+
+ private:
+  const toml::node* Find(std::string_view key) {
+    known_.emplace(key);
+    return table_.get(key);
+  }
+  Status Refuse(std::string_view key, std::string_view allowed) const {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{}: '{}' must be {}", where_, key, allowed));
+  }
+  // Names appear in names of files and on command lines.
+  Result<std::string> CheckName(std::string_view key, const std::string& text) const {
+    const bool fits = text.size() <= kMaxBenchmarkText && std::ranges::all_of(text, [](char c) {
+                        return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+                               std::string_view("-_=.,+").find(c) != std::string_view::npos;
+                      });
+    if (fits) return text;
+    return Refuse(key, fmt::format("at most {} letters, digits and characters of \"-_=.,+\"",
+                                   kMaxBenchmarkText));
+  }
+
+  const toml::table& table_;
+  const std::string where_;
+  std::set<std::string, std::less<>> known_;
+};
+
+std::string Joined(std::initializer_list<std::string_view> parts) {
+  std::string text;
+  for (const std::string_view part : parts) {
+    if (part.empty()) continue;
+    if (!text.empty()) text += '+';
+    text += part;
+  }
+  return text;
+}
+
+// Appends the benchmarks of one challenge, which all have what `common` has.
+Status AppendChallenge(const toml::table& table, Benchmark common, const std::string& file,
+                       std::vector<Benchmark>* out) {
+  const auto title = table["name"].value<std::string>();
+  Keys keys(table, fmt::format("{}, challenge '{}'", file, title.value_or("")));
+  B4MRL_ASSIGN_OR_RETURN(common.challenge, keys.Text("name", true));
+  B4MRL_ASSIGN_OR_RETURN(const std::string label, keys.Text("label", false));
+  B4MRL_ASSIGN_OR_RETURN(const auto simulators, keys.Texts("simulators", {""}));
+  B4MRL_ASSIGN_OR_RETURN(const auto corruptions, keys.Texts("corruptions", {""}));
+  B4MRL_ASSIGN_OR_RETURN(const auto datasets, keys.Texts("datasets", {""}));
+  B4MRL_ASSIGN_OR_RETURN(common.algorithms, keys.Texts("algorithms", {}));
+  B4MRL_ASSIGN_OR_RETURN(common.exceptions, keys.Texts("except", {}));
+  B4MRL_ASSIGN_OR_RETURN(common.world, keys.Text("world", false));
+  B4MRL_ASSIGN_OR_RETURN(common.hyperparameters, keys.Numbers("hyperparameters"));
+  B4MRL_RETURN_IF_ERROR(keys.Finish());
+  for (const std::string& simulator : simulators) {
+    for (const std::string& corruption : corruptions) {
+      for (const std::string& dataset : datasets) {
+        Benchmark made = common;
+        made.simulator = simulator;
+        made.corruption = corruption;
+        if (!dataset.empty()) made.dataset = fmt::format("{}/{}", made.environment, dataset);
+        const bool by_simulator = label.empty() && corruption.empty();
+        const std::string varied =
+            Joined({label, corruption, by_simulator ? simulator : "", dataset});
+        made.name = fmt::format("{}/{}/{}", made.environment, made.challenge, varied);
+        if (out->size() >= kMaxBenchmarks) {
+          return Status(StatusCode::kLimitExceeded,
+                        fmt::format("{} has more than {} benchmarks", file, kMaxBenchmarks));
+        }
+        out->push_back(std::move(made));
+      }
+    }
+  }
+  return Status();
+}
+
+Status CheckNames(const std::vector<Benchmark>& benchmarks) {
+  std::map<std::string_view, const Benchmark*> seen;
+  for (const Benchmark& benchmark : benchmarks) {
+    const auto [other, is_new] = seen.emplace(benchmark.name, &benchmark);
+    if (is_new) continue;
+    const auto text = [](const Benchmark& which) {
+      return fmt::format("simulator '{}', dataset '{}', corruption '{}'", which.simulator,
+                         which.dataset, which.corruption);
+    };
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("two benchmarks are named {}: {}; and {}", benchmark.name,
+                              text(*other->second), text(benchmark)));
+  }
+  return Status();
+}
+
+std::optional<double> NumberOf(std::string_view text) {
+  double number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+// Gives the benchmarks the scores of one file. Lines about others are passed over: a folder of the
+// user's may hold scores of the project's benchmarks.
+Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  std::map<std::string_view, Benchmark*> by_name;
+  for (Benchmark& benchmark : *benchmarks) by_name.emplace(benchmark.name, &benchmark);
+  size_t number = 0;
+  for (size_t at = 0; at < text.size(); ++number) {
+    const size_t end = std::min(text.find('\n', at), text.size());
+    const std::string_view line = std::string_view(text).substr(at, end - at);
+    at = end + 1;
+    if (number == 0 || line.empty()) continue;  // the columns' names
+    std::vector<std::string_view> cells;
+    for (size_t from = 0; from <= line.size();) {
+      const size_t to = std::min(line.find(',', from), line.size());
+      cells.push_back(line.substr(from, to - from));
+      from = to + 1;
+    }
+    const auto mean = cells.size() == 4 ? NumberOf(cells[2]) : std::nullopt;
+    const auto std = cells.size() == 4 ? NumberOf(cells[3]) : std::nullopt;
+    if (!mean || !std) {
+      return Status(
+          StatusCode::kInvalidArgument,
+          fmt::format("{} line {} is not benchmark,algorithm,mean,std", path, number + 1));
+    }
+    const auto found = by_name.find(cells[0]);
+    if (found != by_name.end()) found->second->paper[std::string(cells[1])] = {*mean, *std};
+  }
+  return Status();
+}
+
+// The files of a folder with this ending, by name.
+Result<std::vector<std::string>> FilesOf(const std::string& folder, std::string_view ending) {
+  std::vector<std::string> paths;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->path().extension() == ending) paths.push_back(entry->path());
+  }
+  if (error) return IoError("list", folder, error.value());
+  std::ranges::sort(paths);
+  return paths;
+}
+
+}  // namespace
+
+std::string DefaultSuitesFolder() {
+  const std::string folder = SharedFolder("suites", B4MRL_SUITES_FOLDER);
+  std::error_code error;
+  return std::filesystem::is_directory(folder, error) ? folder : "";
+}
+
+bool Benchmark::DefinedFor(std::string_view algorithm) const {
+  if (std::ranges::count(exceptions, algorithm) > 0) return false;
+  return algorithms.empty() || std::ranges::count(algorithms, algorithm) > 0;
+}
+
+Result<std::vector<Benchmark>> ParseSuite(const std::string& text, const std::string& file) {
+  B4MRL_ASSIGN_OR_RETURN(const toml::table table, ParseToml(text, file));
+  Keys keys(table, file);
+  Benchmark common;
+  B4MRL_ASSIGN_OR_RETURN(common.suite, keys.Text("version", true));
+  B4MRL_ASSIGN_OR_RETURN(common.environment, keys.Text("environment", true));
+  B4MRL_ASSIGN_OR_RETURN(const auto challenges, keys.Tables("challenge"));
+  B4MRL_RETURN_IF_ERROR(keys.Finish());
+  std::vector<Benchmark> benchmarks;
+  for (const toml::table* challenge : challenges) {
+    B4MRL_RETURN_IF_ERROR(AppendChallenge(*challenge, common, file, &benchmarks));
+  }
+  B4MRL_RETURN_IF_ERROR(CheckNames(benchmarks).WithContext(file));
+  return benchmarks;
+}
+
+Result<std::vector<Benchmark>> ReadSuites(const std::vector<std::string>& folders) {
+  std::vector<Benchmark> benchmarks;
+  for (const std::string& folder : folders) {
+    if (folder.empty()) continue;
+    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesOf(folder, ".toml"));
+    for (const std::string& file : files) {
+      B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(file, kMaxFileBytes));
+      B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> found, ParseSuite(text, file));
+      std::ranges::move(found, std::back_inserter(benchmarks));
+    }
+  }
+  if (benchmarks.size() > kMaxBenchmarks) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the suites have {} benchmarks, allowed: {}", benchmarks.size(),
+                              kMaxBenchmarks));
+  }
+  B4MRL_RETURN_IF_ERROR(CheckNames(benchmarks));
+  for (const std::string& folder : folders) {
+    if (folder.empty()) continue;
+    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesOf(folder, ".csv"));
+    for (const std::string& file : files) B4MRL_RETURN_IF_ERROR(AddScores(file, &benchmarks));
+  }
+  return benchmarks;
+}
+
+}  // namespace b4mrl
