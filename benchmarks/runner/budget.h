@@ -1,0 +1,60 @@
+// Budgets: how long the runs of a suite train, and the hyperparameters that differ from the
+// learners' defaults. A file holds one table a budget (benchmarks/budgets.toml):
+//
+//   [small]
+//   precision = "fp32"
+//   evaluations = 50        # of a run, at equal distances
+//   episodes = 10           # of an evaluation
+//   rows = 10_000           # of each dataset; left out: all
+//   seeds = 1               # runs of each cell, seeds 0, 1, ...
+//   [small.updates]         # by algorithm; an algorithm that is left out does not run
+//   sac = 250_000
+//   [small.hyperparameters.mopo]
+//   rollout-lag = 1
+//   [[small.exception]]     # for the runs that fit all of its lists; the last one that fits counts
+//   algorithms = ["sac", "td3"]
+//   simulators = ["gravity"]
+//   datasets = ["medium"]
+//   updates = 1_000_000
+//   hyperparameters = { warm-up = 1_000 }
+//
+// Value types; any thread.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+using HyperparameterValues = std::map<std::string, double>;
+
+struct BudgetException {
+  std::vector<std::string> algorithms, simulators, datasets;  // empty: any
+  std::optional<uint64_t> updates;
+  HyperparameterValues hyperparameters;
+};
+
+struct Budget {
+  std::string name;
+  std::string precision = "fp32";
+  uint64_t evaluations = 50;
+  uint32_t episodes = 10;
+  std::optional<uint64_t> rows;
+  uint32_t seeds = 1;
+  std::map<std::string, uint64_t> updates;                      // by algorithm
+  std::map<std::string, HyperparameterValues> hyperparameters;  // by algorithm
+  std::vector<BudgetException> exceptions;
+};
+
+// Reads the budget `name` of a file. Errors: kIoError, kUnknownName, kInvalidArgument with the
+// file, the table and what is allowed there.
+Result<Budget> ReadBudget(const std::string& file, const std::string& name);
+// benchmarks/budgets.toml, where it was installed or in the checkout.
+std::string DefaultBudgetsFile();
+
+}  // namespace b4mrl

@@ -1,0 +1,203 @@
+#include "benchmarks/runner/plan.h"
+
+#include <fmt/format.h>
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "algorithms/base/hyperparameters.h"
+#include "algorithms/run/run_record.h"
+#include "data/files/file_hash.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;  // its keys are sorted, so equal contents are equal texts
+
+constexpr size_t kIdDigits = 16;
+
+// Perturbations in parametric form: "hidden-high" of HalfCheetah is "hidden=9".
+Result<std::string> Parametric(const std::string& text, const std::string& environment,
+                               const pb::CatalogueReply& catalogue) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(text));
+  for (NamedArgument& item : items) {
+    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
+      for (const pb::PresetInfo& preset : info.presets()) {
+        const bool is_meant = item.argument.empty() && preset.name() == item.name &&
+                              preset.environment() == environment;
+        if (is_meant) item = {info.name(), preset.argument()};
+      }
+    }
+  }
+  return FormatNamedArguments(items);
+}
+
+class Planner {
+ public:
+  Planner(const Budget& budget, const PlanSources& sources) : budget_(budget), sources_(sources) {}
+
+  // Adds the run of a cell, or the cell to the run that fills it.
+  Status Add(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
+  std::vector<PlannedRun> Take() { return std::move(runs_); }
+
+ private:
+  // The run as the user would write it, with what its algorithm does not use left out.
+  Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
+  Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
+  Status SetIds(const Algorithm& algorithm, PlannedRun* run);
+  Result<Json> DescribeDataset(const std::string& name);
+
+  const Budget& budget_;
+  const PlanSources& sources_;
+  std::vector<PlannedRun> runs_;
+  std::map<std::string, size_t> by_id_;
+  std::map<std::string, Json> datasets_;  // those that were described before
+};
+
+Status Planner::Add(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed) {
+  B4MRL_ASSIGN_OR_RETURN(PlannedRun run, RunOf(benchmark, algorithm, seed));
+  const auto [entry, is_new] = by_id_.emplace(run.id, runs_.size());
+  if (is_new) runs_.push_back(std::move(run));
+  PlannedRun& kept = runs_[entry->second];
+  kept.benchmarks.push_back(benchmark.name);
+  return Status();
+}
+
+Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& algorithm,
+                                  uint64_t seed) {
+  PlannedRun run;
+  run.algorithm = algorithm.name;
+  run.environment = benchmark.environment;
+  run.world = benchmark.world;
+  run.seed = seed;
+  run.precision = budget_.precision;
+  if (algorithm.needs.simulator) run.simulator = benchmark.simulator;
+  if (algorithm.needs.dataset) {
+    run.dataset = benchmark.dataset;
+    run.corruption = benchmark.corruption;
+  }
+  B4MRL_RETURN_IF_ERROR(SetBudget(benchmark, &run));
+  B4MRL_RETURN_IF_ERROR(SetIds(algorithm, &run).WithContext(benchmark.name));
+  return run;
+}
+
+bool Has(const std::vector<std::string>& list, std::string_view text) {
+  return list.empty() || std::ranges::count(list, text) > 0;
+}
+
+Status Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
+  run->updates = budget_.updates.at(run->algorithm);
+  const auto found = budget_.hyperparameters.find(run->algorithm);
+  if (found != budget_.hyperparameters.end()) run->hyperparameters = found->second;
+  // An exception names what is left of a cell: SAC's runs have no dataset.
+  const std::string level = run->dataset.substr(run->dataset.find('/') + 1);
+  for (const BudgetException& exception : budget_.exceptions) {
+    if (!Has(exception.algorithms, run->algorithm) || !Has(exception.simulators, run->simulator) ||
+        !Has(exception.datasets, level)) {
+      continue;
+    }
+    run->updates = exception.updates.value_or(run->updates);
+    for (const auto& [name, value] : exception.hyperparameters) {
+      run->hyperparameters[name] = value;
+    }
+  }
+  for (const auto& [name, value] : benchmark.hyperparameters) run->hyperparameters[name] = value;
+  return Status();
+}
+
+Result<Json> Planner::DescribeDataset(const std::string& name) {
+  const auto found = datasets_.find(name);
+  if (found != datasets_.end()) return found->second;
+  B4MRL_ASSIGN_OR_RETURN(Json described, sources_.describe_dataset(name));
+  if (budget_.rows) described["rows"] = *budget_.rows;
+  datasets_.emplace(name, described);
+  return described;
+}
+
+Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
+  Hyperparameters resolved(algorithm.hyperparameters, run->environment);
+  for (const auto& [name, value] : run->hyperparameters) {
+    B4MRL_RETURN_IF_ERROR(resolved.Set(name, value));
+  }
+  Json identity = {{"algorithm", run->algorithm}, {"environment", run->environment},
+                   {"transitions", "stored"},     {"history", 1},
+                   {"corruption_seed", 0},        {"hyperparameters", Json::object()}};
+  for (const Hyperparameter& entry : resolved.entries()) {
+    identity["hyperparameters"][std::string(entry.name)] = entry.value;
+  }
+  for (const auto& [key, text] :
+       {std::pair{"simulator", &run->simulator}, std::pair{"corruption", &run->corruption},
+        std::pair{"world", &run->world}}) {
+    B4MRL_ASSIGN_OR_RETURN(identity[key], Parametric(*text, run->environment, *sources_.catalogue));
+  }
+  identity["dataset"] = nullptr;
+  if (!run->dataset.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(identity["dataset"], DescribeDataset(run->dataset));
+  }
+  run->cell_id = Sha256OfText(identity.dump()).substr(0, kIdDigits);
+  identity["seed"] = run->seed;
+  identity["precision"] = run->precision;
+  run->id = Sha256OfText(identity.dump()).substr(0, kIdDigits);
+
+  TrainOptions options;
+  options.algorithm = run->algorithm;
+  options.environment = run->environment;
+  options.simulator = run->simulator;
+  options.dataset = run->dataset;
+  options.corruption = run->corruption;
+  options.seed = run->seed;
+  run->name = RunName(options, algorithm.needs);
+  return Status();
+}
+
+// The algorithms that the budget gives updates, of those that were chosen, in the list's order.
+Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
+                                                       const PlanChoice& choice,
+                                                       std::span<const Algorithm> algorithms) {
+  std::vector<std::string> names;
+  for (const Algorithm& algorithm : algorithms) names.emplace_back(algorithm.name);
+  for (const std::string& name : choice.algorithms) {
+    if (std::ranges::count(names, name) == 0) return UnknownName("algorithm", name, names);
+  }
+  for (const auto& [name, updates] : budget.updates) {
+    if (std::ranges::count(names, name) == 0) {
+      return UnknownName(fmt::format("algorithm of the budget {}", budget.name), name, names);
+    }
+  }
+  std::vector<const Algorithm*> chosen;
+  for (const Algorithm& algorithm : algorithms) {
+    const bool wanted = Has(choice.algorithms, algorithm.name);
+    if (wanted && budget.updates.contains(std::string(algorithm.name))) {
+      chosen.push_back(&algorithm);
+    }
+  }
+  return chosen;
+}
+
+}  // namespace
+
+Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
+                                         const Budget& budget, const PlanChoice& choice,
+                                         const PlanSources& sources) {
+  B4MRL_ASSIGN_OR_RETURN(const auto algorithms,
+                         ChosenAlgorithms(budget, choice, sources.algorithms));
+  Planner planner(budget, sources);
+  for (const uint64_t seed : choice.seeds) {
+    for (const Benchmark& benchmark : benchmarks) {
+      for (const Algorithm* algorithm : algorithms) {
+        const bool has_data = !algorithm->needs.dataset || !benchmark.dataset.empty();
+        if (!has_data || !benchmark.DefinedFor(algorithm->name)) continue;
+        B4MRL_RETURN_IF_ERROR(planner.Add(benchmark, *algorithm, seed));
+      }
+    }
+  }
+  return planner.Take();
+}
+
+bool FitsPattern(const std::string& name, const std::string& pattern) {
+  return fnmatch(pattern.c_str(), name.c_str(), FNM_NOESCAPE) == 0;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,67 @@
+// A plan: the distinct training runs that fill the cells of benchmarks.
+//
+// A cell is a benchmark with an algorithm that is defined for it. What the algorithm does not use
+// is dropped from the cell, and equal rests are one run: SAC trains once for all datasets that are
+// paired with one simulator. A run's id is a hash of everything that decides its numbers but their
+// amount: not of its updates, so a larger budget goes on with the same run, and not of threads,
+// evaluations or program version. The id of a run's cell leaves out the seed and the precision too:
+// results of equal cell ids may be averaged.
+// Value types; any thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algorithms/base/learner.h"
+#include "benchmarks/runner/budget.h"
+#include "data/suites/suites.h"
+#include "proto/b4mrl.pb.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct PlannedRun {
+  // As the user writes them for `b4mrl train`.
+  std::string algorithm, environment, simulator, dataset, corruption, world;
+  uint64_t seed = 0;
+  std::string precision;
+  uint64_t updates = 0;
+  HyperparameterValues hyperparameters;  // that differ from the learner's defaults
+
+  std::string id;                       // 16 hexadecimal digits
+  std::string cell_id;                  // likewise
+  std::string name;                     // "HalfCheetah-hymopo-gravity-medium-expert+hidden-high-s0"
+  std::vector<std::string> benchmarks;  // whose cells it fills
+};
+
+// What a plan asks of the rest of the program.
+struct PlanSources {
+  std::span<const Algorithm> algorithms;
+  const pb::CatalogueReply* catalogue = nullptr;  // for presets and their parametric forms
+  // What a dataset of that name will hold, whether or not it is made: its recipe, with the full
+  // name, rows and hashes.
+  std::function<Result<nlohmann::json>(const std::string& dataset)> describe_dataset;
+};
+
+struct PlanChoice {
+  std::vector<std::string> algorithms;  // empty: all of the budget
+  std::vector<uint64_t> seeds;
+};
+
+// The distinct runs in the order in which the benchmarks first need them, seed by seed. Errors:
+// kUnknownName (an algorithm, a hyperparameter), kInvalidArgument (a value out of bounds), and
+// those of describe_dataset.
+Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
+                                         const Budget& budget, const PlanChoice& choice,
+                                         const PlanSources& sources);
+
+// Whether a benchmark's name fits a pattern, in which '*' stands for any text and '?' for any
+// character.
+bool FitsPattern(const std::string& name, const std::string& pattern);
+
+}  // namespace b4mrl

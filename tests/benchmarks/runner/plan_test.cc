@@ -1,0 +1,186 @@
+// Plans: which distinct runs fill the cells of the project's benchmarks, and what their ids depend
+// on.
+#include "benchmarks/runner/plan.h"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <set>
+
+#include "algorithms/list.h"
+#include "server/perturbations/list.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+using Names = std::vector<std::string>;
+
+const Names kPaperAlgorithms = {"sac", "td3", "td3-bc", "iql", "mopo", "h2o", "hymopo"};
+const Names kPaperChallenges = {"modelling-error", "partial-observability-simulator",
+                                "partial-observability-dataset", "action-discrepancy",
+                                "confounding"};
+
+const pb::CatalogueReply& Presets() {
+  static const pb::CatalogueReply catalogue = [] {
+    pb::CatalogueReply made;
+    for (const Preset& preset : PresetList()) {
+      pb::PerturbationInfo* info = made.add_perturbations();
+      info->set_name(std::string(preset.parametric));
+      info->add_presets()->set_name(std::string(preset.name));
+      info->mutable_presets(0)->set_environment(std::string(preset.environment));
+      info->mutable_presets(0)->set_argument(std::string(preset.argument));
+    }
+    return made;
+  }();
+  return catalogue;
+}
+
+Budget PaperBudget() { return Take(ReadBudget(DefaultBudgetsFile(), "paper")); }
+
+std::vector<Benchmark> OwnBenchmarks(const std::string& pattern) {
+  std::vector<Benchmark> benchmarks = Take(ReadSuites({DefaultSuitesFolder()}));
+  std::erase_if(benchmarks, [&](const Benchmark& b) { return !FitsPattern(b.name, pattern); });
+  REQUIRE_FALSE(benchmarks.empty());
+  return benchmarks;
+}
+
+Result<std::vector<PlannedRun>> Plan(const std::vector<Benchmark>& benchmarks, const Budget& budget,
+                                     const PlanChoice& choice) {
+  const PlanSources sources = {
+      Algorithms(), &Presets(),
+      [](const std::string& name) -> Result<nlohmann::json> { return nlohmann::json(name); }};
+  return MakePlan(benchmarks, budget, choice, sources);
+}
+
+std::vector<PlannedRun> PlanOf(const std::vector<Benchmark>& benchmarks) {
+  return Take(Plan(benchmarks, PaperBudget(), {kPaperAlgorithms, {0}}));
+}
+
+TEST_CASE("The paper's 364 cells are 192 distinct runs a seed") {
+  std::map<std::string, size_t> runs;  // by challenge, each planned alone
+  std::vector<Benchmark> all;
+  for (const std::string& challenge : kPaperChallenges) {
+    const auto benchmarks = OwnBenchmarks("HalfCheetah/" + challenge + "/*");
+    runs[challenge] = PlanOf(benchmarks).size();
+    all.insert(all.end(), benchmarks.begin(), benchmarks.end());
+  }
+  CHECK(runs == std::map<std::string, size_t>{{"modelling-error", 32},
+                                              {"partial-observability-simulator", 52},
+                                              {"partial-observability-dataset", 22},
+                                              {"action-discrepancy", 32},
+                                              {"confounding", 82}});
+  const auto whole = PlanOf(all);
+  CHECK(whole.size() == 192);
+  size_t cells = 0;
+  std::set<std::string> ids, names;
+  for (const PlannedRun& run : whole) {
+    cells += run.benchmarks.size();
+    ids.insert(run.id);
+    names.insert(run.name);
+  }
+  CHECK(cells == 364);
+  CHECK(ids.size() == 192);
+  CHECK(names.size() == 192);
+}
+
+TEST_CASE("Every single hidden dimension takes 34 runs, four of which other tables have") {
+  auto benchmarks = OwnBenchmarks("HalfCheetah/dimensions/*");
+  CHECK(PlanOf(benchmarks).size() == 34);
+  for (const std::string& challenge : kPaperChallenges) {
+    const auto more = OwnBenchmarks("HalfCheetah/" + challenge + "/*");
+    benchmarks.insert(benchmarks.end(), more.begin(), more.end());
+  }
+  CHECK(PlanOf(benchmarks).size() == 192 + 30);
+}
+
+TEST_CASE("What an algorithm does not use is dropped from its cells") {
+  const auto runs = PlanOf(OwnBenchmarks("HalfCheetah/confounding/hidden-high+*"));
+  for (const PlannedRun& run : runs) {
+    CAPTURE(run.name);
+    const bool online = run.algorithm == "sac" || run.algorithm == "td3";
+    const bool hybrid = run.algorithm == "h2o" || run.algorithm == "hymopo";
+    CHECK(run.simulator == (online || hybrid ? "gravity" : ""));
+    CHECK(run.dataset.empty() == online);
+    CHECK(run.corruption == (online ? "" : "hidden-high"));
+    CHECK(run.benchmarks.size() == (online ? 4 : 1));
+  }
+}
+
+TEST_CASE("Benchmarks have no cells for algorithms for which they are not defined") {
+  const auto algorithms = [](const std::string& pattern) {
+    std::set<std::string> found;
+    for (const PlannedRun& run : PlanOf(OwnBenchmarks(pattern))) found.insert(run.algorithm);
+    return found;
+  };
+  CHECK(algorithms("HalfCheetah/action-delay/action-delay+*").count("hymopo") == 0);
+  CHECK(algorithms("HalfCheetah/action-delay/action-delay+*").size() == 6);
+  CHECK(algorithms("HalfCheetah/action-delay/gravity+*").size() == 7);
+  CHECK(algorithms("HalfCheetah/controls/no-penalty+*") == std::set<std::string>{"mopo"});
+  CHECK(algorithms("Highway/simulators/*") == std::set<std::string>{"sac"});
+}
+
+TEST_CASE("Ids hang on what decides a run's numbers and on nothing else") {
+  Benchmark benchmark = OwnBenchmarks("HalfCheetah/confounding/hidden-high+medium").front();
+  const auto run_of = [](const Benchmark& of, const Budget& budget, uint64_t seed) {
+    return Take(Plan({of}, budget, {{"hymopo"}, {seed}})).front();
+  };
+  const Budget budget = PaperBudget();
+  const PlannedRun run = run_of(benchmark, budget, 0);
+  CHECK(run.name == "HalfCheetah-hymopo-gravity-medium+hidden-high-s0");
+
+  Budget other = budget;
+  other.updates["hymopo"] = 7;
+  other.evaluations = 3;
+  CHECK(run_of(benchmark, other, 0).id == run.id);
+  other.precision = "bf16";
+  CHECK(run_of(benchmark, other, 0).id != run.id);
+  CHECK(run_of(benchmark, other, 0).cell_id == run.cell_id);
+  CHECK(run_of(benchmark, budget, 1).id != run.id);
+  CHECK(run_of(benchmark, budget, 1).cell_id == run.cell_id);
+  other = budget;
+  other.hyperparameters["hymopo"]["rollout-lag"] = 1;
+  CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
+
+  Benchmark same = benchmark;
+  same.simulator = "gravity=2";
+  same.corruption = "hidden=9";
+  CHECK(run_of(same, budget, 0).id == run.id);
+  for (const auto& [field, text] : {std::pair{&Benchmark::simulator, "gravity=3"},
+                                    std::pair{&Benchmark::corruption, "hidden=8"},
+                                    std::pair{&Benchmark::dataset, "HalfCheetah/random"},
+                                    std::pair{&Benchmark::world, "action-delay=2"}}) {
+    Benchmark changed = benchmark;
+    changed.*field = text;
+    CHECK(run_of(changed, budget, 0).cell_id != run.cell_id);
+  }
+}
+
+TEST_CASE("A budget's exceptions fit what is left of a cell") {
+  const Budget small = Take(ReadBudget(DefaultBudgetsFile(), "small"));
+  const auto run_of = [&](const std::string& pattern, const std::string& algorithm) {
+    return Take(Plan(OwnBenchmarks(pattern), small, {{algorithm}, {0}})).front();
+  };
+  CHECK(run_of("HalfCheetah/modelling-error/gravity+medium", "sac").updates == 1'000'000);
+  CHECK(run_of("HalfCheetah/action-discrepancy/action-noise-low+medium", "sac").updates == 250'000);
+  const auto limit = [&](const std::string& pattern) {
+    return run_of(pattern, "mopo").hyperparameters.at("ensemble-max-updates");
+  };
+  CHECK(limit("HalfCheetah/modelling-error/gravity+medium") == 20'000);
+  CHECK(limit("HalfCheetah/modelling-error/gravity+medium-expert") == 40'000);
+  CHECK(Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{"h2o"}, {0}})).empty());
+}
+
+TEST_CASE("Unknown algorithms and hyperparameters are refused by name") {
+  const auto benchmarks = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium");
+  CHECK(Plan(benchmarks, PaperBudget(), {{"sca"}, {0}}).status().code() ==
+        StatusCode::kUnknownName);
+  Budget budget = PaperBudget();
+  budget.updates["sca"] = 1;
+  CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+  budget = PaperBudget();
+  budget.hyperparameters["iql"]["expectil"] = 1;
+  CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+}
+
+}  // namespace
+}  // namespace b4mrl
