@@ -65,12 +65,6 @@ Status DatasetBuilder::AppendD4rl(const TransitionColumns& block, uint64_t first
                  next_observations, terminals, timeouts});
 }
 
-void DatasetBuilder::AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
-                                std::span<const uint8_t> timeouts) {
-  if (!reward_statistics_) reward_statistics_.emplace(0);
-  reward_statistics_->AddRewards(rewards, terminals, timeouts);
-}
-
 void DatasetBuilder::SetProperty(std::string_view name, std::string_view value) {
   cache_.SetProperty(name, value);
 }
@@ -78,11 +72,10 @@ void DatasetBuilder::SetProperty(std::string_view name, std::string_view value) 
 Status DatasetBuilder::Commit() {
   if (rows_ == 0) return Status(StatusCode::kInvalidArgument, "the dataset has no transitions");
   DatasetStatistics statistics = statistics_.Finish();
-  if (reward_statistics_) {
-    DatasetStatistics of_rewards = reward_statistics_->Finish();
-    of_rewards.observation_mean = std::move(statistics.observation_mean);
-    of_rewards.observation_std = std::move(statistics.observation_std);
-    statistics = std::move(of_rewards);
+  if (returns_) {
+    returns_->observation_mean = std::move(statistics.observation_mean);
+    returns_->observation_std = std::move(statistics.observation_std);
+    statistics = std::move(*returns_);
   }
   StoreStatistics(statistics, &cache_);
   return cache_.Commit();

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "data/columns/column_cache.h"
@@ -30,10 +31,9 @@ class DatasetBuilder {
                     std::span<const uint8_t> all_terminals, std::span<const uint8_t> all_timeouts,
                     std::span<const float> following_observation);
 
-  // Computes the statistics of rewards and returns from these rows instead of the appended rows:
-  // from all rows of the file where a rule drops some of them.
-  void AddRewards(std::span<const float> rewards, std::span<const uint8_t> terminals,
-                  std::span<const uint8_t> timeouts);
+  // Gives the dataset the rewards' and returns' statistics of `source` instead of those of the
+  // appended rows, because a transition rule drops rows that belong to an episode's return.
+  void SetReturns(DatasetStatistics source) { returns_ = std::move(source); }
   void SetProperty(std::string_view name, std::string_view value);
   uint64_t rows() const { return rows_; }
   // Puts the cache into place; kInvalidArgument if no row was appended.
@@ -47,7 +47,7 @@ class DatasetBuilder {
   uint32_t action_size_;
   uint64_t rows_ = 0;
   StatisticsAccumulator statistics_;
-  std::optional<StatisticsAccumulator> reward_statistics_;  // set by AddRewards
+  std::optional<DatasetStatistics> returns_;  // set by SetReturns
 };
 
 }  // namespace b4mrl

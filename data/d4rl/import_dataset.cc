@@ -8,6 +8,7 @@
 
 #include "data/columns/dataset_builder.h"
 #include "data/columns/episodes.h"
+#include "data/columns/statistics.h"
 #include "data/hdf5/hdf5_file.h"
 #include "proto/base/limits.h"
 
@@ -156,6 +157,7 @@ Status CopyStored(const SourceColumns& source, DatasetBuilder* builder) {
 // observation of the next block.
 Status CopyD4rl(const SourceColumns& source, DatasetBuilder* builder) {
   const uint64_t step = BlockRows(source);
+  StatisticsAccumulator returns(0);  // of all rows of the file
   Block block;
   for (uint64_t first = 0; first < source.rows + step; first += step) {
     Block next;
@@ -169,10 +171,11 @@ Status CopyD4rl(const SourceColumns& source, DatasetBuilder* builder) {
       const TransitionColumns view = block.View(source);
       B4MRL_RETURN_IF_ERROR(
           builder->AppendD4rl(view, block.first_row, source.terminals, source.timeouts, following));
-      builder->AddRewards(view.rewards, view.terminals, view.timeouts);
+      returns.AddRewards(view.rewards, view.terminals, view.timeouts);
     }
     block = std::move(next);
   }
+  builder->SetReturns(returns.Finish());
   return Status();
 }
 

@@ -36,7 +36,6 @@ constexpr uint64_t kImportBytesPerMs = 4 * 1024;
 Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder) {
   constexpr uint64_t kBlockRows = 65536;
-  builder->AddRewards(all.rewards, all.terminals, all.timeouts);
   for (uint64_t first = 0; first < all.rows; first += kBlockRows) {
     if (cancelled) return Cancelled();
     const TransitionColumns block = all.Rows(first, std::min(kBlockRows, all.rows - first));
@@ -239,6 +238,7 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
       DatasetBuilder::Create(cache_.PathOf(fingerprint), source->columns().observation_size,
                              source->columns().action_size));
   for (const auto& [name, value] : source->cache().properties()) builder.SetProperty(name, value);
+  builder.SetReturns(source->statistics());
   B4MRL_RETURN_IF_ERROR(derive(&builder));
   B4MRL_RETURN_IF_ERROR(builder.Commit());
   B4MRL_ASSIGN_OR_RETURN(*dataset, Admit(fingerprint));

@@ -1,8 +1,10 @@
 // Which datasets are one dataset, and which environment and hidden dimensions a dataset has.
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "data/files/file_hash.h"
+#include "data/hdf5/hdf5_file.h"
 #include "tests/data/manifest_schema.h"
 #include "tests/server/datasets/store_fixture.h"
 
@@ -102,6 +104,48 @@ TEST_CASE("data of another environment is refused by name, and of an unknown one
   CHECK(open("Mine/first", "Walker2d").ok());
   CHECK(open("Mine/first", "Hopper").code() == StatusCode::kInvalidArgument);
   CHECK(open("Mine/first", "Swimmer").code() == StatusCode::kUnknownName);
+}
+
+// The example without next_observations, as D4RL's first version has it.
+void WriteWithoutNext(const std::string& path, const ExampleDataset& data) {
+  auto file = Hdf5Writer::Create(path);
+  REQUIRE(file.ok());
+  const auto add = [&](const char* name, Hdf5Type type, uint64_t width, const auto& values) {
+    const auto column = file->CreateColumn(name, {type, width, 64, 1});
+    REQUIRE(column.ok());
+    REQUIRE(file->Append(*column, std::span(values)).ok());
+  };
+  add("observations", Hdf5Type::kFloat32, data.observation_size, data.observations);
+  add("actions", Hdf5Type::kFloat32, data.action_size, data.actions);
+  add("rewards", Hdf5Type::kFloat32, 0, data.rewards);
+  add("terminals", Hdf5Type::kBool, 0, data.terminals);
+  add("timeouts", Hdf5Type::kBool, 0, data.timeouts);
+  REQUIRE(file->Commit().ok());
+}
+
+TEST_CASE("returns are those of the file's episodes under every rule and corruption") {
+  const StoreFixture fixture;
+  const DatasetStatistics whole = fixture.OpenMade("")->dataset->statistics();
+  REQUIRE(std::isfinite(whole.mean_return));
+  const auto check = [&](const std::string& corruptions, TransitionRule rule) {
+    CAPTURE(corruptions, TransitionRuleName(rule));
+    DatasetStore store = fixture.Store();
+    DatasetRequest request = StoreFixture::Request(corruptions);
+    request.rule = rule;
+    const auto opened = StoreFixture::OpenMade(store, request);
+    REQUIRE(opened.ok());
+    const DatasetStatistics& statistics = opened->dataset->statistics();
+    CHECK(statistics.mean_return == whole.mean_return);
+    CHECK(statistics.std_return == whole.std_return);
+    CHECK(statistics.max_reward == whole.max_reward);
+    CHECK(statistics.episodes == whole.episodes);
+  };
+  check("", TransitionRule::kD4rl);
+  check("obs-noise=1", TransitionRule::kD4rl);
+  WriteWithoutNext(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data);
+  check("", TransitionRule::kStored);
+  check("obs-noise=1", TransitionRule::kStored);
+  check("hidden=9", TransitionRule::kD4rl);
 }
 
 }  // namespace
