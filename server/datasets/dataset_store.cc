@@ -65,6 +65,13 @@ std::string EnvironmentOf(const ImportedFile& file, const std::string& name) {
   return said.empty() ? EnvironmentOfName(name) : said;
 }
 
+// The fingerprint of the file `name`, whose rows are those of `dataset`.
+std::string FingerprintOf(const ImportedFile& file, const std::string& name,
+                          const Dataset& dataset) {
+  return ImportedFingerprint(VersionedEnvironment(EnvironmentOf(file, name)), file.columns_sha256,
+                             dataset.cache().properties());
+}
+
 // The numbers of `a` and `b`, ascending, without repetition; both are ascending.
 std::vector<uint32_t> Union(const std::vector<uint32_t>& a, const std::vector<uint32_t>& b) {
   std::vector<uint32_t> all;
@@ -143,9 +150,7 @@ Result<ImportedFile> DatasetStore::ImportFile(const DatasetFile& file, const std
     B4MRL_ASSIGN_OR_RETURN(imported.sha256, Sha256OfDescriptor(fd.get(), file.path, go_on));
     B4MRL_ASSIGN_OR_RETURN(const DatasetPointer dataset, Dataset::Open(made));
     B4MRL_ASSIGN_OR_RETURN(imported.columns_sha256, HashCache(*dataset, go_on));
-    imported.fingerprint =
-        ImportedFingerprint(VersionedEnvironment(EnvironmentOf(imported, file.name)),
-                            imported.columns_sha256, dataset->cache().properties());
+    imported.fingerprint = FingerprintOf(imported, file.name, *dataset);
     return Status();
   };
   const Status status = run();
@@ -261,7 +266,10 @@ Result<std::pair<ImportedFile, DatasetStore::DatasetPointer>> DatasetStore::Find
   if (std::optional<ImportedFile> imported = index_.Find(file.name, identity)) {
     Result<DatasetPointer> dataset = Load(imported->fingerprint);
     if (!dataset.ok() && !IsToBeMade(dataset.status())) return dataset.status();
-    if (dataset.ok()) found = {std::move(*imported), std::move(*dataset)};
+    // A file that was imported for another version of its environment is imported again.
+    if (dataset.ok() && FingerprintOf(*imported, file.name, **dataset) == imported->fingerprint) {
+      found = {std::move(*imported), std::move(*dataset)};
+    }
   }
   if (found.second == nullptr) B4MRL_RETURN_IF_ERROR(index_.FindFailure(file.name, identity));
   return found;

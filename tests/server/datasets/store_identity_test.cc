@@ -5,6 +5,7 @@
 
 #include "data/files/file_hash.h"
 #include "data/hdf5/hdf5_file.h"
+#include "server/datasets/identity.h"
 #include "tests/data/manifest_schema.h"
 #include "tests/server/datasets/store_fixture.h"
 
@@ -104,6 +105,25 @@ TEST_CASE("data of another environment is refused by name, and of an unknown one
   CHECK(open("Mine/first", "Walker2d").ok());
   CHECK(open("Mine/first", "Hopper").code() == StatusCode::kInvalidArgument);
   CHECK(open("Mine/first", "Swimmer").code() == StatusCode::kUnknownName);
+}
+
+TEST_CASE("a file that was imported for another version of its environment is imported again") {
+  const StoreFixture fixture;
+  const auto now = fixture.OpenMade("");
+  REQUIRE(now.ok());
+  const std::string earlier = ImportedFingerprint("HalfCheetah-v77", now->info.columns_sha256,
+                                                  now->dataset->cache().properties());
+  REQUIRE(earlier != now->fingerprint);
+  fs::rename(fixture.folder.File(".cache/" + now->fingerprint),
+             fixture.folder.File(".cache/" + earlier));
+  const std::string entry =
+      fixture.folder.File(".cache/index/" + DatasetIndex::KeyOf("HalfCheetah/medium") + ".json");
+  nlohmann::json json = nlohmann::json::parse(ReadBytes(entry), nullptr, false);
+  json["fingerprint"] = earlier;
+  WriteBytes(entry, json.dump());
+  const auto again = fixture.OpenMade("");
+  REQUIRE(again.ok());
+  CHECK(again->fingerprint == now->fingerprint);
 }
 
 // The example without next_observations, as D4RL's first version has it.
