@@ -50,6 +50,16 @@ std::string EnvironmentOfName(const std::string& name) {
   return "";
 }
 
+std::string EnvironmentOfText(const std::string& text) {
+  const size_t dash = text.rfind("-v");
+  if (dash == text.npos || dash + 2 == text.size() ||
+      text.find_first_not_of("0123456789", dash + 2) != text.npos) {
+    return text;
+  }
+  const std::string name = text.substr(0, dash);
+  return FindEnvironment(name).ok() ? name : text;
+}
+
 Result<EnvironmentSpec> SpecOfDataset(const std::string& name, const std::string& environment,
                                       uint32_t observation_size, uint32_t action_size) {
   const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);

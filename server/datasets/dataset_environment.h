@@ -14,6 +14,10 @@ namespace b4mrl {
 // "d4rl/halfcheetah-medium-v2"; "" if no known environment has that name.
 std::string EnvironmentOfName(const std::string& name);
 
+// The environment that a file names: "HalfCheetah" for "HalfCheetah" and for Gymnasium's id
+// "HalfCheetah-v4"; the file's own text if it names no known environment.
+std::string EnvironmentOfText(const std::string& text);
+
 // The specification of `environment`, or one with unnamed dimensions if that is not a known
 // environment. kFailedPrecondition when the sizes differ; `name` is the dataset's, for the message.
 Result<EnvironmentSpec> SpecOfDataset(const std::string& name, const std::string& environment,

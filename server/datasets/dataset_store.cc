@@ -62,7 +62,7 @@ Result<std::string> HashCache(const Dataset& dataset, const std::function<Status
 
 std::string EnvironmentOf(const ImportedFile& file, const std::string& name) {
   const std::string& said = file.contents.provenance.environment;
-  return said.empty() ? EnvironmentOfName(name) : said;
+  return said.empty() ? EnvironmentOfName(name) : EnvironmentOfText(said);
 }
 
 // The fingerprint of the file `name`, whose rows are those of `dataset`.

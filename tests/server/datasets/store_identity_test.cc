@@ -168,5 +168,22 @@ TEST_CASE("returns are those of the file's episodes under every rule and corrupt
   check("hidden=9", TransitionRule::kD4rl);
 }
 
+TEST_CASE("an environment that a file names with Gymnasium's version is that environment") {
+  const StoreFixture fixture;
+  const auto open = [&](const std::string& environment) {
+    DatasetProvenance provenance;
+    provenance.environment = environment;
+    REQUIRE(
+        WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+    const auto opened = fixture.OpenMade("");
+    REQUIRE(opened.ok());
+    return opened->environment;
+  };
+  CHECK(open("HalfCheetah-v4") == "HalfCheetah");
+  CHECK(open("Walker2d-v5") == "Walker2d");
+  CHECK(open("Swimmer-v4") == "Swimmer-v4");
+  CHECK(open("HalfCheetah-vx") == "HalfCheetah-vx");
+}
+
 }  // namespace
 }  // namespace b4mrl
