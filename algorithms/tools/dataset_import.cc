@@ -79,7 +79,8 @@ bool LiesInFile(const Status& failure) {
   return failure.code() == StatusCode::kInvalidArgument ||
          failure.code() == StatusCode::kFailedPrecondition ||
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||
-         failure.code() == StatusCode::kVersionMismatch;
+         failure.code() == StatusCode::kVersionMismatch ||
+         failure.code() == StatusCode::kFailedPrecondition;  // of another size than its task
 }
 
 Status Copy(const std::string& file, const std::string& path) {

@@ -32,7 +32,7 @@ Result<DatasetName> ParseDatasetName(const std::string& name) {
 
 std::string D4rlDatasetName(const std::string& file_name) {
   constexpr std::string_view kEnding = ".hdf5";
-  constexpr std::string_view kMixed = "-mixed-";
+  constexpr std::string_view kMixed = "-mixed-", kWalker = "walker-";
   if (!file_name.ends_with(kEnding)) return "";
   std::string name = file_name.substr(0, file_name.size() - kEnding.size());
   std::ranges::replace(name, '_', '-');
@@ -43,6 +43,7 @@ std::string D4rlDatasetName(const std::string& file_name) {
   if (const size_t mixed = name.find(kMixed); mixed != std::string::npos) {
     name.replace(mixed, kMixed.size(), "-medium-replay-");
   }
+  if (name.starts_with(kWalker)) name.insert(kWalker.size() - 1, "2d");
   return "d4rl/" + name;
 }
 

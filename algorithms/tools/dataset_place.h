@@ -20,7 +20,8 @@ Result<DatasetName> ParseDatasetName(const std::string& name);
 
 // The name that D4RL gives a file's dataset, "d4rl/halfcheetah-medium-replay-v2" for
 // "halfcheetah_medium_replay-v2.hdf5"; "" for files that do not end in ".hdf5". Files of D4RL's
-// first version have no version in their names, and their "mixed" is the later medium-replay.
+// first version have no version in their names, their "mixed" is the later medium-replay, and
+// Walker2d's is "walker_mixed.hdf5".
 std::string D4rlDatasetName(const std::string& file_name);
 
 // The dataset's path, "<data>/HalfCheetah/medium.h5"; names "d4rl/..." end with D4RL's ".hdf5".

@@ -70,9 +70,9 @@ TEST_CASE("No dataset is written for a daemon whose data folder is not the one o
 }
 
 TEST_CASE("The copy of a file that is imported stays unless the daemon found fault with the file") {
-  const auto [code, stays] = GENERATE(std::pair{StatusCode::kLimitExceeded, true},
-                                      std::pair{StatusCode::kDeadlineExceeded, true},
-                                      std::pair{StatusCode::kDataLoss, false});
+  const auto [code, stays] = GENERATE(
+      std::pair{StatusCode::kLimitExceeded, true}, std::pair{StatusCode::kDeadlineExceeded, true},
+      std::pair{StatusCode::kDataLoss, false}, std::pair{StatusCode::kFailedPrecondition, false});
   const TemporaryFolder folder;
   fs::create_directory(folder.File("data"));
   WriteBytes(folder.File("file.h5"), "any");
@@ -126,6 +126,7 @@ TEST_CASE("A folder of D4RL's files is imported under D4RL's names, whatever els
   const ExampleDataset example = MakeExampleDataset({5, 7}, 17, 6);
   REQUIRE(WriteExample(files + "/halfcheetah_medium_replay-v2.hdf5", example).ok());
   REQUIRE(WriteExample(files + "/halfcheetah_mixed.hdf5", example).ok());
+  REQUIRE(WriteExample(files + "/walker_mixed.hdf5", example).ok());
   WriteBytes(files + "/walker2d_random-v1.hdf5", "no HDF5");
   WriteBytes(files + "/maze2d-umaze-sparse-v1.hdf5", "of no known environment");
   WriteBytes(files + "/notes.txt", "no dataset");
@@ -135,8 +136,9 @@ TEST_CASE("A folder of D4RL's files is imported under D4RL's names, whatever els
   CHECK(first.exit_code == 3);
   CHECK(Says(first.out, "d4rl/halfcheetah-medium-replay-v2: "));
   CHECK(Says(first.out, "d4rl/halfcheetah-medium-replay-v0: "));
+  CHECK(Says(first.out, "d4rl/walker2d-medium-replay-v0: "));
   CHECK(Says(first.err, "walker2d_random-v1.hdf5"));
-  CHECK(Says(first.err, "1 of 3 files were not imported"));
+  CHECK(Says(first.err, "1 of 4 files were not imported"));
   CHECK_FALSE(fs::exists(data + "/d4rl/walker2d-random-v1.hdf5"));
   CHECK_FALSE(Says(first.err, "maze2d"));
 
