@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
@@ -235,10 +236,17 @@ Deviation DeviationOf(std::vector<double> differences, const std::vector<uint64_
   return deviation;
 }
 
+// Infinity if one of the numbers is NaN or infinite and the other is not the same.
+double Distance(double stored, double stepped) {
+  if (stored == stepped) return 0;
+  const double distance = std::abs(stored - stepped);
+  return std::isnan(distance) ? std::numeric_limits<double>::infinity() : distance;
+}
+
 double LargestDifference(std::span<const float> stored, std::span<const float> stepped) {
   double largest = 0;
   for (size_t i = 0; i < stored.size(); ++i) {
-    largest = std::max(largest, std::abs(double{stored[i]} - double{stepped[i]}));
+    largest = std::max(largest, Distance(stored[i], stepped[i]));
   }
   return largest;
 }
@@ -299,7 +307,7 @@ Status StateComparer::CompareBlock(uint64_t first_row, uint64_t count) {
         LargestDifference(stored(block.observations), RowOf(set.observations, i)));
     next_observations_.push_back(
         LargestDifference(stored(block.next_observations), RowOf(stepped.observations, i)));
-    rewards_.push_back(std::abs(double{block.rewards[i]} - stepped.rewards[i]));
+    rewards_.push_back(Distance(block.rewards[i], stepped.rewards[i]));
   }
   return Status();
 }

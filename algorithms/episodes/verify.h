@@ -33,7 +33,7 @@ Result<std::optional<RowDifference>> VerifyRecording(const DatasetFileReader& fi
                                                      Progress& progress);
 
 // How far the absolute differences of a column go, over rows; of a row with several numbers, its
-// largest difference.
+// largest difference. A stored number that is NaN or infinite differs by infinity.
 struct Deviation {
   double median = 0;
   double p99 = 0;  // 99th percentile
