@@ -175,6 +175,7 @@ Status Session::WriteMetadata() {
     B4MRL_RETURN_IF_ERROR(writer.SetMetadata("behaviour_policy", policies));
   }
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("columns_sha256", summary.columns_sha256));
+  if (summary.episodes == 0) return Status();
   B4MRL_RETURN_IF_ERROR(
       writer.SetMetadata("mean_return", fmt::format("{:.9g}", summary.mean_return)));
   B4MRL_RETURN_IF_ERROR(

@@ -1,9 +1,22 @@
 #include "algorithms/episodes/behaviour.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <numbers>
 
 namespace b4mrl {
+
+Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& environment) {
+  if (static_cast<size_t>(policy.observation_size()) == environment.observation.size() &&
+      static_cast<size_t>(policy.action_size()) == environment.action.size()) {
+    return Status();
+  }
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("the agent takes {} observation and {} action values, {} has {} and {}",
+                            policy.observation_size(), policy.action_size(), environment.name,
+                            environment.observation.size(), environment.action.size()));
+}
 
 Behaviour::Behaviour(std::optional<AgentPolicy> policy, const EnvironmentSpec& environment)
     : policy_(std::move(policy)),
@@ -15,10 +28,7 @@ Behaviour::Behaviour(std::optional<AgentPolicy> policy, const EnvironmentSpec& e
 
 Result<Behaviour> Behaviour::OfAgent(const Agent& agent, const EnvironmentSpec& environment) {
   B4MRL_ASSIGN_OR_RETURN(AgentPolicy policy, AgentPolicy::Create(agent));
-  if (static_cast<size_t>(policy.observation_size()) != environment.observation.size() ||
-      static_cast<size_t>(policy.action_size()) != environment.action.size()) {
-    return InvalidArgument("agent", "one of another size", "an agent for " + environment.name);
-  }
+  B4MRL_RETURN_IF_ERROR(CheckSizes(policy, environment));
   if (!policy.stochastic()) {
     return InvalidArgument("agent", "deterministic", "a stochastic policy (tanh_gaussian)");
   }

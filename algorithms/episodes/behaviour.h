@@ -20,6 +20,9 @@
 
 namespace b4mrl {
 
+// kInvalidArgument when the policy's sizes are not the environment's.
+Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& environment);
+
 class Behaviour {
  public:
   // kInvalidArgument when the agent is not stochastic or its sizes are not the environment's.

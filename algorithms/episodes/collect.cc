@@ -243,6 +243,7 @@ uint64_t EpisodeSeed(uint64_t seed, uint64_t episode) { return RoleSeed(seed, "e
 
 Status Collect(const CollectOptions& options, const Behaviour& behaviour, Client& client,
                Recorder& recorder, Progress& progress) {
+  if (options.rows == 0) return Status();
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec environment,
                          client.FindEnvironment(options.environment));
   EnvironmentOptions session_options;

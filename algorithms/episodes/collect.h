@@ -34,8 +34,8 @@ struct CollectOptions {
 // Seed of the environment in which episode `episode` of a recording with `seed` starts.
 uint64_t EpisodeSeed(uint64_t seed, uint64_t episode);
 
-// Appends `rows` rows to `recorder`, whose columns include action_log_probs. Errors: those of
-// Client::Make; kFailedPrecondition when the simulator gave up a step.
+// Appends `rows` rows, which may be none, to `recorder`, whose columns include action_log_probs.
+// Errors: those of Client::Make; kFailedPrecondition when the simulator gave up a step.
 Status Collect(const CollectOptions& options, const Behaviour& behaviour, Client& client,
                Recorder& recorder, Progress& progress);
 

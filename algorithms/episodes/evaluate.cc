@@ -7,6 +7,7 @@
 
 #include "algorithms/base/learner.h"
 #include "algorithms/base/metrics.h"
+#include "algorithms/episodes/behaviour.h"
 #include "algorithms/policy/observation_history.h"
 #include "proto/wire/tensor_rows.h"
 
@@ -45,17 +46,6 @@ class OpenEpisodes {
   MatrixBuffer<float> inputs_;
   std::vector<uint32_t> lanes_;
 };
-
-Status CheckSizes(const AgentPolicy& policy, const EnvironmentSpec& spec) {
-  if (static_cast<size_t>(policy.observation_size()) == spec.observation.size() &&
-      static_cast<size_t>(policy.action_size()) == spec.action.size()) {
-    return Status();
-  }
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the agent takes {} observation and {} action values, {} has {} and {}",
-                            policy.observation_size(), policy.action_size(), spec.name,
-                            spec.observation.size(), spec.action.size()));
-}
 
 void Summarise(const EnvironmentSpec& environment, EvaluationResult& result) {
   const MeanAndStd figures = MeanAndStdOf(result.returns);

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -19,8 +20,9 @@ namespace b4mrl {
 struct RecordingSummary {
   uint64_t rows = 0;
   uint64_t episodes = 0;  // that ended; a last episode that was cut does not count
-  double mean_return = 0;
-  double std_return = 0;  // population standard deviation over episodes
+  // Of these episodes, the population standard deviation; NaN without an episode.
+  double mean_return = std::numeric_limits<double>::quiet_NaN();
+  double std_return = std::numeric_limits<double>::quiet_NaN();
   std::string columns_sha256;
 };
 

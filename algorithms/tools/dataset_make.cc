@@ -62,7 +62,8 @@ Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
     if (agent.empty()) {
       std::vector<std::string> names;
       for (const DatasetRecipe& known : DatasetRecipes()) names.emplace_back(known.name);
-      return UnknownName("dataset (or name its behaviour policy with --agent)", dataset, names);
+      return UnknownName("dataset", dataset, names)
+          .WithContext("a name without a recipe needs its behaviour policy, --agent");
     }
     order.rows = 1'000'000;
   } else {
@@ -140,7 +141,9 @@ std::optional<Failure> MakeCommand::Run() {
 std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
   std::vector<std::string> environments;
   for (const DatasetRecipe& recipe : DatasetRecipes()) {
-    environments.emplace_back(recipe.environment());
+    if (environments.empty() || environments.back() != recipe.environment()) {
+      environments.emplace_back(recipe.environment());
+    }
     if (!environment.empty() && environment != recipe.environment()) continue;
     const std::string full_name = recipe.full_name();
     if (!recipe.missing.empty()) {
@@ -156,10 +159,10 @@ std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
 
 // How the made dataset relates to the published one of its name, in words, or what differs.
 Result<std::string> Verdict(const RecordingOrder& order, const Recording& made, bool is_changed) {
-  if (is_changed) return std::string("not the published dataset: options change its recipe");
   B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
   const auto found = published.find(order.name);
   if (found == published.end()) return std::string("no figures are published for it");
+  if (is_changed) return std::string("not the published dataset: options change its recipe");
   const std::vector<std::string> differences = Differences(made, found->second);
   if (differences.empty()) return std::string("as published");
   return Status(StatusCode::kDataLoss, fmt::format("{} differs from the published dataset; {}",
@@ -180,7 +183,7 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());
-  const auto verdict = Verdict(*order, *made, recipe == nullptr || ChangesRecipe());
+  const auto verdict = Verdict(*order, *made, ChangesRecipe());
   Print(*order, path, *sha256, *made, verdict.ok() ? *verdict : "differs from the published one");
   if (verdict.ok()) return std::nullopt;
   return Failure{kExitFailed, verdict.status()};
@@ -191,10 +194,12 @@ void MakeCommand::Print(const RecordingOrder& order, const std::string& path,
                         const std::string& verdict) const {
   const RecordingSummary& summary = made.summary;
   if (!json) {
-    fmt::print("{}: {} rows, {} episodes, mean return {:.1f}{}\n{}\nsha256 {}\ncolumns {}\n{}\n",
-               order.name, summary.rows, summary.episodes, summary.mean_return,
-               made.score ? fmt::format(", score {:.1f}", *made.score) : "", path, sha256,
-               summary.columns_sha256, verdict);
+    std::string returns;
+    if (summary.episodes > 0) returns = fmt::format(", mean return {:.1f}", summary.mean_return);
+    if (made.score) returns += fmt::format(", score {:.1f}", *made.score);
+    fmt::print("{}: {} rows, {} complete episodes{}\n{}\nsha256 {}\ncolumns {}\n{}\n", order.name,
+               summary.rows, summary.episodes, returns, path, sha256, summary.columns_sha256,
+               verdict);
     return;
   }
   nlohmann::ordered_json out = {{"name", order.name},

@@ -47,6 +47,20 @@ TEST_CASE("Recordings of every kind step again to the bit") {
   CHECK(nlohmann::json::parse(verified.out)["equal_rows"] == made["rows"]);
 }
 
+TEST_CASE("Where no episode fits into the first half, a concatenation is all by its second agent") {
+  const TemporaryFolder folder;
+  const Outcome made = Run({"dataset", "make", "HalfCheetah/medium-expert", "--rows", "1", "--data",
+                            folder.path(), "--quiet", "--json"});
+  INFO(made.err);
+  REQUIRE(made.exit_code == 0);
+  const nlohmann::json json = nlohmann::json::parse(made.out, nullptr, false);
+  CHECK(json["rows"] == 1);
+  CHECK(json["seeds"] == nlohmann::json{"1"});
+  CHECK(json["episodes"] == 0);
+  CHECK(json["mean_return"].is_null());
+  CHECK(Verify(json["file"]).exit_code == 0);
+}
+
 // A file of others: 50 rows of HalfCheetah with the states that its observations tell, in whose row
 // `row` one number of a next observation is NaN.
 void WriteForeignFile(const DatasetFileReader& source, const std::string& path, uint64_t row) {
@@ -130,9 +144,13 @@ TEST_CASE("What a recipe cannot give is refused with the reason") {
   };
   CHECK(Says(refusal({"HalfCheetah/action-delay"}), "no agent has reached the medium level"));
   CHECK(Says(refusal({"HalfCheetah/medum"}), "HalfCheetah/medium"));
+  CHECK(Says(
+      refusal({"HalfCheetah/mine", "--agent", B4MRL_SOURCE_DIR "/data/agents/hopper-expert.h5"}),
+      "the agent takes 11 observation and 3 action values, HalfCheetah has 17 and 6"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--rows", "125001"}), "1..125000"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--seed", "3"}), "--seed"));
-  CHECK(Says(refusal({"all", "--environment", "Hoper"}), "Hopper"));
+  CHECK(Says(refusal({"all", "--environment", "Hoper"}),
+             "did you mean 'Hopper'? known: HalfCheetah, Hopper, Walker2d, Highway"));
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
