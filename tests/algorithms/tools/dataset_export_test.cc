@@ -123,6 +123,39 @@ TEST_CASE("Data of an unknown environment go to Minari without one, as a box wit
              Catch::Contains("[2], \"low\": [-Infinity, -Infinity]"));
 }
 
+TEST_CASE("Minari's data of a Gymnasium task belong to the daemon's task if the sizes are equal") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  REQUIRE(exports
+              .Dataset({"export", "HalfCheetah/random", exports.Root(), "--format", "minari",
+                        "--id", "x-v0"})
+              .exit_code == 0);
+  const std::string path = exports.Root() + "/x-v0/data/metadata.json";
+  auto metadata = nlohmann::json::parse(ReadBytes(path));
+  metadata.erase("b4mrl");
+  const auto import = [&](const std::string& gymnasium_id, const std::string& name) {
+    metadata["env_spec"] =
+        nlohmann::json{{"id", gymnasium_id}, {"kwargs", {{"reset_noise_scale", 0.2}}}}.dump();
+    WriteBytes(path, metadata.dump());
+    return exports.Dataset({"import", exports.Root() + "/x-v0", "--name", name});
+  };
+  const Outcome imported = import("HalfCheetah-v5", "mine/cheetah");
+  CHECK(imported.exit_code == 0);
+  CHECK_THAT(imported.err, Catch::Contains("the daemon's HalfCheetah is v4"));
+  const auto info = exports.Info("mine/cheetah");
+  CHECK(info["environment"] == "HalfCheetah");
+  CHECK(info["environment_from"] == "the file");
+  CHECK(info["recipe"] ==
+        "Minari's dataset x-v0, recorded in Gymnasium's HalfCheetah-v5; the environment's "
+        "arguments were {\"reset_noise_scale\":0.2}");
+  CHECK_THAT(import("HalfCheetah-v4", "mine/v4").err, !Catch::Contains("is v4"));
+  CHECK(import("Hopper-v4", "mine/hopper").exit_code == 0);  // but Hopper has other sizes
+  CHECK(exports.Info("mine/hopper")["environment"] == "");
+  // Under Hopper's own name the daemon would never serve it.
+  CHECK(import("Hopper-v4", "Hopper/mine").exit_code == 3);
+  CHECK_FALSE(fs::exists(exports.folder.File("data/Hopper/mine.h5")));
+}
+
 TEST_CASE("A damaged or foreign Minari folder is refused and leaves no dataset") {
   const Exports exports;
   exports.Make("HalfCheetah/random", "1000");
