@@ -5,6 +5,7 @@
 
 #include "data/hdf5/hdf5_file.h"
 #include "tests/data/example_dataset.h"
+#include "tests/data/file_size_limit.h"
 #include "tests/data/minari/example_minari.h"
 #include "tests/data/temporary_folder.h"
 
@@ -70,6 +71,24 @@ TEST_CASE("a dataset that is not complete leaves no folder behind") {
   CHECK(fs::is_empty(root.path()));
   CHECK(MinariWriter::Create(root.path(), "../x-v0", episodes).status().code() ==
         StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("a full disk gives an error with the path, and no folder, wherever it happens") {
+  const TemporaryFolder root;
+  const ExampleDataset data = MakeExampleDataset({400, 1, 1, 3000});
+  REQUIRE(WriteMinariExample(root.path(), data).ok());
+  const auto whole = fs::file_size(root.File("x-v0/data/main_data.hdf5"));
+  for (const auto limit : {whole / 100, whole / 3, whole - 1}) {
+    CAPTURE(limit);
+    Status status;
+    {
+      const FileSizeLimit full(limit);
+      status = WriteMinariExample(root.path(), data, "y-v0");
+    }
+    CHECK(status.code() == StatusCode::kIoError);
+    CHECK_THAT(status.message(), Catch::Contains("main_data.hdf5"));
+    CHECK(std::distance(fs::directory_iterator(root.path()), fs::directory_iterator()) == 1);
+  }
 }
 
 }  // namespace
