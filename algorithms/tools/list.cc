@@ -90,25 +90,48 @@ std::string ParametricForm(const Json& item) {
   return form;
 }
 
-Json DatasetItem(const pb::DatasetInfo& info) {
-  const std::string rows = info.rows() > 0 ? fmt::format("{} rows", info.rows())
-                                           : std::string("rows are counted when it is first used");
-  return {{"name", info.name()},
-          {"description",
-           fmt::format("{:.1f} MB, {}", static_cast<double>(info.file_bytes()) / 1e6, rows)},
-          {"made", true},
-          {"rows", info.rows()},
-          {"file_bytes", info.file_bytes()},
-          {"sha256", info.sha256()},
-          {"columns_sha256", info.columns_sha256()},
-          {"behaviour_policy", info.behaviour_policy()}};
+// Adds the published figures to an item and returns them in words.
+std::string AddFigures(const PublishedDataset& figures, Json& item) {
+  std::string words =
+      fmt::format(", mean return {:.1f} +- {:.1f}", figures.mean_return, figures.std_return);
+  item["mean_return"] = figures.mean_return;
+  item["std_return"] = figures.std_return;
+  item["license"] = figures.license;
+  if (!figures.normalised_score) return words;
+  item["normalised_score"] = *figures.normalised_score;
+  return words + fmt::format(", score {:.1f}", *figures.normalised_score);
+}
+
+// A dataset that has been made. Once the daemon has counted and hashed its rows, the item says
+// whether they are those that were published under its name, whose figures are then its own.
+Json DatasetItem(const pb::DatasetInfo& info, const PublishedDatasets& published) {
+  std::string description =
+      fmt::format("{:.1f} MB, ", static_cast<double>(info.file_bytes()) / 1e6) +
+      (info.rows() > 0 ? fmt::format("{} rows", info.rows())
+                       : std::string("rows are counted when it is first used"));
+  Json item = {{"name", info.name()},
+               {"description", description},
+               {"made", true},
+               {"rows", info.rows()},
+               {"file_bytes", info.file_bytes()},
+               {"sha256", info.sha256()},
+               {"columns_sha256", info.columns_sha256()},
+               {"behaviour_policy", info.behaviour_policy()}};
+  const auto found = published.find(info.name());
+  if (found == published.end() || info.columns_sha256().empty()) return item;
+  const bool equal = info.columns_sha256() == found->second.columns_sha256;
+  item["as_published"] = equal;
+  description += equal ? AddFigures(found->second, item) + ", as published"
+                       : ", not the rows published under this name";
+  item["description"] = description;
+  return item;
 }
 
 // A dataset that has not been made, with its published figures or the reason why it cannot be made.
 Json RecipeItem(const DatasetRecipe& recipe, const PublishedDatasets& published) {
   const bool can_be_made = recipe.missing.empty();
-  std::string description = can_be_made ? fmt::format("not made; {} rows", recipe.rows)
-                                        : fmt::format("cannot be made: {}", recipe.missing);
+  const std::string description = can_be_made ? fmt::format("not made; {} rows", recipe.rows)
+                                              : fmt::format("cannot be made: {}", recipe.missing);
   Json item = {{"name", recipe.full_name()},
                {"description", description},
                {"made", false},
@@ -116,18 +139,8 @@ Json RecipeItem(const DatasetRecipe& recipe, const PublishedDatasets& published)
   if (!can_be_made) item["missing"] = recipe.missing;
   const auto found = published.find(recipe.full_name());
   if (found == published.end()) return item;
-  const PublishedDataset& figures = found->second;
-  description +=
-      fmt::format(", mean return {:.1f} +- {:.1f}", figures.mean_return, figures.std_return);
-  if (figures.normalised_score) {
-    description += fmt::format(", score {:.1f}", *figures.normalised_score);
-    item["normalised_score"] = *figures.normalised_score;
-  }
-  item["description"] = description;
-  item["mean_return"] = figures.mean_return;
-  item["std_return"] = figures.std_return;
-  item["columns_sha256"] = figures.columns_sha256;
-  item["license"] = figures.license;
+  item["description"] = description + AddFigures(found->second, item);
+  item["columns_sha256"] = found->second.columns_sha256;
   return item;
 }
 
@@ -135,7 +148,7 @@ Json RecipeItem(const DatasetRecipe& recipe, const PublishedDatasets& published)
 Result<Json> DatasetItems(const std::vector<pb::DatasetInfo>& datasets) {
   B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
   Json items = Json::array();
-  for (const pb::DatasetInfo& info : datasets) items.push_back(DatasetItem(info));
+  for (const pb::DatasetInfo& info : datasets) items.push_back(DatasetItem(info, published));
   for (const DatasetRecipe& recipe : DatasetRecipes()) {
     const auto is_made = [&](const pb::DatasetInfo& info) {
       return info.name() == recipe.full_name();

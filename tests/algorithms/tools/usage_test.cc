@@ -1,4 +1,5 @@
 // What the command line accepts, how it explains itself, and what it says when it does not.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -7,6 +8,7 @@
 
 #include "algorithms/list.h"
 #include "tests/algorithms/tools/tool.h"
+#include "tests/client/fake_daemon.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -167,6 +169,34 @@ TEST_CASE("The list of datasets has those that are there and those that can be m
   CHECK_FALSE(Says(made.out, "not made; 1000000 rows, mean return 4739.2"));
   CHECK_FALSE(Says(made.out, "not imported"));
   CHECK(made.err.empty());
+  REQUIRE(Run({"dataset", "info", "HalfCheetah/medium", "--data", folder.path()}).exit_code == 0);
+  CHECK(Says(Run(words).out, "1000 rows, not the rows published under this name"));
+}
+
+TEST_CASE("A dataset that was made as published is listed with its published figures") {
+  const TemporaryFolder folder;
+  const nlohmann::json published = nlohmann::json::parse(
+      Run({"list", "datasets", "--json", "--data", folder.path()}).out, nullptr, false);
+  const auto medium = std::ranges::find(published, "HalfCheetah/medium-v0",
+                                        [](const auto& item) { return item["name"]; });
+  REQUIRE(medium != published.end());
+  const FakeDaemon daemon([&](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_list_datasets()) return false;
+    pb::Reply reply;
+    reply.mutable_list_datasets()->set_total(1);
+    pb::DatasetInfo* info = reply.mutable_list_datasets()->add_datasets();
+    info->set_name("HalfCheetah/medium-v0");
+    info->set_rows(1'000'000);
+    info->set_columns_sha256((*medium)["columns_sha256"]);
+    server.Reply(call, std::move(reply));
+    return true;
+  });
+  const nlohmann::json listed = nlohmann::json::parse(
+      Run({"list", "datasets", "--json", "--endpoint", daemon.address()}).out, nullptr, false);
+  REQUIRE(listed.is_array());
+  CHECK(listed[0]["as_published"] == true);
+  CHECK(listed[0]["mean_return"] == (*medium)["mean_return"]);
+  CHECK(listed[0]["normalised_score"] == (*medium)["normalised_score"]);
 }
 
 TEST_CASE("Dimensions that are joined by a comma are told to be joined by a plus") {
