@@ -16,6 +16,7 @@
 #include "algorithms/datasets/published_datasets.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
+#include "client/interrupt.h"
 #include "data/files/file_hash.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
@@ -33,6 +34,8 @@ struct MakeCommand {
   DaemonOptions daemon;
 
   std::optional<Failure> Run();
+  // Makes every dataset that the data folder does not have. One that fails is reported and does not
+  // keep the others back.
   std::optional<Failure> MakeAll(Destination& destination) const;
   std::optional<Failure> MakeOne(const std::string& dataset, Destination& destination) const;
   // What to record for the dataset of that name; `recipe` is null for a name of the user's own.
@@ -140,6 +143,8 @@ std::optional<Failure> MakeCommand::Run() {
 
 std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
   std::vector<std::string> environments;
+  std::optional<Failure> first;
+  size_t failed = 0;
   for (const DatasetRecipe& recipe : DatasetRecipes()) {
     if (environments.empty() || environments.back() != recipe.environment()) {
       environments.emplace_back(recipe.environment());
@@ -150,7 +155,21 @@ std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
       fmt::print(stderr, "{} cannot be made: {}\n", full_name, recipe.missing);
       continue;
     }
-    if (auto failure = MakeOne(full_name, destination)) return failure;
+    if (!replace && destination.Has(full_name)) {
+      if (!quiet) fmt::print(stderr, "{}: is there already\n", full_name);
+      continue;
+    }
+    auto failure = MakeOne(full_name, destination);
+    if (!failure) continue;
+    if (Interrupted()) return failure;
+    fmt::print(stderr, "{}: {}\n", full_name, failure->status.message());
+    ++failed;
+    if (!first) first = std::move(failure);
+  }
+  if (first) {
+    return Failure{first->exit_code,
+                   Status(first->status.code(),
+                          fmt::format("{} of the datasets failed, for the reasons above", failed))};
   }
   const bool known = environment.empty() || std::ranges::count(environments, environment) > 0;
   if (known) return std::nullopt;

@@ -132,6 +132,25 @@ TEST_CASE("A file with a changed action does not verify, and the error names its
   CHECK(nlohmann::json::parse(verified.out)["equal_rows"] == 1234);
 }
 
+TEST_CASE("Making all datasets goes on after one that fails, and leaves those that are there") {
+  const TemporaryFolder folder;
+  const std::string obstacle = folder.File("Highway/random-v0.h5.tmp");
+  std::filesystem::create_directories(obstacle);
+  const auto make_all = [&] {
+    return Run({"dataset", "make", "all", "--environment", "Highway", "--rows", "50", "--data",
+                folder.path()});
+  };
+  const Outcome first = make_all();
+  CHECK(first.exit_code == 3);
+  CHECK(Says(first.err, "Highway/random-v0: cannot create"));
+  CHECK(Says(first.out, "Highway/medium-v0: 50 rows"));
+  std::filesystem::remove(obstacle);
+  const Outcome second = make_all();
+  CHECK(second.exit_code == 0);
+  CHECK(Says(second.out, "Highway/random-v0: 50 rows"));
+  CHECK(Says(second.err, "Highway/medium-v0: is there already"));
+}
+
 TEST_CASE("What a recipe cannot give is refused with the reason") {
   const TemporaryFolder folder;
   const auto refusal = [&](const Words& more) {
