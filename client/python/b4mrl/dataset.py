@@ -82,8 +82,8 @@ class Dataset(Shown):
             transition rule leaves.
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
-        hidden_dimensions: indices of observations that are 0 because a corruption hides them, or
-            because the behaviour policy could not see them.
+        hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
+            policy could not see: 0 in the rows, plus the noise of a corruption that follows.
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         in_force: the daemon's reply to the opening, with all corruptions in parametric form.
     """

@@ -179,8 +179,8 @@ class DatasetInForce(Record):
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         rows: number of rows that the transition rule leaves.
         corruptions: in the order in which they apply; presets in their parametric form.
-        hidden_dimensions: indices of observations that are 0 because a corruption hides them, or
-            because the behaviour policy could not see them.
+        hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
+            policy could not see: 0 in the rows, plus the noise of a corruption that follows.
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
         seed: seed of the corruptions' noise; 0 where they draw none.
