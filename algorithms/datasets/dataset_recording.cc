@@ -150,9 +150,6 @@ Status Session::RecordReplay(const ActionLog& log) {
   B4MRL_ASSIGN_OR_RETURN(std::string sha256, Sha256OfFile(order_.files.front()));
   B4MRL_ASSIGN_OR_RETURN(const uint64_t first_episode,
                          ReplayActions(log, order_.rows, client_, *recorder_, progress_));
-  if (recorder_->rows() == 0) {
-    return InvalidNumber("rows", order_.rows, "at least the rows of the log's last episode");
-  }
   recording_.provenance.recipe = fmt::format(
       "the transitions of a training run, stepped again from its actions: {}", log.command);
   AddPart("a learner in training, its warm-up included", std::move(sha256), log.seed,

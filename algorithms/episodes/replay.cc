@@ -68,7 +68,8 @@ class Replayer {
   DatasetBlock block_;
   uint64_t episode_ = 0;
   uint64_t first_episode_ = 0;
-  bool keeps_ = false;  // whether the episode under way is among those to append
+  uint64_t last_start_ = 0;  // the log's row with which its latest episode begins
+  bool keeps_ = false;       // whether the episode under way is among those to append
 };
 
 Result<uint64_t> Replayer::Run(Progress& progress) {
@@ -84,6 +85,11 @@ Result<uint64_t> Replayer::Run(Progress& progress) {
   B4MRL_RETURN_IF_ERROR(Flush());
   progress.Update(log_.rows);
   progress.Finish();
+  if (last_start_ < oldest_row_) {
+    return InvalidNumber("rows", log_.rows - oldest_row_,
+                         fmt::format("{}..{}: the log's last episode has {}",
+                                     log_.rows - last_start_, log_.rows, log_.rows - last_start_));
+  }
   if (const std::string sha256 = hash_.Hex(); sha256 != log_.replay_sha256) {
     return Status(StatusCode::kDataLoss,
                   fmt::format("the stepped transitions have the SHA-256 {}, those of the run {}",
@@ -117,6 +123,7 @@ Status Replayer::Step(uint64_t row) {
   observation_.assign(shown.begin(), shown.end());
   if (ended) {
     ++episode_;
+    if (row + 1 < log_.rows) last_start_ = row + 1;
     if (!keeps_ && row + 1 >= oldest_row_) {
       keeps_ = true;
       first_episode_ = episode_;
