@@ -298,7 +298,12 @@ Status StateComparer::CompareBlock(uint64_t first_row, uint64_t count) {
   states.parts["time"].assign(count, 0);
   states.parts["qpos"] = block.qpos;
   states.parts["qvel"] = block.qvel;
-  B4MRL_ASSIGN_OR_RETURN(const StepOutcome set, session_.Restore(states, lanes));
+  const auto restored = session_.Restore(states, lanes);
+  if (!restored.ok()) {
+    return restored.status().WithContext(
+        fmt::format("states of the rows {} to {}, one a lane", first_row, first_row + count - 1));
+  }
+  const StepOutcome& set = *restored;
   B4MRL_ASSIGN_OR_RETURN(const StepOutcome stepped, session_.Step(block.actions, lanes));
   const size_t width = file_.observation_size();
   for (size_t i = 0; i < count; ++i) {

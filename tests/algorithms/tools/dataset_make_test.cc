@@ -1,6 +1,7 @@
 // Datasets are made by their recipes, and files step again to the bit.
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -61,9 +62,9 @@ TEST_CASE("Where no episode fits into the first half, a concatenation is all by 
   CHECK(Verify(json["file"]).exit_code == 0);
 }
 
-// A file of others: 50 rows of HalfCheetah with the states that its observations tell, in whose row
-// `row` one number of a next observation is NaN.
-void WriteForeignFile(const DatasetFileReader& source, const std::string& path, uint64_t row) {
+// A file of others: 50 rows of HalfCheetah with the states that its observations tell, changed.
+void WriteForeignFile(const DatasetFileReader& source, const std::string& path,
+                      const std::function<void(DatasetBlock&)>& change) {
   DatasetBlock rows = Take(source.Read(0, 50));
   for (size_t i = 0; i < 50; ++i) {
     const float* observation = rows.observations.data() + i * 17;  // without the root's x
@@ -71,7 +72,7 @@ void WriteForeignFile(const DatasetFileReader& source, const std::string& path, 
     rows.qpos.insert(rows.qpos.end(), observation, observation + 8);
     rows.qvel.insert(rows.qvel.end(), observation + 8, observation + 17);
   }
-  rows.next_observations[row * 17 + 4] = std::numeric_limits<float>::quiet_NaN();
+  change(rows);
   DatasetWriter writer = Take(DatasetWriter::Create(path, {.observation_dimensions = 17,
                                                            .action_dimensions = 6,
                                                            .qpos_dimensions = 9,
@@ -84,9 +85,18 @@ TEST_CASE(
     "Rows of other programs are stepped from their states, and a NaN is no small difference") {
   const TemporaryFolder folder;
   const nlohmann::json made = Make(folder, "HalfCheetah/medium");
-  WriteForeignFile(Take(DatasetFileReader::Open(made["file"])), folder.File("other.h5"), 31);
-  const Outcome outcome = Run({"dataset", "verify", folder.File("other.h5"), "--environment",
-                               "HalfCheetah", "--quiet", "--json"});
+  const DatasetFileReader source = Take(DatasetFileReader::Open(made["file"]));
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  const auto verify = [&](const std::function<void(DatasetBlock&)>& change) {
+    WriteForeignFile(source, folder.File("other.h5"), change);
+    return Run({"dataset", "verify", folder.File("other.h5"), "--environment", "HalfCheetah",
+                "--quiet", "--json"});
+  };
+  const Outcome refused = verify([](DatasetBlock& rows) { rows.qpos[7 * 9] = kNaN; });
+  CHECK(refused.exit_code != 0);
+  CHECK(Says(refused.err, "states of the rows 0 to 49, one a lane: lane 7: state qpos[0] is nan"));
+  const Outcome outcome =
+      verify([](DatasetBlock& rows) { rows.next_observations[31 * 17 + 4] = kNaN; });
   INFO(outcome.err);
   REQUIRE(outcome.exit_code == 0);
   const nlohmann::json compared = nlohmann::json::parse(outcome.out, nullptr, false);
