@@ -55,10 +55,13 @@ Result<AtomicFolder> AtomicFolder::Create(const std::string& path) {
 
 Status AtomicFolder::Commit() {
   B4MRL_RETURN_IF_ERROR(SyncFolder(temporary_path_));
-  // Unlike rename, this replaces no empty folder.
-  if (renameat2(AT_FDCWD, temporary_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_NOREPLACE) !=
-      0) {
-    return errno == EEXIST ? Exists(path_) : IoError("create folder", path_, errno);
+  const char *from = temporary_path_.c_str(), *to = path_.c_str();
+  // Unlike rename, this replaces no empty folder. NFS cannot do it and answers EINVAL.
+  int failed = renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE);
+  if (failed != 0 && errno == EINVAL) failed = rename(from, to);
+  if (failed != 0) {
+    const bool exists = errno == EEXIST || errno == ENOTEMPTY;
+    return exists ? Exists(path_) : IoError("create folder", path_, errno);
   }
   temporary_path_.clear();
   return SyncFolder(FolderOf(path_));
