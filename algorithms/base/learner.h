@@ -62,6 +62,13 @@ struct LearnerContext {
   std::vector<float> ActionScale() const;
 };
 
+// Which dataset a learner has opened; empty without a dataset.
+struct DatasetIdentity {
+  std::string full_name;       // with its version, "HalfCheetah/medium-v0"
+  std::string sha256;          // of its file
+  std::string columns_sha256;  // of its rows (data/columns/columns_hash.h)
+};
+
 class Learner {
  public:
   virtual ~Learner() = default;
@@ -81,8 +88,7 @@ class Learner {
 
   // Steps taken in the simulator so far, warm-up included and queries not.
   virtual uint64_t environment_steps() const { return 0; }
-  // SHA-256 of the dataset's file; "" without a dataset.
-  virtual std::string dataset_sha256() const { return ""; }
+  virtual DatasetIdentity dataset_identity() const { return {}; }
 };
 
 // Deadline of each request of a training run. It is long so that a run survives a busy machine.

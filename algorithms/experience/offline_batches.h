@@ -46,7 +46,7 @@ class OfflineBatches {
 
   // `policy` with the observations' mean and standard deviation and the mask of hidden dimensions.
   PolicyWeights WithInputs(PolicyWeights policy) const;
-  const std::string& dataset_sha256() const { return dataset_.sha256(); }
+  DatasetIdentity dataset_identity() const { return dataset_.identity(); }
 
   void Save(CheckpointWriter& writer) const;
   // Goes on with `next_batch`, as Start does. kDataLoss when the checkpoint is of another dataset.

@@ -43,7 +43,10 @@ class TrainingDataset {
   // For each dimension of an observation 1, or 0 where corruptions hide it or where the behaviour
   // policy could not see it; empty: none is hidden.
   const std::vector<float>& mask() const { return mask_; }
-  const std::string& sha256() const { return remote_->in_force().info().sha256(); }
+  DatasetIdentity identity() const {
+    const pb::DatasetInfo& info = remote_->in_force().info();
+    return {info.name(), info.sha256(), info.columns_sha256()};
+  }
 
  private:
   TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed);

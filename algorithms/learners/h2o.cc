@@ -66,7 +66,7 @@ class H2o final : public Learner {
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
   uint64_t environment_steps() const override { return collector_.environment_steps(); }
-  std::string dataset_sha256() const override { return dataset_.sha256(); }
+  DatasetIdentity dataset_identity() const override { return dataset_.identity(); }
 
  private:
   uint64_t updates() const { return static_cast<uint64_t>(core_.updates()); }

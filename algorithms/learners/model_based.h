@@ -47,7 +47,7 @@ class ModelBased : public Learner {
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
   bool outlives_daemon() const override { return true; }
-  std::string dataset_sha256() const override { return dataset_.sha256(); }
+  DatasetIdentity dataset_identity() const override { return dataset_.identity(); }
 
  protected:
   // Trains f on `data`, or loads an ensemble that was trained with equal data and options. To be

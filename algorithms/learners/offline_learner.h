@@ -26,7 +26,7 @@ class OfflineLearner : public Learner {
     return batches_.Load(reader, static_cast<uint64_t>(core_.updates()));
   }
   bool outlives_daemon() const override { return true; }
-  std::string dataset_sha256() const override { return batches_.dataset_sha256(); }
+  DatasetIdentity dataset_identity() const override { return batches_.dataset_identity(); }
 
  protected:
   Core core_;

@@ -56,6 +56,10 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["environment"] = options.environment;
   json["simulator"] = options.simulator;
   json["dataset"] = options.dataset;
+  if (!summary.dataset.full_name.empty()) {
+    json["dataset_full_name"] = summary.dataset.full_name;
+    json["dataset_columns_sha256"] = summary.dataset.columns_sha256;
+  }
   json["corruption"] = options.corruption;
   json["corruption_seed"] = options.corruption_seed;
   json["transitions"] = options.transitions;

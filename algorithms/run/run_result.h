@@ -13,6 +13,7 @@
 #include <string>
 #include <string_view>
 
+#include "algorithms/base/learner.h"
 #include "algorithms/episodes/evaluate.h"
 #include "algorithms/run/run_record.h"
 #include "proto/base/status.h"
@@ -33,7 +34,8 @@ std::string_view RunStateName(RunState state);
 
 struct TrainSummary {
   RunState state = RunState::kRunning;
-  std::string reason;    // why the run ended before its last update; otherwise ""
+  std::string reason;  // why the run ended before its last update; otherwise ""
+  DatasetIdentity dataset;
   uint64_t updates = 0;  // updates done so far
   uint64_t environment_steps = 0;
   std::optional<EvaluationResult> last;  // the last evaluation

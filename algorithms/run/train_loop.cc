@@ -305,14 +305,16 @@ Agent TrainRun::PresentAgent() const {
   agent.provenance.updates = update_;
   agent.provenance.command = options_.command;
   agent.provenance.simulator = options_.simulator;
-  agent.provenance.dataset = options_.dataset;
-  agent.provenance.dataset_sha256 = learner_->dataset_sha256();
+  DatasetIdentity dataset = learner_->dataset_identity();
+  agent.provenance.dataset = std::move(dataset.full_name);
+  agent.provenance.dataset_sha256 = std::move(dataset.sha256);
   agent.provenance.corruption = options_.corruption;
   return agent;
 }
 
 TrainSummary TrainRun::Summary(const Status& status) const {
   TrainSummary summary;
+  summary.dataset = learner_->dataset_identity();
   summary.updates = update_;
   summary.environment_steps = learner_->environment_steps();
   if (!status.ok()) {

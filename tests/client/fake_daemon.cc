@@ -29,6 +29,8 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
     case pb::Request::kOpenDataset: {
       pb::OpenDatasetReply* open = reply.mutable_open_dataset();
       open->set_fingerprint("f");
+      open->mutable_info()->set_name(call.request.open_dataset().dataset() + "-v0");
+      open->mutable_info()->set_columns_sha256("c");
       open->set_rows(dataset_rows);
       open->set_observation_size(kObservationSize);
       open->set_action_size(kActionSize);

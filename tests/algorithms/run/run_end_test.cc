@@ -187,6 +187,10 @@ TEST_CASE("A run says that it is running, and a continued one no longer that it 
   const nlohmann::json before = ResultOf(options);
   CHECK(before["updates"] == 20);
   CHECK(before["interrupted"] == false);
+  CHECK(before["dataset"] == "HalfCheetah/small");
+  CHECK(before["dataset_full_name"] == "HalfCheetah/small-v0");
+  CHECK(before["dataset_columns_sha256"] == "c");
+  CHECK(Take(ReadAgent(options.folder + "/agent.h5")).provenance.dataset == "HalfCheetah/small-v0");
 
   options.resume = true;
   options.updates = 60;
