@@ -1,12 +1,13 @@
-// `b4mrl`: one name for three programs that stand beside it.
+// `b4mrl`: one name for four programs that stand beside it.
 //
 //   b4mrl serve ...     -> b4mrl-serve ...      the daemon
 //   b4mrl perf ...      -> b4mrl-perf ...       measurements
+//   b4mrl benchmark ... -> b4mrl-benchmark ...  trains the runs of suites
 //   b4mrl <other> ...   -> b4mrl-tools <other> ...
 //   b4mrl help ...      -> b4mrl ... --help
 // The launcher replaces itself by the program, so signals, exit code and process id are the
-// program's own, and a learner's process never holds the simulator. B4MRL_SERVER, B4MRL_PERF and
-// B4MRL_TOOLS name another file to run. Links nothing of the project.
+// program's own, and a learner's process never holds the simulator. B4MRL_SERVER, B4MRL_PERF,
+// B4MRL_RUNNER and B4MRL_TOOLS name another file to run. Links nothing of the project.
 #include <unistd.h>
 
 #include <algorithm>
@@ -46,16 +47,18 @@ int main(int argc, char** argv) {
     argv[argc - 1] = help.data();
   }
   const std::string_view command = argc > 1 ? argv[1] : "--help";
-  const bool own_program = command == "serve" || command == "perf";
+  const bool own_program = command == "serve" || command == "perf" || command == "benchmark";
   std::string path;
   if (command == "serve") {
     path = ProgramPath("B4MRL_SERVER", "b4mrl-serve");
   } else if (command == "perf") {
     path = ProgramPath("B4MRL_PERF", "b4mrl-perf");
+  } else if (command == "benchmark") {
+    path = ProgramPath("B4MRL_RUNNER", "b4mrl-benchmark");
   } else {
     path = ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
   }
-  // argv[0] stays the program's path; b4mrl-serve and b4mrl-perf do not get the command's word.
+  // argv[0] stays the program's path; programs of their own do not get the command's word.
   char** arguments = own_program ? argv + 1 : argv;
   arguments[0] = path.data();
   execv(path.c_str(), arguments);

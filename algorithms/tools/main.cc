@@ -56,6 +56,8 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
   std::vector<Command> commands;
   for (const auto& [name, description] :
        {std::pair{"serve", "run the daemon (b4mrl serve --help)"},
+        std::pair{"benchmark",
+                  "train what fills the tables of benchmarks (b4mrl benchmark --help)"},
         std::pair{"perf", "measure the daemon against the machine's limits (b4mrl perf --help)"},
         std::pair{"help", "show a command's help: b4mrl help train"}}) {
     const Status status(StatusCode::kUnsupported,

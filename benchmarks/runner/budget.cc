@@ -132,21 +132,23 @@ Status TakeEntry(const std::string& name, const toml::node& value, const std::st
 
 Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table all, ReadTomlFile(file));
-  const toml::table* table = all[name].as_table();
+  const bool is_only = name.empty() && all.size() == 1;
+  const std::string chosen(is_only ? all.begin()->first.str() : std::string_view(name));
+  const toml::table* table = all[chosen].as_table();
   if (table == nullptr) {
     std::vector<std::string> names;
     for (const auto& [key, node] : all) names.emplace_back(key.str());
-    return UnknownName(fmt::format("budget of {}", file), name, names);
+    return UnknownName(fmt::format("budget of {}", file), chosen, names);
   }
   Budget budget;
-  budget.name = name;
+  budget.name = chosen;
   for (const auto& [key, value] : *table) {
     const std::string entry(key.str());
     B4MRL_RETURN_IF_ERROR(
-        TakeEntry(entry, value, fmt::format("{}.{}", name, entry), &budget).WithContext(file));
+        TakeEntry(entry, value, fmt::format("{}.{}", chosen, entry), &budget).WithContext(file));
   }
   if (budget.updates.empty()) {
-    return Refuse(fmt::format("{}: {}.updates", file, name), "a table with an algorithm or more");
+    return Refuse(fmt::format("{}: {}.updates", file, chosen), "a table with an algorithm or more");
   }
   return budget;
 }

@@ -51,8 +51,8 @@ struct Budget {
   std::vector<BudgetException> exceptions;
 };
 
-// Reads the budget `name` of a file. Errors: kIoError, kUnknownName, kInvalidArgument with the
-// file, the table and what is allowed there.
+// Reads the budget `name` of a file; "" is the only one of a file with one. Errors: kIoError,
+// kUnknownName, kInvalidArgument with the file, the table and what is allowed there.
 Result<Budget> ReadBudget(const std::string& file, const std::string& name);
 // benchmarks/budgets.toml, where it was installed or in the checkout.
 std::string DefaultBudgetsFile();

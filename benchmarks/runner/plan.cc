@@ -17,6 +17,8 @@ namespace {
 using Json = nlohmann::json;  // its keys are sorted, so equal contents are equal texts
 
 constexpr size_t kIdDigits = 16;
+// Hyperparameters that change no number of a run.
+constexpr std::string_view kWithoutEffect[] = {"ensemble-cache", "chunks-in-flight"};
 
 // Perturbations in parametric form: "hidden-high" of HalfCheetah is "hidden=9".
 Result<std::string> Parametric(const std::string& text, const std::string& environment,
@@ -125,6 +127,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
                    {"transitions", "stored"},     {"history", 1},
                    {"corruption_seed", 0},        {"hyperparameters", Json::object()}};
   for (const Hyperparameter& entry : resolved.entries()) {
+    if (std::ranges::count(kWithoutEffect, entry.name) > 0) continue;
     identity["hyperparameters"][std::string(entry.name)] = entry.value;
   }
   for (const auto& [key, text] :

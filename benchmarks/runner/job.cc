@@ -1,0 +1,107 @@
+#include "benchmarks/runner/job.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <utility>
+
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+namespace {
+
+UniqueFd OpenClaim(const std::string& path) {
+  return UniqueFd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666));
+}
+
+// Signals that tell a process to stop.
+sigset_t StopSignals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  return signals;
+}
+
+// What the new process does between fork and exec: system calls alone. It begins with the stop
+// signals blocked, so that one that is sent early is not lost to a handler of the runner's.
+[[noreturn]] void BecomeProgram(pid_t parent, int log, char* const* argv) {
+  setpgid(0, 0);
+  prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (getppid() != parent) _exit(127);  // the runner died before it could be watched
+  signal(SIGINT, SIG_DFL);
+  signal(SIGTERM, SIG_DFL);
+  const sigset_t stop = StopSignals();
+  sigprocmask(SIG_UNBLOCK, &stop, nullptr);
+  const int nothing = open("/dev/null", O_RDONLY);
+  dup2(nothing, STDIN_FILENO);
+  dup2(log, STDOUT_FILENO);
+  dup2(log, STDERR_FILENO);
+  close_range(STDERR_FILENO + 1, ~0u, 0);
+  execv(argv[0], argv);
+  _exit(127);
+}
+
+}  // namespace
+
+Result<UniqueFd> Claim(const std::string& path) {
+  UniqueFd claim = OpenClaim(path);
+  if (!claim.valid()) return IoError("make", path, errno);
+  if (flock(claim.get(), LOCK_EX | LOCK_NB) != 0) {
+    if (errno == EWOULDBLOCK) return UniqueFd();
+    return Status(StatusCode::kUnsupported,
+                  fmt::format("{} is on a file system without locks (flock)", path));
+  }
+  const UniqueFd second = OpenClaim(path);
+  if (second.valid() && flock(second.get(), LOCK_EX | LOCK_NB) != 0) return claim;
+  return Status(StatusCode::kUnsupported,
+                fmt::format("{} is on a file system that grants a lock twice", path));
+}
+
+Result<Job> Job::Start(const std::string& program, std::vector<std::string> words,
+                       const std::string& log, UniqueFd claim) {
+  const std::string path = ProgramBesideThisOne(program);
+  words.insert(words.begin(), path);
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  const UniqueFd out(open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+  if (!out.valid()) return IoError("open", log, errno);
+  const pid_t parent = getpid();
+  const sigset_t stop = StopSignals();
+  sigset_t before;
+  sigprocmask(SIG_BLOCK, &stop, &before);
+  const pid_t child = fork();
+  if (child == 0) BecomeProgram(parent, out.get(), argv.data());
+  const int error = errno;
+  sigprocmask(SIG_SETMASK, &before, nullptr);
+  if (child < 0) return IoError("start", path, error);
+  return Job(child, std::move(claim));
+}
+
+Job::Job(Job&& other) noexcept
+    : process_id_(std::exchange(other.process_id_, -1)), claim_(std::move(other.claim_)) {}
+
+Job::~Job() {
+  if (process_id_ <= 0) return;
+  kill(process_id_, SIGTERM);
+  waitpid(process_id_, nullptr, 0);
+}
+
+std::optional<int> Job::Poll() {
+  int status = 0;
+  if (waitpid(process_id_, &status, WNOHANG) != process_id_) return std::nullopt;
+  process_id_ = -1;
+  claim_ = UniqueFd();
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+void Job::Stop() { kill(process_id_, SIGTERM); }
+
+}  // namespace b4mrl

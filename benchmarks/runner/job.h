@@ -1,0 +1,47 @@
+// A child process of the runner: `b4mrl train` or `b4mrl dataset make`, and the claim that keeps
+// other runners away from its work.
+//
+// A claim is a lock on a file (flock), so that it ends with the process that holds it, however that
+// dies. A learner also locks its run's folder itself; so a run whose runner was killed is not
+// started a second time before its learner, told to stop by the kernel, has ended. A job's process
+// is told to stop (SIGTERM) when the thread that started it ends. Thread rule: one thread.
+#pragma once
+
+#include <sys/types.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "proto/base/status.h"
+#include "proto/base/unique_fd.h"
+
+namespace b4mrl {
+
+// Locks the file, which is made if it is missing. An invalid descriptor: another process holds it.
+// kUnsupported if the file system grants a lock twice or none; kIoError.
+Result<UniqueFd> Claim(const std::string& path);
+
+class Job {
+ public:
+  // Starts the program beside this one, in a process group of its own, so that a terminal's Ctrl-C
+  // reaches the runner alone. Both outputs are appended to the file `log`.
+  static Result<Job> Start(const std::string& program, std::vector<std::string> words,
+                           const std::string& log, UniqueFd claim);
+  Job(Job&& other) noexcept;
+  Job& operator=(Job&&) = delete;
+  ~Job();  // stops the process and waits for it
+
+  // The exit code if the process has ended, 128 + its number if a signal ended it.
+  std::optional<int> Poll();
+  // Tells the process to stop; it ends by itself.
+  void Stop();
+
+ private:
+  Job(pid_t process_id, UniqueFd claim) : process_id_(process_id), claim_(std::move(claim)) {}
+
+  pid_t process_id_ = -1;
+  UniqueFd claim_;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,96 @@
+// Trains the runs of a plan: makes the datasets that they need, starts learners side by side, and
+// keeps their results.
+//
+//   DIR/runs/<name>-<first 8 digits of the id>/   a run: what `b4mrl train` writes, its claim, its
+//                                                 log, failed.json if it diverged
+//   DIR/datasets/<name>.claim                     held while a dataset is made
+//   RESULTS/<name>-<id>.json                      a result (result_file.h)
+//
+// Any number of runners may share a folder, and may be killed at any moment: what is claimed is
+// left to its holder, what was begun is resumed, what has its result is not trained again. An
+// interrupt (client/interrupt.h) stops the learners in order. Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <list>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/runner/budget.h"
+#include "benchmarks/runner/job.h"
+#include "benchmarks/runner/plan.h"
+#include "benchmarks/runner/result_file.h"
+#include "client/client.h"
+#include "proto/base/clock.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct RunnerOptions {
+  std::string folder;       // DIR
+  std::string results;      // RESULTS
+  std::string data_folder;  // where datasets are and are made
+  uint32_t jobs = 1;        // processes at a time
+  double hours = 0;         // after which no run is started; 0: no limit
+  bool retry = false;       // begin diverged runs anew
+  bool quiet = false;       // no lines about runs on stderr
+};
+
+struct RunnerSummary {
+  size_t done = 0;                  // runs with a result, earlier ones included
+  std::vector<std::string> failed;  // "<name>: <reason>"
+  size_t left = 0;                  // that were not begun or not finished for want of time
+  bool interrupted = false;
+};
+
+class Runner {
+ public:
+  // `client` is connected to a daemon on options.data_folder; all references outlive the runner.
+  Runner(const RunnerOptions& options, const Budget& budget, const std::vector<PlannedRun>& plan,
+         Client& client);
+
+  // Makes the folders and works until nothing is left to do. An error is one of the folders.
+  Result<RunnerSummary> Work();
+
+ private:
+  enum class Start { kStarted, kLater, kNothing };  // kNothing: it needs no process
+  struct Task {
+    const PlannedRun* run = nullptr;
+    std::string folder;
+    int attempts = 0;
+    uint64_t written = 0;  // bytes of progress.csv when the result was last written
+  };
+  struct Active {
+    Job job;
+    std::optional<size_t> task;  // unset for a dataset
+    std::string dataset;         // of a dataset's job
+  };
+
+  Result<Start> Begin(size_t number);
+  Result<Start> BeginDataset(const std::string& name);
+  Result<bool> HasDataset(const std::string& name);
+  Result<std::optional<UsedDataset>> DescribeDataset(const std::string& name);
+  std::vector<std::string> TrainingWords(const Task& task) const;
+  Status StartWhatCan();
+  Status Collect();
+  Status Finish(Active& active, int exit_code);
+  void WriteResults();
+  Status WriteResult(Task& task);
+  void Fail(const Task& task, const std::string& reason);
+  void Say(const std::string& line) const;
+
+  const RunnerOptions& options_;
+  const Budget& budget_;
+  Client& client_;
+  std::vector<Task> tasks_;
+  std::deque<size_t> waiting_;  // numbers of tasks, in plan order
+  std::list<Active> active_;
+  std::map<std::string, std::string> failed_datasets_;  // reasons by name
+  RunnerSummary summary_;
+  Deadline end_;
+};
+
+}  // namespace b4mrl

@@ -1,0 +1,155 @@
+// b4mrl benchmark trains each run once, whatever ends on the way.
+#include <catch2/catch.hpp>
+#include <csignal>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/algorithms/tools/tool.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kPattern[] = "HalfCheetah/modelling-error/*+medium";
+
+// A folder for a suite's runs, and a budget that trains bc and TD3-BC for a moment.
+class Suite {
+ public:
+  explicit Suite(const std::string& updates = "td3-bc = 60, bc = 40") {
+    WriteBytes(folder_.File("budget.toml"),
+               "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\n"
+               "updates = { " +
+                   updates + " }\n");
+  }
+  Words Command(const Words& more = {}) const {
+    Words words = {"benchmark", "run", kPattern, "--budget", folder_.File("budget.toml"),
+                   "--out",     Out()};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+  std::string Out() const { return folder_.File("suite"); }
+  std::string File(const std::string& name) const { return folder_.File(name); }
+
+  // The runs' results by name, without what differs from one training to another: an agent's file
+  // names the command line, with the folder.
+  std::map<std::string, std::string> Results() const {
+    std::map<std::string, std::string> results;
+    for (const auto& entry : fs::directory_iterator(Out() + "/results")) {
+      auto json = nlohmann::json::parse(ReadBytes(entry.path()), nullptr, false);
+      REQUIRE(json.is_object());
+      CHECK(json["agent_sha256"].get<std::string>().size() == 64);
+      json.erase("agent_sha256");
+      json.erase("seconds");
+      results[entry.path().filename()] = json.dump();
+    }
+    return results;
+  }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+size_t Count(const std::string& text, const std::string& words) {
+  size_t count = 0;
+  for (size_t at = 0; (at = text.find(words, at)) != std::string::npos; ++at) ++count;
+  return count;
+}
+
+TEST_CASE("A suite makes its data, trains each distinct run once and keeps the results") {
+  const Suite suite;
+  const Outcome listed = Run(suite.Command({"--dry-run"}));
+  INFO(listed.err);
+  CHECK(listed.exit_code == 0);
+  CHECK(listed.out.find("2 runs: 0 done, 0 begun; 0 of 4 cells filled") != std::string::npos);
+
+  const Outcome first = Run(suite.Command());
+  INFO(first.out << first.err);
+  CHECK(first.exit_code == 0);
+  CHECK(first.out.find("2 of 2 runs done") != std::string::npos);
+  CHECK(Count(first.err, "make HalfCheetah/medium\n") == 1);
+  const auto results = suite.Results();
+  REQUIRE(results.size() == 2);
+  for (const auto& [name, text] : results) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CHECK(json["finished"] == true);
+    CHECK(json["benchmarks"].size() == 2);
+    CHECK(json["curve"].size() == 2);
+    CHECK(json["dataset"]["rows"] == 2000);
+  }
+  const Outcome again = Run(suite.Command());
+  CHECK(again.exit_code == 0);
+  CHECK(Count(again.err, "start ") == 0);
+  CHECK(suite.Results() == results);
+}
+
+TEST_CASE(
+    "A suite whose runner is killed at any moment goes on to the results of one that was not") {
+  const std::string updates = "td3-bc = 400, bc = 300";
+  const Suite undisturbed(updates), killed(updates);
+  REQUIRE(Run(undisturbed.Command()).exit_code == 0);
+  // Killed while it makes the data, when a run begins, and when the first one is done.
+  for (const char* moment : {"make ", "start ", "start ", "done "}) {
+    Tool runner(killed.Command());
+    CHECK(runner.WaitForMessage(moment));
+    runner.Kill();
+  }
+  const Outcome rest = Run(killed.Command());
+  INFO(rest.out << rest.err);
+  CHECK(rest.exit_code == 0);
+  CHECK(killed.Results() == undisturbed.Results());
+}
+
+TEST_CASE("Two runners on one folder share the work") {
+  const Suite suite("td3-bc = 300, bc = 300, iql = 100");
+  Tool one(suite.Command({"--jobs", "1"})), other(suite.Command({"--jobs", "1"}));
+  const Outcome first = one.Wait(), second = other.Wait();
+  INFO(first.err << second.err);
+  CHECK(first.exit_code == 0);
+  CHECK(second.exit_code == 0);
+  CHECK(Count(first.err + second.err, "make ") == 1);
+  CHECK(Count(first.err + second.err, "start ") == 3);
+  CHECK(suite.Results().size() == 3);
+}
+
+TEST_CASE("A runner that is told to stop leaves everything to be resumed") {
+  const Suite suite("td3-bc = 1_000_000");
+  Tool runner(suite.Command());
+  CHECK(runner.WaitForMessage("start "));
+  runner.Signal(SIGTERM);
+  const Outcome stopped = runner.Wait();
+  CHECK(stopped.exit_code == 143);
+  CHECK(stopped.out.find("1 left") != std::string::npos);
+}
+
+TEST_CASE("What cannot be trained is named at the end and keeps nothing else back") {
+  const Suite suite("bc = 20, sac = 20");
+  // A file stands where the dataset's folder should be.
+  fs::create_directories(suite.Out() + "/data");
+  WriteBytes(suite.Out() + "/data/HalfCheetah", "");
+  const Outcome outcome = Run(suite.Command());
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("2 of 3 runs done, 1 failed") != std::string::npos);
+  CHECK(
+      outcome.out.find("failed: HalfCheetah-bc-medium-s0: dataset HalfCheetah/medium could not") !=
+      std::string::npos);
+}
+
+TEST_CASE("Unknown benchmarks, budgets and algorithms are refused with the nearest name") {
+  const auto says = [](const Words& more, const std::string& words) {
+    Words all = {"benchmark", "run", "--dry-run"};
+    all.insert(all.end(), more.begin(), more.end());
+    const Outcome outcome = Run(all);
+    CAPTURE(outcome.err);
+    return outcome.exit_code == 2 && outcome.err.find(words) != std::string::npos;
+  };
+  CHECK(says({"HalfCheetah/modeling-error/gravity+medium"}, "modelling-error"));
+  CHECK(says({"--budget", "smal"}, "did you mean 'small'"));
+  CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
+}
+
+}  // namespace
+}  // namespace b4mrl

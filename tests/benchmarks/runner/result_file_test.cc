@@ -1,0 +1,123 @@
+// Results hold what training has left in its folder, however far it has come.
+#include "benchmarks/runner/result_file.h"
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "tests/data/temporary_folder.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string kHeader =
+    "train/n_updates,time/total_timesteps,time/time_elapsed,eval/mean_reward,eval/std_reward,eval/"
+    "score\n";
+
+// A run's folder as `b4mrl train` writes it, and the folder of results.
+class Folders {
+ public:
+  Folders() {
+    fs::create_directories(run());
+    fs::create_directories(results());
+    WriteBytes(run() + "/run.json",
+               R"({"hyperparameters": {"gamma": 0.99}, "sessions": [{"version": "1"}]})");
+    State("running");
+    planned_.name = "HalfCheetah-iql-medium-s0";
+    planned_.id = "0123456789abcdef";
+    planned_.cell_id = "fedcba9876543210";
+    planned_.algorithm = "iql";
+    planned_.updates = 500;
+    planned_.benchmarks = {"HalfCheetah/clean/medium"};
+  }
+  std::string run() const { return folder_.File("run"); }
+  std::string results() const { return folder_.File("results"); }
+  std::string path() const { return ResultPath(results(), planned_); }
+  void State(const std::string& state) {
+    WriteBytes(run() + "/result.json", R"({"state": ")" + state + R"(", "returns": [1, 2]})");
+  }
+  void Progress(const std::string& rows) { WriteBytes(run() + "/progress.csv", kHeader + rows); }
+  Status Write(const std::optional<UsedDataset>& dataset = {}) {
+    return WriteResultOf(planned_, run(), dataset, "small", results());
+  }
+  nlohmann::json Written() const {
+    return nlohmann::json::parse(ReadBytes(path()), nullptr, false);
+  }
+
+ private:
+  TemporaryFolder folder_;
+  PlannedRun planned_;
+};
+
+TEST_CASE("A run without an evaluation has no result") {
+  Folders folders;
+  folders.Progress("100,0,1,,,\n");
+  RequireOk(folders.Write());
+  CHECK_FALSE(fs::exists(folders.path()));
+  CHECK_FALSE(Take(ReadResult(folders.path())).has_value());
+}
+
+TEST_CASE("A run that is cut off has the result of its last evaluation") {
+  Folders folders;
+  // The last line is still being written.
+  folders.Progress("100,5,1,10,1,20\n150,5,2,,,\n200,7,3,12,1,22.5\n300,9,4,99,1,9");
+  RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
+  const auto json = folders.Written();
+  CHECK(json["curve"] == nlohmann::json::parse("[[100,5,10.0,1.0,20.0],[200,7,12.0,1.0,22.5]]"));
+  CHECK(json["updates"] == 200);
+  CHECK(json["planned_updates"] == 500);
+  CHECK(json["finished"] == false);
+  CHECK(json["score"] == 22.5);
+  CHECK(json["dataset"]["columns_sha256"] == "bb");
+  CHECK(json["hyperparameters"]["gamma"] == 0.99);
+  const RunResult read = *Take(ReadResult(folders.path()));
+  CHECK(read.updates == 200);
+  CHECK_FALSE(read.finished);
+  CHECK(read.score == 22.5);
+  CHECK(read.seconds == 3);
+}
+
+TEST_CASE("A run is settled if its last two fifths agree") {
+  const auto settled = [](double before, double after) {
+    Folders folders;
+    folders.State("finished");
+    std::string rows;
+    for (int update = 100; update <= 500; update += 100) {
+      const double score = update == 500 ? after : before;
+      rows += std::to_string(update) + ",0,1,10,1," + std::to_string(score) + "\n";
+    }
+    folders.Progress(rows);
+    RequireOk(folders.Write());
+    CHECK(folders.Written()["finished"] == true);
+    CHECK(folders.Written()["last_fifth"] == Approx(after));
+    CHECK(folders.Written()["fifth_before"] == Approx(before));
+    return folders.Written()["settled"].get<bool>();
+  };
+  CHECK(settled(40, 41.5));
+  CHECK_FALSE(settled(40, 41.6));
+  CHECK_FALSE(settled(40, 38));
+}
+
+TEST_CASE("Tasks without reference returns have no score") {
+  Folders folders;
+  folders.Progress("100,5,1,10,1,\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["score"].is_null());
+  CHECK(folders.Written()["return"] == 10);
+  CHECK_FALSE(Take(ReadResult(folders.path()))->score.has_value());
+}
+
+TEST_CASE("What is no result is refused by name") {
+  Folders folders;
+  WriteBytes(folders.path(), "[1]");
+  CHECK(ReadResult(folders.path()).status().code() == StatusCode::kDataLoss);
+  WriteBytes(folders.path(), R"({"updates": "many", "finished": 3})");
+  const RunResult read = *Take(ReadResult(folders.path()));
+  CHECK(read.updates == 0);
+  CHECK_FALSE(read.finished);
+}
+
+}  // namespace
+}  // namespace b4mrl
