@@ -90,9 +90,10 @@ Status ExportCommand::WriteD4rl(RemoteDataset& dataset) const {
   const pb::OpenDatasetReply& served_from = dataset.in_force();
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source", served_from.info().name()));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("source_sha256", served_from.info().sha256()));
-  B4MRL_RETURN_IF_ERROR(writer.SetMetadata("corruption", source.corruption));
+  B4MRL_RETURN_IF_ERROR(writer.SetMetadata(
+      "corruption", FormatNamedArguments(NamedArgumentsOf(served_from.corruptions()))));
   B4MRL_RETURN_IF_ERROR(
-      writer.SetMetadata("corruption_seed", static_cast<int64_t>(served_from.seed())));
+      writer.SetMetadata("corruption_seed", fmt::format("{}", served_from.seed())));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("transitions", served_from.transition_rule()));
   return writer.Commit();
 }

@@ -41,6 +41,9 @@ struct TrainCommand {
   Status MergeRecord(NamedTexts& hyperparameters);
   Status SetHyperparameters(const Algorithm& algorithm, const NamedTexts& recorded);
   std::optional<Failure> CheckEnvironment(Client& client) const;
+  // Completes the dataset's name by the version that the daemon takes, so that the run's files say
+  // which data it was trained on, and resuming or repeating it takes the same.
+  std::optional<Failure> CompleteDatasetName(Client& client);
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
   Status Merge(const std::string& name, T& given, const T& recorded);
@@ -189,6 +192,8 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_RETURN_IF_ERROR(Merge("algorithm", options.algorithm, old.algorithm));
   B4MRL_RETURN_IF_ERROR(Merge("environment", options.environment, old.environment));
   B4MRL_RETURN_IF_ERROR(Merge("simulator", options.simulator, old.simulator));
+  // The record has the name with its version, which the user need not write.
+  if (old.dataset.starts_with(options.dataset + "-v")) options.dataset = old.dataset;
   B4MRL_RETURN_IF_ERROR(Merge("dataset", options.dataset, old.dataset));
   B4MRL_RETURN_IF_ERROR(Merge("corruption", options.corruption, old.corruption));
   B4MRL_RETURN_IF_ERROR(Merge("corruption-seed", options.corruption_seed, old.corruption_seed));
@@ -267,6 +272,14 @@ std::optional<Failure> TrainCommand::CheckEnvironment(Client& client) const {
   return std::nullopt;
 }
 
+std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
+  if (options.dataset.empty()) return std::nullopt;
+  const auto dataset = client.OpenDataset(options.dataset);
+  if (!dataset.ok()) return FromDaemon(dataset.status());
+  options.dataset = dataset->in_force().info().name();
+  return std::nullopt;
+}
+
 // Exit code of a run that had started. Divergence is a failure (1), not bad input (3).
 Failure RunFailure(const Status& status) {
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
@@ -306,6 +319,7 @@ std::optional<Failure> TrainCommand::Run() {
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   if (auto failure = CheckEnvironment(connection->client())) return failure;
+  if (auto failure = CompleteDatasetName(connection->client())) return failure;
   // From here on an interrupt ends the run with a checkpoint, for which learners ask the daemon.
   connection->client().IgnoreCancellation();
   Progress progress(quiet);

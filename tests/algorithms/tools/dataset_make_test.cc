@@ -183,5 +183,25 @@ TEST_CASE("What a recipe cannot give is refused with the reason") {
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
+TEST_CASE("A run's files name the version of the dataset, and resuming need not") {
+  const TemporaryFolder folder;
+  Make(folder, "HalfCheetah/random");
+  const auto train = [&](const char* updates) {
+    const Outcome trained =
+        Run({"train", "--algorithm", "bc", "--environment", "HalfCheetah", "--dataset",
+             "HalfCheetah/random", "--updates", updates, "--eval-every", "5", "--eval-episodes",
+             "1", "--quiet", "--resume", "--data", folder.path(), "--out", folder.File("run")});
+    INFO(trained.err);
+    CHECK(trained.exit_code == 0);
+    const auto result =
+        nlohmann::json::parse(ReadBytes(folder.File("run/result.json")), nullptr, false);
+    CHECK(result["dataset"] == "HalfCheetah/random-v0");
+    return result["updates"].get<int>();
+  };
+  CHECK(train("5") == 5);
+  CHECK(train("10") == 10);
+  CHECK(Says(ReadBytes(folder.File("run/config.toml")), "\"HalfCheetah/random-v0\""));
+}
+
 }  // namespace
 }  // namespace b4mrl
