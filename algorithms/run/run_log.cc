@@ -15,8 +15,9 @@ constexpr size_t kEvaluationsKept = 10;  // result.json also reports the mean of
 }  // namespace
 
 Result<RunLog> RunLog::Open(const TrainOptions& options, Client& client, Progress& progress) {
-  B4MRL_ASSIGN_OR_RETURN(Evaluator evaluator,
-                         Evaluator::Open(client, options.environment, {}, options.eval_episodes));
+  B4MRL_ASSIGN_OR_RETURN(const auto world, ParseNamedArguments(options.world));
+  B4MRL_ASSIGN_OR_RETURN(Evaluator evaluator, Evaluator::Open(client, options.environment, world,
+                                                              options.eval_episodes));
   return RunLog(options, progress, std::move(evaluator));
 }
 

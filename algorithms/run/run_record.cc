@@ -94,6 +94,7 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   B4MRL_RETURN_IF_ERROR(Take(json, "algorithm", options.algorithm));
   B4MRL_RETURN_IF_ERROR(Take(json, "environment", options.environment));
   B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
+  if (json.contains("world")) B4MRL_RETURN_IF_ERROR(Take(json, "world", options.world));
   B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
   B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
   B4MRL_RETURN_IF_ERROR(Take(json, "transitions", options.transitions));
@@ -175,6 +176,7 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
   if (!options.corruption.empty()) name += "+" + options.corruption;
   if (options.corruption_seed != 0) name += fmt::format("+c{}", options.corruption_seed);
   if (options.transitions != "stored") name += "+" + options.transitions;
+  if (!options.world.empty()) name += "-in-" + options.world;
   if (options.history_length > 1) name += fmt::format("-h{}", options.history_length);
   if (options.precision != Precision::kFp32)
     name += fmt::format("-{}", PrecisionName(options.precision));
@@ -198,6 +200,7 @@ Status WriteRunConfiguration(const TrainOptions& options) {
   add("algorithm", Quoted(options.algorithm));
   add("environment", Quoted(options.environment));
   if (!options.simulator.empty()) add("simulator", Quoted(options.simulator));
+  if (!options.world.empty()) add("world", Quoted(options.world));
   if (!options.dataset.empty()) add("dataset", Quoted(options.dataset));
   if (!options.corruption.empty()) add("corruption", Quoted(options.corruption));
   if (options.corruption_seed != 0) {
@@ -226,6 +229,7 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   json["algorithm"] = options.algorithm;
   json["environment"] = options.environment;
   json["simulator"] = options.simulator;
+  json["world"] = options.world;
   json["dataset"] = options.dataset;
   json["corruption"] = options.corruption;
   json["corruption_seed"] = options.corruption_seed;

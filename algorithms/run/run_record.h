@@ -21,6 +21,7 @@ struct TrainOptions {
   std::string algorithm;
   std::string environment;
   std::string simulator;         // perturbations as the user wrote them; "" is the true environment
+  std::string world;             // perturbations of the true environment at evaluations
   std::string dataset;           // "" for none
   std::string corruption;        // of the dataset, as the user wrote it; "" for none
   uint64_t corruption_seed = 0;  // of the corruption's noise
@@ -46,8 +47,8 @@ struct TrainOptions {
 
 // A folder name that distinguishes runs: "HalfCheetah-hymopo-gravity-medium-s0", with the
 // corruption behind the dataset ("medium+hidden-high"), a corruption seed above 0 ("+c1"), the
-// rule d4rl ("+d4rl") and a history above 1 ("h3"). It has only
-// letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. If these limits change the
+// rule d4rl ("+d4rl"), a perturbed world ("in-action-delay") and a history above 1 ("h3"). It has
+// only letters, digits and ".,=+-_", and at most kMaxRunNameBytes bytes. If these limits change the
 // name, or the dataset is of another environment, the name ends with a hash of the unchanged name.
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);

@@ -55,6 +55,7 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["algorithm"] = options.algorithm;
   json["environment"] = options.environment;
   json["simulator"] = options.simulator;
+  json["world"] = options.world;
   json["dataset"] = options.dataset;
   if (!summary.dataset.full_name.empty()) {
     json["dataset_full_name"] = summary.dataset.full_name;

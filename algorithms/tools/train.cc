@@ -101,6 +101,9 @@ void TrainCommand::AddOptions() {
   app->add_option(
       "--simulator", options.simulator,
       "perturbations of the simulator in which the learner acts: \"gravity,obs-noise-low\"");
+  app->add_option("--world", options.world,
+                  "perturbations of the true environment in which the learner is evaluated and its "
+                  "data were recorded: \"action-delay\"");
   app->add_option("--dataset", options.dataset,
                   "dataset on which the learner trains: \"HalfCheetah/medium\"");
   app->add_option("--corruption", options.corruption,
@@ -192,6 +195,7 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_RETURN_IF_ERROR(Merge("algorithm", options.algorithm, old.algorithm));
   B4MRL_RETURN_IF_ERROR(Merge("environment", options.environment, old.environment));
   B4MRL_RETURN_IF_ERROR(Merge("simulator", options.simulator, old.simulator));
+  B4MRL_RETURN_IF_ERROR(Merge("world", options.world, old.world));
   // The record has the name with its version, which the user need not write.
   if (old.dataset.starts_with(options.dataset + "-v")) options.dataset = old.dataset;
   B4MRL_RETURN_IF_ERROR(Merge("dataset", options.dataset, old.dataset));

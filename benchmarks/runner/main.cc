@@ -121,16 +121,7 @@ Result<std::vector<PlannedRun>> BenchmarkCommand::Plan(const Budget& chosen, Cli
   const PlanSources sources = {Algorithms(), &catalogue, [&](const std::string& name) {
                                  return DescribeDataset(name, published, client);
                                }};
-  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
-                         MakePlan(benchmarks, chosen, choice, sources));
-  // `b4mrl train` scores in the true environment alone.
-  const size_t left_out =
-      std::erase_if(plan, [](const PlannedRun& run) { return !run.world.empty(); });
-  if (left_out > 0) {
-    fmt::print(stderr, "{} runs are left out: scores in a perturbed world cannot be taken yet\n",
-               left_out);
-  }
-  return plan;
+  return MakePlan(benchmarks, chosen, choice, sources);
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {

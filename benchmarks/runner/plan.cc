@@ -148,6 +148,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   options.algorithm = run->algorithm;
   options.environment = run->environment;
   options.simulator = run->simulator;
+  options.world = run->world;
   options.dataset = run->dataset;
   options.corruption = run->corruption;
   options.seed = run->seed;

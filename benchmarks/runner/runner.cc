@@ -194,6 +194,7 @@ std::vector<std::string> Runner::TrainingWords(const Task& task) const {
   add("algorithm", run.algorithm);
   add("environment", run.environment);
   if (!run.simulator.empty()) add("simulator", run.simulator);
+  if (!run.world.empty()) add("world", run.world);
   if (!run.dataset.empty()) add("dataset", run.dataset);
   if (!run.corruption.empty()) add("corruption", run.corruption);
   add("seed", run.seed);

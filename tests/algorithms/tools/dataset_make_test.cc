@@ -203,5 +203,42 @@ TEST_CASE("A run's files name the version of the dataset, and resuming need not"
   CHECK(Says(ReadBytes(folder.File("run/config.toml")), "\"HalfCheetah/random-v0\""));
 }
 
+TEST_CASE("A learner is evaluated in the world that it is given") {
+  const TemporaryFolder folder;
+  Make(folder, "HalfCheetah/random");
+  const auto returns = [&](const Words& world) {
+    Words words = {"train",
+                   "--algorithm",
+                   "bc",
+                   "--environment",
+                   "HalfCheetah",
+                   "--dataset",
+                   "HalfCheetah/random",
+                   "--updates",
+                   "20",
+                   "--eval-every",
+                   "20",
+                   "--eval-episodes",
+                   "2",
+                   "--quiet",
+                   "--json",
+                   "--data",
+                   folder.path(),
+                   "--out",
+                   folder.File(world.empty() ? "true" : "world")};
+    words.insert(words.end(), world.begin(), world.end());
+    const Outcome trained = Run(words);
+    INFO(trained.err);
+    REQUIRE(trained.exit_code == 0);
+    return nlohmann::json::parse(trained.out, nullptr, false)["returns"];
+  };
+  const nlohmann::json in_world = returns({"--world", "gravity=0.5"});
+  CHECK(in_world != returns({}));
+  const Outcome evaluated =
+      Run({"evaluate", "--agent", folder.File("world/agent.h5"), "--environment", "HalfCheetah",
+           "--simulator", "gravity=0.5", "--episodes", "2", "--json"});
+  CHECK(nlohmann::json::parse(evaluated.out, nullptr, false)["returns"] == in_world);
+}
+
 }  // namespace
 }  // namespace b4mrl
