@@ -121,7 +121,15 @@ Result<std::vector<PlannedRun>> BenchmarkCommand::Plan(const Budget& chosen, Cli
   const PlanSources sources = {Algorithms(), &catalogue, [&](const std::string& name) {
                                  return DescribeDataset(name, published, client);
                                }};
-  return MakePlan(benchmarks, chosen, choice, sources);
+  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
+                         MakePlan(benchmarks, chosen, choice, sources));
+  for (PlannedRun& run : plan) {
+    const DatasetRecipe* recipe = FindRecipe(run.dataset);
+    if (recipe == nullptr || chosen.rows) continue;
+    const auto figures = published.find(recipe->full_name());
+    if (figures != published.end()) run.columns_sha256 = figures->second.columns_sha256;
+  }
+  return plan;
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {

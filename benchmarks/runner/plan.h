@@ -32,6 +32,7 @@ struct PlannedRun {
   std::string precision;
   uint64_t updates = 0;
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
+  std::string columns_sha256;            // of its dataset as published; "": any rows will do
 
   std::string id;                       // 16 hexadecimal digits
   std::string cell_id;                  // likewise

@@ -100,12 +100,14 @@ Result<RunnerSummary> Runner::Work() {
 }
 
 Status Runner::StartWhatCan() {
-  for (size_t tried = waiting_.size(); tried > 0 && active_.size() < options_.jobs; --tried) {
+  std::deque<size_t> later;
+  while (!waiting_.empty() && active_.size() < options_.jobs) {
     const size_t number = waiting_.front();
     waiting_.pop_front();
     B4MRL_ASSIGN_OR_RETURN(const Start start, Begin(number));
-    if (start == Start::kLater) waiting_.push_back(number);
+    if (start == Start::kLater) later.push_back(number);
   }
+  waiting_.insert(waiting_.begin(), later.begin(), later.end());  // they keep their places
   return Status();
 }
 
@@ -235,6 +237,10 @@ Status Runner::Finish(Active& active, int exit_code) {
   }
   Task& task = tasks_[*active.task];
   if (Status status = WriteResult(task); !status.ok()) Say(status.message());
+  if (!task.refused.empty()) {
+    Fail(task, task.refused);
+    return Status();
+  }
   if (exit_code == 0) {
     ++summary_.done;
     RemoveTraining(task.folder);
@@ -259,9 +265,10 @@ Status Runner::Finish(Active& active, int exit_code) {
 }
 
 void Runner::WriteResults() {
-  for (const Active& active : active_) {
-    if (!active.task) continue;
+  for (Active& active : active_) {
+    if (!active.task || !tasks_[*active.task].refused.empty()) continue;
     if (Status status = WriteResult(tasks_[*active.task]); !status.ok()) Say(status.message());
+    if (!tasks_[*active.task].refused.empty()) active.job.Stop();
   }
 }
 
@@ -275,6 +282,14 @@ Status Runner::WriteResult(Task& task) {
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
     B4MRL_ASSIGN_OR_RETURN(dataset, DescribeDataset(task.run->dataset));
+  }
+  const std::string& published = task.run->columns_sha256;
+  if (dataset && !published.empty() && dataset->columns_sha256 != published) {
+    task.refused = fmt::format(
+        "{} in {} has {} rows that are not the published ones; make it again (b4mrl dataset make "
+        "--replace), or choose another --data",
+        dataset->name, options_.data_folder, dataset->rows);
+    return Status();
   }
   B4MRL_RETURN_IF_ERROR(
       WriteResultOf(*task.run, task.folder, dataset, budget_.name, options_.results));

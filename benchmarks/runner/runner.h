@@ -62,6 +62,7 @@ class Runner {
     std::string folder;
     int attempts = 0;
     uint64_t written = 0;  // bytes of progress.csv when the result was last written
+    std::string refused;   // why its result cannot be taken
   };
   struct Active {
     Job job;
@@ -78,6 +79,7 @@ class Runner {
   Status Collect();
   Status Finish(Active& active, int exit_code);
   void WriteResults();
+  // Sets task.refused if its dataset is not the one that it was planned for.
   Status WriteResult(Task& task);
   void Fail(const Task& task, const std::string& reason);
   void Say(const std::string& line) const;

@@ -138,6 +138,21 @@ TEST_CASE("What cannot be trained is named at the end and keeps nothing else bac
       std::string::npos);
 }
 
+TEST_CASE("A dataset that is not the published one of its name is refused") {
+  const Suite suite("bc = 20");
+  // A budget without `rows` asks for the whole dataset.
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 2\nepisodes = 1\nupdates = { bc = 20 }");
+  const Outcome made = Run({"dataset", "make", "HalfCheetah/medium", "--rows", "2000", "--quiet",
+                            "--data", suite.Out() + "/data"});
+  REQUIRE(made.exit_code == 0);
+  const Outcome outcome = Run(suite.Command({"--data", suite.Out() + "/data"}));
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("2000 rows that are not the published ones") != std::string::npos);
+  CHECK(suite.Results().empty());
+}
+
 TEST_CASE("Unknown benchmarks, budgets and algorithms are refused with the nearest name") {
   const auto says = [](const Words& more, const std::string& words) {
     Words all = {"benchmark", "run", "--dry-run"};
