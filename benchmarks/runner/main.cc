@@ -98,6 +98,7 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
                                 {"format", 1},
                                 {"rows", recipe->rows},
                                 {"seed", recipe->seed},
+                                {"simulator", recipe->simulator},
                                 {"policies", nlohmann::json::array()}};
     const auto figures = published.find(full_name);
     if (figures != published.end()) described["policies"] = figures->second.policies_sha256;

@@ -49,6 +49,7 @@ class Planner {
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
   Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
   Status SetIds(const Algorithm& algorithm, PlannedRun* run);
+  Status SetScorings(const Json& identity, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
   const Budget& budget_;
@@ -118,6 +119,32 @@ Result<Json> Planner::DescribeDataset(const std::string& name) {
   return described;
 }
 
+// A learner sees its data as they are served or, without data, its simulator's observations.
+Status Planner::SetScorings(const Json& identity, PlannedRun* run) const {
+  const char* seen = run->dataset.empty() ? "simulator" : "corruption";
+  B4MRL_ASSIGN_OR_RETURN(const auto items, ParseNamedArguments(identity[seen].get<std::string>()));
+  B4MRL_ASSIGN_OR_RETURN(auto through_noise, ParseNamedArguments(run->world));
+  const size_t of_world = through_noise.size();
+  bool is_hidden = false;
+  for (const NamedArgument& item : items) {
+    is_hidden = is_hidden || item.name == "hidden";
+    if (item.name == "obs-noise") through_noise.push_back(item);
+  }
+  // What the behaviour policy did not see is hidden in its data.
+  const Json& dataset = identity["dataset"];
+  if (dataset.is_object() && dataset.contains("simulator")) {
+    B4MRL_ASSIGN_OR_RETURN(
+        const std::string recorded,
+        Parametric(dataset["simulator"].get<std::string>(), run->environment, *sources_.catalogue));
+    is_hidden = is_hidden || recorded.find("hidden=") != std::string::npos;
+  }
+  if (is_hidden) run->scorings.push_back({"full", run->world, "full"});
+  if (through_noise.size() > of_world) {
+    run->scorings.push_back({"served", FormatNamedArguments(through_noise), "trained"});
+  }
+  return Status();
+}
+
 Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   Hyperparameters resolved(algorithm.hyperparameters, run->environment);
   for (const auto& [name, value] : run->hyperparameters) {
@@ -139,6 +166,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   if (!run->dataset.empty()) {
     B4MRL_ASSIGN_OR_RETURN(identity["dataset"], DescribeDataset(run->dataset));
   }
+  B4MRL_RETURN_IF_ERROR(SetScorings(identity, run));
   run->cell_id = Sha256OfText(identity.dump()).substr(0, kIdDigits);
   identity["seed"] = run->seed;
   identity["precision"] = run->precision;

@@ -25,6 +25,13 @@
 
 namespace b4mrl {
 
+// A further evaluation of a run's agent, beside those of its training.
+struct Scoring {
+  std::string name;       // "full": it sees what was hidden from it; "served": through its noise
+  std::string simulator;  // perturbations: those of the world, then the noise of its training
+  std::string observe;    // of `b4mrl evaluate`: "trained" or "full"
+};
+
 struct PlannedRun {
   // As the user writes them for `b4mrl train`.
   std::string algorithm, environment, simulator, dataset, corruption, world;
@@ -33,6 +40,7 @@ struct PlannedRun {
   uint64_t updates = 0;
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
   std::string columns_sha256;            // of its dataset as published; "": any rows will do
+  std::vector<Scoring> scorings;
 
   std::string id;                       // 16 hexadecimal digits
   std::string cell_id;                  // likewise

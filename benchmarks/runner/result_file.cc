@@ -95,6 +95,30 @@ std::optional<double> MeanBetween(const std::vector<Evaluation>& curve, double f
 
 Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(); }
 
+Result<Json> ReadJson(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  Json json = Json::parse(text, nullptr, false);
+  if (json.is_object()) return json;
+  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
+}
+
+// The further evaluations that the folder holds, by name.
+Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) {
+  Json json = Json::object();
+  for (const Scoring& scoring : run.scorings) {
+    const std::string path = ScoringPath(run_folder, scoring);
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) continue;
+    B4MRL_ASSIGN_OR_RETURN(const Json printed, ReadJson(path));
+    json[scoring.name] = {{"simulator", scoring.simulator},
+                          {"observe", scoring.observe},
+                          {"score", printed.value("score", Json())},
+                          {"return", printed.value("mean_return", Json())},
+                          {"returns", printed.value("returns", Json::array())}};
+  }
+  return json;
+}
+
 Json CurveJson(const std::vector<Evaluation>& curve) {
   Json json = Json::array();
   for (const Evaluation& each : curve) {
@@ -122,14 +146,11 @@ std::string TextOf(const Json& json) {
   return text + "}\n";
 }
 
-Result<Json> ReadJson(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
-  Json json = Json::parse(text, nullptr, false);
-  if (json.is_object()) return json;
-  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
-}
-
 }  // namespace
+
+std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
+  return fmt::format("{}/score-{}.json", run_folder, scoring.name);
+}
 
 std::string ResultPath(const std::string& results_folder, const PlannedRun& run) {
   return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
@@ -142,6 +163,7 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   if (curve.empty()) return Status();
   B4MRL_ASSIGN_OR_RETURN(const Json record, ReadJson(run_folder + "/run.json"));
   B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJson(run_folder + "/result.json"));
+  B4MRL_ASSIGN_OR_RETURN(const Json scorings, ScoringsJson(run, run_folder));
   const Evaluation& last = curve.back();
   const bool finished = result.value("state", Json()) == "finished" && last.updates >= run.updates;
   const auto last_fifth = MeanBetween(curve, 0.8, 1);
@@ -168,6 +190,7 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                {"score", OrNull(last.score)},
                {"return", last.mean_return},
                {"returns", result.value("returns", Json::array())},
+               {"scorings", scorings},
                {"last_fifth", OrNull(last_fifth)},
                {"fifth_before", OrNull(fifth_before)},
                {"settled", Json()},
@@ -212,6 +235,8 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.score = number("score");
   result.mean_return = number("return").value_or(0);
   result.seconds = number("seconds").value_or(0);
+  const Json scorings = json.value("scorings", Json::object());
+  for (const auto& [name, scoring] : scorings.items()) result.scorings.insert(name);
   return std::optional(result);
 }
 

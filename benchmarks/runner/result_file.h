@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -25,15 +26,19 @@ struct UsedDataset {
 };
 
 struct RunResult {
-  bool finished = false;        // the updates that it was planned for were done
-  uint64_t updates = 0;         // of its last evaluation
-  std::optional<double> score;  // of its last evaluation; none where the task has no reference
-  double mean_return = 0;       // likewise
-  double seconds = 0;           // of training, evaluations included
+  bool finished = false;           // the updates that it was planned for were done
+  uint64_t updates = 0;            // of its last evaluation
+  std::optional<double> score;     // of its last evaluation; none where the task has no reference
+  double mean_return = 0;          // likewise
+  double seconds = 0;              // of training, evaluations included
+  std::set<std::string> scorings;  // names of the further evaluations that it holds
 };
 
 // DIR/<name>-<id>.json.
 std::string ResultPath(const std::string& results_folder, const PlannedRun& run);
+
+// The file in a run's folder that keeps a further evaluation: what `b4mrl evaluate --json` prints.
+std::string ScoringPath(const std::string& run_folder, const Scoring& scoring);
 
 // Writes the result of a run from what `b4mrl train` has left in its folder; `dataset` is unset for
 // runs without one. Does nothing while the run has no evaluation. Errors: kIoError, kDataLoss.

@@ -21,8 +21,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kPollMs = 200;
-constexpr int kMostAttempts = 2;  // of a run that ends with an error
-constexpr size_t kShortId = 8;    // digits of the id in the name of a run's folder
+constexpr int kMostAttempts = 2;         // of a run that ends with an error
+constexpr size_t kShortId = 8;           // digits of the id in the name of a run's folder
+constexpr size_t kMaxOutput = 16 << 20;  // bytes that an evaluation may print
 
 Status MakeFolder(const std::string& path) {
   std::error_code error;
@@ -120,7 +121,17 @@ Result<Runner::Start> Runner::Begin(size_t number) {
   // Behind the claim, for another runner may have finished the run a moment ago.
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
   if (result && result->finished && result->updates >= run.updates) {
+    // Where only the result is left, it stays as it is.
+    std::error_code gone;
+    const bool has_agent = fs::exists(task.folder + "/agent.h5", gone);
+    for (const Scoring& scoring : run.scorings) {
+      if (!has_agent || result->scorings.contains(scoring.name)) continue;
+      return BeginScoring(number, scoring, std::move(claim));
+    }
     ++summary_.done;
+    RemoveTraining(task.folder);
+    if (task.worked_on)
+      Say(fmt::format("done  {} ({} of {})", run.name, summary_.done, tasks_.size()));
     return Start::kNothing;
   }
   const std::string failed = task.folder + "/failed.json";
@@ -147,8 +158,36 @@ Result<Runner::Start> Runner::Begin(size_t number) {
   B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools", TrainingWords(task),
                                              task.folder + "/log", std::move(claim)));
   Say(fmt::format("start {}", run.name));
-  active_.push_back({std::move(job), number, ""});
+  active_.push_back({std::move(job), number, "", std::nullopt});
   return Start::kStarted;
+}
+
+Result<Runner::Start> Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim) {
+  const Task& task = tasks_[number];
+  std::vector<std::string> words = {"evaluate",      "--json",
+                                    "--agent",       task.folder + "/agent.h5",
+                                    "--environment", task.run->environment,
+                                    "--episodes",    fmt::format("{}", budget_.episodes),
+                                    "--observe",     scoring.observe,
+                                    "--data",        options_.data_folder};
+  if (!scoring.simulator.empty()) words.insert(words.end(), {"--simulator", scoring.simulator});
+  const std::string log = ScoringPath(task.folder, scoring) + ".log";
+  std::error_code ignored;
+  fs::remove(log, ignored);  // of an earlier attempt
+  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools", words, log, std::move(claim)));
+  active_.push_back({std::move(job), number, "", scoring});
+  return Start::kStarted;
+}
+
+// Makes the evaluation's output the file that results are read from; its last line is the JSON.
+Status Runner::FinishScoring(const Task& task, const Scoring& scoring) const {
+  const std::string path = ScoringPath(task.folder, scoring);
+  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(path + ".log", kMaxOutput));
+  while (text.ends_with('\n')) text.pop_back();
+  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
+  const size_t line = text.rfind('\n');
+  B4MRL_RETURN_IF_ERROR(file.Write(line == std::string::npos ? text : text.substr(line + 1)));
+  return file.Commit();
 }
 
 Result<Runner::Start> Runner::BeginDataset(const std::string& name) {
@@ -163,7 +202,7 @@ Result<Runner::Start> Runner::BeginDataset(const std::string& name) {
   B4MRL_ASSIGN_OR_RETURN(Job job,
                          Job::Start("b4mrl-tools", words, stem + ".log", std::move(claim)));
   Say(fmt::format("make {}", name));
-  active_.push_back({std::move(job), std::nullopt, name});
+  active_.push_back({std::move(job), std::nullopt, name, std::nullopt});
   return Start::kLater;  // of the run, which waits for the dataset
 }
 
@@ -236,20 +275,22 @@ Status Runner::Finish(Active& active, int exit_code) {
     return Status();
   }
   Task& task = tasks_[*active.task];
+  task.worked_on = true;
+  if (active.scoring && exit_code == 0) {
+    B4MRL_RETURN_IF_ERROR(FinishScoring(task, *active.scoring));
+  }
   if (Status status = WriteResult(task); !status.ok()) Say(status.message());
   if (!task.refused.empty()) {
     Fail(task, task.refused);
     return Status();
   }
   if (exit_code == 0) {
-    ++summary_.done;
-    RemoveTraining(task.folder);
-    Say(fmt::format("done  {} ({} of {})", task.run->name, summary_.done, tasks_.size()));
+    waiting_.push_front(*active.task);  // to be scored, or found done
     return Status();
   }
   if (Interrupted()) return Status();
   const auto state = ReadRunStatus(task.folder);
-  if (state.ok() && state->state == RunState::kDiverged) {
+  if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {
     const nlohmann::json failed = {{"reason", state->reason}, {"updates", state->updates}};
     B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(task.folder + "/failed.json"));
     B4MRL_RETURN_IF_ERROR(file.Write(failed.dump() + "\n"));
@@ -266,7 +307,7 @@ Status Runner::Finish(Active& active, int exit_code) {
 
 void Runner::WriteResults() {
   for (Active& active : active_) {
-    if (!active.task || !tasks_[*active.task].refused.empty()) continue;
+    if (!active.task || active.scoring || !tasks_[*active.task].refused.empty()) continue;
     if (Status status = WriteResult(tasks_[*active.task]); !status.ok()) Say(status.message());
     if (!tasks_[*active.task].refused.empty()) active.job.Stop();
   }

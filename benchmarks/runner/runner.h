@@ -61,23 +61,27 @@ class Runner {
     const PlannedRun* run = nullptr;
     std::string folder;
     int attempts = 0;
-    uint64_t written = 0;  // bytes of progress.csv when the result was last written
-    std::string refused;   // why its result cannot be taken
+    uint64_t written = 0;    // bytes of progress.csv when the result was last written
+    std::string refused;     // why its result cannot be taken
+    bool worked_on = false;  // by this runner
   };
   struct Active {
     Job job;
-    std::optional<size_t> task;  // unset for a dataset
-    std::string dataset;         // of a dataset's job
+    std::optional<size_t> task;      // unset for a dataset
+    std::string dataset;             // of a dataset's job
+    std::optional<Scoring> scoring;  // of an evaluation's job
   };
 
   Result<Start> Begin(size_t number);
   Result<Start> BeginDataset(const std::string& name);
+  Result<Start> BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   Result<bool> HasDataset(const std::string& name);
   Result<std::optional<UsedDataset>> DescribeDataset(const std::string& name);
   std::vector<std::string> TrainingWords(const Task& task) const;
   Status StartWhatCan();
   Status Collect();
   Status Finish(Active& active, int exit_code);
+  Status FinishScoring(const Task& task, const Scoring& scoring) const;
   void WriteResults();
   // Sets task.refused if its dataset is not the one that it was planned for.
   Status WriteResult(Task& task);

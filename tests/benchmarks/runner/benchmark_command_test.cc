@@ -25,11 +25,12 @@ class Suite {
                    updates + " }\n");
   }
   Words Command(const Words& more = {}) const {
-    Words words = {"benchmark", "run", kPattern, "--budget", folder_.File("budget.toml"),
+    Words words = {"benchmark", "run", pattern, "--budget", folder_.File("budget.toml"),
                    "--out",     Out()};
     words.insert(words.end(), more.begin(), more.end());
     return words;
   }
+  std::string pattern = kPattern;
   std::string Out() const { return folder_.File("suite"); }
   std::string File(const std::string& name) const { return folder_.File(name); }
 
@@ -83,6 +84,28 @@ TEST_CASE("A suite makes its data, trains each distinct run once and keeps the r
   CHECK(again.exit_code == 0);
   CHECK(Count(again.err, "start ") == 0);
   CHECK(suite.Results() == results);
+}
+
+TEST_CASE("Hidden cells are scored full as well, and noisy ones through their noise") {
+  Suite suite("bc = 20");
+  suite.pattern = "HalfCheetah/confounding/*-high+medium";
+  const Outcome outcome = Run(suite.Command());
+  INFO(outcome.out << outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  const auto results = suite.Results();
+  REQUIRE(results.size() == 2);
+  for (const auto& [name, text] : results) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    const bool hidden = json["corruption"] == "hidden-high";
+    const auto& scorings = json["scorings"];
+    CAPTURE(name, scorings.dump());
+    REQUIRE(scorings.size() == 1);
+    const auto& scoring = scorings[hidden ? "full" : "served"];
+    CHECK(scoring["observe"] == (hidden ? "full" : "trained"));
+    CHECK(scoring["simulator"] == (hidden ? "" : "obs-noise=0.05"));
+    CHECK(scoring["returns"].size() == 1);
+    CHECK(scoring["returns"] != json["returns"]);
+  }
 }
 
 TEST_CASE(
