@@ -1,4 +1,5 @@
-// b4mrl benchmark run|status: trains what fills the cells of benchmarks, and says how far that is.
+// b4mrl benchmark run|status|evaluate: trains what fills the cells of benchmarks, says how far that
+// is, and evaluates agents side by side.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -14,6 +15,7 @@
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/datasets/published_datasets.h"
 #include "algorithms/list.h"
+#include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/runner.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
@@ -194,6 +196,15 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   return Report(summary, plan.size());
 }
 
+Result<int> EvaluateFolder(const AgentEvaluationOptions& options) {
+  B4MRL_ASSIGN_OR_RETURN(const AgentEvaluationSummary summary, EvaluateAgents(options));
+  fmt::print("{} of {} agents evaluated, {} failed; in {}/evaluations\n", summary.done,
+             summary.agents, summary.failed.size(), options.folder);
+  for (const std::string& line : summary.failed) fmt::print("failed: {}\n", line);
+  if (summary.interrupted) return InterruptExitCode();
+  return summary.failed.empty() ? kExitDone : kExitFailed;
+}
+
 int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
   app.require_subcommand(1);
@@ -210,14 +221,27 @@ int Main(int argc, char** argv) {
   run_app->add_flag("--quiet", run.options.quiet, "show no progress on stderr");
   CLI::App* status_app = app.add_subcommand("status", "list the runs and how far they have come");
   status.AddTo(*status_app);
+  AgentEvaluationOptions evaluation;
+  evaluation.jobs = run.options.jobs;
+  CLI::App* evaluate_app = app.add_subcommand(
+      "evaluate", "evaluate all agents of a folder, each once, several at a time");
+  evaluate_app->add_option("folder", evaluation.folder, "folder with agents")->required();
+  evaluate_app->add_option("--jobs", evaluation.jobs, "processes at a time [cores]")
+      ->check(CLI::Range(1, 1024));
+  evaluate_app->add_option("--episodes", evaluation.episodes, "episodes of each agent [100]")
+      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
+  evaluate_app->add_option("--seed", evaluation.seed,
+                           "seed of the starts; 0 has those of training's evaluations [1]");
+  evaluate_app->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kExitDone : kExitBadUsage;
   }
   CatchInterrupts();
-  const bool is_run = run_app->parsed();
-  const Result<int> code = is_run ? run.Run(false) : status.Run(true);
+  const Result<int> code = evaluate_app->parsed() ? EvaluateFolder(evaluation)
+                           : run_app->parsed()    ? run.Run(false)
+                                                  : status.Run(true);
   if (code.ok()) return *code;
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
   return code.status().code() == StatusCode::kUnknownName ? kExitBadUsage : kExitBadInput;

@@ -176,6 +176,37 @@ TEST_CASE("A dataset that is not the published one of its name is refused") {
   CHECK(suite.Results().empty());
 }
 
+TEST_CASE("Agents of a folder are evaluated once each, by however many programs") {
+  const TemporaryFolder folder;
+  const std::string agents = B4MRL_SOURCE_DIR "/data/agents/";
+  for (const char* name : {"hopper-medium", "walker2d-medium", "highway-medium"}) {
+    fs::copy_file(agents + name + ".h5", folder.File(std::string(name) + ".h5"));
+  }
+  fs::create_directories(folder.File("runs/one"));
+  fs::copy_file(agents + "hopper-expert.h5", folder.File("runs/one/agent.h5"));
+  fs::copy_file(agents + "hopper-medium.h5", folder.File("runs/agent.h5"));  // as the first
+  WriteBytes(folder.File("broken.h5"), "no agent");
+  const Words command = {"benchmark", "evaluate", folder.path(), "--episodes", "2", "--jobs", "2"};
+  Tool one(command), other(command);
+  const Outcome first = one.Wait(), second = other.Wait();
+  INFO(first.out << first.err << second.out << second.err);
+  for (const Outcome& outcome : {first, second}) {
+    CHECK(outcome.exit_code == 1);  // for the broken file
+    CHECK(outcome.out.find("4 of 5 agents evaluated, 1 failed") != std::string::npos);
+  }
+  CHECK(Count(first.err + second.err, "start ") == 4);
+  size_t evaluations = 0;
+  for (const auto& entry : fs::directory_iterator(folder.File("evaluations"))) {
+    if (entry.path().extension() != ".json") continue;
+    const auto json = nlohmann::json::parse(ReadBytes(entry.path()), nullptr, false);
+    CHECK(json["returns"].size() == 2);
+    CHECK(json["seed"] == 1);
+    CHECK(entry.path().filename().string().find("-e2-s1.json") == 16);
+    ++evaluations;
+  }
+  CHECK(evaluations == 4);
+}
+
 TEST_CASE("Unknown benchmarks, budgets and algorithms are refused with the nearest name") {
   const auto says = [](const Words& more, const std::string& words) {
     Words all = {"benchmark", "run", "--dry-run"};
