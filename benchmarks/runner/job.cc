@@ -98,7 +98,6 @@ std::optional<int> Job::Poll() {
   int status = 0;
   if (waitpid(process_id_, &status, WNOHANG) != process_id_) return std::nullopt;
   process_id_ = -1;
-  claim_ = UniqueFd();
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 

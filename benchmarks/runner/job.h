@@ -1,5 +1,5 @@
 // A child process of the runner: `b4mrl train` or `b4mrl dataset make`, and the claim that keeps
-// other runners away from its work.
+// other runners away from its work, until the job's object ends: what it made is kept by then.
 //
 // A claim is a lock on a file (flock), so that it ends with the process that holds it, however that
 // dies. A learner also locks its run's folder itself; so a run whose runner was killed is not
@@ -32,7 +32,7 @@ class Job {
   Job& operator=(Job&&) = delete;
   ~Job();  // stops the process and waits for it
 
-  // The exit code if the process has ended, 128 + its number if a signal ended it.
+  // The exit code if the process has ended, 128 + its number if a signal ended it. The claim stays.
   std::optional<int> Poll();
   // Tells the process to stop; it ends by itself.
   void Stop();

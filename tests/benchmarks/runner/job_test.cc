@@ -50,11 +50,14 @@ int ExitCodeOf(Job& job) {
   return *code;
 }
 
-TEST_CASE("A job lets go of its claim when its process has ended, and its words are in the log") {
+TEST_CASE("A job keeps its claim until its object ends, and its process's words are in the log") {
   const TemporaryFolder folder;
-  Job job = Take(Job::Start("b4mrl-tools", {"train", "--algorithm", "none"}, folder.File("log"),
-                            Take(Claim(folder.File("claim")))));
-  CHECK(ExitCodeOf(job) == 2);
+  {
+    Job job = Take(Job::Start("b4mrl-tools", {"train", "--algorithm", "none"}, folder.File("log"),
+                              Take(Claim(folder.File("claim")))));
+    CHECK(ExitCodeOf(job) == 2);
+    CHECK_FALSE(Take(Claim(folder.File("claim"))).valid());
+  }
   CHECK(Take(Claim(folder.File("claim"))).valid());
   CHECK(ReadBytes(folder.File("log")).find("none") != std::string::npos);
 }
