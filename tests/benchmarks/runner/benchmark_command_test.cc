@@ -161,6 +161,29 @@ TEST_CASE("What cannot be trained is named at the end and keeps nothing else bac
       std::string::npos);
 }
 
+TEST_CASE("A run that diverged is reported, and tried again only if that is asked for") {
+  Suite suite;
+  suite.pattern = "HalfCheetah/modelling-error/gravity+medium";
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\n"
+             "updates = { bc = 20, sac = 300 }\n"
+             // SAC's actor is no longer finite after 75 updates with so large a learning rate.
+             "hyperparameters = { sac = { learning-rate = 1, warm-up = 500 } }\n");
+  const Outcome first = Run(suite.Command());
+  INFO(first.out << first.err);
+  CHECK(first.exit_code == 1);
+  CHECK(first.out.find("1 of 2 runs done, 1 failed") != std::string::npos);
+  CHECK(first.out.find("failed: HalfCheetah-sac-gravity-s0: diverged: ") != std::string::npos);
+  const Outcome again = Run(suite.Command());
+  CHECK(again.exit_code == 1);
+  CHECK(again.out.find("diverged before; --retry") != std::string::npos);
+  CHECK(Count(again.err, "start ") == 0);
+  const Outcome retried = Run(suite.Command({"--retry"}));
+  INFO(retried.out << retried.err);
+  CHECK(retried.exit_code == 1);
+  CHECK(Count(retried.err, "start HalfCheetah-sac") == 1);
+}
+
 TEST_CASE("A dataset that is not the published one of its name is refused") {
   const Suite suite("bc = 20");
   // A budget without `rows` asks for the whole dataset.
