@@ -1,16 +1,15 @@
 // b4mrl benchmark run|status|evaluate: trains what fills the cells of benchmarks, says how far that
 // is, and evaluates agents side by side.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
-#include <map>
-#include <optional>
+#include <cstdio>
+#include <filesystem>
 #include <string>
+#include <system_error>
 #include <thread>
+#include <vector>
 
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/datasets/published_datasets.h"
@@ -20,7 +19,7 @@
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
 #include "proto/base/folders.h"
-#include "proto/base/version.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
