@@ -57,13 +57,10 @@ DatasetProvenance ProvenanceOf(const RemoteDataset& dataset) {
 
 Status ExportCommand::ForRows(RemoteDataset& dataset, std::string_view stage,
                               const std::function<Status(const DatasetRows&)>& use) const {
-  constexpr uint32_t kRowsPerRead = 16'384;
-  const uint32_t most = std::min(kRowsPerRead, dataset.max_rows_per_request());
   Progress progress(source.quiet);
   progress.Start(stage, "rows", dataset.rows());
-  for (uint64_t row = 0; row < dataset.rows();) {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows served, dataset.Read(row, most));
-    if (served.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
+  uint64_t done = 0;
+  return ForEachRows(dataset, [&](const TransitionRows& served) -> Status {
     DatasetRows out;
     out.rows = served.rows;
     out.observations = served.observations;
@@ -73,10 +70,9 @@ Status ExportCommand::ForRows(RemoteDataset& dataset, std::string_view stage,
     out.terminals = served.terminals;
     out.timeouts = served.timeouts;
     B4MRL_RETURN_IF_ERROR(use(out));
-    row += served.rows;
-    progress.Update(row);
-  }
-  return Status();
+    progress.Update(done += served.rows);
+    return Status();
+  });
 }
 
 Status ExportCommand::WriteD4rl(RemoteDataset& dataset) const {

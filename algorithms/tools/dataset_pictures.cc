@@ -10,6 +10,7 @@
 #include "algorithms/base/progress.h"
 #include "algorithms/pictures/dataset_figures.h"
 #include "algorithms/pictures/dataset_tally.h"
+#include "algorithms/tools/dataset_source.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
@@ -24,18 +25,12 @@ struct Counted {
 // Hands all rows of the dataset to the tally's `pass`, which is Measure or Count.
 Status ReadRows(Counted& counted, void (DatasetTally::*pass)(const RowBlock&), Progress* progress,
                 uint64_t* done) {
-  constexpr uint32_t kRowsPerRead = 16'384;
-  RemoteDataset& dataset = counted.dataset;
-  const uint32_t most = std::min(kRowsPerRead, dataset.max_rows_per_request());
-  for (uint64_t row = 0; row < dataset.rows();) {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows read, dataset.Read(row, most));
-    if (read.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
+  return ForEachRows(counted.dataset, [&](const TransitionRows& read) {
     (counted.tally.*
      pass)({read.observations, read.actions, read.rewards, read.terminals, read.timeouts});
-    row += read.rows;
     progress->Update(*done += read.rows);
-  }
-  return Status();
+    return Status();
+  });
 }
 
 // Reads the dataset, and the same one without its corruption if there is one, in both passes.

@@ -1,5 +1,6 @@
 #include "algorithms/tools/dataset_source.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace b4mrl {
@@ -26,6 +27,19 @@ std::optional<Failure> DatasetSource::Open(const Use& use) const {
   auto dataset = connection->client().OpenDataset(name, options);
   if (!dataset.ok()) return FromDaemon(dataset.status());
   return use(connection->client(), *dataset);
+}
+
+Status ForEachRows(RemoteDataset& dataset,
+                   const std::function<Status(const TransitionRows& rows)>& use) {
+  constexpr uint32_t kRowsPerRead = 16'384;
+  const uint32_t most = std::min(kRowsPerRead, dataset.max_rows_per_request());
+  for (uint64_t row = 0; row < dataset.rows();) {
+    B4MRL_ASSIGN_OR_RETURN(const TransitionRows rows, dataset.Read(row, most));
+    if (rows.rows == 0) return Status(StatusCode::kDataLoss, "the dataset ended too early");
+    B4MRL_RETURN_IF_ERROR(use(rows));
+    row += rows.rows;
+  }
+  return Status();
 }
 
 }  // namespace b4mrl

@@ -26,4 +26,9 @@ struct DatasetSource {
   std::optional<Failure> Open(const Use& use) const;
 };
 
+// Calls `use` for all rows of a dataset in order, in parts. kDataLoss if the daemon has fewer rows
+// than it said.
+Status ForEachRows(RemoteDataset& dataset,
+                   const std::function<Status(const TransitionRows& rows)>& use);
+
 }  // namespace b4mrl
