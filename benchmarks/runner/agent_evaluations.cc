@@ -12,10 +12,10 @@
 #include <system_error>
 #include <utility>
 
-#include "benchmarks/runner/job.h"
+#include "benchmarks/runner/evaluation_job.h"
+#include "benchmarks/runner/job_queue.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
-#include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
 
 namespace b4mrl {
@@ -23,9 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kPollMs = 200;
 constexpr size_t kHashDigits = 16;
-constexpr size_t kMaxOutput = 64 << 20;  // bytes that an evaluation may print
 
 // Paths of agents by the beginning of their hashes.
 Result<std::map<std::string, std::string>> AgentsIn(const std::string& folder) {
@@ -63,10 +61,8 @@ class Evaluations {
     Job job;
   };
 
-  Status StartWhatCan();
   Result<bool> Begin(const Agent& agent);  // false: another program evaluates it
-  Status Collect();
-  Status Keep(const Agent& agent) const;
+  Status Finish(const Agent& agent, int exit_code);
   void Fail(const Agent& agent, std::string_view reason);
   void Say(const std::string& line) const {
     if (!options_.quiet) fmt::print(stderr, "{}\n", line);
@@ -90,25 +86,17 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
   }
   summary_.agents = agents.size();
   while (!Interrupted() && !(active_.empty() && waiting_.empty())) {
-    B4MRL_RETURN_IF_ERROR(StartWhatCan());
-    B4MRL_RETURN_IF_ERROR(Collect());
-    if (!(active_.empty() && waiting_.empty())) poll(nullptr, 0, kPollMs);
+    B4MRL_RETURN_IF_ERROR(BeginWaiting(
+        waiting_, [this] { return active_.size() < options_.jobs; },
+        [this](const Agent& agent) { return Begin(agent); }));
+    B4MRL_RETURN_IF_ERROR(CollectEnded(active_, [this](const Active& ended, int exit_code) {
+      return Finish(ended.agent, exit_code);
+    }));
+    if (!(active_.empty() && waiting_.empty())) poll(nullptr, 0, kJobPollMs);
   }
   active_.clear();  // stops what still runs
   summary_.interrupted = Interrupted();
   return summary_;
-}
-
-Status Evaluations::StartWhatCan() {
-  std::deque<Agent> later;
-  while (!waiting_.empty() && active_.size() < options_.jobs) {
-    Agent agent = std::move(waiting_.front());
-    waiting_.pop_front();
-    B4MRL_ASSIGN_OR_RETURN(const bool begun, Begin(agent));
-    if (!begun) later.push_back(std::move(agent));
-  }
-  waiting_.insert(waiting_.begin(), later.begin(), later.end());
-  return Status();
 }
 
 Result<bool> Evaluations::Begin(const Agent& agent) {
@@ -124,47 +112,23 @@ Result<bool> Evaluations::Begin(const Agent& agent) {
     Fail(agent, read.ok() ? "the file does not name its environment" : read.status().message());
     return true;
   }
-  fs::remove(agent.result + ".log", error);  // of an earlier attempt
-  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools",
-                                             {"evaluate", "--json", "--agent", agent.path,
-                                              "--environment", read->provenance.environment,
-                                              "--episodes", fmt::format("{}", options_.episodes),
-                                              "--seed", fmt::format("{}", options_.seed)},
-                                             agent.result + ".log", std::move(claim)));
+  const EvaluationOrder order = {.agent = agent.path,
+                                 .environment = read->provenance.environment,
+                                 .episodes = options_.episodes,
+                                 .seed = options_.seed};
+  B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, agent.result, std::move(claim)));
   Say(fmt::format("start {}", agent.path));
   active_.push_back({agent, std::move(job)});
   return true;
 }
 
-Status Evaluations::Collect() {
-  for (auto active = active_.begin(); active != active_.end();) {
-    const std::optional<int> exit_code = active->job.Poll();
-    if (!exit_code) {
-      ++active;
-      continue;
-    }
-    if (*exit_code == 0) {
-      B4MRL_RETURN_IF_ERROR(Keep(active->agent));
-      ++summary_.done;
-    } else {
-      Fail(active->agent,
-           fmt::format("ended with code {}, see {}.log", *exit_code, active->agent.result));
-    }
-    active = active_.erase(active);
+Status Evaluations::Finish(const Agent& agent, int exit_code) {
+  if (exit_code != 0) {
+    Fail(agent, fmt::format("ended with code {}, see {}.log", exit_code, agent.result));
+    return Status();
   }
-  return Status();
-}
-
-Status Evaluations::Keep(const Agent& agent) const {
-  const std::string log = agent.result + ".log";
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(log, kMaxOutput));
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(agent.result));
-  // The JSON is the last line, behind what the command may have said of its daemon.
-  const size_t line = text.size() < 2 ? std::string::npos : text.rfind('\n', text.size() - 2);
-  B4MRL_RETURN_IF_ERROR(file.Write(line == std::string::npos ? text : text.substr(line + 1)));
-  B4MRL_RETURN_IF_ERROR(file.Commit());
-  std::error_code ignored;
-  fs::remove(log, ignored);
+  B4MRL_RETURN_IF_ERROR(KeepEvaluation(agent.result));
+  ++summary_.done;
   return Status();
 }
 

@@ -132,7 +132,7 @@ Status Planner::SetScorings(const Json& identity, PlannedRun* run) const {
   }
   // What the behaviour policy did not see is hidden in its data.
   const Json& dataset = identity["dataset"];
-  if (dataset.is_object() && dataset.contains("simulator")) {
+  if (dataset.contains("simulator")) {
     B4MRL_ASSIGN_OR_RETURN(
         const std::string recorded,
         Parametric(dataset["simulator"].get<std::string>(), run->environment, *sources_.catalogue));
@@ -165,6 +165,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   identity["dataset"] = nullptr;
   if (!run->dataset.empty()) {
     B4MRL_ASSIGN_OR_RETURN(identity["dataset"], DescribeDataset(run->dataset));
+    run->full_dataset = identity["dataset"].value("name", run->dataset);
   }
   B4MRL_RETURN_IF_ERROR(SetScorings(identity, run));
   run->cell_id = Sha256OfText(identity.dump()).substr(0, kIdDigits);

@@ -35,6 +35,7 @@ struct Scoring {
 struct PlannedRun {
   // As the user writes them for `b4mrl train`.
   std::string algorithm, environment, simulator, dataset, corruption, world;
+  std::string full_dataset;  // the dataset's name with its version, as its recipe has it
   uint64_t seed = 0;
   std::string precision;
   uint64_t updates = 0;
@@ -52,8 +53,8 @@ struct PlannedRun {
 struct PlanSources {
   std::span<const Algorithm> algorithms;
   const pb::CatalogueReply* catalogue = nullptr;  // for presets and their parametric forms
-  // What a dataset of that name will hold, whether or not it is made: its recipe, with the full
-  // name, rows and hashes.
+  // What a dataset of that name will hold, whether or not it is made: its recipe, an object with
+  // the full name as "name", rows and hashes.
   std::function<Result<nlohmann::json>(const std::string& dataset)> describe_dataset;
 };
 

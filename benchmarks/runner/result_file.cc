@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -11,6 +10,7 @@
 #include <system_error>
 
 #include "data/files/atomic_file.h"
+#include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"
 #include "proto/base/version.h"
 
@@ -31,23 +31,6 @@ struct Evaluation {
   std::optional<double> score;
 };
 
-std::vector<std::string_view> Split(std::string_view line) {
-  std::vector<std::string_view> cells;
-  for (size_t from = 0; from <= line.size();) {
-    const size_t to = std::min(line.find(',', from), line.size());
-    cells.push_back(line.substr(from, to - from));
-    from = to + 1;
-  }
-  return cells;
-}
-
-std::optional<double> NumberOf(std::string_view text) {
-  double number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return number;
-}
-
 // The rows of progress.csv that hold an evaluation.
 Result<std::vector<Evaluation>> ReadEvaluations(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
@@ -56,7 +39,7 @@ Result<std::vector<Evaluation>> ReadEvaluations(const std::string& path) {
   for (size_t at = 0; at < text.size();) {
     const size_t end = text.find('\n', at);
     if (end == std::string::npos) break;  // a line that is being written
-    const auto cells = Split(std::string_view(text).substr(at, end - at));
+    const auto cells = CellsOf(std::string_view(text).substr(at, end - at));
     at = end + 1;
     if (columns.empty()) {
       for (size_t i = 0; i < cells.size(); ++i) columns.emplace(cells[i], i);
@@ -214,9 +197,7 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   if (const auto agent = Sha256OfFile(run_folder + "/agent.h5"); agent.ok()) {
     json["agent_sha256"] = *agent;
   }
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(ResultPath(results_folder, run)));
-  B4MRL_RETURN_IF_ERROR(out.Write(TextOf(json)));
-  return out.Commit();
+  return WriteSmallFile(ResultPath(results_folder, run), TextOf(json));
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {

@@ -4,7 +4,6 @@
 #include <poll.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -12,6 +11,8 @@
 #include <utility>
 
 #include "algorithms/run/run_result.h"
+#include "benchmarks/runner/evaluation_job.h"
+#include "benchmarks/runner/job_queue.h"
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 
@@ -20,10 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kPollMs = 200;
-constexpr int kMostAttempts = 2;         // of a run that ends with an error
-constexpr size_t kShortId = 8;           // digits of the id in the name of a run's folder
-constexpr size_t kMaxOutput = 16 << 20;  // bytes that an evaluation may print
+constexpr int kMostAttempts = 2;  // of a run that ends with an error
+constexpr size_t kShortId = 8;    // digits of the id in the name of a run's folder
 
 Status MakeFolder(const std::string& path) {
   std::error_code error;
@@ -35,19 +34,6 @@ Status MakeFolder(const std::string& path) {
 std::string FileNameOf(std::string dataset) {
   std::ranges::replace(dataset, '/', '-');
   return dataset;
-}
-
-// The version in "HalfCheetah/medium-v3" of a dataset "HalfCheetah/medium"; -1 for the name itself,
-// none for other datasets.
-std::optional<int> VersionOf(const std::string& found, const std::string& dataset) {
-  if (found == dataset) return -1;
-  const std::string stem = dataset + "-v";
-  int version = 0;
-  const char* last = found.data() + found.size();
-  if (!found.starts_with(stem)) return std::nullopt;
-  const auto [end, error] = std::from_chars(found.data() + stem.size(), last, version);
-  if (error != std::errc() || end != last) return std::nullopt;
-  return version;
 }
 
 // Removes what only a run that goes on needs.
@@ -85,39 +71,31 @@ Result<RunnerSummary> Runner::Work() {
     B4MRL_RETURN_IF_ERROR(Collect());
     if (Interrupted()) break;
     const bool out_of_time = options_.hours > 0 && end_.expired();
-    if (!out_of_time) B4MRL_RETURN_IF_ERROR(StartWhatCan());
+    if (!out_of_time) {
+      B4MRL_RETURN_IF_ERROR(BeginWaiting(
+          waiting_, [this] { return active_.size() < options_.jobs; },
+          [this](size_t number) { return Begin(number); }));
+    }
     if (active_.empty() && (waiting_.empty() || out_of_time)) break;
     WriteResults();
-    poll(nullptr, 0, kPollMs);
+    poll(nullptr, 0, kJobPollMs);
   }
   for (Active& active : active_) active.job.Stop();
   while (!active_.empty()) {
     B4MRL_RETURN_IF_ERROR(Collect());
-    poll(nullptr, 0, kPollMs);
+    poll(nullptr, 0, kJobPollMs);
   }
   summary_.interrupted = Interrupted();
   summary_.left = tasks_.size() - summary_.done - summary_.failed.size();
   return summary_;
 }
 
-Status Runner::StartWhatCan() {
-  std::deque<size_t> later;
-  while (!waiting_.empty() && active_.size() < options_.jobs) {
-    const size_t number = waiting_.front();
-    waiting_.pop_front();
-    B4MRL_ASSIGN_OR_RETURN(const Start start, Begin(number));
-    if (start == Start::kLater) later.push_back(number);
-  }
-  waiting_.insert(waiting_.begin(), later.begin(), later.end());  // they keep their places
-  return Status();
-}
-
-Result<Runner::Start> Runner::Begin(size_t number) {
+Result<bool> Runner::Begin(size_t number) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
   B4MRL_RETURN_IF_ERROR(MakeFolder(task.folder));
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(task.folder + "/claim"));
-  if (!claim.valid()) return Start::kLater;
+  if (!claim.valid()) return false;
   // Behind the claim, for another runner may have finished the run a moment ago.
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
   if (result && result->finished && result->updates >= run.updates) {
@@ -132,96 +110,72 @@ Result<Runner::Start> Runner::Begin(size_t number) {
     RemoveTraining(task.folder);
     if (task.worked_on)
       Say(fmt::format("done  {} ({} of {})", run.name, summary_.done, tasks_.size()));
-    return Start::kNothing;
+    return true;
   }
   const std::string failed = task.folder + "/failed.json";
   std::error_code error;
   if (fs::exists(failed, error)) {
     if (!options_.retry) {
       Fail(task, "diverged before; --retry begins it anew");
-      return Start::kNothing;
+      return true;
     }
     fs::remove_all(task.folder, error);
-    return Start::kLater;
+    return false;
   }
   if (!run.dataset.empty()) {
     const auto broken = failed_datasets_.find(run.dataset);
     if (broken != failed_datasets_.end()) {
       Fail(task, broken->second);
-      return Start::kNothing;
+      return true;
     }
-    B4MRL_ASSIGN_OR_RETURN(const bool is_there, HasDataset(run.dataset));
-    if (!is_there) return BeginDataset(run.dataset);
+    B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
+    if (!dataset) return BeginDataset(run);
   }
   // The learner of a killed runner may still be about to end.
-  if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return Start::kLater;
+  if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
   B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools", TrainingWords(task),
                                              task.folder + "/log", std::move(claim)));
   Say(fmt::format("start {}", run.name));
   active_.push_back({std::move(job), number, "", std::nullopt});
-  return Start::kStarted;
+  return true;
 }
 
-Result<Runner::Start> Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim) {
+Result<bool> Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim) {
   const Task& task = tasks_[number];
-  std::vector<std::string> words = {"evaluate",      "--json",
-                                    "--agent",       task.folder + "/agent.h5",
-                                    "--environment", task.run->environment,
-                                    "--episodes",    fmt::format("{}", budget_.episodes),
-                                    "--observe",     scoring.observe,
-                                    "--data",        options_.data_folder};
-  if (!scoring.simulator.empty()) words.insert(words.end(), {"--simulator", scoring.simulator});
-  const std::string log = ScoringPath(task.folder, scoring) + ".log";
-  std::error_code ignored;
-  fs::remove(log, ignored);  // of an earlier attempt
-  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools", words, log, std::move(claim)));
+  const EvaluationOrder order = {.agent = task.folder + "/agent.h5",
+                                 .environment = task.run->environment,
+                                 .simulator = scoring.simulator,
+                                 .observe = scoring.observe,
+                                 .episodes = budget_.episodes,
+                                 .data_folder = options_.data_folder};
+  B4MRL_ASSIGN_OR_RETURN(
+      Job job, StartEvaluation(order, ScoringPath(task.folder, scoring), std::move(claim)));
   active_.push_back({std::move(job), number, "", scoring});
-  return Start::kStarted;
+  return true;
 }
 
-// Makes the evaluation's output the file that results are read from; its last line is the JSON.
-Status Runner::FinishScoring(const Task& task, const Scoring& scoring) const {
-  const std::string path = ScoringPath(task.folder, scoring);
-  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(path + ".log", kMaxOutput));
-  while (text.ends_with('\n')) text.pop_back();
-  B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(path));
-  const size_t line = text.rfind('\n');
-  B4MRL_RETURN_IF_ERROR(file.Write(line == std::string::npos ? text : text.substr(line + 1)));
-  return file.Commit();
-}
-
-Result<Runner::Start> Runner::BeginDataset(const std::string& name) {
-  const std::string stem = fmt::format("{}/datasets/{}", options_.folder, FileNameOf(name));
+Result<bool> Runner::BeginDataset(const PlannedRun& run) {
+  const std::string stem = fmt::format("{}/datasets/{}", options_.folder, FileNameOf(run.dataset));
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
-  if (!claim.valid()) return Start::kLater;
-  std::vector<std::string> words = {"dataset", "make",   name,
+  if (!claim.valid()) return false;
+  std::vector<std::string> words = {"dataset", "make",   run.full_dataset,
                                     "--quiet", "--data", options_.data_folder};
   if (budget_.rows) {
     words.insert(words.end(), {"--rows", fmt::format("{}", *budget_.rows)});
   }
   B4MRL_ASSIGN_OR_RETURN(Job job,
                          Job::Start("b4mrl-tools", words, stem + ".log", std::move(claim)));
-  Say(fmt::format("make {}", name));
-  active_.push_back({std::move(job), std::nullopt, name, std::nullopt});
-  return Start::kLater;  // of the run, which waits for the dataset
+  Say(fmt::format("make {}", run.dataset));
+  active_.push_back({std::move(job), std::nullopt, run.dataset, std::nullopt});
+  return false;  // the run waits for the dataset
 }
 
-Result<std::optional<UsedDataset>> Runner::DescribeDataset(const std::string& name) {
+Result<std::optional<UsedDataset>> Runner::FindDataset(const std::string& full_name) {
   B4MRL_ASSIGN_OR_RETURN(const auto listed, client_.ListDatasets());
-  std::optional<UsedDataset> newest;
-  int newest_version = -2;
-  for (const pb::DatasetInfo& info : listed) {
-    const std::optional<int> version = VersionOf(info.name(), name);
-    if (!version || *version < newest_version) continue;
-    newest_version = *version;
-    newest = UsedDataset{info.name(), info.rows(), info.sha256(), info.columns_sha256()};
-  }
-  return newest;
-}
-
-Result<bool> Runner::HasDataset(const std::string& name) {
-  B4MRL_ASSIGN_OR_RETURN(const auto dataset, DescribeDataset(name));
-  return dataset.has_value();
+  const auto found = std::ranges::find(listed, full_name, &pb::DatasetInfo::name);
+  if (found == listed.end()) return std::optional<UsedDataset>();
+  return std::optional(
+      UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
 }
 
 std::vector<std::string> Runner::TrainingWords(const Task& task) const {
@@ -236,7 +190,7 @@ std::vector<std::string> Runner::TrainingWords(const Task& task) const {
   add("environment", run.environment);
   if (!run.simulator.empty()) add("simulator", run.simulator);
   if (!run.world.empty()) add("world", run.world);
-  if (!run.dataset.empty()) add("dataset", run.dataset);
+  if (!run.dataset.empty()) add("dataset", run.full_dataset);
   if (!run.corruption.empty()) add("corruption", run.corruption);
   add("seed", run.seed);
   add("precision", run.precision);
@@ -252,16 +206,8 @@ std::vector<std::string> Runner::TrainingWords(const Task& task) const {
 }
 
 Status Runner::Collect() {
-  for (auto active = active_.begin(); active != active_.end();) {
-    const std::optional<int> exit_code = active->job.Poll();
-    if (!exit_code) {
-      ++active;
-      continue;
-    }
-    B4MRL_RETURN_IF_ERROR(Finish(*active, *exit_code));
-    active = active_.erase(active);
-  }
-  return Status();
+  return CollectEnded(active_,
+                      [this](Active& ended, int exit_code) { return Finish(ended, exit_code); });
 }
 
 Status Runner::Finish(Active& active, int exit_code) {
@@ -277,7 +223,7 @@ Status Runner::Finish(Active& active, int exit_code) {
   Task& task = tasks_[*active.task];
   task.worked_on = true;
   if (active.scoring && exit_code == 0) {
-    B4MRL_RETURN_IF_ERROR(FinishScoring(task, *active.scoring));
+    B4MRL_RETURN_IF_ERROR(KeepEvaluation(ScoringPath(task.folder, *active.scoring)));
   }
   if (Status status = WriteResult(task); !status.ok()) Say(status.message());
   if (!task.refused.empty()) {
@@ -292,9 +238,7 @@ Status Runner::Finish(Active& active, int exit_code) {
   const auto state = ReadRunStatus(task.folder);
   if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {
     const nlohmann::json failed = {{"reason", state->reason}, {"updates", state->updates}};
-    B4MRL_ASSIGN_OR_RETURN(AtomicFile file, AtomicFile::Create(task.folder + "/failed.json"));
-    B4MRL_RETURN_IF_ERROR(file.Write(failed.dump() + "\n"));
-    B4MRL_RETURN_IF_ERROR(file.Commit());
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(task.folder + "/failed.json", failed.dump() + "\n"));
     Fail(task, fmt::format("diverged: {}", state->reason));
   } else if (++task.attempts < kMostAttempts) {
     Say(fmt::format("{} ended with code {}; again later", task.run->name, exit_code));
@@ -322,7 +266,7 @@ Status Runner::WriteResult(Task& task) {
   if (bytes == task.written && !ended) return Status();
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(dataset, DescribeDataset(task.run->dataset));
+    B4MRL_ASSIGN_OR_RETURN(dataset, FindDataset(task.run->full_dataset));
   }
   const std::string& published = task.run->columns_sha256;
   if (dataset && !published.empty() && dataset->columns_sha256 != published) {

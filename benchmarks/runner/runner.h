@@ -56,7 +56,6 @@ class Runner {
   Result<RunnerSummary> Work();
 
  private:
-  enum class Start { kStarted, kLater, kNothing };  // kNothing: it needs no process
   struct Task {
     const PlannedRun* run = nullptr;
     std::string folder;
@@ -72,16 +71,15 @@ class Runner {
     std::optional<Scoring> scoring;  // of an evaluation's job
   };
 
-  Result<Start> Begin(size_t number);
-  Result<Start> BeginDataset(const std::string& name);
-  Result<Start> BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
-  Result<bool> HasDataset(const std::string& name);
-  Result<std::optional<UsedDataset>> DescribeDataset(const std::string& name);
+  // Each starts a process, or finds that none is needed; false: the run has to wait.
+  Result<bool> Begin(size_t number);
+  Result<bool> BeginDataset(const PlannedRun& run);
+  Result<bool> BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
+  // None if the data folder does not have it.
+  Result<std::optional<UsedDataset>> FindDataset(const std::string& full_name);
   std::vector<std::string> TrainingWords(const Task& task) const;
-  Status StartWhatCan();
   Status Collect();
   Status Finish(Active& active, int exit_code);
-  Status FinishScoring(const Task& task, const Scoring& scoring) const;
   void WriteResults();
   // Sets task.refused if its dataset is not the one that it was planned for.
   Status WriteResult(Task& task);

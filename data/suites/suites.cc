@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
 #include <filesystem>
 #include <iterator>
 #include <optional>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "data/files/atomic_file.h"
+#include "data/files/csv_lines.h"
 #include "data/files/toml_file.h"
 #include "proto/base/folders.h"
 
@@ -176,13 +176,6 @@ Status CheckNames(const std::vector<Benchmark>& benchmarks) {
   return Status();
 }
 
-std::optional<double> NumberOf(std::string_view text) {
-  double number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return number;
-}
-
 // Gives the benchmarks the scores of one file. Lines about others are passed over: a folder of the
 // user's may hold scores of the project's benchmarks.
 Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
@@ -195,12 +188,7 @@ Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
     const std::string_view line = std::string_view(text).substr(at, end - at);
     at = end + 1;
     if (number == 0 || line.empty()) continue;  // the columns' names
-    std::vector<std::string_view> cells;
-    for (size_t from = 0; from <= line.size();) {
-      const size_t to = std::min(line.find(',', from), line.size());
-      cells.push_back(line.substr(from, to - from));
-      from = to + 1;
-    }
+    const std::vector<std::string_view> cells = CellsOf(line);
     const auto mean = cells.size() == 4 ? NumberOf(cells[2]) : std::nullopt;
     const auto std = cells.size() == 4 ? NumberOf(cells[3]) : std::nullopt;
     if (!mean || !std) {

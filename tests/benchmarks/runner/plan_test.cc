@@ -46,9 +46,10 @@ std::vector<Benchmark> OwnBenchmarks(const std::string& pattern) {
 
 Result<std::vector<PlannedRun>> Plan(const std::vector<Benchmark>& benchmarks, const Budget& budget,
                                      const PlanChoice& choice) {
-  const PlanSources sources = {
-      Algorithms(), &Presets(),
-      [](const std::string& name) -> Result<nlohmann::json> { return nlohmann::json(name); }};
+  const PlanSources sources = {Algorithms(), &Presets(),
+                               [](const std::string& name) -> Result<nlohmann::json> {
+                                 return nlohmann::json{{"name", name}};
+                               }};
   return MakePlan(benchmarks, budget, choice, sources);
 }
 

@@ -1,0 +1,48 @@
+#include "benchmarks/runner/evaluation_job.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kMaxOutput = 64 << 20;  // bytes that an evaluation may print
+
+std::string LogOf(const std::string& result) { return result + ".log"; }
+
+}  // namespace
+
+Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& result,
+                            UniqueFd claim) {
+  std::error_code ignored;
+  std::filesystem::remove(LogOf(result), ignored);  // of an earlier attempt
+  std::vector<std::string> words = {"evaluate",      "--json",
+                                    "--agent",       order.agent,
+                                    "--environment", order.environment,
+                                    "--observe",     order.observe,
+                                    "--episodes",    fmt::format("{}", order.episodes),
+                                    "--seed",        fmt::format("{}", order.seed)};
+  if (!order.data_folder.empty()) words.insert(words.end(), {"--data", order.data_folder});
+  if (!order.simulator.empty()) words.insert(words.end(), {"--simulator", order.simulator});
+  return Job::Start("b4mrl-tools", std::move(words), LogOf(result), std::move(claim));
+}
+
+Status KeepEvaluation(const std::string& result) {
+  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(LogOf(result), kMaxOutput));
+  while (text.ends_with('\n')) text.pop_back();
+  // The JSON is the last line, behind what the command may have said of its daemon.
+  const size_t line = text.rfind('\n');
+  B4MRL_RETURN_IF_ERROR(
+      WriteSmallFile(result, (line == std::string::npos ? text : text.substr(line + 1)) + "\n"));
+  std::error_code ignored;
+  std::filesystem::remove(LogOf(result), ignored);
+  return Status();
+}
+
+}  // namespace b4mrl
