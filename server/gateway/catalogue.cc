@@ -68,18 +68,15 @@ void DescribeBenchmark(const Benchmark& benchmark, pb::BenchmarkInfo* out) {
 
 }  // namespace
 
-Catalogue::Catalogue(std::string models_folder, const std::vector<Benchmark>& benchmarks,
-                     size_t page_bytes)
-    : models_folder_(std::move(models_folder)), page_bytes_(page_bytes - kEnvelopeRest) {
-  for (const Benchmark& benchmark : benchmarks) {
-    pb::CatalogueReply entry;
-    DescribeBenchmark(benchmark, entry.add_benchmarks());
-    Add(benchmark.name, entry, &benchmarks_);
-  }
-}
+Catalogue::Catalogue(std::string models_folder,
+                     std::function<std::vector<Benchmark>()> read_benchmarks, size_t page_bytes)
+    : models_folder_(std::move(models_folder)),
+      page_bytes_(page_bytes - kEnvelopeRest),
+      read_benchmarks_(std::move(read_benchmarks)) {}
 
 void Catalogue::FillPage(const pb::CatalogueRequest& request, pb::Reply* reply) {
   ReadFolder();
+  if (request.with_benchmarks() && read_benchmarks_) SerialiseBenchmarks();
   const size_t total = entries_.size() + (request.with_benchmarks() ? benchmarks_.size() : 0);
   pb::CatalogueReply head;
   head.set_total(static_cast<uint32_t>(total));
@@ -110,6 +107,14 @@ void Catalogue::ReadFolder() {
   if (files == files_ && !entries_.empty()) return;
   files_ = std::move(files);
   Serialise();
+}
+
+void Catalogue::SerialiseBenchmarks() {
+  for (const Benchmark& benchmark : std::exchange(read_benchmarks_, nullptr)()) {
+    pb::CatalogueReply entry;
+    DescribeBenchmark(benchmark, entry.add_benchmarks());
+    Add(benchmark.name, entry, &benchmarks_);
+  }
 }
 
 void Catalogue::Add(const std::string& name, const pb::CatalogueReply& entry,

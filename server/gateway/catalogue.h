@@ -3,10 +3,12 @@
 // envelope.
 //
 // To put the catalogue together takes milliseconds, and it changes only with the models folder, so
-// its entries are kept in serialised form. Thread rule: the gateway's main thread.
+// its entries are kept in serialised form. Benchmarks are read when they are first asked for: most
+// daemons serve one learner, which asks for none. Thread rule: the gateway's main thread.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -21,7 +23,8 @@ class Catalogue {
  public:
   // The envelope of a page takes at most `page_bytes`. An entry that takes more by itself is left
   // out, and an error is logged.
-  Catalogue(std::string models_folder, const std::vector<Benchmark>& benchmarks,
+  // `read_benchmarks` is called at most once.
+  Catalogue(std::string models_folder, std::function<std::vector<Benchmark>()> read_benchmarks,
             size_t page_bytes = limits::kMaxEnvelopeBytes);
 
   // Makes `reply` carry the entries from number request.first() on, as many as fit a page.
@@ -34,6 +37,7 @@ class Catalogue {
   // Lists the models folder, unless its time of change shows that the list is still right.
   void ReadFolder();
   void Serialise();
+  void SerialiseBenchmarks();
   // Appends an entry, named `name`, to `entries`.
   void Add(const std::string& name, const pb::CatalogueReply& entry,
            std::vector<std::string>* entries) const;
@@ -45,6 +49,7 @@ class Catalogue {
   // Each entry is a serialised CatalogueReply that holds it alone.
   std::vector<std::string> entries_;
   std::vector<std::string> benchmarks_;
+  std::function<std::vector<Benchmark>()> read_benchmarks_;  // empty once they were read
 };
 
 }  // namespace b4mrl

@@ -59,7 +59,8 @@ class Gateway {
                    (void)socket_.Send(client, std::move(reply));
                  }),
         status_(context.shared(), context.options().data_folder),
-        catalogue_(ModelsFolder(context.options()), BenchmarksOf(context.options())),
+        catalogue_(ModelsFolder(context.options()),
+                   [options = context.options()] { return BenchmarksOf(options); }),
         openings_(context.shared(), std::move(workers),
                   {{ModelsFolder(context.options()), context.options().data_folder},
                    context.options().worker_ports},

@@ -158,7 +158,7 @@ TEST_CASE("An entry that is longer than a page is left out, and all others are d
 TEST_CASE("Benchmarks are told to those who ask for them, whole, in pages") {
   const TemporaryFolder folder;
   const std::vector<Benchmark> benchmarks = Take(ReadSuites({DefaultSuitesFolder()}));
-  Catalogue catalogue(folder.path(), benchmarks);
+  Catalogue catalogue(folder.path(), [&] { return benchmarks; });
   CHECK(AskAll(catalogue).benchmarks().empty());
   int pages = 0;
   const pb::CatalogueReply all =
