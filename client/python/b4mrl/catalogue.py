@@ -1,10 +1,11 @@
-"""The daemon's catalogue, put together from its pages."""
+"""The daemon's catalogue and its list of datasets, put together from their pages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+from b4mrl import descriptions
 from b4mrl.wire.messages import Request
 
 
@@ -17,6 +18,20 @@ def read(ask: Callable[[Any], Any], *, with_benchmarks: bool = False) -> Any:
             break
         catalogue.MergeFrom(page)
     return catalogue
+
+
+def read_datasets(ask: Callable[[Any], Any]) -> Iterator[descriptions.DatasetInfo]:
+    """All datasets; `ask` sends a request to the dataset worker and returns its reply."""
+    known = 0
+    while True:
+        request = Request()
+        request.list_datasets.first = known
+        request.list_datasets.SetInParent()
+        page = ask(request).list_datasets
+        yield from map(descriptions.read, page.datasets)
+        known += len(page.datasets)
+        if not page.datasets or known >= page.total:
+            return
 
 
 def _page(ask: Callable[[Any], Any], first: int, with_benchmarks: bool) -> Any:

@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
-from b4mrl import config as settings
-from b4mrl import catalogue, descriptions, errors, query, simulators
+from b4mrl import catalogue, descriptions, errors, simulators
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
 from b4mrl.opening import Opening, open_session
 from b4mrl.origin import Origin
+from b4mrl.query import PendingQuery, QuerySessions, Rows
 from b4mrl.simulators import Simulator
 from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
-from b4mrl.wire import arrays, checks, limits
+from b4mrl.wire import checks, limits
 from b4mrl.wire.connection import DEADLINE_MS, Connection
 from b4mrl.wire.messages import Request
 from b4mrl.wire.routes import Routes
-from b4mrl.wire.session import Session
+from b4mrl.wire.session import QueryAnswer, Session
 
 T = TypeVar("T")
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
 _REACH_MS = 10_000  # wait for the first connection if the caller gives no deadline
-_MAX_QUERY_SESSIONS = 16  # kept open for further queries; the least recently used is closed first
 _OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a dataset imports its file
 
 
@@ -60,7 +59,6 @@ class Client(Shown):
         self.deadline_ms = checks.deadline_ms(deadline_ms, DEADLINE_MS)
         self._asked_deadline_ms = deadline_ms
         self._process_id = os.getpid()
-        self._query_sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
         self._connect()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -87,6 +85,7 @@ class Client(Shown):
         request.hello.client = _CLIENT_NAME
         self.hello = self._gateway.call(request, bytearray(), self.deadline_ms).reply.hello
         self._routes = Routes(self.endpoint, self.hello.capabilities)
+        self._query_sessions = QuerySessions(self.endpoint, self._routes, self.deadline_ms)
         if self.hello.protocol_version != limits.PROTOCOL_VERSION:
             raise errors.VersionMismatchError(
                 f"the server speaks protocol {self.hello.protocol_version}, "
@@ -97,7 +96,6 @@ class Client(Shown):
         """Connects anew in a forked child, which cannot use its parent's connections."""
         if os.getpid() != self._process_id:
             self._process_id = os.getpid()
-            self._query_sessions.clear()
             self._connect()
 
     def _ask_gateway(self, request: Any) -> Any:
@@ -234,7 +232,7 @@ class Client(Shown):
         draw: int = 0,
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
-    ) -> tuple[arrays.Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    ) -> QueryAnswer:
         """Simulates one step from each of the given observations and actions.
 
         Noise of row i is a function of the simulator and (seed, draw, first_row + i) alone, so a
@@ -252,32 +250,50 @@ class Client(Shown):
         Raises:
             UnsupportedError: a perturbation depends on earlier steps (action-delay).
         """
-        rows = query.Rows.of(observations, actions)
-        perturbed = simulators.text_of(simulators.parse(simulator))
-        key = (environment, perturbed, settings.to_json(config), rows.dtype.name)
-        session = self._query_session(key, config)
-        try:
-            return query.run(session, rows, seed, draw, first_row)
-        except errors.SessionLostError:  # idle for longer than its lease; a query changes nothing
-            self._query_sessions.pop(key).close()
-            session = self._query_session(key, config)
-            return query.run(session, rows, seed, draw, first_row)
+        return self.query_async(
+            environment,
+            observations,
+            actions,
+            simulator,
+            seed=seed,
+            draw=draw,
+            first_row=first_row,
+            config=config,
+        ).result()
+
+    def query_async(
+        self,
+        environment: str,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        simulator: Simulator = None,
+        *,
+        seed: int = 0,
+        draw: int = 0,
+        first_row: int = 0,
+        config: Mapping[str, Any] | None = None,
+    ) -> PendingQuery:
+        """As `query`, but does not wait for the answer: `query_async(...).result()` returns it.
+
+        The daemon simulates while the caller does something else: all rows of a query of up to
+        6,144 rows, the first 6,144 of a longer one. At most ten queries of one simulator may be
+        under way. The observations and actions are copied, so the caller may change them.
+        """
+        rows = Rows.of(np.array(observations), np.array(actions))
+        self._leave_parent()
+        opening = Opening(
+            environment, simulator, num_envs=0, seed=0, dtype=rows.dtype, config=config
+        )
+        return PendingQuery(self._query_sessions, opening, rows, seed, draw, first_row)
 
     def datasets(self) -> list[DatasetInfo]:
         """The datasets in the daemon's data folder."""
-        found: list[DatasetInfo] = Listing()
-        connection = self._connect_datasets()
-        try:
-            while True:
-                request = Request()
-                request.list_datasets.first = len(found)
-                request.list_datasets.SetInParent()
-                page = connection.call(request, bytearray(), self.deadline_ms).reply.list_datasets
-                found.extend(map(descriptions.read, page.datasets))
-                if not page.datasets or len(found) >= page.total:
-                    return found
-        finally:
-            connection.close()
+        with contextlib.closing(self._connect_datasets()) as connection:
+            return Listing(
+                catalogue.read_datasets(
+                    lambda request: connection.call(request, bytearray(), self.deadline_ms).reply
+                )
+            )
 
     def dataset(
         self,
@@ -339,8 +355,7 @@ class Client(Shown):
 
     def close(self) -> None:
         """Closes the connection and its query sessions; environments and datasets stay open."""
-        while self._query_sessions:
-            self._query_sessions.popitem()[1].close()
+        self._query_sessions.close()
         self._gateway.close()
 
     def __enter__(self) -> Client:
@@ -361,19 +376,6 @@ class Client(Shown):
         given = {name: value for name, value in arguments.items() if value is not None}
         opener = functools.partial(call_once, method)
         return Origin(opener, self.endpoint, self._asked_deadline_ms, given)
-
-    def _query_session(self, key: tuple[str, ...], config: Mapping[str, Any] | None) -> Session:
-        self._leave_parent()
-        session = self._query_sessions.pop(key, None)
-        if session is None:
-            environment, simulator, _, dtype = key
-            session = self._open(
-                Opening(environment, simulator, num_envs=0, seed=0, dtype=dtype, config=config)
-            )
-        self._query_sessions[key] = session
-        while len(self._query_sessions) > _MAX_QUERY_SESSIONS:
-            self._query_sessions.popitem(last=False)[1].close()
-        return session
 
     def _connect_datasets(self) -> Connection:
         return self._routes.reach(self.hello.dataset_port)

@@ -1,24 +1,29 @@
-"""Queries of a simulator with any number of rows, split into requests."""
+"""Queries of a simulator with any number of rows, split into requests, and their sessions."""
 
 from __future__ import annotations
 
+import functools
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from b4mrl.errors import InvalidArgumentError
+from b4mrl import config, simulators
+from b4mrl.errors import InvalidArgumentError, SessionLostError
+from b4mrl.opening import Opening, open_session
 from b4mrl.wire import limits
 from b4mrl.wire.arrays import Array
-from b4mrl.wire.session import Session
+from b4mrl.wire.routes import Routes
+from b4mrl.wire.session import QueryAnswer, Session
 
 # Several requests keep every thread of a worker busy while one reply is copied out. Small requests
 # are done within their deadline even if a row takes milliseconds.
 _REQUESTS_IN_FLIGHT = 6
 _ROWS_AT_ONCE = min(1024, limits.MAX_QUERY_ROWS)
-
-Answer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+_MAX_SESSIONS = 16  # kept open for further queries; the least recently used is closed first
 
 
 @dataclass(frozen=True)
@@ -60,20 +65,104 @@ class Rows:
         )
 
 
-def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> Answer:
+def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> QueryAnswer:
     """Sends all rows to `session`, which has the dtype of `rows`; returns as Client.query does."""
+    return begin(session, rows, seed, draw, first_row)()
+
+
+def begin(
+    session: Session, rows: Rows, seed: int, draw: int, first_row: int
+) -> Callable[[], QueryAnswer]:
+    """As run, but returns once the first rows are sent; the returned function does the rest."""
     flat = rows.flat(session.spec.observation.size, session.spec.action.size)
-    count = len(flat.observations)
-    at_once = _rows_at_once(flat)
-    next_observations = np.empty((count, session.spec.observation.size), session.dtype)
-    rewards = np.empty(count)
-    terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    count, at_once = len(flat.observations), _rows_at_once(flat)
     parts = [slice(i, min(i + at_once, count)) for i in range(0, count, at_once)]
-    for part, answer in session.query(
+    answers = session.query(
         flat.observations, flat.actions, parts, seed, draw, first_row, _REQUESTS_IN_FLIGHT
-    ):
-        next_observations[part], rewards[part], terminated[part], valid[part] = answer
-    return next_observations.reshape(rows.observations.shape), rewards, terminated, valid
+    )
+
+    def gather() -> QueryAnswer:
+        next_observations = np.empty((count, session.spec.observation.size), session.dtype)
+        rewards = np.empty(count)
+        terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
+        for part, answer in answers:
+            next_observations[part], rewards[part], terminated[part], valid[part] = answer
+        return next_observations.reshape(rows.observations.shape), rewards, terminated, valid
+
+    return gather
+
+
+class PendingQuery:
+    """A query that is under way: Client.query_async returns it.
+
+    Thread rule: that of the client which sent it.
+    """
+
+    def __init__(
+        self,
+        sessions: QuerySessions,
+        opening: Opening,
+        rows: Rows,
+        seed: int,
+        draw: int,
+        first_row: int,
+    ) -> None:
+        self._ask = functools.partial(begin, rows=rows, seed=seed, draw=draw, first_row=first_row)
+        self._sessions = sessions
+        self._opening = opening
+        self._session = sessions.find(opening)
+        self._gather = self._ask(self._session)
+        self._answer: QueryAnswer | None = None
+
+    def result(self) -> QueryAnswer:
+        """Waits for the answer, and returns it as Client.query does; always the same arrays."""
+        if self._answer is None:
+            try:
+                self._answer = self._gather()
+            except SessionLostError:  # idle for longer than its lease; a query changes nothing
+                self._sessions.forget(self._opening, self._session)
+                self._session = self._sessions.find(self._opening)
+                self._answer = self._ask(self._session)()
+        return self._answer
+
+
+class QuerySessions:
+    """Sessions that are kept open for further queries of the same simulators.
+
+    Args:
+        endpoint, routes: of the daemon.
+        deadline_ms: time limit of each request, in milliseconds.
+    """
+
+    def __init__(self, endpoint: str, routes: Routes, deadline_ms: float) -> None:
+        self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
+        self._sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
+
+    def find(self, opening: Opening) -> Session:
+        """The session of that opening; opens it if there is none."""
+        key = _key_of(opening)
+        session = self._sessions.pop(key, None) or self._open(opening)
+        self._sessions[key] = session
+        while len(self._sessions) > _MAX_SESSIONS:
+            self._sessions.popitem(last=False)  # closes it, unless a query of it is under way
+        return session
+
+    def forget(self, opening: Opening, session: Session) -> None:
+        """Does not find `session` any more, which the daemon has closed."""
+        key = _key_of(opening)
+        if self._sessions.get(key) is session:
+            del self._sessions[key]
+
+    def close(self) -> None:
+        """Closes all sessions."""
+        while self._sessions:
+            self._sessions.popitem()[1].close()
+
+
+def _key_of(opening: Opening) -> tuple[str, ...]:
+    perturbed = simulators.text_of(simulators.parse(opening.simulator))
+    dtype = np.dtype(opening.dtype).name
+    return opening.environment, perturbed, config.to_json(opening.config), dtype
 
 
 def _rows_at_once(rows: Rows) -> int:

@@ -31,7 +31,10 @@ def program_with(text: str) -> str:
     return program
 
 
-def test_the_datasets_of_the_readme_are_there(tmp_path: Path) -> None:
+def test_the_datasets_of_the_readme_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the program keeps pairs there
     columns = write_example(tmp_path / "HalfCheetah" / "medium.h5")
     with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
         names: dict[str, object] = {"client": client}

@@ -80,10 +80,56 @@ def test_rows_that_do_not_fit_are_refused(client: b4mrl.Client, observations, ac
 def test_a_query_session_that_was_lost_is_opened_again(client: b4mrl.Client) -> None:
     observations, actions = rows(client, "HalfCheetah", 3)
     wanted = client.query("HalfCheetah", observations, actions)
-    (session,) = client._query_sessions.values()
+    (session,) = client._query_sessions._sessions.values()
     session._connection.call(close_request(), bytearray(), 5000)
     for a, b in zip(client.query("HalfCheetah", observations, actions), wanted):
         np.testing.assert_array_equal(a, b)
+
+
+def test_queries_under_way_are_answered_as_if_asked_one_by_one(client: b4mrl.Client) -> None:
+    observations, actions = rows(client, "HalfCheetah", 10_000)  # longer than what is sent at once
+    simulators = ("obs-noise=0.1", "gravity", "obs-noise=0.1")
+    under_way = [
+        client.query_async("HalfCheetah", observations, actions, simulator, draw=i)
+        for i, simulator in enumerate(simulators)
+    ]
+    given = observations.copy(), actions.copy()
+    observations[:], actions[:] = 0, 0  # a caller may use its arrays again
+    for i, (simulator, pending) in reversed(list(enumerate(zip(simulators, under_way)))):
+        wanted = client.query("HalfCheetah", *given, simulator, draw=i)
+        for a, b in zip(pending.result(), wanted):
+            np.testing.assert_array_equal(a, b)
+        assert pending.result() is pending.result()
+
+
+def test_queries_whose_answers_nobody_wants_are_dropped(client: b4mrl.Client) -> None:
+    observations, actions = np.zeros((6 * 1024, 17)), np.zeros((6 * 1024, 6))
+    under_way = [client.query_async("HalfCheetah", observations, actions) for _ in range(10)]
+    with pytest.raises(errors.LimitExceededError):
+        client.query_async("HalfCheetah", observations, actions)
+    (session,) = client._query_sessions._sessions.values()
+    assert len(session._connection._pending) == 10 * 6
+    del under_way
+    assert not session._connection._pending
+
+
+def test_a_query_under_way_outlives_the_room_for_its_session(client: b4mrl.Client) -> None:
+    observations, actions = rows(client, "HalfCheetah", 3)
+    pending = client.query_async("HalfCheetah", observations, actions, "gravity=0.5")
+    for i in range(20):
+        client.query("HalfCheetah", observations, actions, f"gravity={1 + i / 20}")
+    wanted = client.query("HalfCheetah", observations, actions, "gravity=0.5")
+    np.testing.assert_array_equal(pending.result()[0], wanted[0])
+
+
+def test_a_query_under_way_whose_session_was_lost_is_asked_again(client: b4mrl.Client) -> None:
+    observations, actions = rows(client, "HalfCheetah", 3)
+    wanted = client.query("HalfCheetah", observations, actions)
+    (session,) = client._query_sessions._sessions.values()
+    session._connection.call(close_request(), bytearray(), 5000)
+    pending = [client.query_async("HalfCheetah", observations, actions) for _ in range(2)]
+    for each in pending:
+        np.testing.assert_array_equal(each.result()[0], wanted[0])
 
 
 def close_request():

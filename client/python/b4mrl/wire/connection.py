@@ -216,21 +216,28 @@ class Connection:
     def replies_to(self, sent: Iterator[int], in_flight: int) -> Iterator[Delivery]:
         """Yields the replies to requests in the order of sending. Raises the daemon's errors.
 
-        Drops the requests that are in flight when the caller stops.
+        The first requests are sent at once, before the caller asks for a reply. Drops the requests
+        that are in flight when the caller stops.
 
         Args:
             sent: sends the next request and yields its id.
             in_flight: number of requests that are sent before the first reply is awaited.
         """
+        replies = self._replies_to(sent, in_flight)
+        next(replies)
+        return replies
+
+    def _replies_to(self, sent: Iterator[int], in_flight: int) -> Iterator[Any]:
+        """Yields None once the first requests are sent, and then their replies."""
         under_way: deque[int] = deque()
         try:
-            while True:
-                under_way.extend(itertools.islice(sent, in_flight - len(under_way)))
-                if not under_way:
-                    return
+            under_way.extend(itertools.islice(sent, in_flight))
+            yield None
+            while under_way:
                 delivery = self.reply_to(under_way[0])
                 under_way.popleft()
                 yield delivery
+                under_way.extend(itertools.islice(sent, in_flight - len(under_way)))
         finally:
             for request_id in under_way:
                 self.abandon(request_id)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # kept for whoever holds the session, who read them from the 
     from b4mrl.spec import EnvironmentSpec
 
 T = TypeVar("T")
+QueryAnswer = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 
 _PICTURES_AT_ONCE = 16  # pictures of one request, so that it is done well within its deadline
 
@@ -160,8 +161,10 @@ class Session:
         draw: int,
         first_row: int,
         in_flight: int,
-    ) -> Iterator[tuple[slice, tuple[Array, Array, Array, Array]]]:
-        """Yields each part with its (next_observations, rewards, terminated, valid).
+    ) -> Iterator[tuple[slice, QueryAnswer]]:
+        """Each part with its (next_observations, rewards, terminated, valid), in order.
+
+        The first requests are sent at once, before the caller asks for an answer.
 
         Args:
             parts: rows of one request each, at most limits.MAX_QUERY_ROWS.
@@ -171,16 +174,11 @@ class Session:
             self._send_query(observations[part], actions[part], seed, draw, first_row + part.start)
             for part in parts
         )
-        for part, delivery in zip(parts, self._connection.replies_to(sent, in_flight)):
-            found, rows = delivery.arrays, part.stop - part.start
-            size = self.spec.observation.size
-            answer = (
-                require(found, "next_observations", self.dtype, (rows, size)),
-                require(found, "rewards", "float64", (rows,)),
-                require(found, "terminated", "uint8", (rows,)).astype(np.bool_),
-                require(found, "valid", "uint8", (rows,)).astype(np.bool_),
-            )
-            yield part, answer
+        deliveries = self._connection.replies_to(sent, in_flight)
+        return (
+            (part, self._query_answer(delivery.arrays, part.stop - part.start))
+            for part, delivery in zip(parts, deliveries)
+        )
 
     def close(self) -> None:
         """Closes the session at the daemon. May be called again."""
@@ -202,6 +200,14 @@ class Session:
         columns = {"observations": observations, "actions": actions}
         payload = arrays.pack(columns, request.arrays)
         return self._connection.send(request, payload, self.deadline_ms)
+
+    def _query_answer(self, found: Mapping[str, Array], rows: int) -> QueryAnswer:
+        return (
+            require(found, "next_observations", self.dtype, (rows, self.spec.observation.size)),
+            require(found, "rewards", "float64", (rows,)),
+            require(found, "terminated", "uint8", (rows,)).astype(np.bool_),
+            require(found, "valid", "uint8", (rows,)).astype(np.bool_),
+        )
 
     def _call(
         self,
