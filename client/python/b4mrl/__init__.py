@@ -14,8 +14,11 @@ client, an environment or a dataset.
 """
 
 from b4mrl.agent import Policy, load_agent
+from b4mrl.benchmarks.benchmark import Benchmark
+from b4mrl.benchmarks.evaluation import Evaluation
 from b4mrl.client import Client
-from b4mrl.dataset import Dataset, DatasetStats
+from b4mrl.dataset import Dataset
+from b4mrl.dataset_stats import DatasetStats
 from b4mrl.environment import Environment
 from b4mrl.errors import B4mrlError
 from b4mrl.registration import connect, register
@@ -26,11 +29,13 @@ from b4mrl.version import __version__ as __version__
 
 __all__ = [
     "B4mrlError",
+    "Benchmark",
     "Client",
     "Dataset",
     "DatasetStats",
     "Environment",
     "EnvironmentSpec",
+    "Evaluation",
     "Policy",
     "PrivateDaemon",
     "SpaceSpec",

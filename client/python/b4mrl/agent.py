@@ -7,6 +7,7 @@ normalisation of observations.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -84,6 +85,13 @@ class Policy(Shown):
             self._history = None
         else:
             self._starts[np.asarray(rows)] = True
+
+    def unmasked(self) -> Policy:
+        """The same policy without its mask: it sees what was hidden from it in its training."""
+        other = copy.copy(self)
+        other._mask = np.ones_like(self._mask)
+        other._history = None
+        return other
 
     def __call__(self, observation: ArrayLike) -> Vector:
         given = np.asarray(observation, np.float32)

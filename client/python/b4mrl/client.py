@@ -11,12 +11,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from b4mrl import catalogue, descriptions, errors, simulators
+from b4mrl import catalogue, descriptions, errors
+from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
-from b4mrl.opening import Opening, open_session
+from b4mrl.opening import Opening, dataset_request, open_session
 from b4mrl.origin import Origin
 from b4mrl.query import PendingQuery, QuerySessions, Rows
 from b4mrl.simulators import Simulator
@@ -115,6 +116,13 @@ class Client(Shown):
         """All benchmarks: of the project's suites and of the daemon's `--suites`."""
         found = catalogue.read(self._ask_gateway, with_benchmarks=True)
         return Listing(map(descriptions.read, found.benchmarks))
+
+    def benchmark(self, name: str) -> Benchmark:
+        """The benchmark of that name, such as "HalfCheetah/confounding/hidden-high+medium"."""
+        found = {info.name: info for info in self.benchmarks()}
+        if name not in found:
+            raise errors.unknown_name("benchmark", name, found, "client.benchmarks() lists them")
+        return Benchmark(self, found[name])
 
     def server_status(self) -> ServerStatus:
         """The daemon's uptime, processes and sessions."""
@@ -329,13 +337,7 @@ class Client(Shown):
             "open_deadline_ms": open_deadline_ms,
             "deadline_ms": deadline_ms,
         }
-        request = Request()
-        request.open_dataset.dataset = name
-        for item in simulators.parse(corruption):
-            request.open_dataset.corruptions.add(name=item.name, argument=item.argument)
-        request.open_dataset.seed = checks.unsigned("seed", seed)
-        request.open_dataset.transition_rule = transition_rule
-        request.open_dataset.environment = environment
+        request = dataset_request(name, corruption, seed, transition_rule, environment)
         connection = self._connect_datasets()
         try:
             reply = connection.call(request, bytearray(), open_deadline_ms).reply.open_dataset

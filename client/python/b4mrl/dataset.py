@@ -6,16 +6,16 @@ import functools
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from b4mrl import errors, pairs, simulators
+from b4mrl.dataset_stats import DatasetStats
 from b4mrl.descriptions import DatasetInForce
-from b4mrl.display import Record, Shown
+from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.simulators import Simulator
 from b4mrl.wire import checks, limits
@@ -28,31 +28,6 @@ from b4mrl.wire.session import Session
 Batch = dict[str, Array]
 
 _READS_IN_FLIGHT = 2  # requests of one long read: one reply travels while another one is copied
-
-
-@dataclass(frozen=True, repr=False)
-class DatasetStats(Record):
-    """Statistics of a dataset.
-
-    Attributes:
-        observation_mean, observation_std: (observation size,) float64, of the rows as served; the
-            standard deviation is the population's.
-        rows, episodes: numbers of rows and of episodes.
-        mean_return, std_return, min_return, max_return: undiscounted returns of the file's complete
-            episodes.
-        min_reward, max_reward: over all rows of the file.
-    """
-
-    observation_mean: NDArray[np.float64]
-    observation_std: NDArray[np.float64]
-    rows: int
-    episodes: int
-    mean_return: float
-    std_return: float
-    min_return: float
-    max_return: float
-    min_reward: float
-    max_reward: float
 
 
 class Dataset(Shown):
@@ -192,12 +167,22 @@ class Dataset(Shown):
             )
         return self._gather(first_row, min(rows, self.rows - first_row))
 
-    def load(self) -> Batch:
-        """All rows in the file's order, in the layout of D4RL's `qlearning_dataset`.
+    def load(self, transitions: str | None = None) -> Batch:
+        """All rows in the file's order, under the names of D4RL's `qlearning_dataset`.
 
         A row takes `4 * (2 * observation_size + action_size + 1) + 2` bytes of memory.
+
+        Args:
+            transitions: "stored" for the file's next observations; "d4rl" for the next row's
+                observations, without the rows that end by time-out, as `qlearning_dataset` gives
+                them. None: the rule with which the dataset was opened.
         """
-        return self._gather(0, self.rows)
+        if transitions in (None, self.in_force.transition_rule):
+            return self._gather(0, self.rows)
+        arguments = {**self._origin.arguments, "transition_rule": transitions}
+        with replace(self._origin, arguments=arguments).open_again() as other:
+            rows: Batch = other.load()
+        return rows
 
     def episodes(self) -> Iterator[Batch]:
         """The episodes in the file's order, each with the rows up to a `terminals` or `timeouts`.

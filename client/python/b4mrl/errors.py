@@ -7,6 +7,8 @@ message is the daemon's: it names the argument, its value and the allowed range.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -124,6 +126,13 @@ class InternalError(B4mrlError):
 
     code = 15
     executed_unknown = True
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> UnknownNameError:
+    """An UnknownNameError with the nearest known name; `hint` says where all names are listed."""
+    nearest = difflib.get_close_matches(name, list(known), 1)
+    meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
+    return UnknownNameError(f"unknown {kind} {name!r}{meant} ({hint})")
 
 
 _BY_CODE: dict[int, type[B4mrlError]] = {kind.code: kind for kind in B4mrlError.__subclasses__()}

@@ -77,6 +77,20 @@ class Hosted(Shown):
         if self._spec is not None:
             self._spec.max_episode_steps = self.session.spec.max_episode_steps or None
 
+    def normalised_score(self, episode_return: float) -> float | None:
+        """D4RL's score of a return, 0 to 100 between the references; None where there are none."""
+        return self.session.spec.normalised_score(episode_return)
+
+    @property
+    def reference_min(self) -> float | None:
+        """The return whose normalised score is 0: a random policy's."""
+        return self.session.spec.reference_min
+
+    @property
+    def reference_max(self) -> float | None:
+        """The return whose normalised score is 100: D4RL's expert's."""
+        return self.session.spec.reference_max
+
     @property
     def _shape(self) -> tuple[int, ...]:
         """The shape of one observation."""

@@ -1,4 +1,8 @@
-"""The opening of sessions: sends Open to the gateway and connects to the worker that it names."""
+"""The opening of sessions and datasets.
+
+A session is opened by the gateway, which names the worker to connect to; a dataset is opened by the
+dataset worker.
+"""
 
 from __future__ import annotations
 
@@ -63,6 +67,20 @@ def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: f
         in_force, step_seconds = session.in_force.config, session.spec.step_seconds
         limited = config.with_limit(opening.config, steps, in_force, step_seconds)
     return _open(endpoint, routes, replace(opening, config=limited).request(), deadline_ms)
+
+
+def dataset_request(
+    name: str, corruption: simulators.Simulator, seed: int, transition_rule: str, environment: str
+) -> Any:
+    """The OpenDataset request. InvalidArgumentError: corruption or seed is malformed."""
+    request = Request()
+    request.open_dataset.dataset = name
+    for item in simulators.parse(corruption):
+        request.open_dataset.corruptions.add(name=item.name, argument=item.argument)
+    request.open_dataset.seed = checks.unsigned("seed", seed)
+    request.open_dataset.transition_rule = transition_rule
+    request.open_dataset.environment = environment
+    return request
 
 
 def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Session:

@@ -1,0 +1,1 @@
+"""Benchmarks as objects: sources, evaluation, and results in the runner's files."""

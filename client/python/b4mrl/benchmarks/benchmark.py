@@ -1,0 +1,203 @@
+"""A benchmark as one object: its two flawed sources of experience, and its fair evaluation."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from b4mrl import simulators
+from b4mrl.benchmarks import evaluation, making
+from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
+from b4mrl.dataset import Dataset
+from b4mrl.descriptions import BenchmarkInfo
+from b4mrl.display import Shown
+from b4mrl.errors import InvalidArgumentError, UnknownNameError
+from b4mrl.query import PendingQuery
+from b4mrl.simulators import NamedArgument
+from b4mrl.spec import EnvironmentSpec, SpaceSpec
+from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.wire.session import QueryAnswer
+
+if TYPE_CHECKING:  # whose method `benchmark` makes these objects
+    from b4mrl.client import Client
+
+_HELD_OUT_SEED = 1  # of evaluations on other starts than those of the evaluations during training
+_OBSERVE = ("trained", "full", "served")
+
+
+class Benchmark(Shown):
+    """One benchmark of the catalogue; Client.benchmark and b4mrl.benchmark return it.
+
+    Thread rule: one thread at a time; it uses its client.
+
+    Args:
+        client: of the daemon that hosts simulator and dataset.
+        info: the catalogue's entry.
+        make_rows: makes the dataset if the daemon's data folder lacks it, with so many rows; 0: as
+            published. None: a missing dataset is an error.
+
+    Attributes:
+        info: what the benchmark is made of; name, environment and paper are taken from it.
+        name: "HalfCheetah/confounding/hidden-high+medium-expert".
+        environment: "HalfCheetah".
+        paper: the paper's scores by algorithm: (mean, standard deviation) of three seeds.
+    """
+
+    def __init__(
+        self, client: Client, info: BenchmarkInfo, *, make_rows: int | None = None
+    ) -> None:
+        self.info = info
+        self.name = info.name
+        self.environment = info.environment
+        self.paper = info.paper
+        self._client = client
+        self._make_rows = make_rows
+
+    def _facts(self) -> Mapping[str, Any]:
+        return self.info._facts()
+
+    @functools.cached_property
+    def dataset(self) -> Dataset | None:
+        """The corrupted dataset, opened at the first use; None for a benchmark without one.
+
+        UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
+        """
+        if not self.info.dataset:
+            return None
+        try:
+            return self._open_dataset()
+        except UnknownNameError:
+            if self._make_rows is None:
+                raise
+        making.make_dataset(self.info.dataset, self._client.endpoint, self._make_rows)
+        return self._open_dataset()
+
+    def make_simulator(self, num_envs: int = 1, **options: Any) -> VectorEnvironment:
+        """`num_envs` environments of the flawed simulator; `options` are those of make_vec."""
+        return self._client.make_vec(self.environment, num_envs, self.info.simulator, **options)
+
+    def query(
+        self,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        *,
+        seed: int = 0,
+        draw: int = 0,
+        first_row: int = 0,
+    ) -> QueryAnswer:
+        """One step of the flawed simulator from each row, as Client.query returns it."""
+        return self.query_async(
+            observations, actions, seed=seed, draw=draw, first_row=first_row
+        ).result()
+
+    def query_async(
+        self,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        *,
+        seed: int = 0,
+        draw: int = 0,
+        first_row: int = 0,
+    ) -> PendingQuery:
+        """As query, but does not wait: `query_async(...).result()` has the answer."""
+        return self._client.query_async(
+            self.environment,
+            observations,
+            actions,
+            self.info.simulator,
+            seed=seed,
+            draw=draw,
+            first_row=first_row,
+        )
+
+    @functools.cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Which dimensions of an observation a policy may see in evaluations; False: it sees 0.
+
+        Hidden is what its training hid: dimensions that the dataset hides or that its behaviour
+        policy could not see; in a benchmark without a dataset, those that the simulator hides. A
+        learner of a full dataset and a simulator that hides dimensions may see all of them.
+        """
+        space = self._spec.observation
+        if self.dataset is not None:
+            hidden = list(self.dataset.hidden_dimensions)
+        else:
+            hidden = _hidden_by(self._seen_through, space)
+        seen = np.ones(space.size, np.bool_)
+        seen[hidden] = False
+        return seen.reshape(space.shape)
+
+    def evaluate(
+        self,
+        policy: PolicyLike,
+        episodes: int = 10,
+        *,
+        held_out: bool = False,
+        observe: str = "trained",
+    ) -> Evaluation:
+        """The score of a policy in the benchmark's world: the true environment, if not said else.
+
+        Args:
+            policy: a function from observations to actions, float32 and without exploration, or
+                the file of an agent. It is called with a batch (episodes, *shape). If it raises an
+                error then or returns no (episodes, *action shape), it is called with one
+                observation at a time, and plays one episode after the other. In a batch, row i
+                belongs to episode i. A method `reset`, if it has one, is called before episodes.
+            episodes: their number; they start as those of `b4mrl evaluate` do.
+            held_out: other starts than those of the evaluations during training (seed 1 of `b4mrl
+                evaluate`, else 0).
+            observe: "trained" sets what `mask` hides to 0; "full" hides nothing; "served" is
+                "trained" with the noise that the training's observations had.
+
+        InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
+        """
+        if observe not in _OBSERVE:
+            raise InvalidArgumentError(f"observe is {observe!r}, allowed: {', '.join(_OBSERVE)}")
+        if observe == "served" and not self._noise:
+            raise InvalidArgumentError(
+                f"observe is 'served', allowed: trained, full; {self.name} trains without noise"
+            )
+        act = evaluation.policy_of(policy, self.environment, unmasked=observe == "full")
+        mask = np.ones_like(self.mask) if observe == "full" else self.mask
+        world = self._world(observe)
+        with self._client.make_vec(
+            self.environment, episodes, world, seed=0, autoreset_mode="disabled"
+        ) as vec:
+            return evaluation.play(vec, act, mask, _HELD_OUT_SEED if held_out else 0)
+
+    def _open_dataset(self) -> Dataset:
+        return self._client.dataset(
+            self.info.dataset, self.info.corruption, environment=self.environment
+        )
+
+    def _world(self, observe: str) -> str:
+        """The perturbations of an evaluation's environment."""
+        noise = self._noise if observe == "served" else []
+        return simulators.text_of([*simulators.parse(self.info.world), *noise])
+
+    @functools.cached_property
+    def _spec(self) -> EnvironmentSpec:
+        return self._client.environments()[self.environment]
+
+    @functools.cached_property
+    def _seen_through(self) -> tuple[NamedArgument, ...]:
+        """The perturbations, in parametric form, through which the training's policy observes."""
+        if self.dataset is not None:
+            return self.dataset.in_force.corruptions
+        with self._client.make(self.environment, self.info.simulator) as env:
+            perturbations = env.session.in_force.perturbations
+        return perturbations
+
+    @property
+    def _noise(self) -> list[NamedArgument]:
+        return [item for item in self._seen_through if item.name == "obs-noise"]
+
+
+def _hidden_by(perturbations: tuple[NamedArgument, ...], space: SpaceSpec) -> list[int]:
+    """Indices of the dimensions that perturbations in parametric form hide."""
+    hidden = [item.argument for item in perturbations if item.name == "hidden"]
+    return [int(index) for argument in hidden for index in argument.split("+")]
