@@ -40,10 +40,8 @@ Result<AgentPolicy> AgentPolicy::Create(const Agent& given, Observe observe) {
   B4MRL_RETURN_IF_ERROR(given.Validate());
   Agent agent = given;
   agent.FillDefaults();
-  if (agent.nonlinearity != Nonlinearity::kRelu) {
-    return Status(StatusCode::kUnsupported, "the agent's nonlinearity is tanh, allowed: relu");
-  }
   PolicyWeights weights;
+  weights.hidden_tanh = agent.nonlinearity == Nonlinearity::kTanh;
   weights.observation_size = static_cast<int>(agent.observation_dimensions * agent.history_length);
   weights.action_size = static_cast<int>(agent.action_dimensions);
   for (const AgentLayer& layer : agent.hidden) weights.hidden.push_back(ToDense(layer));
@@ -82,6 +80,7 @@ Agent MakeAgent(const PolicyWeights& weights, uint32_t history_length,
   agent.observation_dimensions = static_cast<uint32_t>(weights.observation_size) / history_length;
   agent.action_dimensions = static_cast<uint32_t>(weights.action_size);
   agent.history_length = history_length;
+  agent.nonlinearity = weights.hidden_tanh ? Nonlinearity::kTanh : Nonlinearity::kRelu;
   for (const DenseWeights& layer : weights.hidden) agent.hidden.push_back(ToLayer(layer));
   agent.last_fc = ToLayer(weights.mean);
   agent.output_distribution = OutputDistribution::kTanh;

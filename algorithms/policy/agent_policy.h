@@ -34,7 +34,7 @@ enum class Observe {
 
 class AgentPolicy {
  public:
-  // kUnsupported for a network whose nonlinearity is not ReLU.
+  // Errors: those of Agent::Validate and FixedOrderPolicy::Create.
   static Result<AgentPolicy> Create(const Agent& agent, Observe observe = Observe::kTrained);
 
   int history_length() const { return history_length_; }

@@ -171,6 +171,7 @@ struct FixedOrderPolicy::Network {
   int observation_size = 0;
   int action_size = 0;
   int stride = 0;  // of scratch rows, in numbers: the width of the widest layer, padded
+  bool hidden_tanh = false;
   std::vector<PackedLayer> hidden;
   PackedLayer mean;
   std::optional<PackedLayer> log_std;
@@ -183,6 +184,7 @@ struct FixedOrderPolicy::Network {
   void Assign(const PolicyWeights& weights) {
     observation_size = weights.observation_size;
     action_size = weights.action_size;
+    hidden_tanh = weights.hidden_tanh;
     int widest = std::max(weights.observation_size, weights.action_size);
     hidden.resize(weights.hidden.size());
     for (size_t i = 0; i < hidden.size(); ++i) {
@@ -261,7 +263,12 @@ struct FixedOrderPolicy::Network {
     float* const log_stds = scratch + 2 * block;
     LoadInput(observations, input);
     for (const PackedLayer& layer : hidden) {
-      RunLayer(layer, /*relu=*/true, input, stride, rows, output);
+      RunLayer(layer, /*relu=*/!hidden_tanh, input, stride, rows, output);
+      if (hidden_tanh) {
+        for (int row = 0; row < rows; ++row) {
+          inference::TanhInPlace(layer.outputs, output + static_cast<std::ptrdiff_t>(row) * stride);
+        }
+      }
       std::swap(input, output);
     }
     RunLayer(mean, /*relu=*/false, input, stride, rows, output);

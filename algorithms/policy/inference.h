@@ -26,12 +26,13 @@ struct DenseWeights {
   std::vector<float> bias;    // outputs
 };
 
-// A ReLU network with a mean head and, for stochastic policies, a log_std head. The action is
+// A network with a mean head and, for stochastic policies, a log_std head. The action is
 // tanh(mean) or tanh(mean + exp(clamp(log_std)) e), e standard normal.
 struct PolicyWeights {
   int observation_size = 0;
   int action_size = 0;
   std::vector<DenseWeights> hidden;
+  bool hidden_tanh = false;  // each hidden layer is followed by tanh; false: by ReLU
   DenseWeights mean;
   std::optional<DenseWeights> log_std;
   float log_std_min = -20;

@@ -13,7 +13,7 @@ adapts batches of environments to Stable-Baselines3. Thread rule: one thread at 
 client, an environment or a dataset.
 """
 
-from b4mrl.agent import Policy, load_agent
+from b4mrl.agent import Policy, load_agent, save_agent
 from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.benchmarks.evaluation import Evaluation
 from b4mrl.client import Client
@@ -43,6 +43,7 @@ __all__ = [
     "connect",
     "load_agent",
     "register",
+    "save_agent",
     "serve",
 ]
 

@@ -1,4 +1,4 @@
-"""Agents: policies from files of `b4mrl train` or D4RL, as functions from observations to actions.
+"""Agents: policies in files, which `b4mrl train` writes or save_agent, as functions to actions.
 
 An agent file is HDF5 with D4RL's layout of a behaviour policy under `metadata/policy`. B4MRL's
 files also hold the length of the observation history, the mask of observed dimensions, and the
@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Mapping
+import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,12 @@ from b4mrl.errors import DataLossError, InvalidArgumentError
 
 Vector = NDArray[np.float32]
 Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias (outputs,)
+
+_ACTIVATIONS = ("relu", "tanh")
+# What the C++ program reads (data/d4rl/agent_file.h).
+_MAX_HIDDEN_LAYERS = 16
+_MAX_WIDTH = 4096
+_MAX_HISTORY = 64
 
 
 class Policy(Shown):
@@ -135,6 +143,123 @@ def load_agent(path: str | os.PathLike[str]) -> Policy:
             return Policy(file["metadata"])
         except KeyError as error:
             raise DataLossError(f"{os.fspath(path)} holds no agent: {error}") from None
+
+
+def save_agent(
+    path: str | os.PathLike[str],
+    layers: Sequence[tuple[Any, Any]],
+    activation: str = "relu",
+    *,
+    environment: str = "",
+    mask: ArrayLike | None = None,
+    observation_mean: ArrayLike | None = None,
+    observation_std: ArrayLike | None = None,
+    action_scale: ArrayLike | None = None,
+    history_length: int = 1,
+    algorithm: str = "",
+    seed: int = 0,
+    updates: int = 0,
+) -> None:
+    """Writes an agent file, which load_agent reads and `b4mrl evaluate` scores.
+
+    The policy is action_scale * tanh(last layer), where every other layer is followed by
+    `activation`, and the input is (observation - observation_mean) / observation_std, 0 where the
+    mask is False. The file appears whole or not at all.
+
+    Args:
+        layers: (weight, bias) of each layer, arrays or PyTorch tensors of shapes (outputs, inputs)
+            and (outputs,), as torch.nn.Linear has them.
+        activation: "relu" or "tanh".
+        environment: name of the environment in which the agent acts. "": any of its sizes.
+        mask: bool for each dimension of an observation: whether the policy sees it, such as
+            Benchmark.mask. None: all of them.
+        observation_mean, observation_std: for each dimension of an observation. None: 0 and 1.
+        action_scale: largest action of each dimension. None: 1.
+        history_length: number of latest observations that the first layer takes, oldest first.
+        algorithm, seed, updates: what trained the agent; kept in the file.
+
+    InvalidArgumentError: what no agent file can hold; the message names what is allowed.
+    """
+    import h5py  # only here: HDF5 is slow to import
+
+    if activation not in _ACTIVATIONS:
+        raise InvalidArgumentError(
+            f"activation is {activation!r}, allowed: {', '.join(_ACTIVATIONS)}"
+        )
+    read = _readable_layers(layers)
+    inputs, actions = read[0][0].shape[1], len(read[-1][1])
+    if not 1 <= history_length <= _MAX_HISTORY or inputs % history_length:
+        raise InvalidArgumentError(
+            f"history_length is {history_length!r}, allowed: a divisor of the first layer's "
+            f"{inputs} inputs, at most {_MAX_HISTORY}"
+        )
+    size = inputs // history_length
+    entries: dict[str, Any] = {
+        "environment": environment,
+        "algorithm": algorithm,
+        "seed": str(seed),
+        "iteration": updates,
+        "policy/nonlinearity": activation,
+        "policy/output_distribution": "tanh",
+        "policy/history_length": history_length,
+        "policy/observation_mask": _given_vector("mask", mask, np.ones(size)) != 0,
+        "policy/observation_mean": _given_vector(
+            "observation_mean", observation_mean, np.zeros(size)
+        ),
+        "policy/observation_std": _given_vector("observation_std", observation_std, np.ones(size)),
+        "policy/action_scale": _given_vector("action_scale", action_scale, np.ones(actions)),
+    }
+    if not (entries["policy/observation_std"] > 0).all():
+        raise InvalidArgumentError("observation_std has a number that is not above 0")
+    names = [*(f"fc{i}" for i in range(len(read) - 1)), "last_fc"]
+    for name, (weight, bias) in zip(names, read):
+        entries |= {f"policy/{name}/weight": weight, f"policy/{name}/bias": bias}
+    target = Path(path)
+    unfinished = target.with_name(f".{target.name}.{secrets.token_hex(8)}")
+    try:
+        with h5py.File(unfinished, "w", libver=("earliest", "v110")) as file:
+            for name, value in entries.items():
+                file[f"metadata/{name}"] = value
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
+    """The layers as arrays. InvalidArgumentError: they make no network that a file can hold."""
+    if not 1 <= len(layers) <= _MAX_HIDDEN_LAYERS + 1:
+        raise InvalidArgumentError(
+            f"there are {len(layers)} layers, allowed: 1..{_MAX_HIDDEN_LAYERS + 1}"
+        )
+    read: list[Layer] = []
+    for i, (weight, bias) in enumerate(layers):
+        matrix, vector = _numbers(weight), _numbers(bias)
+        inputs = len(read[-1][1]) if read else matrix.shape[-1]
+        fits = matrix.ndim == 2 and matrix.shape[1] == inputs and vector.shape == matrix.shape[:1]
+        if not fits or not 0 < min(matrix.shape) <= max(matrix.shape) <= _MAX_WIDTH:
+            raise InvalidArgumentError(
+                f"layers[{i}] has a weight of shape {matrix.shape} and a bias of shape "
+                f"{vector.shape}, allowed: (outputs, {inputs if read else 'inputs'}) and "
+                f"(outputs,), both of 1..{_MAX_WIDTH}"
+            )
+        if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
+            raise InvalidArgumentError(f"layers[{i}] has a number that is not finite")
+        read.append((matrix, vector))
+    return read
+
+
+def _numbers(given: Any) -> NDArray[np.float32]:
+    """An array, or a PyTorch tensor on whatever device, as float32."""
+    return np.asarray(given.detach().cpu() if hasattr(given, "detach") else given, np.float32)
+
+
+def _given_vector(name: str, given: Any, default: NDArray[Any]) -> Vector:
+    value = _numbers(default if given is None else given).reshape(-1)
+    if value.shape != default.shape or not np.isfinite(value).all():
+        raise InvalidArgumentError(
+            f"{name} has {value.size} entries, allowed: {default.size}, all of them finite"
+        )
+    return value
 
 
 def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:

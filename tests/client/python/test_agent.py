@@ -14,6 +14,8 @@ import pytest
 from b4mrl import errors
 from b4mrl.serve import find_server
 
+from made_dataset import run_dataset
+
 CARRIED = Path(__file__).parents[3] / "data" / "agents" / "halfcheetah-medium.h5"
 SIZE, ACTIONS, HIDDEN = 3, 2, 5
 
@@ -41,7 +43,9 @@ def write_agent(path: Path, history: int = 1, **changes: object) -> dict:
     return entries
 
 
-def formula(entries: dict, observations: list[np.ndarray]) -> np.ndarray:
+def formula(
+    entries: dict, observations: list[np.ndarray], activation: str = "relu"
+) -> np.ndarray:
     """The action for a history of observations, oldest first, in float64."""
     layers = sum(name.startswith("fc") and name.endswith("weight") for name in entries)
     rows = []
@@ -51,7 +55,7 @@ def formula(entries: dict, observations: list[np.ndarray]) -> np.ndarray:
     hidden = np.concatenate(rows)
     for layer in range(layers):
         hidden = entries[f"fc{layer}/weight"] @ hidden + entries[f"fc{layer}/bias"]
-        hidden = np.maximum(hidden, 0)
+        hidden = np.maximum(hidden, 0) if activation == "relu" else np.tanh(hidden)
     output = entries["last_fc/weight"] @ hidden + entries["last_fc/bias"]
     return entries["action_scale"] * np.tanh(output)
 
@@ -164,14 +168,101 @@ def test_texts_may_be_as_h5py_writes_them_here_and_for_the_command(tmp_path: Pat
     observations = np.random.default_rng(0).normal(size=(4, 17))
     actions = [b4mrl.load_agent(path)(observations) for path in (CARRIED, own)]
     np.testing.assert_array_equal(*actions)
-    command = [Path(find_server()[0]).with_name("b4mrl-tools"), "evaluate", "--json"]
-    command += ["--environment", "HalfCheetah", "--episodes", "1", "--agent"]
-    answers = []
-    for path in (CARRIED, own):
-        done = subprocess.run([*command, path], capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, done.stderr
-        answers.append(json.loads(done.stdout) | {"agent": None})
+    answers = [run_evaluate(path) | {"agent": None} for path in (CARRIED, own)]
     assert answers[0] == answers[1]
+
+
+def run_evaluate(agent: Path) -> dict:
+    """What `b4mrl evaluate --json` prints for one episode."""
+    command = [Path(find_server()[0]).with_name("b4mrl-tools"), "evaluate", "--json"]
+    command += ["--environment", "HalfCheetah", "--episodes", "1", "--agent", agent]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def random_layers(sizes: list[int]) -> list[tuple[np.ndarray, np.ndarray]]:
+    rng = np.random.default_rng(5)
+    return [
+        (rng.normal(size=(outputs, inputs)) / inputs**0.5, rng.normal(size=outputs))
+        for inputs, outputs in zip(sizes, sizes[1:])
+    ]
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("hidden_layers", [0, 1, 3, 16])
+def test_an_agent_is_saved_as_the_network_that_was_given(
+    tmp_path: Path, activation: str, hidden_layers: int
+) -> None:
+    rng = np.random.default_rng(6)
+    layers = random_layers([2 * SIZE, *[HIDDEN] * hidden_layers, ACTIONS])
+    inputs = {
+        "observation_mean": rng.normal(size=SIZE),
+        "observation_std": rng.uniform(0.5, 2, size=SIZE),
+        "action_scale": np.array([0.4, 2.0]),
+    }
+    path = tmp_path / "agent.h5"
+    mask = np.array([True, False, True])
+    given = {"environment": "HalfCheetah", "algorithm": "mine", "history_length": 2}
+    b4mrl.save_agent(path, layers, activation, mask=mask, **inputs, **given)
+    policy = b4mrl.load_agent(path)
+    assert (policy.environment, policy.algorithm) == ("HalfCheetah", "mine")
+    names = [*(f"fc{i}" for i in range(hidden_layers)), "last_fc"]
+    entries = {"observation_mask": mask} | inputs
+    for name, (weight, bias) in zip(names, layers):
+        entries |= {f"{name}/weight": weight, f"{name}/bias": bias}
+    a, b = rng.normal(size=(2, SIZE))
+    policy(a)
+    np.testing.assert_allclose(policy(b), formula(entries, [a, b], activation), atol=TOLERANCE)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activation: str) -> None:
+    path = tmp_path / "agent.h5"
+    given = {"environment": "HalfCheetah", "mask": np.arange(17) != 9}
+    b4mrl.save_agent(path, random_layers([17, 32, 32, 32, 6]), activation, **given)
+    assert run_evaluate(path)["lengths"] == [1000]
+    # A dataset is recorded by stochastic policies alone: this one's noise is exp(-20) of a normal.
+    with h5py.File(path, "a") as file:
+        policy = file["metadata/policy"]
+        policy["last_fc_log_std/weight"] = np.zeros((6, 32), np.float32)
+        policy["last_fc_log_std/bias"] = np.full(6, -20, np.float32)
+        del policy["output_distribution"]
+        policy["output_distribution"] = "tanh_gaussian"
+    run_dataset(tmp_path / "data", "make", "HalfCheetah/mine", "--agent", path, "--rows", "10000")
+    with b4mrl.serve(data=tmp_path / "data") as endpoint, b4mrl.connect(endpoint) as client:
+        rows = client.dataset("HalfCheetah/mine").load()
+    actions = b4mrl.load_agent(path)(rows["observations"])
+    assert len(actions) == 10_000 and rows["actions"].std() > 0.1
+    np.testing.assert_allclose(actions, rows["actions"], atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "allowed"),
+    [
+        ({"activation": "gelu"}, "relu, tanh"),
+        ({"layers": []}, r"1\.\.17"),
+        ({"layers": random_layers([3] * 19)}, r"1\.\.17"),
+        ({"layers": random_layers([3, 5, 2])[:1] + random_layers([4, 2])}, r"\(outputs, 5\)"),
+        ({"layers": [(np.zeros((2, 3)), np.zeros(3))]}, r"\(outputs,\)"),
+        ({"layers": [(np.zeros(3), np.zeros(3))]}, "outputs"),
+        ({"layers": [(np.zeros((2, 5000)), np.zeros(2))]}, "4096"),
+        ({"layers": [(np.full((2, 3), np.nan), np.zeros(2))]}, "finite"),
+        ({"mask": np.ones(4)}, "3, all of them finite"),
+        ({"observation_std": np.zeros(3)}, "above 0"),
+        ({"observation_mean": [0, 0, np.inf]}, "finite"),
+        ({"action_scale": [1.0]}, "2, all"),
+        ({"history_length": 2}, "a divisor of the first layer's 3 inputs"),
+    ],
+)
+def test_what_no_agent_file_can_hold_is_refused_with_what_is_allowed(
+    tmp_path: Path, changes: dict, allowed: str
+) -> None:
+    given = {"layers": random_layers([3, 5, 2])} | changes
+    with pytest.raises(errors.InvalidArgumentError, match=allowed):
+        b4mrl.save_agent(tmp_path / "agent.h5", **given)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (2, 4), (0, 3)])

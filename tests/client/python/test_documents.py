@@ -55,6 +55,22 @@ def test_the_agent_of_the_readme_acts(tmp_path: Path, monkeypatch: pytest.Monkey
     assert names["action"].shape == (6,)
 
 
+def test_the_network_of_the_readme_is_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Linear:
+        weight, bias = np.ones((6, 17)), np.zeros(6)
+
+    class Benchmark:
+        mask = np.arange(17) != 9
+
+    monkeypatch.chdir(tmp_path)
+    exec(program_with("save_agent"), {"b4mrl": b4mrl, "actor": [Linear(), 3], "bench": Benchmark})
+    observation = np.eye(17)[9]
+    assert not b4mrl.load_agent("mine.h5")(observation).any()
+    assert b4mrl.load_agent("mine.h5").unmasked()(observation).all()
+
+
 def test_the_query_of_the_readme_runs(client: b4mrl.Client) -> None:
     names = {"client": client, "observations": np.zeros((3, 17)), "actions": np.zeros((3, 6))}
     exec(program_with("client.query("), names)
