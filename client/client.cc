@@ -153,6 +153,26 @@ Result<pb::ServerStatusReply> Client::ServerStatus() {
   return std::move(*reply.envelope.mutable_server_status());
 }
 
+Result<pb::LedgerReply> Client::AskLedger(uint64_t ledger) {
+  pb::Request request;
+  request.mutable_ledger()->set_ledger(ledger);
+  B4MRL_ASSIGN_OR_RETURN(
+      const ReceivedReply reply,
+      gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+  return reply.envelope.ledger();
+}
+
+Result<uint64_t> Client::OpenLedger() {
+  B4MRL_ASSIGN_OR_RETURN(const pb::LedgerReply opened, AskLedger(0));
+  return opened.ledger();
+}
+
+Result<LedgerCounts> Client::ReadLedger(uint64_t ledger) {
+  if (ledger == 0) return InvalidArgument("ledger", "0", "the number of an open ledger");
+  B4MRL_ASSIGN_OR_RETURN(const pb::LedgerReply read, AskLedger(ledger));
+  return LedgerCounts{read.steps(), read.episodes(), read.query_rows(), read.dataset_rows()};
+}
+
 Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
   B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, Catalogue());
   std::vector<std::string> names;
@@ -216,6 +236,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   open->set_observation_dtype(static_cast<pb::DType>(options.observation_dtype));
   open->set_config(options.config);
   open->set_with_infos(options.with_infos);
+  open->set_ledger(options.ledger);
 
   // Open to the gateway and all requests to the session's worker carry the session's token.
   const std::string token = DrawToken();
@@ -270,7 +291,7 @@ Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOpt
       worker.Call(std::move(request), Frame(), Deadline::AfterMs(options.open_deadline_ms)));
   B4MRL_RETURN_IF_ERROR(CheckOpenReply(reply.envelope.open_dataset()));
   return RemoteDataset(std::move(worker), std::move(*reply.envelope.mutable_open_dataset()),
-                       options.deadline_ms);
+                       options.deadline_ms, options.ledger);
 }
 
 }  // namespace b4mrl

@@ -26,6 +26,7 @@
 #include "client/remote_dataset.h"
 #include "client/remote_environment.h"
 #include "proto/b4mrl.pb.h"
+#include "proto/base/ledger_counts.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
 #include "proto/base/status.h"
@@ -54,6 +55,12 @@ class Client {
   // All pages of the catalogue as one message; benchmarks only if asked for, as they are many.
   Result<pb::CatalogueReply> Catalogue(bool with_benchmarks = false);
   Result<pb::ServerStatusReply> ServerStatus();
+  // Opens a ledger: the daemon counts there what the sessions and datasets that name its number in
+  // their options use (limits::kMaxLedgers bounds how many there are).
+  Result<uint64_t> OpenLedger();
+  // The totals of a ledger since it was opened. kUnknownName if the daemon does not have it:
+  // another daemon opened it, or it was long unused and had to make room.
+  Result<LedgerCounts> ReadLedger(uint64_t ledger);
   // The specification of one environment, without opening it.
   Result<EnvironmentSpec> FindEnvironment(std::string_view name);
 
@@ -65,6 +72,8 @@ class Client {
  private:
   Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
          const std::atomic<bool>* cancelled);
+  // Opens a ledger (0) or reads one.
+  Result<pb::LedgerReply> AskLedger(uint64_t ledger);
   // Sends an Open request over `opener` and connects to the session's worker.
   Result<RemoteEnvironment> OpenSession(Connection& opener, const std::string& token,
                                         pb::Request request, const EnvironmentOptions& options);

@@ -155,6 +155,7 @@ Result<uint64_t> RemoteDataset::SendSample(uint32_t rows, uint64_t seed, uint64_
   sample->set_batches(batches);
   sample->set_rows(rows);
   sample->set_with_indices(with_indices);
+  sample->set_ledger(ledger_);
   return connection_.Send(std::move(request), Frame(), NewDeadline());
 }
 
@@ -174,6 +175,7 @@ Result<TransitionRows> RemoteDataset::Read(uint64_t first_row, uint32_t rows) {
   read->set_fingerprint(fingerprint());
   read->set_first_row(first_row);
   read->set_rows(rows);
+  read->set_ledger(ledger_);
   // The server refuses rows beyond the last one, with a better message than could be made here.
   const uint64_t left = this->rows() - std::min(first_row, this->rows());
   return ReadRows(connection_.Call(std::move(request), Frame(), NewDeadline()),

@@ -27,6 +27,7 @@ struct DatasetOptions {
   std::string environment;                 // refuse data of another environment; "" takes any
   int64_t open_deadline_ms = 300'000;      // of the opening, which may import the file first
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each later request
+  uint64_t ledger = 0;  // counts the rows received (Client::OpenLedger); 0: none
 };
 
 // Rows of a dataset, row-major, as views into the received frame, or into an aligned copy of it for
@@ -116,10 +117,12 @@ class RemoteDataset {
  private:
   friend class Client;
   friend class BatchStream;
-  RemoteDataset(Connection connection, pb::OpenDatasetReply in_force, int64_t deadline_ms)
+  RemoteDataset(Connection connection, pb::OpenDatasetReply in_force, int64_t deadline_ms,
+                uint64_t ledger)
       : connection_(std::move(connection)),
         in_force_(std::move(in_force)),
-        deadline_ms_(deadline_ms) {}
+        deadline_ms_(deadline_ms),
+        ledger_(ledger) {}
   Result<uint64_t> SendSample(uint32_t rows, uint64_t seed, uint64_t first_batch, uint32_t batches,
                               bool with_indices);
   // Refuses a reply with another number of rows: callers have room for `rows` rows.
@@ -129,6 +132,7 @@ class RemoteDataset {
   Connection connection_;
   pb::OpenDatasetReply in_force_;
   int64_t deadline_ms_;
+  uint64_t ledger_;
 };
 
 }  // namespace b4mrl

@@ -38,6 +38,7 @@ struct EnvironmentOptions {
   std::string config;                                // JSON object of the environment's settings
   bool with_infos = false;                           // fills StepOutcome::infos and final_infos
   int64_t deadline_ms = limits::kDefaultDeadlineMs;  // of each request
+  uint64_t ledger = 0;  // counts steps and queries (Client::OpenLedger); 0: none
 };
 
 // The outcome of a step, reset or restore: views of `reply`, which it owns. First axes are the

@@ -25,6 +25,7 @@ inline constexpr uint32_t kMaxSessions = 1024;
 inline constexpr uint32_t kMaxLanesPerSession = 1024;
 inline constexpr uint32_t kMaxLanes = 8192;               // lanes of all sessions together
 inline constexpr size_t kLaneBufferBytes = 16 * 1024;     // size of each of a lane's two records
+inline constexpr uint32_t kMaxLedgers = 1024;             // open at once
 inline constexpr size_t kMaxOpenRequestBytes = 8 * 1024;  // Opens are kept for replacement workers
 inline constexpr uint32_t kMaxPerturbations = 16;         // of one session
 inline constexpr uint32_t kMaxCatalogueEntries = 4096;    // that a client takes from a server

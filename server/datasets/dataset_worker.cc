@@ -23,6 +23,7 @@
 #include "server/process/preparation_queue.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
+#include "server/shared_memory/ledger_table.h"
 
 namespace b4mrl {
 namespace {
@@ -57,6 +58,7 @@ class DatasetWorker {
                    const Status sent = socket_.Send(receiver, std::move(reply));
                    if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
                  }),
+        ledgers_(context.shared()),
         store_({context.options().data_folder, options.importer_program, options.max_cache_bytes}) {
   }
 
@@ -92,6 +94,7 @@ class DatasetWorker {
   ChildContext& context_;
   RouterSocket socket_;
   Responder replies_;
+  LedgerTable ledgers_;
   DatasetStore store_;  // used by background threads only
   ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
@@ -313,6 +316,9 @@ void DatasetWorker::Serve(PendingRequest pending) {
   pb::Reply reply;
   Result<Frame> payload = AnswerFrom(*dataset, wanted, beat, &reply);
   if (!payload.ok()) return replies_.Reply(pending.from, payload.status());
+  if constexpr (requires { wanted.ledger(); }) {
+    ledgers_.Add(wanted.ledger(), {.dataset_rows = reply.arrays(0).shape(0)});
+  }
   pb::Timing* timing = reply.mutable_timing();
   timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));
   timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(start, Clock::now())));

@@ -11,7 +11,7 @@ void DescribeServer(int64_t lease_ms, pb::HelloReply* out) {
   out->set_engine_version(EngineVersion());
   out->set_architecture("x86_64");
   for (const char* capability :
-       {"step", "query", "snapshot", "render", "datasets", "status", "relay"}) {
+       {"step", "query", "snapshot", "render", "datasets", "status", "relay", "ledger"}) {
     out->add_capabilities(capability);
   }
   pb::Limits* bounds = out->mutable_limits();

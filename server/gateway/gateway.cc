@@ -1,5 +1,5 @@
-// The gateway's main loop: answers Hello, Catalogue, ServerStatus and Open. Its replacement reads
-// all that it needs from shared memory. Steps pass through the gateway only when their client
+// The gateway's main loop: answers Hello, Catalogue, ServerStatus, Open and Ledger. Its replacement
+// reads all that it needs from shared memory. Steps pass through the gateway only when their client
 // reaches no other port (server/gateway/relay.h).
 #include <spdlog/spdlog.h>
 
@@ -19,6 +19,7 @@
 #include "server/process/child.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
+#include "server/shared_memory/ledger_table.h"
 
 namespace b4mrl {
 namespace {
@@ -82,6 +83,8 @@ class Gateway {
   void HandleCatalogue(const Asker& from);
   void HandleStatus(const Asker& from);
   void HandleOpen(const Asker& from);
+  void HandleLedger(const Asker& from);
+  Result<pb::Reply> AnswerLedger();
   // Relays a request that another process answers.
   void HandleForeign(const Asker& from, Message message);
   void Wait();
@@ -109,6 +112,7 @@ void Gateway::Handle(IncomingMessage incoming) {
       {pb::Request::kCatalogue, &Gateway::HandleCatalogue},
       {pb::Request::kServerStatus, &Gateway::HandleStatus},
       {pb::Request::kOpen, &Gateway::HandleOpen},
+      {pb::Request::kLedger, &Gateway::HandleLedger},
   };
   static_assert(HandlesAll(Server::kGateway, kHandlers));
   const std::optional<Asker> asker = replies_.Read(incoming, &request_);
@@ -164,6 +168,25 @@ void Gateway::HandleOpen(const Asker& from) {
   }
   request_.mutable_open()->clear_compiled_model();  // which only the gateway itself may set
   openings_.Open(from, request_);
+}
+
+void Gateway::HandleLedger(const Asker& from) { replies_.Reply(from, AnswerLedger()); }
+
+Result<pb::Reply> Gateway::AnswerLedger() {
+  LedgerTable ledgers(context_.shared());
+  uint64_t number = request_.ledger().ledger();
+  if (number == 0) {
+    B4MRL_ASSIGN_OR_RETURN(number, ledgers.Open());
+  }
+  B4MRL_ASSIGN_OR_RETURN(const LedgerCounts counts, ledgers.Read(number));
+  pb::Reply reply;
+  pb::LedgerReply* ledger = reply.mutable_ledger();
+  ledger->set_ledger(number);
+  ledger->set_steps(counts.steps);
+  ledger->set_episodes(counts.episodes);
+  ledger->set_query_rows(counts.query_rows);
+  ledger->set_dataset_rows(counts.dataset_rows);
+  return reply;
 }
 
 void Gateway::Wait() {

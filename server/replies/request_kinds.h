@@ -28,6 +28,7 @@ inline constexpr RequestKind kRequestKinds[] = {
     {pb::Request::kCatalogue, Server::kGateway},
     {pb::Request::kServerStatus, Server::kGateway},
     {pb::Request::kOpen, Server::kGateway},
+    {pb::Request::kLedger, Server::kGateway},
     {pb::Request::kAttach, Server::kWorker, /*from_clients=*/false},
     {pb::Request::kStep, Server::kWorker},
     {pb::Request::kReset, Server::kWorker},

@@ -11,6 +11,8 @@
 //     last_activity_ms, build_deaths    the gateway and the session's worker
 //     all others                        the gateway
 //   LaneSlot                            the session's worker
+//   LedgerRecord: number                the gateway
+//     totals, last_use_ms               the gateway, the workers and the dataset worker
 //   points of blame: in LaneSlot,       the supervisor, while the worker is dead
 //     request_blames, build_deaths
 //
@@ -118,6 +120,16 @@ struct alignas(64) SessionRecord {
   }
 };
 
+// What a learner has used since the record got its number (ledger_table.h).
+struct alignas(64) LedgerRecord {
+  std::atomic<uint64_t> number;      // 0: free
+  std::atomic<int64_t> last_use_ms;  // MonotonicMs() when it was last read or added to
+  std::atomic<uint64_t> steps;
+  std::atomic<uint64_t> episodes;
+  std::atomic<uint64_t> query_rows;
+  std::atomic<uint64_t> dataset_rows;
+};
+
 struct SharedHeader {
   uint64_t magic;
   uint32_t version;
@@ -133,6 +145,7 @@ struct SharedMemory {
   std::array<ChildRecord, kMaxChildren> children;
   std::array<std::array<ThreadMark, kMarksPerWorker>, limits::kMaxWorkers> marks;
   std::array<SessionRecord, limits::kMaxSessions> sessions;
+  std::array<LedgerRecord, limits::kMaxLedgers> ledgers;
   std::array<LaneSlotMemory, limits::kMaxLanes> lanes;
 };
 static_assert(std::atomic<uint64_t>::is_always_lock_free);
@@ -157,6 +170,7 @@ class SharedState {
   ChildRecord& child(uint32_t index) const { return memory_->children[index]; }
   std::span<ThreadMark> marks(uint32_t worker) const { return memory_->marks[worker]; }
   SessionRecord& session(uint32_t index) const { return memory_->sessions[index]; }
+  LedgerRecord& ledger(uint32_t index) const { return memory_->ledgers[index]; }
   LaneSlot lane(uint32_t index) const { return LaneSlot(&memory_->lanes[index]); }
 
  private:

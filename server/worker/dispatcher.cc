@@ -54,6 +54,7 @@ Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
       worker_(worker),
       executor_(executor),
       counters_(shared.child(kFirstWorkerChild + worker)),
+      ledgers_(shared),
       replies_({counters_.requests, counters_.errors}, std::move(send)) {}
 
 Dispatcher::~Dispatcher() = default;
@@ -318,9 +319,11 @@ void Dispatcher::Finish(RequestJob* job) {
     session.lane(lane).busy = nullptr;
   }
   session.in_flight().erase(job->request_id());
-  session.record().steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
-  counters_.steps.fetch_add(job->steps_done(), std::memory_order_relaxed);
-  counters_.query_rows.fetch_add(job->rows_done(), std::memory_order_relaxed);
+  const LedgerCounts done = job->done();
+  session.record().steps.fetch_add(done.steps, std::memory_order_relaxed);
+  counters_.steps.fetch_add(done.steps, std::memory_order_relaxed);
+  counters_.query_rows.fetch_add(done.query_rows, std::memory_order_relaxed);
+  ledgers_.Add(session.request().ledger(), done);
   if (job->failed()) counters_.errors.fetch_add(1, std::memory_order_relaxed);
   if (Result<Message> reply = job->TakeReply(); reply.ok()) {
     replies_.Send(job->sender, std::move(*reply));

@@ -12,6 +12,7 @@
 #include "proto/b4mrl.pb.h"
 #include "proto/wire/socket.h"
 #include "server/replies/reply.h"
+#include "server/shared_memory/ledger_table.h"
 #include "server/shared_memory/shared_state.h"
 #include "server/worker/executor.h"
 #include "server/worker/session.h"
@@ -78,6 +79,7 @@ class Dispatcher {
   uint32_t worker_;
   Executor& executor_;
   ChildRecord& counters_;
+  LedgerTable ledgers_;
   Responder replies_;
   bool accepting_ = true;
   pb::Request request_;                                                 // reused by every message

@@ -25,7 +25,7 @@ class QueryJob : public RequestJob {
   }
 
   Status Prepare(const pb::Request& request) override;
-  uint64_t rows_done() const override { return failed() ? 0 : items; }
+  LedgerCounts done() const override { return {.query_rows = failed() ? 0 : items}; }
 
  protected:
   void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;

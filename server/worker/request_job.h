@@ -15,6 +15,7 @@
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
+#include "proto/base/ledger_counts.h"
 #include "proto/wire/frame.h"
 #include "proto/wire/socket.h"
 #include "server/scheduling/work_queue.h"
@@ -73,9 +74,8 @@ class RequestJob : public QueuedWork {
   // Whether the job's items wait for the painter's process instead of computing. A thread that does
   // nothing else executes these items, one after another.
   virtual bool waits_for_painter() const { return false; }
-  // What the job adds to the counters of its worker: steps of lanes, rows of queries.
-  virtual uint64_t steps_done() const { return 0; }
-  virtual uint64_t rows_done() const { return 0; }
+  // What the finished job adds to the counters of its worker and to its session's ledger.
+  virtual LedgerCounts done() const { return {}; }
 
  private:
   // A reply and its table of arrays are a dozen small objects, which need no allocation each.

@@ -22,8 +22,9 @@ class LaneJob : public RequestJob {
   // Validates the request and plans the reply.
   Status Prepare(const pb::Request& request) override;
 
-  uint64_t steps_done() const override {
-    return operation_ == Operation::kStep && !failed() ? selection_.execute.size() : 0;
+  LedgerCounts done() const override {
+    return {.steps = steps_.load(std::memory_order_relaxed),
+            .episodes = episodes_.load(std::memory_order_relaxed)};
   }
 
  protected:
@@ -35,7 +36,9 @@ class LaneJob : public RequestJob {
   // kFailedPrecondition if the reset of a lane is refused (server/shared_memory/blame.h).
   Status CheckResets() const;
   void PlanReply();
-  Status Execute(uint32_t position, Environment& environment, WorkerThread& thread);
+  // Adds what a step has done to `done`.
+  Status Execute(uint32_t position, Environment& environment, WorkerThread& thread,
+                 LedgerCounts* done);
   Status Compute(uint32_t position, Environment& environment, ConstLaneRecord before,
                  LaneRecord after, WorkerThread& thread);
   // The seed that a reset names for the lane; nothing for a step or without seeds.
@@ -52,7 +55,17 @@ class LaneJob : public RequestJob {
     size_t observations, rewards, terminated, truncated, cause, digests, infos;
   } offsets_{};
   std::atomic<bool> any_ended_{false};
+  std::atomic<uint64_t> steps_{0};
+  std::atomic<uint64_t> episodes_{0};  // that ended in these steps
 };
+
+// In mode NEXT_STEP the step after an end simulates nothing: it begins the next episode. In mode
+// DISABLED a lane may be stepped on past the end of its episode, which counts once.
+void CountStep(const LaneHeader& before, const LaneHeader& after, LedgerCounts* done) {
+  const bool ended = after.episode_ended != 0;
+  if (ended || after.elapsed_steps > 0) ++done->steps;
+  if (ended && before.phase == LanePhase::kRunning) ++done->episodes;
+}
 
 Status LaneJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
@@ -146,18 +159,22 @@ void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     return Fail(Status(StatusCode::kInternal, environment.status().message()));
   }
   const Clock::time_point start = Clock::now();
+  LedgerCounts done;
   for (uint32_t item = first; item < first + count; ++item) {
     const uint32_t position = selection_.execute[item];
-    if (const Status status = Execute(position, **environment, thread); !status.ok()) {
+    if (const Status status = Execute(position, **environment, thread, &done); !status.ok()) {
       Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
       continue;
     }
     WriteOutcome(position);
   }
+  steps_.fetch_add(done.steps, std::memory_order_relaxed);
+  episodes_.fetch_add(done.episodes, std::memory_order_relaxed);
   cost->Observe(1e6 * SecondsSince(start) / count);
 }
 
-Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThread& thread) {
+Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThread& thread,
+                        LedgerCounts* done) {
   const uint32_t lane = selection_.lanes[position];
   const uint32_t global_lane = owner().global_lane(lane);
   LaneSlot slot = owner().slot(lane);
@@ -179,6 +196,7 @@ Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThrea
   }
   ReachFaultPoint(FaultPoint::kSlotHalfWritten, global_lane, number, after.bytes());
   slot.Commit(operation_, owner().layout().bytes());
+  if (operation_ == Operation::kStep) CountStep(before.header(), after.header(), done);
   ReachFaultPoint(FaultPoint::kAfterCommit, global_lane, number);
   return Status();
 }

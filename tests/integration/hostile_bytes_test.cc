@@ -111,9 +111,11 @@ std::vector<RequestTemplate> GatewayCorpus(const Victim& victim) {
   catalogue.request().mutable_catalogue();
   TemplateBuilder status("");
   status.request().mutable_server_status();
+  TemplateBuilder ledger("");
+  ledger.request().mutable_ledger()->set_ledger(1);
   TemplateBuilder open(victim.token);
   *open.request().mutable_open() = victim.open;
-  for (TemplateBuilder* builder : {&hello, &catalogue, &status, &open, &open, &open}) {
+  for (TemplateBuilder* builder : {&hello, &catalogue, &status, &ledger, &open, &open, &open}) {
     corpus.push_back(builder->Build());
   }
   return corpus;

@@ -81,7 +81,9 @@ void OpenMutants(int count) {
   PrivateDaemon daemon =
       StartDaemon({.data_folder = data.path(), .arguments = {"--workers", "1", "--threads", "1"}});
   Client client = Connect(daemon.endpoint());
-  RemoteEnvironment bystander = Take(client.Make("HalfCheetah", {}));
+  // Lanes that never begin another episode take a step for each request.
+  RemoteEnvironment bystander =
+      Take(client.Make("HalfCheetah", {.autoreset_mode = AutoresetMode::kDisabled}));
   RequireOk(bystander.Reset().status());
   const std::vector<float> action(6, 0.1f);
   Rng rng(1, "mutants");

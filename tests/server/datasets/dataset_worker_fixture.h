@@ -121,6 +121,7 @@ class Daemon {
     return Ask(request);
   }
 
+  SharedState& shared() { return child_->shared(); }
   // The worker's line in the child table.
   ChildRecord& record() { return child_->record(); }
   // What the worker returned; once it has stopped.

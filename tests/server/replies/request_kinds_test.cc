@@ -26,16 +26,17 @@ struct Handler {
 
 TEST_CASE("A server's handlers must be those of its requests, all of them and no other") {
   constexpr Handler kComplete[] = {{pb::Request::kOpen},
+                                   {pb::Request::kLedger},
                                    {pb::Request::kServerStatus},
                                    {pb::Request::kCatalogue},
                                    {pb::Request::kHello}};
-  constexpr Handler kOneLess[] = {
-      {pb::Request::kOpen}, {pb::Request::kServerStatus}, {pb::Request::kCatalogue}};
-  constexpr Handler kOneMore[] = {{pb::Request::kOpen},
+  constexpr Handler kOneLess[] = {{pb::Request::kOpen},
                                   {pb::Request::kServerStatus},
                                   {pb::Request::kCatalogue},
-                                  {pb::Request::kHello},
-                                  {pb::Request::kStep}};
+                                  {pb::Request::kHello}};
+  constexpr Handler kOneMore[] = {{pb::Request::kOpen},         {pb::Request::kLedger},
+                                  {pb::Request::kServerStatus}, {pb::Request::kCatalogue},
+                                  {pb::Request::kHello},        {pb::Request::kStep}};
   STATIC_REQUIRE(HandlesAll(Server::kGateway, kComplete));
   STATIC_REQUIRE_FALSE(HandlesAll(Server::kGateway, kOneLess));
   STATIC_REQUIRE_FALSE(HandlesAll(Server::kGateway, kOneMore));
@@ -44,7 +45,7 @@ TEST_CASE("A server's handlers must be those of its requests, all of them and no
 TEST_CASE("A refusal names what clients may ask its server for") {
   const Status gateway = NotAnswered(Server::kGateway);
   CHECK(gateway.code() == StatusCode::kUnsupported);
-  CHECK(gateway.message() == "the gateway answers Hello, Catalogue, ServerStatus, Open");
+  CHECK(gateway.message() == "the gateway answers Hello, Catalogue, ServerStatus, Open, Ledger");
   const Status worker = NotAnswered(Server::kWorker);
   CHECK(worker.message() ==
         "an environment worker answers Step, Reset, Query, Snapshot, Restore, Render, Close");

@@ -76,7 +76,6 @@ class WorkerFixture {
   // The record of a session whose Attach has not been sent.
   uint32_t Allocate(uint32_t lanes, const std::string& token = kToken,
                     const std::string& environment = "HalfCheetah") {
-    pb::OpenRequest open;
     open.set_environment(environment);
     open.set_num_envs(lanes);
     open.set_seed(5);
@@ -182,6 +181,7 @@ class WorkerFixture {
   SharedState& state() { return *state_; }
   Dispatcher& dispatcher() { return *dispatcher_; }
   std::vector<Answer> answers;
+  pb::OpenRequest open;  // of the sessions that Allocate and Open make from now on
 
  private:
   uint32_t threads_;
