@@ -52,7 +52,8 @@ struct LearnerContext {
   uint64_t seed = 0;
   uint32_t threads = 1;  // that compute an update; results have equal bits for any number
   Precision precision = Precision::kFp32;  // of matrix products between two hidden layers
-  std::string folder;  // the run's; holds files that are too big for a checkpoint
+  uint64_t ledger = 0;  // of the daemon, which counts the learner's sessions and datasets; 0: none
+  std::string folder;   // the run's; holds files that are too big for a checkpoint
   Hyperparameters hyperparameters;
   const std::atomic<bool>* stop = &kNeverStops;  // set when the run is to end soon
 

@@ -43,6 +43,9 @@ class Evaluator {
                                 const std::vector<NamedArgument>& perturbations, uint32_t episodes,
                                 uint64_t seed = 0);
 
+  // From now on the ledger of this number counts the episodes (Client::OpenLedger); 0: none.
+  void set_ledger(uint64_t ledger) { options_.ledger = ledger; }
+
   // Runs the episodes in a new session, since hours may pass between two evaluations and the lease
   // of an idle session ends. kInvalidArgument when the policy's sizes do not fit the environment.
   // `watch`, if given, is called with the session after the reset and after each step of lane 0

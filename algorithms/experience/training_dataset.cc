@@ -14,6 +14,7 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
   DatasetOptions options;
   options.corruption = context.corruption;
   options.deadline_ms = kLearnerDeadlineMs;
+  options.ledger = context.ledger;
   options.seed = context.corruption_seed;
   options.transition_rule = context.transitions;
   options.environment = context.environment.name;

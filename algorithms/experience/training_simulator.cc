@@ -15,6 +15,7 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   options.seed = context.seed;  // the first Reset then gives every lane its own seed
   options.autoreset_mode = AutoresetMode::kSameStep;
   options.deadline_ms = kLearnerDeadlineMs;
+  options.ledger = context.ledger;
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session,
                          context.client->Make(context.environment.name, options));
   const EnvironmentSpec& spec = session.spec();

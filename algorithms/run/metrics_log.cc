@@ -30,6 +30,10 @@ constexpr LogNames kNames[] = {
     {"evaluation_return", "charts/evaluation_return", "eval/mean_reward"},
     {"evaluation_return_std", "charts/evaluation_return_std", "eval/std_reward"},
     {"evaluation_score", "charts/evaluation_score", "eval/score"},
+    {"simulator_steps", "ledger/simulator_steps", "ledger/simulator_steps"},
+    {"query_rows", "ledger/query_rows", "ledger/query_rows"},
+    {"dataset_rows", "ledger/dataset_rows", "ledger/dataset_rows"},
+    {"evaluation_episodes", "ledger/evaluation_episodes", "ledger/evaluation_episodes"},
     {"alpha", "losses/alpha", "train/ent_coef"},
     {"alpha_loss", "losses/alpha_loss", "train/ent_coef_loss"},
 };

@@ -2,7 +2,7 @@
 //
 //   metrics.jsonl              one JSON object per row, with the learner's own names of metrics
 //   progress.csv               a table with the names of Stable-Baselines3's CSV logger
-//   events.out.tfevents.b4mrl  TensorBoard's event file: charts/..., losses/...
+//   events.out.tfevents.b4mrl  TensorBoard's event file: charts/..., ledger/..., losses/...
 //
 // A value that was not measured is NaN in a row, an empty cell of the CSV and absent elsewhere. A
 // resumed run cuts metrics.jsonl and the event file back to the lengths in its checkpoint.

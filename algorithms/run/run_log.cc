@@ -26,13 +26,17 @@ Status RunLog::Begin() {
   return Status();
 }
 
-Result<EvaluationResult> RunLog::Evaluate(const Agent& agent) {
+Result<EvaluationResult> RunLog::Evaluate(const Agent& agent, uint64_t ledger) {
   B4MRL_RETURN_IF_ERROR(WriteAgent(AgentPath(), agent));
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
+  evaluator_.set_ledger(ledger);
   return evaluator_.Run(policy);
 }
 
-Status RunLog::Write(MetricRow row, EvaluationResult result) {
+Status RunLog::Write(MetricRow row, EvaluationResult result, const RunUse& use) {
+  for (const RunUseEntry& entry : kRunUseEntries) {
+    row.push_back({std::string(entry.name), static_cast<double>(use.*entry.value)});
+  }
   row.push_back({"evaluation_return", result.mean_return});
   row.push_back({"evaluation_return_std", result.std_return});
   row.push_back({"evaluation_score", result.score.value_or(std::nan(""))});

@@ -15,6 +15,7 @@
 #include "algorithms/base/progress.h"
 #include "algorithms/episodes/evaluate.h"
 #include "algorithms/run/metrics_log.h"
+#include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_record.h"
 #include "data/d4rl/agent_file.h"
 #include "proto/base/status.h"
@@ -34,12 +35,14 @@ class RunLog {
   Status Load(CheckpointReader& reader);
   Status Save(CheckpointWriter& writer);
 
-  // Writes the agent file and runs the agent's episodes.
-  Result<EvaluationResult> Evaluate(const Agent& agent);
+  // Writes the agent file and runs the agent's episodes, which the ledger of this number counts; 0:
+  // none.
+  Result<EvaluationResult> Evaluate(const Agent& agent, uint64_t ledger);
   // Writes a row without an evaluation. The row's first metric is {"update", ...}.
   Status Write(const MetricRow& row) { return log_->Write(row); }
-  // Writes a row with the evaluation of its update, and shows that evaluation as progress.
-  Status Write(MetricRow row, EvaluationResult result);
+  // Writes a row with the evaluation of its update and what the run has used until then, and shows
+  // that evaluation as progress.
+  Status Write(MetricRow row, EvaluationResult result, const RunUse& use);
 
   std::string AgentPath() const { return options_->folder + "/agent.h5"; }
   // The newest ten evaluations of the run, oldest first.

@@ -52,6 +52,9 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   SetState(json, summary.state, summary.reason);
   json["updates"] = summary.updates;
   json["environment_steps"] = summary.environment_steps;
+  for (const RunUseEntry& entry : kRunUseEntries) {
+    json["ledger"][std::string(entry.name)] = summary.use.*entry.value;
+  }
   json["algorithm"] = options.algorithm;
   json["environment"] = options.environment;
   json["simulator"] = options.simulator;
@@ -80,11 +83,12 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   return json;
 }
 
-// Whether a value is not nested. Nested values are refused, since writing them again recurses and a
-// file may nest values without limit.
+// Whether a value holds nothing nested: it is a number, text and the like, or a list or object of
+// them. Others are refused, since writing them again recurses and a file may nest values without
+// limit.
 bool IsFlat(const Json& value) {
   const auto primitive = [](const Json& item) { return item.is_primitive(); };
-  return value.is_primitive() || (value.is_array() && std::ranges::all_of(value, primitive));
+  return value.is_primitive() || std::ranges::all_of(value, primitive);
 }
 
 Result<Json> ReadResult(const std::string& folder) {

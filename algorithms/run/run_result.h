@@ -15,6 +15,7 @@
 
 #include "algorithms/base/learner.h"
 #include "algorithms/episodes/evaluate.h"
+#include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_record.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
@@ -38,6 +39,7 @@ struct TrainSummary {
   DatasetIdentity dataset;
   uint64_t updates = 0;  // updates done so far
   uint64_t environment_steps = 0;
+  RunUse use;
   std::optional<EvaluationResult> last;  // the last evaluation
   // Means over the last ten evaluations, or over all evaluations if there are fewer.
   double mean_return_of_last_ten = 0;

@@ -17,6 +17,7 @@
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/policy/agent_policy.h"
 #include "algorithms/run/check_training.h"
+#include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_log.h"
 #include "client/client.h"
 #include "data/d4rl/agent_file.h"
@@ -53,7 +54,9 @@ class TrainRun {
   Status Evaluate();
   Status Conclude();
   MetricRow TakeRow();
+  void RefreshLedger();
   Status Checkpoint();
+  Status WriteCheckpoint();
   void KeepLastUpdate();
   bool ReachedScore() const;
   double Seconds() const { return seconds_before_ + SecondsSince(start_); }
@@ -66,6 +69,7 @@ class TrainRun {
   UniqueFd lock_;
   bool resumes_ = false;
   LearnerContext context_;
+  std::optional<RunLedger> ledger_;
   std::unique_ptr<Learner> learner_;
   std::optional<RunLog> log_;
   MetricMeans means_;
@@ -135,6 +139,8 @@ Status TrainRun::CreateLearner() {
   context_.stop = &stop_;
   context_.hyperparameters = options_.hyperparameters;
   B4MRL_RETURN_IF_ERROR(CheckTraining(options_, context_.environment));
+  if (!ledger_) ledger_.emplace(client_);
+  context_.ledger = ledger_->learner();
   B4MRL_ASSIGN_OR_RETURN(learner_, algorithm->create(context_));
   return Status();
 }
@@ -167,6 +173,7 @@ Status TrainRun::Restore(uint64_t update) {
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
   B4MRL_RETURN_IF_ERROR(reader.status());
+  ledger_->Load(reader);
   B4MRL_RETURN_IF_ERROR(log_->Load(reader));
   checkpoint_update_ = update_;
   return Status();
@@ -244,8 +251,10 @@ Status TrainRun::Record() {
 Status TrainRun::Evaluate() {
   const Agent agent = PresentAgent();
   if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
-  B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, log_->Evaluate(agent));
-  return log_->Write(TakeRow(), std::move(result));  // after Evaluate, which may fail
+  B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, log_->Evaluate(agent, ledger_->evaluations()));
+  RefreshLedger();
+  // After Evaluate, which may fail.
+  return log_->Write(TakeRow(), std::move(result), ledger_->use());
 }
 
 // Evaluates the last update if it has no evaluation. Checkpoints do not store this evaluation.
@@ -266,13 +275,25 @@ MetricRow TrainRun::TakeRow() {
   return row;
 }
 
+// Sessions that the learner opens later name the ledger that there is now.
+void TrainRun::RefreshLedger() {
+  ledger_->Refresh();
+  context_.ledger = ledger_->learner();
+}
+
 Status TrainRun::Checkpoint() {
+  RefreshLedger();
+  return WriteCheckpoint();
+}
+
+Status TrainRun::WriteCheckpoint() {
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer,
                          CheckpointWriter::Create(CheckpointPath(options_.folder, update_)));
   writer.Unsigned("run/update", update_);
   writer.Number("run/seconds", Seconds());
   writer.Unsigned("run/row_update", row_update_);
   writer.Number("run/row_seconds", row_seconds_);
+  ledger_->Save(writer);
   B4MRL_RETURN_IF_ERROR(log_->Save(writer));
   means_.Save(writer);
   B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
@@ -285,10 +306,12 @@ Status TrainRun::Checkpoint() {
   return Status();
 }
 
-// Writes a checkpoint after an error. If that fails, too, the checkpoint before it remains.
+// Writes a checkpoint after an error, without asking the daemon, which may be gone. If that fails,
+// too, the checkpoint before it remains.
 void TrainRun::KeepLastUpdate() {
   if (diverged_ || checkpoint_update_ == update_ || !learner_->outlives_daemon()) return;
-  if (Checkpoint().ok()) progress_.Message(fmt::format("kept what there is at update {}", update_));
+  if (WriteCheckpoint().ok())
+    progress_.Message(fmt::format("kept what there is at update {}", update_));
 }
 
 bool TrainRun::ReachedScore() const {
@@ -317,6 +340,7 @@ TrainSummary TrainRun::Summary(const Status& status) const {
   summary.dataset = learner_->dataset_identity();
   summary.updates = update_;
   summary.environment_steps = learner_->environment_steps();
+  summary.use = ledger_->use();
   if (!status.ok()) {
     summary.state = diverged_ ? RunState::kDiverged : RunState::kFailed;
     summary.reason = status.ToString();

@@ -19,12 +19,14 @@ inline std::vector<nlohmann::json> LoggedRows(const std::string& folder) {
   return rows;
 }
 
-// Without what the clock says.
+// Without what depends on timing: the clock, and the rows of a dataset that the daemon had served
+// by then. Batches are requested ahead of their use, so a resumed run asks for some of them again.
 inline std::vector<nlohmann::json> RowsWithoutTimes(const std::string& folder) {
   std::vector<nlohmann::json> rows = LoggedRows(folder);
   for (nlohmann::json& row : rows) {
     row.erase("seconds");
     row.erase("updates_per_second");
+    row.erase("dataset_rows");
   }
   return rows;
 }

@@ -88,10 +88,12 @@ TEST_CASE("A row becomes a line of JSON, of the table and an event") {
 TEST_CASE("Logs have the names that their readers know") {
   CHECK(TagOf("episodic_return") == "charts/episodic_return");
   CHECK(TagOf("evaluation_return") == "charts/evaluation_return");
+  CHECK(TagOf("simulator_steps") == "ledger/simulator_steps");
   CHECK(TagOf("updates_per_second") == "charts/updates_per_second");
   CHECK(TagOf("actor_loss") == "losses/actor_loss");
   CHECK(ColumnOf("episodic_return") == "rollout/ep_rew_mean");
   CHECK(ColumnOf("environment_steps") == "time/total_timesteps");
+  CHECK(ColumnOf("query_rows") == "ledger/query_rows");
   CHECK(ColumnOf("alpha") == "train/ent_coef");
   CHECK(ColumnOf("actor_loss") == "train/actor_loss");
 }

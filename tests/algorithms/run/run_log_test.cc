@@ -38,15 +38,20 @@ TEST_CASE("A row is logged with its update's evaluation, which a checkpoint carr
   LoggedRun run(daemon);
   RunLog log = run.Open();
   RequireOk(log.Begin());
-  const EvaluationResult result = Take(log.Evaluate(TestDaemon::RandomAgent()));
+  const EvaluationResult result = Take(log.Evaluate(TestDaemon::RandomAgent(), /*ledger=*/0));
   REQUIRE(result.returns.size() == 2);
   CHECK(log.evaluations().empty());  // until its row is written
-  RequireOk(log.Write({{"update", 10}, {"loss", 1.0 / 3}}, result));
+  const RunUse use = {
+      .simulator_steps = 1, .query_rows = 2, .dataset_rows = 3, .evaluation_episodes = 4};
+  RequireOk(log.Write({{"update", 10}, {"loss", 1.0 / 3}}, result, use));
   RequireOk(log.Write({{"update", 20}, {"loss", 0.5}}));
   const auto rows = LoggedRows(run.options.folder);
   REQUIRE(rows.size() == 2);
   CHECK(rows[0]["evaluation_return"].get<double>() == Approx(result.mean_return));
   CHECK_FALSE(rows[1].contains("evaluation_return"));
+  for (const RunUseEntry& entry : kRunUseEntries) {
+    CHECK(rows[0][std::string(entry.name)] == use.*entry.value);
+  }
 
   CheckpointWriter writer = run.NewCheckpoint();
   RequireOk(log.Save(writer));
