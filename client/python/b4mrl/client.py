@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from b4mrl import catalogue, descriptions, errors
 from b4mrl.benchmarks.benchmark import Benchmark
+from b4mrl.benchmarks.ledger import Ledger, LedgerLike, number_of
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
@@ -24,8 +25,9 @@ from b4mrl.simulators import Simulator
 from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
-from b4mrl.wire import checks, limits
+from b4mrl.wire import checks
 from b4mrl.wire.connection import DEADLINE_MS, Connection
+from b4mrl.wire.greeting import greet
 from b4mrl.wire.messages import Request
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import QueryAnswer, Session
@@ -73,25 +75,10 @@ class Client(Shown):
         }
 
     def _connect(self) -> None:
-        self._gateway = Connection(self.endpoint)
         reach_ms = checks.deadline_ms(self._asked_deadline_ms, _REACH_MS)
-        if not self._gateway.await_handshake(reach_ms):
-            self._gateway.close()
-            raise errors.UnavailableError(
-                f"nobody answers at {self.endpoint} within {reach_ms / 1000:g} s: is the daemon "
-                "running? `b4mrl serve` starts one, b4mrl.serve() a private one",
-                recoverable=True,
-            )
-        request = Request()
-        request.hello.client = _CLIENT_NAME
-        self.hello = self._gateway.call(request, bytearray(), self.deadline_ms).reply.hello
+        self._gateway, self.hello = greet(self.endpoint, _CLIENT_NAME, reach_ms, self.deadline_ms)
         self._routes = Routes(self.endpoint, self.hello.capabilities)
         self._query_sessions = QuerySessions(self.endpoint, self._routes, self.deadline_ms)
-        if self.hello.protocol_version != limits.PROTOCOL_VERSION:
-            raise errors.VersionMismatchError(
-                f"the server speaks protocol {self.hello.protocol_version}, "
-                f"this client {limits.PROTOCOL_VERSION}"
-            )
 
     def _leave_parent(self) -> None:
         """Connects anew in a forked child, which cannot use its parent's connections."""
@@ -131,6 +118,10 @@ class Client(Shown):
         status: ServerStatus = descriptions.read(self._ask_gateway(request).server_status)
         return status
 
+    def ledger(self, number: int = 0) -> Ledger:
+        """A ledger, in which the daemon counts what a learner uses: number 0 opens a new one."""
+        return Ledger(self._ask_gateway, number)
+
     def make(
         self,
         environment: str,
@@ -144,6 +135,7 @@ class Client(Shown):
         width: int = 0,
         height: int = 0,
         deadline_ms: float | None = None,
+        ledger: LedgerLike = None,
     ) -> Environment:
         """One environment as a gymnasium.Env.
 
@@ -163,6 +155,7 @@ class Client(Shown):
             render_mode: None, or "rgb_array" for pictures of `width` x `height` pixels; 0 means the
                 environment's default size.
             deadline_ms: time limit of each request, in milliseconds. None: the client's.
+            ledger: counts the environment's steps and episodes; see `ledger()`. None: none does.
 
         Raises:
             UnknownNameError, InvalidArgumentError, UnsupportedError: the daemon refused an
@@ -176,6 +169,7 @@ class Client(Shown):
             "config": config,
             "max_episode_steps": max_episode_steps,
             "deadline_ms": deadline_ms,
+            "ledger": number_of(ledger),
         }
         shown: dict[str, Any] = {"render_mode": render_mode, "width": width, "height": height}
         origin = self._origin(Client.make, asked | shown)
@@ -197,6 +191,7 @@ class Client(Shown):
         width: int = 0,
         height: int = 0,
         deadline_ms: float | None = None,
+        ledger: LedgerLike = None,
     ) -> VectorEnvironment:
         """`num_envs` environments as a gymnasium.vector.VectorEnv; environment i has seed + i.
 
@@ -219,6 +214,7 @@ class Client(Shown):
             "config": config,
             "max_episode_steps": max_episode_steps,
             "deadline_ms": deadline_ms,
+            "ledger": number_of(ledger),
         }
         shown: dict[str, Any] = {
             "step_past_end": step_past_end,
@@ -240,6 +236,7 @@ class Client(Shown):
         draw: int = 0,
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
+        ledger: LedgerLike = None,
     ) -> QueryAnswer:
         """Simulates one step from each of the given observations and actions.
 
@@ -249,6 +246,7 @@ class Client(Shown):
         Args:
             observations, actions: (rows, *shape) of the environment's spaces. float64 observations
                 give float64 next observations, others float32 ones. The simulation runs in float64.
+            ledger: counts the rows; see `ledger()`.
 
         Returns:
             next_observations (rows, *shape), rewards (rows,), terminated (rows,), valid (rows,). A
@@ -267,6 +265,7 @@ class Client(Shown):
             draw=draw,
             first_row=first_row,
             config=config,
+            ledger=ledger,
         ).result()
 
     def query_async(
@@ -280,6 +279,7 @@ class Client(Shown):
         draw: int = 0,
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
+        ledger: LedgerLike = None,
     ) -> PendingQuery:
         """As `query`, but does not wait for the answer: `query_async(...).result()` returns it.
 
@@ -290,7 +290,7 @@ class Client(Shown):
         rows = Rows.of(np.array(observations), np.array(actions))
         self._leave_parent()
         opening = Opening(
-            environment, simulator, num_envs=0, seed=0, dtype=rows.dtype, config=config
+            environment, simulator, 0, 0, rows.dtype, config=config, ledger=number_of(ledger)
         )
         return PendingQuery(self._query_sessions, opening, rows, seed, draw, first_row)
 
@@ -313,6 +313,7 @@ class Client(Shown):
         environment: str = "",
         open_deadline_ms: float = _OPEN_DATASET_DEADLINE_MS,
         deadline_ms: float | None = None,
+        ledger: LedgerLike = None,
     ) -> Dataset:
         """Opens a dataset. The first opening of a dataset imports its file, which can take minutes.
 
@@ -327,7 +328,9 @@ class Client(Shown):
                 was recorded in another one is refused, even if its sizes are the same. "": any.
             open_deadline_ms: time limit of the opening, in milliseconds.
             deadline_ms: time limit of each later request, in milliseconds. None: the client's.
+            ledger: counts the rows that are sampled and read; see `ledger()`.
         """
+        number = number_of(ledger)
         asked: dict[str, Any] = {
             "name": name,
             "corruption": corruption,
@@ -336,8 +339,10 @@ class Client(Shown):
             "environment": environment,
             "open_deadline_ms": open_deadline_ms,
             "deadline_ms": deadline_ms,
+            "ledger": number,
         }
         request = dataset_request(name, corruption, seed, transition_rule, environment)
+        queries = functools.partial(Client._open_queries, ledger=number)
         connection = self._connect_datasets()
         try:
             reply = connection.call(request, bytearray(), open_deadline_ms).reply.open_dataset
@@ -347,9 +352,8 @@ class Client(Shown):
                 self._origin(Client.dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,
-                functools.partial(
-                    call_once, Client._open_queries, self.endpoint, self._asked_deadline_ms
-                ),
+                functools.partial(call_once, queries, self.endpoint, self._asked_deadline_ms),
+                number,
             )
         except BaseException:
             connection.close()
@@ -370,9 +374,9 @@ class Client(Shown):
         deadline_ms = checks.deadline_ms(opening.deadline_ms, self.deadline_ms)
         return open_session(self.endpoint, self._routes, opening, deadline_ms)
 
-    def _open_queries(self, environment: str, simulator: str) -> Session:
+    def _open_queries(self, environment: str, simulator: str, ledger: int | None) -> Session:
         """A session for float32 queries of a simulator."""
-        return self._open(Opening(environment, simulator, num_envs=0, seed=0))
+        return self._open(Opening(environment, simulator, num_envs=0, seed=0, ledger=ledger))
 
     def _origin(self, method: Callable[..., Any], arguments: Mapping[str, Any]) -> Origin:
         given = {name: value for name, value in arguments.items() if value is not None}

@@ -51,6 +51,7 @@ class Dataset(Shown):
         deadline_ms: time limit of each request, in milliseconds.
         connect: makes another connection to the dataset worker.
         open_queries: opens a session for queries of (environment, simulator); used by pair.
+        ledger: number of the ledger that counts the rows received.
 
     Attributes:
         name, rows, observation_size, action_size: name and sizes; `rows` counts the rows that the
@@ -71,6 +72,7 @@ class Dataset(Shown):
         deadline_ms: float,
         connect: Callable[[], Connection],
         open_queries: Callable[[str, str], Session],
+        ledger: int | None = None,
     ) -> None:
         self.in_force = in_force
         self.name = in_force.info.name
@@ -85,6 +87,7 @@ class Dataset(Shown):
         self._deadline_ms = deadline_ms
         self._connect = connect
         self._open_queries = open_queries
+        self._ledger = ledger or 0
         self._next_batch = 0
         self._pairs: dict[tuple[str, int, str | None], Batch] = {}
 
@@ -322,6 +325,7 @@ class Dataset(Shown):
         request.read.fingerprint = self.fingerprint
         request.read.first_row = rows.start
         request.read.rows = len(rows)
+        request.read.ledger = self._ledger
         return connection.send(request, bytearray(), self._deadline_ms)
 
     def _gather(self, first_row: int, rows: int) -> Batch:
@@ -344,6 +348,7 @@ class Dataset(Shown):
         request.sample.batches = 1
         request.sample.rows = checks.unsigned("rows", rows, bits=32)
         request.sample.with_indices = with_indices
+        request.sample.ledger = self._ledger
         return connection.send(request, bytearray(), self._deadline_ms)
 
     def _columns(self, delivery: Delivery, n: int) -> Batch:

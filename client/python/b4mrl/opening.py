@@ -37,6 +37,7 @@ class Opening:
     config: Mapping[str, Any] | None = None
     max_episode_steps: int | None = None
     deadline_ms: float | None = None
+    ledger: int | None = None
 
     def request(self) -> Any:
         """The Open request. InvalidArgumentError: an argument is malformed or out of range."""
@@ -51,6 +52,7 @@ class Opening:
         request.open.observation_dtype = _float_dtype(self.dtype)
         request.open.config = config.to_json(self.config)
         request.open.with_infos = True
+        request.open.ledger = self.ledger or 0
         return request
 
 

@@ -136,7 +136,7 @@ class QuerySessions:
 
     def __init__(self, endpoint: str, routes: Routes, deadline_ms: float) -> None:
         self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
-        self._sessions: OrderedDict[tuple[str, ...], Session] = OrderedDict()
+        self._sessions: OrderedDict[tuple[str | int | None, ...], Session] = OrderedDict()
 
     def find(self, opening: Opening) -> Session:
         """The session of that opening; opens it if there is none."""
@@ -159,10 +159,11 @@ class QuerySessions:
             self._sessions.popitem()[1].close()
 
 
-def _key_of(opening: Opening) -> tuple[str, ...]:
+def _key_of(opening: Opening) -> tuple[str | int | None, ...]:
     perturbed = simulators.text_of(simulators.parse(opening.simulator))
     dtype = np.dtype(opening.dtype).name
-    return opening.environment, perturbed, config.to_json(opening.config), dtype
+    settings = config.to_json(opening.config)
+    return opening.environment, perturbed, settings, dtype, opening.ledger
 
 
 def _rows_at_once(rows: Rows) -> int:

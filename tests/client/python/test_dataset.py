@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from b4mrl import errors
+from b4mrl.benchmarks.ledger import LedgerCounts
 from b4mrl.wire import limits
 
 from equality import assert_same
@@ -61,6 +62,20 @@ def test_a_dataset_is_listed_and_read_as_it_was_written(example) -> None:
         for name, column in rows.items():
             np.testing.assert_array_equal(column, columns[name][10:60])
         assert len(dataset.read(ROWS - 3, 50)["rewards"]) == 3
+
+
+def test_rows_and_queries_of_pairs_are_counted_in_the_ledger_of_the_dataset(example) -> None:
+    client, _ = example
+    ledger = client.ledger()
+    with client.dataset("HalfCheetah/medium", ledger=ledger) as dataset:
+        dataset.sample(256)
+        dataset.read(10, 50)
+        assert ledger.counts() == LedgerCounts(0, 0, 0, 306)
+        with copy.copy(dataset) as another:
+            another.sample(4)
+        assert ledger.counts().dataset_rows == 310
+        dataset.pair("gravity")  # reads every row and simulates one step from it
+        assert ledger.counts() == LedgerCounts(0, 0, ROWS, 310 + ROWS)
 
 
 def test_a_batch_holds_the_rows_that_its_indices_name(example) -> None:

@@ -44,6 +44,9 @@ def test_the_datasets_of_the_readme_are_there(
         assert names["batch"]["simulator_next_observations"].shape == (256, 17)
         assert len(names["returns"]) == 50
         names["dataset"].close()
+        exec(program_with("client.ledger()"), names)
+        assert names["ledger"].counts().dataset_rows == 256
+        names["env"].close()
 
 
 def test_the_agent_of_the_readme_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
