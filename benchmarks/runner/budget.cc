@@ -2,133 +2,94 @@
 
 #include <fmt/format.h>
 
-#include <set>
-#include <string_view>
-
-#include "data/files/toml_file.h"
+#include "algorithms/nn/products/precision.h"
+#include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
 
 namespace b4mrl {
 namespace {
 
-Status Refuse(const std::string& where, std::string_view allowed) {
-  return Status(StatusCode::kInvalidArgument, fmt::format("{} must be {}", where, allowed));
+constexpr uint64_t kMostSeeds = 10'000;     // of a cell
+constexpr uint64_t kMostEpisodes = 10'000;  // of an evaluation
+
+Result<BudgetException> ReadException(const toml::table& table, const std::string& where) {
+  TomlKeys keys(table, where);
+  BudgetException exception;
+  B4MRL_ASSIGN_OR_RETURN(exception.algorithms, keys.Texts("algorithms"));
+  B4MRL_ASSIGN_OR_RETURN(exception.simulators, keys.Texts("simulators"));
+  B4MRL_ASSIGN_OR_RETURN(exception.datasets, keys.Texts("datasets"));
+  B4MRL_ASSIGN_OR_RETURN(exception.updates, keys.Count("updates"));
+  B4MRL_ASSIGN_OR_RETURN(exception.hyperparameters, keys.Numbers("hyperparameters"));
+  B4MRL_RETURN_IF_ERROR(keys.Finish());
+  return exception;
 }
 
-Status TakeCount(const toml::node& node, const std::string& where, uint64_t* out) {
-  const auto number = node.value_exact<int64_t>();
-  if (!number || *number < 1) return Refuse(where, "a whole number of at least 1");
-  *out = static_cast<uint64_t>(*number);
-  return Status();
-}
-
-Status TakeNumbers(const toml::node& node, const std::string& where, HyperparameterValues* out) {
-  const toml::table* table = node.as_table();
-  if (table == nullptr) return Refuse(where, "a table of numbers");
-  for (const auto& [key, value] : *table) {
-    const auto number = value.is_boolean() ? std::nullopt : value.value<double>();
-    if (!number) return Refuse(fmt::format("{}.{}", where, key.str()), "a number");
-    (*out)[std::string(key.str())] = *number;
-  }
-  return Status();
-}
-
-Status TakeTexts(const toml::node& node, const std::string& where, std::vector<std::string>* out) {
-  const toml::array* array = node.as_array();
-  for (size_t i = 0; array != nullptr && i < array->size(); ++i) {
-    const auto text = (*array)[i].value_exact<std::string>();
-    if (!text) return Refuse(where, "a list of texts");
-    out->push_back(*text);
-  }
-  return array == nullptr ? Refuse(where, "a list of texts") : Status();
-}
-
-Status Unknown(const std::string& where, std::string_view key, std::vector<std::string> known) {
-  return UnknownName(fmt::format("key of {}", where), std::string(key), known);
-}
-
-Status TakeException(const toml::node& node, const std::string& where, BudgetException* out) {
-  const toml::table* table = node.as_table();
-  if (table == nullptr) return Refuse(where, "tables");
-  for (const auto& [key, value] : *table) {
-    const std::string name(key.str());
-    const std::string at = fmt::format("{}.{}", where, name);
-    Status status;
-    if (name == "algorithms") {
-      status = TakeTexts(value, at, &out->algorithms);
-    } else if (name == "simulators") {
-      status = TakeTexts(value, at, &out->simulators);
-    } else if (name == "datasets") {
-      status = TakeTexts(value, at, &out->datasets);
-    } else if (name == "updates") {
-      status = TakeCount(value, at, &out->updates.emplace());
-    } else if (name == "hyperparameters") {
-      status = TakeNumbers(value, at, &out->hyperparameters);
-    } else {
-      return Unknown(where, name,
-                     {"algorithms", "simulators", "datasets", "updates", "hyperparameters"});
-    }
-    B4MRL_RETURN_IF_ERROR(status);
+// Reads hyperparameters, which are tables by algorithm of tables by name.
+Status ReadHyperparameters(TomlKeys& keys, const std::string& where, Budget* out) {
+  B4MRL_ASSIGN_OR_RETURN(const toml::table* table, keys.Table("hyperparameters"));
+  if (table == nullptr) return Status();
+  TomlKeys algorithms(*table, where + ".hyperparameters");
+  for (const auto& [algorithm, numbers] : *table) {
+    B4MRL_ASSIGN_OR_RETURN(out->hyperparameters[std::string(algorithm.str())],
+                           algorithms.Numbers(algorithm.str()));
   }
   return Status();
 }
 
-Status TakeExceptions(const toml::node& node, const std::string& where, Budget* out) {
-  const toml::array* array = node.as_array();
-  if (array == nullptr) return Refuse(where, "tables");
-  for (const toml::node& entry : *array) {
-    B4MRL_RETURN_IF_ERROR(TakeException(entry, where, &out->exceptions.emplace_back()));
-  }
-  return Status();
+Status CheckPrecisionName(const std::string& where, const std::string& name) {
+  if (FindPrecision(name)) return Status();
+  return UnknownName(fmt::format("precision of {}", where), name,
+                     std::vector<std::string>{"fp32", "bf16"});
 }
 
-// Calls take(name, value) for each entry of a table by algorithm.
-template <typename Take>
-Status ForEach(const toml::node& node, const std::string& where, Take take) {
-  const toml::table* table = node.as_table();
-  if (table == nullptr) return Refuse(where, "a table by algorithm");
-  for (const auto& [key, value] : *table) {
-    B4MRL_RETURN_IF_ERROR(
-        take(std::string(key.str()), value, fmt::format("{}.{}", where, key.str())));
+Status ReadPrecisions(TomlKeys& keys, const std::string& where, Budget* out) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string precision, keys.Text("precision"));
+  if (!precision.empty()) out->precision = precision;
+  B4MRL_ASSIGN_OR_RETURN(out->precisions, keys.NamedTexts("precisions"));
+  for (const auto& [algorithm, name] : out->precisions) {
+    B4MRL_RETURN_IF_ERROR(CheckPrecisionName(where, name));
   }
-  return Status();
+  return CheckPrecisionName(where, out->precision);
 }
 
-Status TakeEntry(const std::string& name, const toml::node& value, const std::string& at,
-                 Budget* out) {
-  uint64_t count = 0;
-  if (name == "evaluations") return TakeCount(value, at, &out->evaluations);
-  if (name == "rows") return TakeCount(value, at, &out->rows.emplace());
-  if (name == "episodes" || name == "seeds") {
-    B4MRL_RETURN_IF_ERROR(TakeCount(value, at, &count));
-    if (count > 10'000) return Refuse(at, "at most 10000");
-    (name == "seeds" ? out->seeds : out->episodes) = static_cast<uint32_t>(count);
-    return Status();
+Result<Budget> ReadTable(const toml::table& table, const std::string& where) {
+  TomlKeys keys(table, where);
+  Budget budget;
+  B4MRL_RETURN_IF_ERROR(ReadPrecisions(keys, where, &budget));
+  B4MRL_ASSIGN_OR_RETURN(const auto evaluations, keys.Count("evaluations"));
+  B4MRL_ASSIGN_OR_RETURN(const auto episodes, keys.Count("episodes", kMostEpisodes));
+  B4MRL_ASSIGN_OR_RETURN(const auto seeds, keys.Count("seeds", kMostSeeds));
+  B4MRL_ASSIGN_OR_RETURN(budget.rows, keys.Count("rows"));
+  B4MRL_ASSIGN_OR_RETURN(budget.learner_updates, keys.Count("learner-updates"));
+  B4MRL_ASSIGN_OR_RETURN(budget.recipes, keys.NamedTexts("recipes"));
+  B4MRL_ASSIGN_OR_RETURN(budget.updates, keys.Counts("updates"));
+  B4MRL_RETURN_IF_ERROR(ReadHyperparameters(keys, where, &budget));
+  B4MRL_ASSIGN_OR_RETURN(const auto exceptions, keys.Tables("exception"));
+  B4MRL_RETURN_IF_ERROR(keys.Finish());
+  budget.evaluations = evaluations.value_or(budget.evaluations);
+  budget.episodes = static_cast<uint32_t>(episodes.value_or(budget.episodes));
+  budget.seeds = static_cast<uint32_t>(seeds.value_or(budget.seeds));
+  for (const toml::table* entry : exceptions) {
+    B4MRL_ASSIGN_OR_RETURN(BudgetException exception,
+                           ReadException(*entry, fmt::format("{}.exception", where)));
+    budget.exceptions.push_back(std::move(exception));
   }
-  if (name == "precision") {
-    out->precision = value.value_or(std::string());
-    const bool known = out->precision == "fp32" || out->precision == "bf16";
-    return known ? Status() : Refuse(at, "\"fp32\" or \"bf16\"");
-  }
-  if (name == "updates") {
-    return ForEach(value, at,
-                   [&](std::string algorithm, const toml::node& number, const std::string& where) {
-                     return TakeCount(number, where, &out->updates[algorithm]);
-                   });
-  }
-  if (name == "hyperparameters") {
-    return ForEach(value, at,
-                   [&](std::string algorithm, const toml::node& numbers, const std::string& where) {
-                     return TakeNumbers(numbers, where, &out->hyperparameters[algorithm]);
-                   });
-  }
-  if (name == "exception") return TakeExceptions(value, at, out);
-  return Unknown(at.substr(0, at.rfind('.')), name,
-                 {"evaluations", "rows", "episodes", "seeds", "precision", "updates",
-                  "hyperparameters", "exception"});
+  if (!budget.updates.empty()) return budget;
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("{}: 'updates' must be a table with an algorithm or more", where));
 }
 
 }  // namespace
+
+const std::string& Budget::PrecisionOf(const std::string& algorithm) const {
+  const auto found = precisions.find(algorithm);
+  return found == precisions.end() ? precision : found->second;
+}
+
+std::string Budget::RecipeOf(const std::string& algorithm) const {
+  const auto found = recipes.find(algorithm);
+  return found == recipes.end() ? "" : found->second;
+}
 
 Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table all, ReadTomlFile(file));
@@ -140,16 +101,8 @@ Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
     for (const auto& [key, node] : all) names.emplace_back(key.str());
     return UnknownName(fmt::format("budget of {}", file), chosen, names);
   }
-  Budget budget;
+  B4MRL_ASSIGN_OR_RETURN(Budget budget, ReadTable(*table, fmt::format("{}, {}", file, chosen)));
   budget.name = chosen;
-  for (const auto& [key, value] : *table) {
-    const std::string entry(key.str());
-    B4MRL_RETURN_IF_ERROR(
-        TakeEntry(entry, value, fmt::format("{}.{}", chosen, entry), &budget).WithContext(file));
-  }
-  if (budget.updates.empty()) {
-    return Refuse(fmt::format("{}: {}.updates", file, chosen), "a table with an algorithm or more");
-  }
   return budget;
 }
 

@@ -3,6 +3,9 @@
 //
 //   [small]
 //   precision = "fp32"
+//   precisions = { h2o = "fp32" }   # of algorithms that differ
+//   recipes = { mopo = "short" }    # names, for tables, of what the hyperparameters below choose
+//   learner-updates = 100_000       # of a learner of the user's own
 //   evaluations = 50        # of a run, at equal distances
 //   episodes = 10           # of an evaluation
 //   rows = 10_000           # of each dataset; left out: all
@@ -42,6 +45,9 @@ struct BudgetException {
 struct Budget {
   std::string name;
   std::string precision = "fp32";
+  std::map<std::string, std::string> precisions;  // by algorithm, where they differ
+  std::map<std::string, std::string> recipes;     // by algorithm; without one the name is ""
+  std::optional<uint64_t> learner_updates;
   uint64_t evaluations = 50;
   uint32_t episodes = 10;
   std::optional<uint64_t> rows;
@@ -49,6 +55,9 @@ struct Budget {
   std::map<std::string, uint64_t> updates;                      // by algorithm
   std::map<std::string, HyperparameterValues> hyperparameters;  // by algorithm
   std::vector<BudgetException> exceptions;
+
+  const std::string& PrecisionOf(const std::string& algorithm) const;
+  std::string RecipeOf(const std::string& algorithm) const;
 };
 
 // Reads the budget `name` of a file; "" is the only one of a file with one. Errors: kIoError,

@@ -75,7 +75,9 @@ Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& a
   run.environment = benchmark.environment;
   run.world = benchmark.world;
   run.seed = seed;
-  run.precision = budget_.precision;
+  run.suite = benchmark.suite;
+  run.precision = budget_.PrecisionOf(run.algorithm);
+  run.recipe = budget_.RecipeOf(run.algorithm);
   if (algorithm.needs.simulator) run.simulator = benchmark.simulator;
   if (algorithm.needs.dataset) {
     run.dataset = benchmark.dataset;

@@ -36,8 +36,10 @@ struct PlannedRun {
   // As the user writes them for `b4mrl train`.
   std::string algorithm, environment, simulator, dataset, corruption, world;
   std::string full_dataset;  // the dataset's name with its version, as its recipe has it
+  std::string suite;         // version of its benchmarks' suite: "v0"
   uint64_t seed = 0;
   std::string precision;
+  std::string recipe;  // the budget's name for its hyperparameters; "": none
   uint64_t updates = 0;
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
   std::string columns_sha256;            // of its dataset as published; "": any rows will do

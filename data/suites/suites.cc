@@ -13,7 +13,7 @@
 
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
-#include "data/files/toml_file.h"
+#include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
 
 namespace b4mrl {
@@ -21,97 +21,17 @@ namespace {
 
 constexpr size_t kMaxFileBytes = 1 << 20;
 
-// The keys of one table of a suite's file. Reading one marks it as known, so that what is left over
-// is a mistake.
-class Keys {
- public:
-  Keys(const toml::table& table, std::string where) : table_(table), where_(std::move(where)) {}
-
-  Result<std::string> Text(std::string_view key, bool required) {
-    const toml::node* node = Find(key);
-    if (node == nullptr && !required) return std::string();
-    const auto text = node == nullptr ? std::nullopt : node->value_exact<std::string>();
-    if (!text || text->empty()) return Refuse(key, "a text that is not empty");
-    return CheckName(key, *text);
-  }
-
-  // The texts of a list; `otherwise` if the key is missing.
-  Result<std::vector<std::string>> Texts(std::string_view key, std::vector<std::string> otherwise) {
-    const toml::node* node = Find(key);
-    if (node == nullptr) return otherwise;
-    const toml::array* array = node->as_array();
-    if (array == nullptr || array->empty()) return Refuse(key, "a list of texts that is not empty");
-    std::vector<std::string> texts;
-    for (const toml::node& entry : *array) {
-      const auto text = entry.value_exact<std::string>();
-      if (!text) return Refuse(key, "a list of texts");
-      B4MRL_ASSIGN_OR_RETURN(std::string checked, CheckName(key, *text));
-      texts.push_back(std::move(checked));
-    }
-    return texts;
-  }
-
-  Result<std::map<std::string, double>> Numbers(std::string_view key) {
-    std::map<std::string, double> numbers;
-    const toml::node* node = Find(key);
-    if (node == nullptr) return numbers;
-    const toml::table* table = node->as_table();
-    if (table == nullptr) return Refuse(key, "a table of numbers");
-    for (const auto& [name, value] : *table) {
-      const auto number = value.value<double>();
-      if (!number || value.is_boolean()) return Refuse(key, "a table of numbers");
-      numbers.emplace(std::string(name.str()), *number);
-    }
-    return numbers;
-  }
-
-  Result<std::vector<const toml::table*>> Tables(std::string_view key) {
-    const toml::node* node = Find(key);
-    const toml::array* array = node == nullptr ? nullptr : node->as_array();
-    std::vector<const toml::table*> tables;
-    for (size_t i = 0; array != nullptr && i < array->size(); ++i) {
-      tables.push_back((*array)[i].as_table());
-    }
-    if (tables.empty() || std::ranges::count(tables, nullptr) > 0) {
-      return Refuse(key, fmt::format("tables [[{}]]", key));
-    }
-    return tables;
-  }
-
-  // An error if the table has a key that nobody asked for.
-  Status Finish() const {
-    for (const auto& [key, node] : table_) {
-      if (known_.contains(key.str())) continue;
-      return UnknownName(fmt::format("key of {}", where_), std::string(key.str()),
-                         std::vector<std::string>(known_.begin(), known_.end()));
-    }
-    return Status();
-  }
-
- private:
-  const toml::node* Find(std::string_view key) {
-    known_.emplace(key);
-    return table_.get(key);
-  }
-  Status Refuse(std::string_view key, std::string_view allowed) const {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("{}: '{}' must be {}", where_, key, allowed));
-  }
-  // Names appear in names of files and on command lines.
-  Result<std::string> CheckName(std::string_view key, const std::string& text) const {
-    const bool fits = text.size() <= kMaxBenchmarkText && std::ranges::all_of(text, [](char c) {
-                        return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
-                               std::string_view("-_=.,+").find(c) != std::string_view::npos;
-                      });
-    if (fits) return text;
-    return Refuse(key, fmt::format("at most {} letters, digits and characters of \"-_=.,+\"",
-                                   kMaxBenchmarkText));
-  }
-
-  const toml::table& table_;
-  const std::string where_;
-  std::set<std::string, std::less<>> known_;
-};
+// Names appear in names of files and on command lines. The error is what is allowed.
+Status CheckName(const std::string& text) {
+  const bool fits = text.size() <= kMaxBenchmarkText && std::ranges::all_of(text, [](char c) {
+                      return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+                             std::string_view("-_=.,+").find(c) != std::string_view::npos;
+                    });
+  if (fits) return Status();
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("at most {} letters, digits and characters of \"-_=.,+\"",
+                            kMaxBenchmarkText));
+}
 
 std::string Joined(std::initializer_list<std::string_view> parts) {
   std::string text;
@@ -127,15 +47,15 @@ std::string Joined(std::initializer_list<std::string_view> parts) {
 Status AppendChallenge(const toml::table& table, Benchmark common, const std::string& file,
                        std::vector<Benchmark>* out) {
   const auto title = table["name"].value<std::string>();
-  Keys keys(table, fmt::format("{}, challenge '{}'", file, title.value_or("")));
+  TomlKeys keys(table, fmt::format("{}, challenge '{}'", file, title.value_or("")), CheckName);
   B4MRL_ASSIGN_OR_RETURN(common.challenge, keys.Text("name", true));
-  B4MRL_ASSIGN_OR_RETURN(const std::string label, keys.Text("label", false));
+  B4MRL_ASSIGN_OR_RETURN(const std::string label, keys.Text("label"));
   B4MRL_ASSIGN_OR_RETURN(const auto simulators, keys.Texts("simulators", {""}));
   B4MRL_ASSIGN_OR_RETURN(const auto corruptions, keys.Texts("corruptions", {""}));
   B4MRL_ASSIGN_OR_RETURN(const auto datasets, keys.Texts("datasets", {""}));
-  B4MRL_ASSIGN_OR_RETURN(common.algorithms, keys.Texts("algorithms", {}));
-  B4MRL_ASSIGN_OR_RETURN(common.exceptions, keys.Texts("except", {}));
-  B4MRL_ASSIGN_OR_RETURN(common.world, keys.Text("world", false));
+  B4MRL_ASSIGN_OR_RETURN(common.algorithms, keys.Texts("algorithms"));
+  B4MRL_ASSIGN_OR_RETURN(common.exceptions, keys.Texts("except"));
+  B4MRL_ASSIGN_OR_RETURN(common.world, keys.Text("world"));
   B4MRL_ASSIGN_OR_RETURN(common.hyperparameters, keys.Numbers("hyperparameters"));
   B4MRL_RETURN_IF_ERROR(keys.Finish());
   for (const std::string& simulator : simulators) {
@@ -230,12 +150,16 @@ bool Benchmark::DefinedFor(std::string_view algorithm) const {
 
 Result<std::vector<Benchmark>> ParseSuite(const std::string& text, const std::string& file) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table table, ParseToml(text, file));
-  Keys keys(table, file);
+  TomlKeys keys(table, file, CheckName);
   Benchmark common;
   B4MRL_ASSIGN_OR_RETURN(common.suite, keys.Text("version", true));
   B4MRL_ASSIGN_OR_RETURN(common.environment, keys.Text("environment", true));
   B4MRL_ASSIGN_OR_RETURN(const auto challenges, keys.Tables("challenge"));
   B4MRL_RETURN_IF_ERROR(keys.Finish());
+  if (challenges.empty()) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{} must have tables [[challenge]]", file));
+  }
   std::vector<Benchmark> benchmarks;
   for (const toml::table* challenge : challenges) {
     B4MRL_RETURN_IF_ERROR(AppendChallenge(*challenge, common, file, &benchmarks));

@@ -19,7 +19,19 @@ TEST_CASE("The project's budgets can be read") {
   CHECK(smoke.updates.size() == 8);
   const Budget paper = Take(ReadBudget(DefaultBudgetsFile(), "paper"));
   CHECK(paper.seeds == 3);
+  CHECK(paper.RecipeOf("mopo") == "paper");
+  CHECK(paper.RecipeOf("sac").empty());
   CHECK(paper.hyperparameters.empty());
+}
+
+TEST_CASE("An algorithm has the budget's precision or its own") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("mine.toml"),
+             "[mine]\nprecision = \"bf16\"\nprecisions = { h2o = \"fp32\" }\n"
+             "updates = { sac = 5, h2o = 5 }\n");
+  const Budget mine = Take(ReadBudget(folder.File("mine.toml"), ""));
+  CHECK(mine.PrecisionOf("sac") == "bf16");
+  CHECK(mine.PrecisionOf("h2o") == "fp32");
 }
 
 TEST_CASE("Mistakes in a budget are refused by name") {
@@ -39,13 +51,16 @@ TEST_CASE("Mistakes in a budget are refused by name") {
   };
   CHECK(says("[mine", "line 1"));
   CHECK(says("[other]\nrows = 1", "'mine'"));
-  CHECK(says("[mine]\nrows = 1", "mine.updates"));
-  CHECK(says("[mine]\nupdates = { sac = 0 }", "mine.updates.sac must be a whole number"));
+  CHECK(says("[mine]\nrows = 1", "mine: 'updates'"));
+  CHECK(says("[mine]\nupdates = { sac = 0 }",
+             "mine: 'updates.sac' must be an entry of a table of whole numbers"));
   CHECK(says(head + "row = 5", "rows"));
   CHECK(says(head + "precision = \"fp16\"", "bf16"));
-  CHECK(says(head + "episodes = 1_000_000", "at most 10000"));
+  CHECK(says(head + "precisions = { sac = \"fp16\" }", "bf16"));
+  CHECK(says(head + "recipes = \"short\"", "'recipes' must be a table of texts"));
+  CHECK(says(head + "episodes = 1_000_000", "1..10000"));
   CHECK(says(head + "hyperparameters = { sac = { lanes = \"x\" } }",
-             "mine.hyperparameters.sac.lanes"));
+             "mine.hyperparameters: 'sac.lanes'"));
   CHECK(says(head + "[[mine.exception]]\nsimulator = [\"gravity\"]", "simulators"));
 }
 
