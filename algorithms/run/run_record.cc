@@ -11,6 +11,7 @@
 #include "algorithms/nn/products/blas.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
+#include "proto/base/cores.h"
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
 #include "proto/base/version.h"
@@ -114,7 +115,7 @@ RunSession SessionOf(const Json& json) {
     const auto found = json.find(name);
     return found != json.end() && found->is_string() ? found->get<std::string>() : "";
   };
-  return {text("version"), text("blas_kernel")};
+  return {text("version"), text("blas_kernel"), text("processor")};
 }
 
 // The record's sessions. A record of an older program version stores only its last session.
@@ -257,17 +258,21 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   const RunSession present = PresentSession();
   json["version"] = present.version;
   json["blas_kernel"] = present.blas_kernel;
+  json["processor"] = present.processor;
   json["sessions"] = Json::array();
   for (const RunSession& session : WithPresent(before, present)) {
-    json["sessions"].push_back(
-        {{"version", session.version}, {"blas_kernel", session.blas_kernel}});
+    json["sessions"].push_back({{"version", session.version},
+                                {"blas_kernel", session.blas_kernel},
+                                {"processor", session.processor}});
   }
   // `replace` keeps bytes of the command line that are not UTF-8 from throwing.
   return WriteSmallFile(RecordPath(options.folder),
                         json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-RunSession PresentSession() { return {std::string(ProjectVersion()), BlasKernelName()}; }
+RunSession PresentSession() {
+  return {std::string(ProjectVersion()), BlasKernelName(), ProcessorName()};
+}
 
 Status CheckNoEarlierRun(const TrainOptions& options) {
   if (options.resume || ListCheckpoints(options.folder).empty()) return Status();

@@ -53,11 +53,16 @@ struct TrainOptions {
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
 
-// Program and BLAS kernel of one session of a run. Sessions with equal values train reproducibly.
+// What computed one session of a run.
 struct RunSession {
   std::string version;  // of b4mrl
   std::string blas_kernel;
+  std::string processor;  // "" in records of older versions
   bool operator==(const RunSession&) const = default;
+  // Whether the other session would compute the same numbers.
+  bool ComputesAs(const RunSession& other) const {
+    return version == other.version && blas_kernel == other.blas_kernel;
+  }
 };
 RunSession PresentSession();
 

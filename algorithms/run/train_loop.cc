@@ -113,7 +113,7 @@ std::vector<RunSession> TrainRun::EarlierSessions() const {
   const Result<RunRecord> record = ReadRunRecord(options_.folder);
   if (!record.ok() || record->sessions.empty()) return {};
   const RunSession &last = record->sessions.back(), present = PresentSession();
-  if (last != present) {
+  if (!last.ComputesAs(present)) {
     progress_.Message(
         fmt::format("the run was last computed by version {} on BLAS kernel {}, now by {} on {}: "
                     "from here on its numbers may differ from an uninterrupted run's",

@@ -2,7 +2,18 @@
 
 #include <sched.h>
 
+#include <fstream>
+
 namespace b4mrl {
+
+std::string ProcessorName() {
+  std::ifstream cpuinfo("/proc/cpuinfo");
+  for (std::string line; std::getline(cpuinfo, line);) {
+    const size_t colon = line.find(": ");
+    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "unknown processor";
+}
 
 std::vector<int> AvailableCores() {
   cpu_set_t set;

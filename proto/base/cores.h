@@ -1,10 +1,13 @@
-// The processor cores that a thread may use, and pinning threads to cores. Any thread.
+// The processor, its cores that a thread may use, and pinning threads to cores. Any thread.
 #pragma once
 
+#include <string>
 #include <vector>
 
 namespace b4mrl {
 
+// The processor's name as the kernel gives it: "AMD EPYC 9B14"; "unknown processor" without one.
+std::string ProcessorName();
 // The numbers of the cores that the calling thread may use, ascending; never empty. Call it before
 // the thread is pinned.
 std::vector<int> AvailableCores();

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "client/interrupt.h"
@@ -35,15 +34,8 @@ Result<Medians> MeasureInTurns(int turns, const Sampler& value, const Sampler& l
 }
 
 std::string MachineName() {
-  std::ifstream cpuinfo("/proc/cpuinfo");
-  std::string model = "unknown processor";
-  for (std::string line; std::getline(cpuinfo, line);) {
-    if (!line.starts_with("model name")) continue;
-    model = line.substr(line.find(':') + 2);
-    break;
-  }
   const size_t cores = AvailableCores().size();
-  return fmt::format("{}, {} core{}", model, cores, cores == 1 ? "" : "s");
+  return fmt::format("{}, {} core{}", ProcessorName(), cores, cores == 1 ? "" : "s");
 }
 
 void Reporter::Report(const Measurement& m) {

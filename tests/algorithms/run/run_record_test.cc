@@ -110,11 +110,13 @@ TEST_CASE("A record without a precision is of a run in fp32, and an unknown one 
   CHECK(unknown.status().message().find("fp32 or bf16") != std::string::npos);
 }
 
-TEST_CASE("A record keeps each change of version and kernel that the run went through") {
+TEST_CASE("A record keeps each change of version, kernel and processor that the run went through") {
   const TemporaryFolder folder;
   TrainOptions options;
   options.folder = folder.File("");
-  const RunSession present = PresentSession(), older = {"0.0.1", "Prescott"};
+  const RunSession present = PresentSession(), older = {"0.0.1", "Prescott", ""};
+  RunSession elsewhere = present;
+  elsewhere.processor = "another";
   const auto write = [&](const std::vector<RunSession>& before) {
     REQUIRE(WriteRunRecord(options, before).ok());
     const Result<RunRecord> record = ReadRunRecord(options.folder);
@@ -124,6 +126,7 @@ TEST_CASE("A record keeps each change of version and kernel that the run went th
   CHECK(write({}) == std::vector{present});
   CHECK(write({present}) == std::vector{present});
   CHECK(write({older}) == std::vector{older, present});
+  CHECK(write({elsewhere}) == std::vector{elsewhere, present});
   CHECK(write({present, older}) == std::vector{present, older, present});
   CHECK(write(std::vector<RunSession>(500, older)).size() == 100);
 }
