@@ -39,18 +39,10 @@ std::vector<std::string> CommandLine(const PrivateDaemonOptions& options, const 
   return words;
 }
 
-std::vector<char*> Pointers(std::vector<std::string>& words) {
-  std::vector<char*> pointers;
-  for (std::string& word : words) pointers.push_back(word.data());
-  pointers.push_back(nullptr);
-  return pointers;
-}
-
 std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
-  // getenv finds the first variable of a name, so the added variables go in front.
-  std::vector<std::string> variables = options.environment;
-  for (char** entry = environ; *entry != nullptr; ++entry) variables.emplace_back(*entry);
-  // A command's private daemon logs warnings only, unless the user sets SPDLOG_LEVEL.
+  std::vector<std::string> variables = EnvironmentWith(options.environment);
+  // A command's private daemon logs warnings only, unless the user sets SPDLOG_LEVEL: getenv finds
+  // the first variable of a name.
   variables.push_back("SPDLOG_LEVEL=warn");
   return variables;
 }
@@ -101,8 +93,8 @@ Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) 
   }
   std::vector<std::string> words = CommandLine(options, binary, daemon.folder_);
   std::vector<std::string> variables = Environment(options);
-  const std::vector<char*> arguments = Pointers(words);
-  const std::vector<char*> environment = Pointers(variables);
+  const std::vector<char*> arguments = PointersTo(words);
+  const std::vector<char*> environment = PointersTo(variables);
   int output[2];
   if (pipe2(output, O_CLOEXEC) != 0) return IoError("make", "a pipe", errno);
   const pid_t parent = getpid();

@@ -15,6 +15,8 @@
 #include <climits>
 #include <csignal>
 #include <cstdlib>
+#include <cstring>
+#include <string_view>
 
 extern char** environ;
 
@@ -25,6 +27,24 @@ std::string ProgramBesideThisOne(std::string_view name) {
   const ssize_t length = readlink("/proc/self/exe", path.data(), path.size());
   const std::string own(path.data(), length > 0 ? static_cast<size_t>(length) : 0);
   return own.substr(0, own.rfind('/') + 1).append(name);
+}
+
+std::vector<std::string> EnvironmentWith(const std::vector<std::string>& added) {
+  std::vector<std::string> variables = added;
+  for (char** entry = environ; *entry != nullptr; ++entry) {
+    const std::string_view name(*entry, std::strcspn(*entry, "="));
+    const bool is_replaced = std::ranges::any_of(
+        added, [&](const std::string_view text) { return text.substr(0, text.find('=')) == name; });
+    if (!is_replaced) variables.emplace_back(*entry);
+  }
+  return variables;
+}
+
+std::vector<char*> PointersTo(std::vector<std::string>& texts) {
+  std::vector<char*> pointers;
+  for (std::string& text : texts) pointers.push_back(text.data());
+  pointers.push_back(nullptr);
+  return pointers;
 }
 
 namespace {
@@ -41,9 +61,7 @@ int Spawn(const std::string& program, std::vector<std::string> words, int input,
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
   posix_spawnattr_setflags(&attributes, flags);
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
+  const std::vector<char*> argv = PointersTo(words);
   const int error =
       posix_spawnp(process_id, program.c_str(), &actions, &attributes, argv.data(), environ);
   posix_spawnattr_destroy(&attributes);

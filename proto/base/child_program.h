@@ -19,6 +19,11 @@ namespace b4mrl {
 // The path of `name` in the folder of the running program.
 std::string ProgramBesideThisOne(std::string_view name);
 
+// This process's variables with `added` ("NAME=value") in the places of those of equal names.
+std::vector<std::string> EnvironmentWith(const std::vector<std::string>& added);
+// The texts as the system's calls take them, with a null pointer at the end. Valid as long as they.
+std::vector<char*> PointersTo(std::vector<std::string>& texts);
+
 struct ProgramOnSocket {
   pid_t process_id = 0;
   UniqueFd socket;  // our end of the socket pair, whose other end is the program's stdin
