@@ -28,9 +28,9 @@ Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& res
                                     "--observe",     order.observe,
                                     "--episodes",    fmt::format("{}", order.episodes),
                                     "--seed",        fmt::format("{}", order.seed)};
-  if (!order.data_folder.empty()) words.insert(words.end(), {"--data", order.data_folder});
+  words.insert(words.end(), order.daemon_words.begin(), order.daemon_words.end());
   if (!order.simulator.empty()) words.insert(words.end(), {"--simulator", order.simulator});
-  return Job::Start("b4mrl-tools", std::move(words), LogOf(result), std::move(claim));
+  return Job::Start(ToolOrder(std::move(words), LogOf(result)), std::move(claim));
 }
 
 Status KeepEvaluation(const std::string& result) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "benchmarks/runner/job.h"
 #include "proto/base/status.h"
@@ -16,8 +17,8 @@ struct EvaluationOrder {
   std::string simulator;            // perturbations; "": the true environment
   std::string observe = "trained";  // or "full"
   uint32_t episodes = 10;
-  std::string data_folder;  // of the evaluation's daemon; "": the default
-  uint64_t seed = 0;        // of the starts; 0 has those of the evaluations during training
+  std::vector<std::string> daemon_words;  // options that choose its daemon
+  uint64_t seed = 0;  // of the starts; 0 has those of the evaluations during training
 };
 
 // Starts the evaluation. Its output goes to `result` + ".log" until KeepEvaluation.

@@ -31,7 +31,8 @@ sigset_t StopSignals() {
 
 // What the new process does between fork and exec: system calls alone. It begins with the stop
 // signals blocked, so that one that is sent early is not lost to a handler of the runner's.
-[[noreturn]] void BecomeProgram(pid_t parent, int log, char* const* argv) {
+[[noreturn]] void BecomeProgram(pid_t parent, int log, char* const* argv,
+                                char* const* environment) {
   setpgid(0, 0);
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the runner died before it could be watched
@@ -44,7 +45,7 @@ sigset_t StopSignals() {
   dup2(log, STDOUT_FILENO);
   dup2(log, STDERR_FILENO);
   close_range(STDERR_FILENO + 1, ~0u, 0);
-  execv(argv[0], argv);
+  execve(argv[0], argv, environment);
   _exit(127);
 }
 
@@ -64,33 +65,37 @@ Result<UniqueFd> Claim(const std::string& path) {
                 fmt::format("{} is on a file system that grants a lock twice", path));
 }
 
-Result<Job> Job::Start(const std::string& program, std::vector<std::string> words,
-                       const std::string& log, UniqueFd claim) {
-  const std::string path = ProgramBesideThisOne(program);
-  words.insert(words.begin(), path);
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  const UniqueFd out(open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
-  if (!out.valid()) return IoError("open", log, errno);
+JobOrder ToolOrder(std::vector<std::string> words, const std::string& log) {
+  words.insert(words.begin(), ProgramBesideThisOne("b4mrl-tools"));
+  return {.words = std::move(words), .log = log};
+}
+
+Result<Job> Job::Start(const JobOrder& order, UniqueFd claim) {
+  std::vector<std::string> words = order.words;
+  std::vector<std::string> variables = EnvironmentWith(order.environment);
+  const std::vector<char*> argv = PointersTo(words), environment = PointersTo(variables);
+  const UniqueFd out(open(order.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+  if (!out.valid()) return IoError("open", order.log, errno);
   const pid_t parent = getpid();
   const sigset_t stop = StopSignals();
   sigset_t before;
   sigprocmask(SIG_BLOCK, &stop, &before);
   const pid_t child = fork();
-  if (child == 0) BecomeProgram(parent, out.get(), argv.data());
+  if (child == 0) BecomeProgram(parent, out.get(), argv.data(), environment.data());
   const int error = errno;
   sigprocmask(SIG_SETMASK, &before, nullptr);
-  if (child < 0) return IoError("start", path, error);
-  return Job(child, std::move(claim));
+  if (child < 0) return IoError("start", order.words.front(), error);
+  return Job(child, order.stops_group, std::move(claim));
 }
 
 Job::Job(Job&& other) noexcept
-    : process_id_(std::exchange(other.process_id_, -1)), claim_(std::move(other.claim_)) {}
+    : process_id_(std::exchange(other.process_id_, -1)),
+      stops_group_(other.stops_group_),
+      claim_(std::move(other.claim_)) {}
 
 Job::~Job() {
   if (process_id_ <= 0) return;
-  kill(process_id_, SIGTERM);
+  Stop();
   waitpid(process_id_, nullptr, 0);
 }
 
@@ -101,6 +106,6 @@ std::optional<int> Job::Poll() {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-void Job::Stop() { kill(process_id_, SIGTERM); }
+void Job::Stop() { kill(stops_group_ ? -process_id_ : process_id_, SIGTERM); }
 
 }  // namespace b4mrl

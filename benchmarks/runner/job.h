@@ -1,4 +1,5 @@
-// A child process of the runner: `b4mrl train` or `b4mrl dataset make`, and the claim that keeps
+// A child process of the runner: `b4mrl train`, `b4mrl dataset make`, `b4mrl evaluate` or a learner
+// of the user's own, and the claim that keeps
 // other runners away from its work, until the job's object ends: what it made is kept by then.
 //
 // A claim is a lock on a file (flock), so that it ends with the process that holds it, however that
@@ -22,12 +23,21 @@ namespace b4mrl {
 // kUnsupported if the file system grants a lock twice or none; kIoError.
 Result<UniqueFd> Claim(const std::string& path);
 
+// What a job's process is to be.
+struct JobOrder {
+  std::vector<std::string> words;        // of the command; the first one is the program's path
+  std::string log;                       // file to which both outputs are appended
+  std::vector<std::string> environment;  // "NAME=value", beside this process's own
+  bool stops_group = false;  // Stop reaches all processes that it has started, not it alone
+};
+// `b4mrl` with these words: the program beside this one that knows them.
+JobOrder ToolOrder(std::vector<std::string> words, const std::string& log);
+
 class Job {
  public:
-  // Starts the program beside this one, in a process group of its own, so that a terminal's Ctrl-C
-  // reaches the runner alone. Both outputs are appended to the file `log`.
-  static Result<Job> Start(const std::string& program, std::vector<std::string> words,
-                           const std::string& log, UniqueFd claim);
+  // Starts the process, in a group of its own, so that a terminal's Ctrl-C reaches the runner
+  // alone.
+  static Result<Job> Start(const JobOrder& order, UniqueFd claim);
   Job(Job&& other) noexcept;
   Job& operator=(Job&&) = delete;
   ~Job();  // stops the process and waits for it
@@ -38,9 +48,11 @@ class Job {
   void Stop();
 
  private:
-  Job(pid_t process_id, UniqueFd claim) : process_id_(process_id), claim_(std::move(claim)) {}
+  Job(pid_t process_id, bool stops_group, UniqueFd claim)
+      : process_id_(process_id), stops_group_(stops_group), claim_(std::move(claim)) {}
 
   pid_t process_id_ = -1;
+  bool stops_group_ = false;
   UniqueFd claim_;
 };
 

@@ -1,21 +1,23 @@
 // b4mrl benchmark run|status|evaluate: trains what fills the cells of benchmarks, says how far that
 // is, and evaluates agents side by side.
+#include <commit.h>  // which the build writes
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
-#include "algorithms/datasets/dataset_recipes.h"
-#include "algorithms/datasets/published_datasets.h"
-#include "algorithms/list.h"
 #include "benchmarks/runner/agent_evaluations.h"
+#include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/runner.h"
+#include "benchmarks/runner/suite_plan.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
 #include "proto/base/folders.h"
@@ -25,113 +27,71 @@ namespace b4mrl {
 namespace {
 
 constexpr int kExitDone = 0, kExitFailed = 1, kExitBadUsage = 2, kExitBadInput = 3;
-constexpr uint64_t kMostSeeds = 1'000;
 
 struct BenchmarkCommand {
-  std::vector<std::string> patterns;
-  std::string budget = "small", seeds, suites;
-  PlanChoice choice;
+  std::string budget = "small";
+  SuiteChoice choice;
+  UsersLearner learner;
   RunnerOptions options;
+  std::optional<uint64_t> index;
   bool dry_run = false;
 
   void AddTo(CLI::App& app);
+  void AddRunOptions(CLI::App& app);
   Result<int> Run(bool status_only);
-  Result<std::vector<Benchmark>> ChosenBenchmarks() const;
-  Result<std::vector<PlannedRun>> Plan(const Budget& budget, Client& client);
-  Status ChooseSeeds(const Budget& budget);
+  // What --index leaves of the plan.
+  Result<std::vector<PlannedRun>> Chosen(std::vector<PlannedRun> plan) const;
   int Report(const RunnerSummary& summary, size_t runs) const;
 };
 
 void BenchmarkCommand::AddTo(CLI::App& app) {
-  app.add_option("pattern", patterns,
+  app.add_option("pattern", choice.patterns,
                  "names of benchmarks, in which * stands for any text (b4mrl list benchmarks) "
                  "[every benchmark]");
   app.add_option("--budget", budget, "smoke, small or paper, or a file with one budget [small]");
   app.add_option("--algorithms", choice.algorithms, "algorithms to train [all of the budget]")
       ->delimiter(',');
-  app.add_option("--seeds", seeds, "seeds: \"0\", \"0..2\" [as many as the budget says]");
-  app.add_option("--suites", suites, "folder of further suites");
+  app.add_option("--seeds", choice.seeds, "seeds: \"0\", \"0..2\" [as many as the budget says]");
+  app.add_option("--suites", choice.suites, "folder of further suites");
+  app.add_option(
+         "--data", choice.source,
+         "datasets: own, or d4rl for D4RL's files of the same levels, imported before [own]")
+      ->check(CLI::IsMember({"own", "d4rl"}));
+  app.add_option("--learner", learner.command,
+                 "the shell's command of a learner of your own, instead of the algorithms");
+  app.add_option("--name", learner.name, "name of your learner's algorithm in results and tables");
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");
-  app.add_option("--data", options.data_folder,
+  app.add_option("--data-folder", options.data_folder,
                  "folder of the datasets [$B4MRL_DATA or ~/.local/share/b4mrl; with a budget that "
                  "limits rows: data, in --out]");
+  app.add_option("--endpoint", options.endpoint,
+                 "address of a daemon on that folder, which all processes are to use [each starts "
+                 "its own]");
 }
 
-Status BenchmarkCommand::ChooseSeeds(const Budget& chosen) {
-  uint64_t first = 0, last = chosen.seeds - 1;
-  if (!seeds.empty()) {
-    const size_t dots = seeds.find("..");
-    B4MRL_ASSIGN_OR_RETURN(first,
-                           ParseUnsigned("--seeds", seeds.substr(0, dots), 0, UINT64_MAX - 1));
-    last = first;
-    if (dots != std::string::npos) {
-      B4MRL_ASSIGN_OR_RETURN(
-          last, ParseUnsigned("--seeds", seeds.substr(dots + 2), first, first + kMostSeeds - 1));
-    }
-  }
-  for (uint64_t seed = first; seed <= last; ++seed) choice.seeds.push_back(seed);
-  return Status();
+void BenchmarkCommand::AddRunOptions(CLI::App& app) {
+  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->check(CLI::Range(1, 1024));
+  app.add_option("--hours", options.hours,
+                 "stop after so many hours, to be resumed; runs that can end by then come first")
+      ->check(CLI::Range(0.0, 1e5));
+  app.add_option("--until-settled", options.until_settled,
+                 "how often a run goes on for its updates again whose last fifth's mean score "
+                 "differs from that of the fifth before by more than 1.5 points [0]")
+      ->check(CLI::Range(0, 1'000));
+  app.add_option("--index", index,
+                 "only the run with this number in plan.json, in --out, which is written if it is "
+                 "missing; waits while another process has the run");
+  app.add_flag("--retry", options.retry, "begin diverged runs anew");
+  app.add_flag("--dry-run", dry_run, "list the runs and train nothing");
+  app.add_flag("--quiet", options.quiet, "show no progress on stderr");
 }
 
-Result<std::vector<Benchmark>> BenchmarkCommand::ChosenBenchmarks() const {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all, ReadSuites({DefaultSuitesFolder(), suites}));
-  std::vector<std::string> names;
-  for (const Benchmark& benchmark : all) names.push_back(benchmark.name);
-  for (const std::string& pattern : patterns) {
-    const bool fits = std::ranges::any_of(
-        names, [&](const std::string& name) { return FitsPattern(name, pattern); });
-    if (!fits) return UnknownName("benchmark", pattern, names);
-  }
-  std::erase_if(all, [&](const Benchmark& benchmark) {
-    const auto fits = [&](const std::string& p) { return FitsPattern(benchmark.name, p); };
-    return !patterns.empty() && std::ranges::none_of(patterns, fits);
-  });
-  return all;
-}
-
-// What a dataset will hold, by its recipe; of a dataset without one, what its file holds.
-Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedDatasets& published,
-                                       Client& client) {
-  if (const DatasetRecipe* recipe = FindRecipe(name)) {
-    const std::string full_name = recipe->full_name();
-    nlohmann::json described = {{"name", full_name},
-                                {"format", 1},
-                                {"rows", recipe->rows},
-                                {"seed", recipe->seed},
-                                {"simulator", recipe->simulator},
-                                {"policies", nlohmann::json::array()}};
-    const auto figures = published.find(full_name);
-    if (figures != published.end()) described["policies"] = figures->second.policies_sha256;
-    return described;
-  }
-  B4MRL_ASSIGN_OR_RETURN(const auto listed, client.ListDatasets());
-  for (const pb::DatasetInfo& info : listed) {
-    if (info.name() == name && !info.sha256().empty()) {
-      return nlohmann::json{{"name", name}, {"sha256", info.sha256()}};
-    }
-  }
-  return Status(StatusCode::kUnknownName,
-                fmt::format("dataset '{}' has no recipe and was not imported", name));
-}
-
-Result<std::vector<PlannedRun>> BenchmarkCommand::Plan(const Budget& chosen, Client& client) {
-  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChosenBenchmarks());
-  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
-  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
-  B4MRL_RETURN_IF_ERROR(ChooseSeeds(chosen));
-  const PlanSources sources = {Algorithms(), &catalogue, [&](const std::string& name) {
-                                 return DescribeDataset(name, published, client);
-                               }};
-  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
-                         MakePlan(benchmarks, chosen, choice, sources));
-  for (PlannedRun& run : plan) {
-    const DatasetRecipe* recipe = FindRecipe(run.dataset);
-    if (recipe == nullptr || chosen.rows) continue;
-    const auto figures = published.find(recipe->full_name());
-    if (figures != published.end()) run.columns_sha256 = figures->second.columns_sha256;
-  }
-  return plan;
+Result<std::vector<PlannedRun>> BenchmarkCommand::Chosen(std::vector<PlannedRun> plan) const {
+  if (!index) return plan;
+  B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
+  B4MRL_ASSIGN_OR_RETURN(PlannedRun run, FindByIndex(frozen, *index, plan));
+  return std::vector{std::move(run)};
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
@@ -142,30 +102,37 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
   return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
-Result<Budget> FindBudget(const std::string& text) {
-  const bool is_file = text.find('/') != std::string::npos || text.ends_with(".toml");
-  return is_file ? ReadBudget(text, "") : ReadBudget(DefaultBudgetsFile(), text);
-}
-
-// Prints each run with how far it has come.
+// Prints each run with how far it has come, and what the rest will cost.
 Status PrintStatus(const std::vector<PlannedRun>& plan, const std::string& results) {
   size_t done = 0, begun = 0, cells = 0, filled = 0;
-  double seconds = 0;
+  double seconds = 0, seconds_left = 0;
+  CostModel costs;
+  std::vector<std::optional<RunResult>> found;
   for (const PlannedRun& run : plan) {
-    B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(results, run)));
-    const bool finished = result && result->finished && result->updates >= run.updates;
+    B4MRL_ASSIGN_OR_RETURN(found.emplace_back(), ReadResult(ResultPath(results, run)));
+    if (found.back()) costs.Learn(run, *found.back());
+  }
+  for (size_t i = 0; i < plan.size(); ++i) {
+    const PlannedRun& run = plan[i];
+    const std::optional<RunResult>& result = found[i];
+    const uint64_t updates = result ? result->updates : 0;
+    const bool finished =
+        result && result->finished && (updates >= run.updates || !run.learner.empty());
     done += finished ? 1 : 0;
     begun += result && !finished ? 1 : 0;
     cells += run.benchmarks.size();
     filled += finished ? run.benchmarks.size() : 0;
     seconds += result ? result->seconds : 0;
+    const double left = static_cast<double>(run.updates) - static_cast<double>(updates);
+    if (!finished) seconds_left += costs.SecondsOf(run, std::max(left, 0.0));
     const std::string score =
         !result ? "" : fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
-    fmt::print("{} {:>9}/{} {}{}\n", run.id, result ? result->updates : 0, run.updates, run.name,
-               score);
+    fmt::print("{} {:>9}/{} {}{}\n", run.id, updates, run.updates, run.name, score);
   }
-  fmt::print("{} runs: {} done, {} begun; {} of {} cells filled; {:.1f} hours trained\n",
-             plan.size(), done, begun, filled, cells, seconds / 3600);
+  fmt::print(
+      "{} runs: {} done, {} begun; {} of {} cells filled; {:.1f} core-hours trained, about "
+      "{:.1f} left\n",
+      plan.size(), done, begun, filled, cells, seconds / 3600, seconds_left / 3600);
   return Status();
 }
 
@@ -179,13 +146,18 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   std::error_code error;
   std::filesystem::create_directories(options.data_folder, error);
   if (error) return IoError("make", options.data_folder, error.value());
-  PrivateDaemonOptions daemon_options;
-  daemon_options.data_folder = options.data_folder;
-  B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start(daemon_options));
-  B4MRL_ASSIGN_OR_RETURN(
-      Client client,
-      Client::Connect(daemon.endpoint(), limits::kDefaultDeadlineMs, &Interrupted()));
-  B4MRL_ASSIGN_OR_RETURN(const std::vector<PlannedRun> plan, Plan(chosen, client));
+  if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
+  options.suites = choice.suites;
+  options.commit = B4MRL_COMMIT;
+  std::optional<PrivateDaemon> daemon;
+  if (options.endpoint.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start({.data_folder = options.data_folder}));
+  }
+  B4MRL_ASSIGN_OR_RETURN(Client client,
+                         Client::Connect(daemon ? daemon->endpoint() : options.endpoint,
+                                         limits::kDefaultDeadlineMs, &Interrupted()));
+  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
+  B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (status_only || dry_run) {
     B4MRL_RETURN_IF_ERROR(PrintStatus(plan, options.results));
     return kExitDone;
@@ -211,13 +183,7 @@ int Main(int argc, char** argv) {
   run.options.jobs = std::max(1u, std::thread::hardware_concurrency());
   CLI::App* run_app = app.add_subcommand("run", "train the runs that have no result yet");
   run.AddTo(*run_app);
-  run_app->add_option("--jobs", run.options.jobs, "processes at a time [cores]")
-      ->check(CLI::Range(1, 1024));
-  run_app->add_option("--hours", run.options.hours, "start no run after so many hours")
-      ->check(CLI::Range(0.0, 1e5));
-  run_app->add_flag("--retry", run.options.retry, "begin diverged runs anew");
-  run_app->add_flag("--dry-run", run.dry_run, "list the runs and train nothing");
-  run_app->add_flag("--quiet", run.options.quiet, "show no progress on stderr");
+  run.AddRunOptions(*run_app);
   CLI::App* status_app = app.add_subcommand("status", "list the runs and how far they have come");
   status.AddTo(*status_app);
   AgentEvaluationOptions evaluation;

@@ -4,6 +4,7 @@
 #include <fnmatch.h>
 
 #include <algorithm>
+#include <cctype>
 #include <optional>
 #include <utility>
 
@@ -17,6 +18,7 @@ namespace {
 using Json = nlohmann::json;  // its keys are sorted, so equal contents are equal texts
 
 constexpr size_t kIdDigits = 16;
+constexpr size_t kMostNameCharacters = 40;  // of a user's learner
 // Hyperparameters that change no number of a run.
 constexpr std::string_view kWithoutEffect[] = {"ensemble-cache", "chunks-in-flight"};
 
@@ -36,17 +38,24 @@ Result<std::string> Parametric(const std::string& text, const std::string& envir
   return FormatNamedArguments(items);
 }
 
+std::string IdOf(const Json& identity) {
+  return Sha256OfText(identity.dump()).substr(0, kIdDigits);
+}
+
 class Planner {
  public:
   Planner(const Budget& budget, const PlanSources& sources) : budget_(budget), sources_(sources) {}
 
   // Adds the run of a cell, or the cell to the run that fills it.
   Status Add(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
+  Status AddUsersRun(const Benchmark& benchmark, const UsersLearner& learner, uint64_t seed);
   std::vector<PlannedRun> Take() { return std::move(runs_); }
 
  private:
   // The run as the user would write it, with what its algorithm does not use left out.
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
+  // What the run sees and where it is scored, spelled out.
+  Result<Json> ConditionsOf(const PlannedRun& run);
   Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
   Status SetIds(const Algorithm& algorithm, PlannedRun* run);
   Status SetScorings(const Json& identity, PlannedRun* run) const;
@@ -58,6 +67,50 @@ class Planner {
   std::map<std::string, size_t> by_id_;
   std::map<std::string, Json> datasets_;  // those that were described before
 };
+
+std::string NameOf(const PlannedRun& run, const LearnerNeeds& needs) {
+  TrainOptions options;
+  options.algorithm = run.algorithm;
+  options.environment = run.environment;
+  options.simulator = run.simulator;
+  options.world = run.world;
+  options.dataset = run.dataset;
+  options.corruption = run.corruption;
+  options.seed = run.seed;
+  return RunName(options, needs);
+}
+
+Status Planner::AddUsersRun(const Benchmark& benchmark, const UsersLearner& learner,
+                            uint64_t seed) {
+  PlannedRun run;
+  run.learner = learner.command;
+  run.algorithm = learner.name;
+  run.environment = benchmark.environment;
+  run.simulator = benchmark.simulator;
+  run.dataset = benchmark.dataset;
+  run.corruption = benchmark.corruption;
+  run.world = benchmark.world;
+  run.suite = benchmark.suite;
+  run.seed = seed;
+  run.updates = *budget_.learner_updates;
+  run.benchmarks = {benchmark.name};
+  B4MRL_ASSIGN_OR_RETURN(const Json conditions, ConditionsOf(run));
+  run.full_dataset = run.dataset;
+  if (!run.dataset.empty()) run.full_dataset = conditions["dataset"].value("name", run.dataset);
+  run.scorings.push_back({"trained", run.world, "trained"});
+  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, &run));
+  const Json& dataset = conditions["dataset"];
+  Json identity = {{"algorithm", run.algorithm},
+                   {"benchmark", benchmark.name},
+                   {"rows", dataset.is_null() ? Json() : dataset.value("rows", Json())},
+                   {"suite", run.suite}};
+  run.cell_id = IdOf(identity);
+  identity["seed"] = seed;
+  run.id = IdOf(identity);
+  run.name = NameOf(run, {.simulator = true, .dataset = !run.dataset.empty()});
+  runs_.push_back(std::move(run));
+  return Status();
+}
 
 Status Planner::Add(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed) {
   B4MRL_ASSIGN_OR_RETURN(PlannedRun run, RunOf(benchmark, algorithm, seed));
@@ -147,43 +200,42 @@ Status Planner::SetScorings(const Json& identity, PlannedRun* run) const {
   return Status();
 }
 
+Result<Json> Planner::ConditionsOf(const PlannedRun& run) {
+  Json conditions = {{"environment", run.environment}, {"dataset", nullptr}};
+  for (const auto& [key, text] :
+       {std::pair{"simulator", &run.simulator}, std::pair{"corruption", &run.corruption},
+        std::pair{"world", &run.world}}) {
+    B4MRL_ASSIGN_OR_RETURN(conditions[key],
+                           Parametric(*text, run.environment, *sources_.catalogue));
+  }
+  if (!run.dataset.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(conditions["dataset"], DescribeDataset(run.dataset));
+  }
+  return conditions;
+}
+
 Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   Hyperparameters resolved(algorithm.hyperparameters, run->environment);
   for (const auto& [name, value] : run->hyperparameters) {
     B4MRL_RETURN_IF_ERROR(resolved.Set(name, value));
   }
-  Json identity = {{"algorithm", run->algorithm}, {"environment", run->environment},
-                   {"transitions", "stored"},     {"history", 1},
-                   {"corruption_seed", 0},        {"hyperparameters", Json::object()}};
+  B4MRL_ASSIGN_OR_RETURN(Json identity, ConditionsOf(*run));
+  identity["algorithm"] = run->algorithm;
+  identity["transitions"] = "stored";
+  identity["history"] = 1;
+  identity["corruption_seed"] = 0;
+  identity["hyperparameters"] = Json::object();
   for (const Hyperparameter& entry : resolved.entries()) {
     if (std::ranges::count(kWithoutEffect, entry.name) > 0) continue;
     identity["hyperparameters"][std::string(entry.name)] = entry.value;
   }
-  for (const auto& [key, text] :
-       {std::pair{"simulator", &run->simulator}, std::pair{"corruption", &run->corruption},
-        std::pair{"world", &run->world}}) {
-    B4MRL_ASSIGN_OR_RETURN(identity[key], Parametric(*text, run->environment, *sources_.catalogue));
-  }
-  identity["dataset"] = nullptr;
-  if (!run->dataset.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(identity["dataset"], DescribeDataset(run->dataset));
-    run->full_dataset = identity["dataset"].value("name", run->dataset);
-  }
+  if (!run->dataset.empty()) run->full_dataset = identity["dataset"].value("name", run->dataset);
   B4MRL_RETURN_IF_ERROR(SetScorings(identity, run));
-  run->cell_id = Sha256OfText(identity.dump()).substr(0, kIdDigits);
+  run->cell_id = IdOf(identity);
   identity["seed"] = run->seed;
   identity["precision"] = run->precision;
-  run->id = Sha256OfText(identity.dump()).substr(0, kIdDigits);
-
-  TrainOptions options;
-  options.algorithm = run->algorithm;
-  options.environment = run->environment;
-  options.simulator = run->simulator;
-  options.world = run->world;
-  options.dataset = run->dataset;
-  options.corruption = run->corruption;
-  options.seed = run->seed;
-  run->name = RunName(options, algorithm.needs);
+  run->id = IdOf(identity);
+  run->name = NameOf(*run, algorithm.needs);
   return Status();
 }
 
@@ -211,6 +263,26 @@ Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
   return chosen;
 }
 
+Status CheckLearner(const UsersLearner& learner, const Budget& budget,
+                    std::span<const Algorithm> algorithms) {
+  const bool has_name = !learner.name.empty() && learner.name.size() <= kMostNameCharacters &&
+                        std::ranges::all_of(learner.name, [](char c) {
+                          return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
+                        });
+  if (!has_name) {
+    return InvalidArgument("--name", learner.name,
+                           fmt::format("1 to {} letters, digits and dashes", kMostNameCharacters));
+  }
+  for (const Algorithm& algorithm : algorithms) {
+    if (algorithm.name != learner.name) continue;
+    return InvalidArgument("--name", learner.name, "a name that no algorithm of b4mrl has");
+  }
+  if (learner.command.empty()) return InvalidArgument("--learner", "", "a command");
+  if (budget.learner_updates) return Status();
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("the budget {} has no 'learner-updates'", budget.name));
+}
+
 }  // namespace
 
 Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
@@ -219,6 +291,16 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
   B4MRL_ASSIGN_OR_RETURN(const auto algorithms,
                          ChosenAlgorithms(budget, choice, sources.algorithms));
   Planner planner(budget, sources);
+  if (choice.learner) {
+    B4MRL_RETURN_IF_ERROR(CheckLearner(*choice.learner, budget, sources.algorithms));
+    for (const uint64_t seed : choice.seeds) {
+      for (const Benchmark& benchmark : benchmarks) {
+        if (!benchmark.DefinedFor(choice.learner->name)) continue;
+        B4MRL_RETURN_IF_ERROR(planner.AddUsersRun(benchmark, *choice.learner, seed));
+      }
+    }
+    return planner.Take();
+  }
   for (const uint64_t seed : choice.seeds) {
     for (const Benchmark& benchmark : benchmarks) {
       for (const Algorithm* algorithm : algorithms) {

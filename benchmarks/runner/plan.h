@@ -6,6 +6,10 @@
 // amount: not of its updates, so a larger budget goes on with the same run, and not of threads,
 // evaluations or program version. The id of a run's cell leaves out the seed and the precision too:
 // results of equal cell ids may be averaged.
+//
+// A learner of the user's own has one run for each benchmark, as nobody knows what it uses. Its id
+// is the hash of {"algorithm", "benchmark", "rows", "seed", "suite"} as JSON, "rows" of the
+// dataset; its cell's id leaves out the seed.
 // Value types; any thread.
 #pragma once
 
@@ -13,6 +17,7 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -33,6 +38,7 @@ struct Scoring {
 };
 
 struct PlannedRun {
+  std::string learner;  // the command of a learner of the user's own; "": one of the project's
   // As the user writes them for `b4mrl train`.
   std::string algorithm, environment, simulator, dataset, corruption, world;
   std::string full_dataset;  // the dataset's name with its version, as its recipe has it
@@ -60,14 +66,21 @@ struct PlanSources {
   std::function<Result<nlohmann::json>(const std::string& dataset)> describe_dataset;
 };
 
+// A learner of the user's own: the name of its algorithm, and the shell's command that runs it.
+struct UsersLearner {
+  std::string name;
+  std::string command;
+};
+
 struct PlanChoice {
   std::vector<std::string> algorithms;  // empty: all of the budget
   std::vector<uint64_t> seeds;
+  std::optional<UsersLearner> learner;  // instead of the project's
 };
 
 // The distinct runs in the order in which the benchmarks first need them, seed by seed. Errors:
-// kUnknownName (an algorithm, a hyperparameter), kInvalidArgument (a value out of bounds), and
-// those of describe_dataset.
+// kUnknownName (an algorithm, a hyperparameter), kInvalidArgument (a value out of bounds, a user's
+// learner that is named like an algorithm), and those of describe_dataset.
 Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
                                          const Budget& budget, const PlanChoice& choice,
                                          const PlanSources& sources);

@@ -9,6 +9,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "algorithms/run/run_ledger.h"
+#include "benchmarks/runner/users_learner.h"
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"
@@ -22,19 +24,15 @@ using Json = nlohmann::ordered_json;
 constexpr size_t kMaxFileBytes = 64 << 20;
 constexpr double kSettledPoints = 1.5;  // the largest drift of a settled run between two fifths
 
-struct Evaluation {
-  uint64_t updates = 0;
-  uint64_t steps = 0;
-  double seconds = 0;
-  double mean_return = 0;
-  double std_return = 0;
-  std::optional<double> score;
+// What progress.csv says at its evaluations: the curve, and the ledger at the last one.
+struct Evaluations {
+  std::vector<CurvePoint> curve;
+  Json ledger;
 };
 
-// The rows of progress.csv that hold an evaluation.
-Result<std::vector<Evaluation>> ReadEvaluations(const std::string& path) {
+Result<Evaluations> ReadEvaluations(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
-  std::vector<Evaluation> evaluations;
+  Evaluations read;
   std::map<std::string, size_t, std::less<>> columns;
   for (size_t at = 0; at < text.size();) {
     const size_t end = text.find('\n', at);
@@ -53,20 +51,25 @@ Result<std::vector<Evaluation>> ReadEvaluations(const std::string& path) {
     const auto mean = number("eval/mean_reward");
     const auto updates = number("train/n_updates");
     if (!mean || !updates) continue;
-    evaluations.push_back({static_cast<uint64_t>(*updates),
-                           static_cast<uint64_t>(number("time/total_timesteps").value_or(0)),
-                           number("time/time_elapsed").value_or(0), *mean,
-                           number("eval/std_reward").value_or(0), number("eval/score")});
+    read.curve.push_back({static_cast<uint64_t>(*updates),
+                          static_cast<uint64_t>(number("time/total_timesteps").value_or(0)),
+                          number("time/time_elapsed").value_or(0), *mean,
+                          number("eval/std_reward").value_or(0), number("eval/score")});
+    read.ledger = Json::object();
+    for (const RunUseEntry& entry : kRunUseEntries) {
+      const auto count = number(fmt::format("ledger/{}", entry.name));
+      read.ledger[std::string(entry.name)] = count ? Json(static_cast<uint64_t>(*count)) : Json();
+    }
   }
-  return evaluations;
+  return read;
 }
 
 // The mean score, or return where there is no score, of the evaluations in (from, to] of the run.
-std::optional<double> MeanBetween(const std::vector<Evaluation>& curve, double from, double to) {
+std::optional<double> MeanBetween(const std::vector<CurvePoint>& curve, double from, double to) {
   double sum = 0;
   int count = 0;
   const auto last = static_cast<double>(curve.back().updates);
-  for (const Evaluation& each : curve) {
+  for (const CurvePoint& each : curve) {
     const auto updates = static_cast<double>(each.updates);
     if (updates <= from * last || updates > to * last) continue;
     sum += each.score.value_or(each.mean_return);
@@ -77,13 +80,7 @@ std::optional<double> MeanBetween(const std::vector<Evaluation>& curve, double f
 }
 
 Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(); }
-
-Result<Json> ReadJson(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
-  Json json = Json::parse(text, nullptr, false);
-  if (json.is_object()) return json;
-  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
-}
+Json OrNull(const std::string& text) { return text.empty() ? Json() : Json(text); }
 
 // The further evaluations that the folder holds, by name.
 Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) {
@@ -92,7 +89,7 @@ Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) 
     const std::string path = ScoringPath(run_folder, scoring);
     std::error_code error;
     if (!std::filesystem::exists(path, error)) continue;
-    B4MRL_ASSIGN_OR_RETURN(const Json printed, ReadJson(path));
+    B4MRL_ASSIGN_OR_RETURN(const Json printed, ReadJsonObject(path));
     json[scoring.name] = {{"simulator", scoring.simulator},
                           {"observe", scoring.observe},
                           {"score", printed.value("score", Json())},
@@ -102,9 +99,9 @@ Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) 
   return json;
 }
 
-Json CurveJson(const std::vector<Evaluation>& curve) {
+Json CurveJson(const std::vector<CurvePoint>& curve) {
   Json json = Json::array();
-  for (const Evaluation& each : curve) {
+  for (const CurvePoint& each : curve) {
     json.push_back(
         {each.updates, each.steps, each.mean_return, each.std_return, OrNull(each.score)});
   }
@@ -129,31 +126,32 @@ std::string TextOf(const Json& json) {
   return text + "}\n";
 }
 
-}  // namespace
-
-std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
-  return fmt::format("{}/score-{}.json", run_folder, scoring.name);
+// What `b4mrl train` has left in a folder.
+Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
+  RunOutcome outcome;
+  B4MRL_ASSIGN_OR_RETURN(Evaluations evaluations, ReadEvaluations(folder + "/progress.csv"));
+  outcome.curve = std::move(evaluations.curve);
+  outcome.ledger = std::move(evaluations.ledger);
+  if (outcome.curve.empty()) return outcome;
+  B4MRL_ASSIGN_OR_RETURN(const Json record, ReadJsonObject(folder + "/run.json"));
+  B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(folder + "/result.json"));
+  outcome.ended = result.value("state", Json()) == "finished";
+  // While a run goes on, its result.json is that of an earlier session.
+  if (result.value("updates", Json()) == outcome.curve.back().updates) {
+    outcome.returns = result.value("returns", Json::array());
+  }
+  outcome.hyperparameters = record.value("hyperparameters", Json::object());
+  outcome.sessions = record.value("sessions", Json::array());
+  outcome.processor = record.value("processor", "");
+  return outcome;
 }
 
-std::string ResultPath(const std::string& results_folder, const PlannedRun& run) {
-  return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
-}
-
-Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
-                     const std::optional<UsedDataset>& dataset, const std::string& budget,
-                     const std::string& results_folder) {
-  B4MRL_ASSIGN_OR_RETURN(const auto curve, ReadEvaluations(run_folder + "/progress.csv"));
-  if (curve.empty()) return Status();
-  B4MRL_ASSIGN_OR_RETURN(const Json record, ReadJson(run_folder + "/run.json"));
-  B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJson(run_folder + "/result.json"));
-  B4MRL_ASSIGN_OR_RETURN(const Json scorings, ScoringsJson(run, run_folder));
-  const Evaluation& last = curve.back();
-  const bool finished = result.value("state", Json()) == "finished" && last.updates >= run.updates;
-  const auto last_fifth = MeanBetween(curve, 0.8, 1);
-  const auto fifth_before = MeanBetween(curve, 0.6, 0.8);
+// The entries that say what was trained on what.
+Json RunJson(const PlannedRun& run, const std::optional<UsedDataset>& dataset) {
   Json json = {{"id", run.id},
                {"cell", run.cell_id},
                {"benchmarks", run.benchmarks},
+               {"suite", run.suite},
                {"algorithm", run.algorithm},
                {"environment", run.environment},
                {"simulator", run.simulator},
@@ -164,46 +162,90 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                {"history", 1},
                {"world", run.world},
                {"seed", run.seed},
-               {"precision", run.precision},
-               {"hyperparameters", record.value("hyperparameters", Json::object())},
-               {"budget", budget},
-               {"planned_updates", run.updates},
-               {"updates", last.updates},
-               {"finished", finished},
-               {"score", OrNull(last.score)},
-               {"return", last.mean_return},
-               {"returns", result.value("returns", Json::array())},
-               {"scorings", scorings},
-               {"last_fifth", OrNull(last_fifth)},
-               {"fifth_before", OrNull(fifth_before)},
-               {"settled", Json()},
-               {"source", "own"},
-               {"selection", "last"},
-               {"environment_steps", last.steps},
-               {"seconds", last.seconds},
-               {"version", ProjectVersion()},
-               {"sessions", record.value("sessions", Json::array())},
-               {"curve_columns", {"updates", "steps", "return", "std", "score"}},
-               {"curve", CurveJson(curve)}};
-  if (last_fifth && fifth_before) {
-    json["settled"] = std::abs(*last_fifth - *fifth_before) <= kSettledPoints;
-  }
+               {"precision", OrNull(run.precision)},
+               {"recipe", OrNull(run.recipe)}};
   if (dataset) {
     json["dataset"] = {{"name", dataset->name},
                        {"rows", dataset->rows},
                        {"sha256", dataset->sha256},
                        {"columns_sha256", dataset->columns_sha256}};
   }
-  if (const auto agent = Sha256OfFile(run_folder + "/agent.h5"); agent.ok()) {
-    json["agent_sha256"] = *agent;
+  return json;
+}
+
+void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json) {
+  const CurvePoint& last = outcome.curve.back();
+  // A learner of the user's own decides itself when it has finished.
+  const bool did_all = outcome.source != "own" || last.updates >= origin.updates;
+  const auto last_fifth = MeanBetween(outcome.curve, 0.8, 1);
+  const auto fifth_before = MeanBetween(outcome.curve, 0.6, 0.8);
+  json->update({{"updates", last.updates},
+                {"finished", outcome.ended && did_all},
+                {"score", OrNull(last.score)},
+                {"return", last.mean_return},
+                {"returns", outcome.returns},
+                {"last_fifth", OrNull(last_fifth)},
+                {"fifth_before", OrNull(fifth_before)},
+                {"settled", Json()}});
+  if (last_fifth && fifth_before) {
+    (*json)["settled"] = std::abs(*last_fifth - *fifth_before) <= kSettledPoints;
   }
-  return WriteSmallFile(ResultPath(results_folder, run), TextOf(json));
+}
+
+}  // namespace
+
+std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
+  return fmt::format("{}/score-{}.json", run_folder, scoring.name);
+}
+
+std::string ResultPath(const std::string& results_folder, const PlannedRun& run) {
+  return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
+}
+
+Result<Json> ReadJsonObject(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  Json json = Json::parse(text, nullptr, false);
+  if (json.is_object()) return json;
+  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
+}
+
+Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
+                     const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
+                     const std::string& results_folder) {
+  const std::string path = ResultPath(results_folder, run);
+  B4MRL_ASSIGN_OR_RETURN(const RunOutcome outcome, run.learner.empty()
+                                                       ? OutcomeOfTraining(run_folder)
+                                                       : OutcomeOfLearner(run_folder));
+  const std::vector<CurvePoint>& curve = outcome.curve;
+  B4MRL_ASSIGN_OR_RETURN(const auto before, ReadResult(path));
+  if (curve.empty() || (before && before->updates > curve.back().updates)) return Status();
+  B4MRL_ASSIGN_OR_RETURN(const Json scorings, ScoringsJson(run, run_folder));
+  Json json = RunJson(run, dataset);
+  json.update({{"hyperparameters", outcome.hyperparameters},
+               {"budget", origin.budget},
+               {"planned_updates", origin.updates}});
+  AddScores(outcome, origin, &json);
+  json.update({{"scorings", scorings},
+               {"source", outcome.source},
+               {"selection", "last"},
+               {"environment_steps", curve.back().steps},
+               {"ledger", outcome.ledger},
+               {"seconds", curve.back().seconds},
+               {"version", ProjectVersion()},
+               {"commit", OrNull(origin.commit)},
+               {"processor", outcome.processor},
+               {"sessions", outcome.sessions}});
+  const auto agent = Sha256OfFile(run_folder + "/agent.h5");
+  json["agent_sha256"] = agent.ok() ? Json(*agent) : Json();
+  json["curve_columns"] = {"updates", "steps", "return", "std", "score"};
+  json["curve"] = CurveJson(curve);
+  return WriteSmallFile(path, TextOf(json));
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::optional<RunResult>();
-  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJson(path));
+  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
   const auto number = [&](const char* key) -> std::optional<double> {
     const auto found = json.find(key);
     if (found == json.end() || !found->is_number()) return std::nullopt;
@@ -213,6 +255,8 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   RunResult result;
   result.finished = finished != json.end() && finished->is_boolean() && finished->get<bool>();
   result.updates = static_cast<uint64_t>(std::max(number("updates").value_or(0), 0.0));
+  const auto settled = json.find("settled");
+  result.settled = settled != json.end() && settled->is_boolean() && settled->get<bool>();
   result.score = number("score");
   result.mean_return = number("return").value_or(0);
   result.seconds = number("seconds").value_or(0);

@@ -25,9 +25,38 @@ struct UsedDataset {
   std::string columns_sha256;  // of the rows
 };
 
+// What a result says of how it came about, beside its run.
+struct ResultOrigin {
+  std::string budget;    // its name
+  std::string commit;    // of the program; "" if it is not known
+  uint64_t updates = 0;  // that the run was told to do
+};
+
+// What a run has come to, in words of a result.
+struct CurvePoint {
+  uint64_t updates = 0;
+  uint64_t steps = 0;
+  double seconds = 0;
+  double mean_return = 0;
+  double std_return = 0;
+  std::optional<double> score;
+};
+struct RunOutcome {
+  std::vector<CurvePoint> curve;  // empty: there is no evaluation yet
+  bool ended = false;             // whether training has ended in order
+  std::string source = "own";     // "user": a learner of the user's own; "self-scored": by itself
+  // JSON of these entries of a result.
+  nlohmann::ordered_json returns = nlohmann::ordered_json::array();
+  nlohmann::ordered_json hyperparameters = nlohmann::ordered_json::object();
+  nlohmann::ordered_json sessions = nlohmann::ordered_json::array();
+  nlohmann::ordered_json ledger;
+  std::string processor;
+};
+
 struct RunResult {
-  bool finished = false;           // the updates that it was planned for were done
+  bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
+  bool settled = false;            // its mean score no longer moves by more than 1.5 points
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included
@@ -40,10 +69,15 @@ std::string ResultPath(const std::string& results_folder, const PlannedRun& run)
 // The file in a run's folder that keeps a further evaluation: what `b4mrl evaluate --json` prints.
 std::string ScoringPath(const std::string& run_folder, const Scoring& scoring);
 
-// Writes the result of a run from what `b4mrl train` has left in its folder; `dataset` is unset for
-// runs without one. Does nothing while the run has no evaluation. Errors: kIoError, kDataLoss.
+// A JSON object of a file. kDataLoss if it is none.
+Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path);
+
+// Writes the result of a run from what `b4mrl train`, or a learner of the user's own, has left in
+// its folder; `dataset` is unset for runs without one. Does nothing while the run has no
+// evaluation, nor while there is a result that has come further: of a run that was begun anew.
+// Errors: kIoError, kDataLoss.
 Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
-                     const std::optional<UsedDataset>& dataset, const std::string& budget,
+                     const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
                      const std::string& results_folder);
 
 // None if there is no such file. kDataLoss if it cannot be read.

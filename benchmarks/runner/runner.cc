@@ -10,9 +10,12 @@
 #include <system_error>
 #include <utility>
 
+#include "algorithms/base/progress.h"
 #include "algorithms/run/run_result.h"
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
+#include "benchmarks/runner/training_order.h"
+#include "benchmarks/runner/users_learner.h"
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 
@@ -54,11 +57,14 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
     : options_(options),
       budget_(budget),
       client_(client),
-      end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))) {
+      end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))),
+      line_(options.quiet) {
   for (const PlannedRun& run : plan) {
     waiting_.push_back(tasks_.size());
-    tasks_.push_back(
-        {&run, fmt::format("{}/runs/{}-{}", options.folder, run.name, run.id.substr(0, kShortId))});
+    tasks_.push_back({.run = &run,
+                      .folder = fmt::format("{}/runs/{}-{}", options.folder, run.name,
+                                            run.id.substr(0, kShortId)),
+                      .target = run.updates});
   }
 }
 
@@ -67,17 +73,21 @@ Result<RunnerSummary> Runner::Work() {
                                     options_.results, options_.data_folder}) {
     B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   }
+  B4MRL_RETURN_IF_ERROR(LookAtResults());
   while (true) {
     B4MRL_RETURN_IF_ERROR(Collect());
-    if (Interrupted()) break;
-    const bool out_of_time = options_.hours > 0 && end_.expired();
-    if (!out_of_time) {
+    if (Stops() || (active_.empty() && waiting_.empty())) break;
+    // Those that can end within the hours come first.
+    for (const bool takes_all : {false, true}) {
       B4MRL_RETURN_IF_ERROR(BeginWaiting(
           waiting_, [this] { return active_.size() < options_.jobs; },
-          [this](size_t number) { return Begin(number); }));
+          [&](size_t number) -> Result<bool> {
+            if (!takes_all && !FitsTheHours(tasks_[number])) return false;
+            return Begin(number);
+          }));
     }
-    if (active_.empty() && (waiting_.empty() || out_of_time)) break;
     WriteResults();
+    ShowProgress();
     poll(nullptr, 0, kJobPollMs);
   }
   for (Active& active : active_) active.job.Stop();
@@ -90,6 +100,53 @@ Result<RunnerSummary> Runner::Work() {
   return summary_;
 }
 
+// Whether the work ends now, to be resumed.
+bool Runner::Stops() const { return Interrupted() || (options_.hours > 0 && end_.expired()); }
+
+Status Runner::LookAtResults() {
+  for (Task& task : tasks_) {
+    B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, *task.run)));
+    if (!result) continue;
+    task.updates = result->updates;
+    costs_.Learn(*task.run, *result);
+  }
+  return Status();
+}
+
+double Runner::SecondsLeft(const Task& task) const {
+  if (task.ended || task.updates >= task.target) return 0;
+  return costs_.SecondsOf(*task.run, static_cast<double>(task.target - task.updates));
+}
+
+bool Runner::FitsTheHours(const Task& task) const {
+  if (options_.hours <= 0) return true;
+  return SecondsLeft(task) * 1000 < static_cast<double>(end_.remaining_ms());
+}
+
+void Runner::ShowProgress() {
+  double seconds = 0;
+  for (const Task& task : tasks_) seconds += SecondsLeft(task);
+  const size_t ended = summary_.done + summary_.failed.size();
+  const size_t running =
+      std::ranges::count_if(active_, [](const Active& active) { return active.task.has_value(); });
+  const size_t left = tasks_.size() - std::min(tasks_.size(), ended + running);
+  const double hours = SecondsSince(start_) / 3600;
+  line_.Show(fmt::format("{} of {} runs done, {} running, {} left, {:.1f} runs an hour, {} left",
+                         summary_.done, tasks_.size(), running, left,
+                         static_cast<double>(summary_.done - done_before_) / hours,
+                         FormatDuration(seconds / options_.jobs)));
+}
+
+uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const {
+  const bool goes_on = options_.until_settled > 0 && run.learner.empty();
+  if (!goes_on || !result || result->updates < run.updates) return run.updates;
+  // As often as it was told to train for its updates until now, and once more if it has not
+  // settled.
+  uint64_t times = (result->updates + run.updates - 1) / run.updates;
+  if (result->updates % run.updates == 0 && result->finished && !result->settled) ++times;
+  return run.updates * std::min<uint64_t>(times, options_.until_settled + 1);
+}
+
 Result<bool> Runner::Begin(size_t number) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
@@ -98,18 +155,17 @@ Result<bool> Runner::Begin(size_t number) {
   if (!claim.valid()) return false;
   // Behind the claim, for another runner may have finished the run a moment ago.
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
-  if (result && result->finished && result->updates >= run.updates) {
+  task.target = TargetOf(run, result);
+  if (result) task.updates = result->updates;
+  const bool did_all = !run.learner.empty() || (result && result->updates >= task.target);
+  if (result && result->finished && did_all) {
     // Where only the result is left, it stays as it is.
-    std::error_code gone;
-    const bool has_agent = fs::exists(task.folder + "/agent.h5", gone);
-    for (const Scoring& scoring : run.scorings) {
-      if (!has_agent || result->scorings.contains(scoring.name)) continue;
-      return BeginScoring(number, scoring, std::move(claim));
+    if (HasAgent(task.folder)) {
+      B4MRL_ASSIGN_OR_RETURN(const bool begun,
+                             BeginMissingScoring(number, result->scorings, claim));
+      if (begun) return true;
     }
-    ++summary_.done;
-    RemoveTraining(task.folder);
-    if (task.worked_on)
-      Say(fmt::format("done  {} ({} of {})", run.name, summary_.done, tasks_.size()));
+    End(task);
     return true;
   }
   const std::string failed = task.folder + "/failed.json";
@@ -122,6 +178,12 @@ Result<bool> Runner::Begin(size_t number) {
     fs::remove_all(task.folder, error);
     return false;
   }
+  return BeginTraining(number, std::move(claim));
+}
+
+Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
+  Task& task = tasks_[number];
+  const PlannedRun& run = *task.run;
   if (!run.dataset.empty()) {
     const auto broken = failed_datasets_.find(run.dataset);
     if (broken != failed_datasets_.end()) {
@@ -131,27 +193,55 @@ Result<bool> Runner::Begin(size_t number) {
     B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
     if (!dataset) return BeginDataset(run);
   }
-  // The learner of a killed runner may still be about to end.
-  if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
-  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start("b4mrl-tools", TrainingWords(task),
-                                             task.folder + "/log", std::move(claim)));
+  if (run.learner.empty()) {
+    // The learner of a killed runner may still be about to end.
+    if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
+    B4MRL_ASSIGN_OR_RETURN(
+        Job job, Job::Start(TrainingOrder(run, budget_, task.target, task.folder, DaemonWords()),
+                            std::move(claim)));
+    active_.push_back({std::move(job), number, "", std::nullopt});
+  } else if (HasLearned(task.folder)) {  // before a runner was killed
+    B4MRL_RETURN_IF_ERROR(WriteResult(task));
+    if (!HasAgent(task.folder)) return false;  // it waits, and has its result
+    return BeginMissingScoring(number, {}, claim);
+  } else {
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t ledger, client_.OpenLedger());
+    const LearnerPlace place = {client_.endpoint(), options_.suites, ledger};
+    B4MRL_ASSIGN_OR_RETURN(Job job,
+                           Job::Start(LearnerOrder(run, task.folder, place), std::move(claim)));
+    active_.push_back({std::move(job), number, "", std::nullopt, ledger});
+  }
   Say(fmt::format("start {}", run.name));
-  active_.push_back({std::move(job), number, "", std::nullopt});
   return true;
 }
 
-Result<bool> Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim) {
+Result<bool> Runner::BeginMissingScoring(size_t number, const std::set<std::string>& present,
+                                         UniqueFd& claim) {
+  for (const Scoring& scoring : tasks_[number].run->scorings) {
+    if (present.contains(scoring.name)) continue;
+    B4MRL_RETURN_IF_ERROR(BeginScoring(number, scoring, std::move(claim)));
+    return true;
+  }
+  return false;
+}
+
+Status Runner::BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim) {
   const Task& task = tasks_[number];
   const EvaluationOrder order = {.agent = task.folder + "/agent.h5",
                                  .environment = task.run->environment,
                                  .simulator = scoring.simulator,
                                  .observe = scoring.observe,
                                  .episodes = budget_.episodes,
-                                 .data_folder = options_.data_folder};
+                                 .daemon_words = DaemonWords()};
   B4MRL_ASSIGN_OR_RETURN(
       Job job, StartEvaluation(order, ScoringPath(task.folder, scoring), std::move(claim)));
   active_.push_back({std::move(job), number, "", scoring});
-  return true;
+  return Status();
+}
+
+std::vector<std::string> Runner::DaemonWords() const {
+  if (!options_.endpoint.empty()) return {"--endpoint", options_.endpoint};
+  return {"--data", options_.data_folder};
 }
 
 Result<bool> Runner::BeginDataset(const PlannedRun& run) {
@@ -163,8 +253,7 @@ Result<bool> Runner::BeginDataset(const PlannedRun& run) {
   if (budget_.rows) {
     words.insert(words.end(), {"--rows", fmt::format("{}", *budget_.rows)});
   }
-  B4MRL_ASSIGN_OR_RETURN(Job job,
-                         Job::Start("b4mrl-tools", words, stem + ".log", std::move(claim)));
+  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(ToolOrder(words, stem + ".log"), std::move(claim)));
   Say(fmt::format("make {}", run.dataset));
   active_.push_back({std::move(job), std::nullopt, run.dataset, std::nullopt});
   return false;  // the run waits for the dataset
@@ -178,33 +267,6 @@ Result<std::optional<UsedDataset>> Runner::FindDataset(const std::string& full_n
       UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
 }
 
-std::vector<std::string> Runner::TrainingWords(const Task& task) const {
-  const PlannedRun& run = *task.run;
-  const uint64_t every = std::max<uint64_t>(run.updates / budget_.evaluations, 1);
-  std::vector<std::string> words = {"train", "--quiet", "--resume"};
-  const auto add = [&](std::string_view name, const auto& value) {
-    words.push_back(fmt::format("--{}", name));
-    words.push_back(fmt::format("{}", value));
-  };
-  add("algorithm", run.algorithm);
-  add("environment", run.environment);
-  if (!run.simulator.empty()) add("simulator", run.simulator);
-  if (!run.world.empty()) add("world", run.world);
-  if (!run.dataset.empty()) add("dataset", run.full_dataset);
-  if (!run.corruption.empty()) add("corruption", run.corruption);
-  add("seed", run.seed);
-  add("precision", run.precision);
-  add("updates", run.updates);
-  add("eval-every", every);
-  add("eval-episodes", budget_.episodes);
-  add("checkpoint-every", std::min<uint64_t>(every * 5, 10'000));
-  add("threads", 1);
-  for (const auto& [name, value] : run.hyperparameters) add(name, value);
-  add("data", options_.data_folder);
-  add("out", task.folder);
-  return words;
-}
-
 Status Runner::Collect() {
   return CollectEnded(active_,
                       [this](Active& ended, int exit_code) { return Finish(ended, exit_code); });
@@ -212,7 +274,7 @@ Status Runner::Collect() {
 
 Status Runner::Finish(Active& active, int exit_code) {
   if (!active.task) {
-    if (exit_code != 0 && !Interrupted()) {
+    if (exit_code != 0 && !Stops()) {
       failed_datasets_[active.dataset] =
           fmt::format("dataset {} could not be made, see {}/datasets/{}.log", active.dataset,
                       options_.folder, FileNameOf(active.dataset));
@@ -224,6 +286,11 @@ Status Runner::Finish(Active& active, int exit_code) {
   task.worked_on = true;
   if (active.scoring && exit_code == 0) {
     B4MRL_RETURN_IF_ERROR(KeepEvaluation(ScoringPath(task.folder, *active.scoring)));
+  } else if (exit_code == 0 && !task.run->learner.empty()) {
+    if (const Status kept = KeepUsersWork(active); !kept.ok()) {
+      Fail(task, kept.message());
+      return Status();
+    }
   }
   if (Status status = WriteResult(task); !status.ok()) Say(status.message());
   if (!task.refused.empty()) {
@@ -234,7 +301,7 @@ Status Runner::Finish(Active& active, int exit_code) {
     waiting_.push_front(*active.task);  // to be scored, or found done
     return Status();
   }
-  if (Interrupted()) return Status();
+  if (Stops()) return Status();
   const auto state = ReadRunStatus(task.folder);
   if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {
     const nlohmann::json failed = {{"reason", state->reason}, {"updates", state->updates}};
@@ -249,6 +316,20 @@ Status Runner::Finish(Active& active, int exit_code) {
   return Status();
 }
 
+Status Runner::KeepUsersWork(Active& active) {
+  const Task& task = tasks_[*active.task];
+  nlohmann::ordered_json used;
+  if (const auto counts = client_.ReadLedger(active.ledger); counts.ok()) {
+    used = {{"simulator_steps", counts->steps},
+            {"query_rows", counts->query_rows},
+            {"dataset_rows", counts->dataset_rows},
+            {"evaluation_episodes", 0}};
+  }
+  B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec,
+                         client_.FindEnvironment(task.run->environment));
+  return KeepLearned(*task.run, task.folder, SecondsSince(active.start), used, spec);
+}
+
 void Runner::WriteResults() {
   for (Active& active : active_) {
     if (!active.task || active.scoring || !tasks_[*active.task].refused.empty()) continue;
@@ -259,10 +340,11 @@ void Runner::WriteResults() {
 
 Status Runner::WriteResult(Task& task) {
   std::error_code error;
-  const uint64_t bytes = fs::file_size(task.folder + "/progress.csv", error);
+  const bool is_users = !task.run->learner.empty();
+  const uint64_t bytes = is_users ? 0 : fs::file_size(task.folder + "/progress.csv", error);
   if (error) return Status();  // nothing was logged yet
   const auto state = ReadRunStatus(task.folder);
-  const bool ended = state.ok() && state->state == RunState::kFinished;
+  const bool ended = is_users || (state.ok() && state->state == RunState::kFinished);
   if (bytes == task.written && !ended) return Status();
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
@@ -276,19 +358,30 @@ Status Runner::WriteResult(Task& task) {
         dataset->name, options_.data_folder, dataset->rows);
     return Status();
   }
-  B4MRL_RETURN_IF_ERROR(
-      WriteResultOf(*task.run, task.folder, dataset, budget_.name, options_.results));
+  const ResultOrigin origin = {budget_.name, options_.commit, task.target};
+  B4MRL_RETURN_IF_ERROR(WriteResultOf(*task.run, task.folder, dataset, origin, options_.results));
   task.written = bytes;
+  B4MRL_ASSIGN_OR_RETURN(const auto written, ReadResult(ResultPath(options_.results, *task.run)));
+  if (written) task.updates = written->updates;
+  if (written && ended) costs_.Learn(*task.run, *written);
   return Status();
 }
 
-void Runner::Fail(const Task& task, const std::string& reason) {
-  summary_.failed.push_back(fmt::format("{}: {}", task.run->name, reason));
-  Say(fmt::format("fail  {}", summary_.failed.back()));
+void Runner::End(Task& task) {
+  task.ended = true;
+  ++summary_.done;
+  RemoveTraining(task.folder);
+  if (task.worked_on) {
+    Say(fmt::format("done  {} ({} of {})", task.run->name, summary_.done, tasks_.size()));
+  } else {
+    ++done_before_;
+  }
 }
 
-void Runner::Say(const std::string& line) const {
-  if (!options_.quiet) fmt::print(stderr, "{}\n", line);
+void Runner::Fail(Task& task, const std::string& reason) {
+  task.ended = true;
+  summary_.failed.push_back(fmt::format("{}: {}", task.run->name, reason));
+  Say(fmt::format("fail  {}", summary_.failed.back()));
 }
 
 }  // namespace b4mrl

@@ -8,7 +8,8 @@
 //
 // Any number of runners may share a folder, and may be killed at any moment: what is claimed is
 // left to its holder, what was begun is resumed, what has its result is not trained again. An
-// interrupt (client/interrupt.h) stops the learners in order. Thread rule: one thread.
+// interrupt (client/interrupt.h) stops the learners in order. Runs that cannot end within the hours
+// are begun when none is left that can. Thread rule: one thread.
 #pragma once
 
 #include <cstdint>
@@ -16,12 +17,15 @@
 #include <list>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "benchmarks/runner/budget.h"
+#include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/job.h"
 #include "benchmarks/runner/plan.h"
+#include "benchmarks/runner/progress_line.h"
 #include "benchmarks/runner/result_file.h"
 #include "client/client.h"
 #include "proto/base/clock.h"
@@ -30,13 +34,17 @@
 namespace b4mrl {
 
 struct RunnerOptions {
-  std::string folder;       // DIR
-  std::string results;      // RESULTS
-  std::string data_folder;  // where datasets are and are made
-  uint32_t jobs = 1;        // processes at a time
-  double hours = 0;         // after which no run is started; 0: no limit
-  bool retry = false;       // begin diverged runs anew
-  bool quiet = false;       // no lines about runs on stderr
+  std::string folder;          // DIR
+  std::string results;         // RESULTS
+  std::string data_folder;     // where datasets are and are made
+  std::string endpoint;        // of the daemon for all processes; "": each has a private one
+  std::string suites;          // folder of further suites, for learners of the user's own
+  std::string commit;          // of this program; "" if it is not known
+  uint32_t jobs = 1;           // processes at a time
+  double hours = 0;            // after which the work stops, to be resumed; 0: no limit
+  uint32_t until_settled = 0;  // how often a run that is not settled goes on for its updates again
+  bool retry = false;          // begin diverged runs anew
+  bool quiet = false;          // no lines about runs on stderr
 };
 
 struct RunnerSummary {
@@ -59,6 +67,9 @@ class Runner {
   struct Task {
     const PlannedRun* run = nullptr;
     std::string folder;
+    uint64_t target = 0;   // updates to train for; run->updates, or more until it is settled
+    uint64_t updates = 0;  // of its result
+    bool ended = false;    // done or failed
     int attempts = 0;
     uint64_t written = 0;    // bytes of progress.csv when the result was last written
     std::string refused;     // why its result cannot be taken
@@ -69,22 +80,39 @@ class Runner {
     std::optional<size_t> task;      // unset for a dataset
     std::string dataset;             // of a dataset's job
     std::optional<Scoring> scoring;  // of an evaluation's job
+    uint64_t ledger = 0;             // of a user's learner
+    Clock::time_point start = Clock::now();
   };
 
+  bool Stops() const;
+  Status LookAtResults();
   // Each starts a process, or finds that none is needed; false: the run has to wait.
   Result<bool> Begin(size_t number);
+  Result<bool> BeginTraining(size_t number, UniqueFd claim);
+  // The next evaluation of a trained agent that is missing. False: there is none.
+  Result<bool> BeginMissingScoring(size_t number, const std::set<std::string>& present,
+                                   UniqueFd& claim);
   Result<bool> BeginDataset(const PlannedRun& run);
-  Result<bool> BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
+  Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
+  // Updates for which the run of this result is to be trained.
+  uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
+  void End(Task& task);  // as done
+  // Whether the run can probably end within the hours.
+  bool FitsTheHours(const Task& task) const;
   // None if the data folder does not have it.
   Result<std::optional<UsedDataset>> FindDataset(const std::string& full_name);
-  std::vector<std::string> TrainingWords(const Task& task) const;
+  std::vector<std::string> DaemonWords() const;
   Status Collect();
   Status Finish(Active& active, int exit_code);
+  // Keeps what a user's learner has left.
+  Status KeepUsersWork(Active& active);
   void WriteResults();
   // Sets task.refused if its dataset is not the one that it was planned for.
   Status WriteResult(Task& task);
-  void Fail(const Task& task, const std::string& reason);
-  void Say(const std::string& line) const;
+  void Fail(Task& task, const std::string& reason);
+  void Say(const std::string& line) { line_.Message(line); }
+  void ShowProgress();
+  double SecondsLeft(const Task& task) const;
 
   const RunnerOptions& options_;
   const Budget& budget_;
@@ -95,6 +123,10 @@ class Runner {
   std::map<std::string, std::string> failed_datasets_;  // reasons by name
   RunnerSummary summary_;
   Deadline end_;
+  CostModel costs_;
+  ProgressLine line_;
+  size_t done_before_ = 0;  // runs that were done when the work began
+  Clock::time_point start_ = Clock::now();
 };
 
 }  // namespace b4mrl

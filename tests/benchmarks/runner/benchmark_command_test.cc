@@ -2,56 +2,15 @@
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "tests/algorithms/tools/tool.h"
+#include "tests/benchmarks/runner/suite.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kPattern[] = "HalfCheetah/modelling-error/*+medium";
-
-// A folder for a suite's runs, and a budget that trains bc and TD3-BC for a moment.
-class Suite {
- public:
-  explicit Suite(const std::string& updates = "td3-bc = 60, bc = 40") {
-    WriteBytes(folder_.File("budget.toml"),
-               "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\n"
-               "updates = { " +
-                   updates + " }\n");
-  }
-  Words Command(const Words& more = {}) const {
-    Words words = {"benchmark", "run", pattern, "--budget", folder_.File("budget.toml"),
-                   "--out",     Out()};
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
-  }
-  std::string pattern = kPattern;
-  std::string Out() const { return folder_.File("suite"); }
-  std::string File(const std::string& name) const { return folder_.File(name); }
-
-  // The runs' results by name, without what differs from one training to another: an agent's file
-  // names the command line, with the folder.
-  std::map<std::string, std::string> Results() const {
-    std::map<std::string, std::string> results;
-    for (const auto& entry : fs::directory_iterator(Out() + "/results")) {
-      auto json = nlohmann::json::parse(ReadBytes(entry.path()), nullptr, false);
-      REQUIRE(json.is_object());
-      CHECK(json["agent_sha256"].get<std::string>().size() == 64);
-      json.erase("agent_sha256");
-      json.erase("seconds");
-      results[entry.path().filename()] = json.dump();
-    }
-    return results;
-  }
-
- private:
-  TemporaryFolder folder_;
-};
 
 size_t Count(const std::string& text, const std::string& words) {
   size_t count = 0;
@@ -147,6 +106,52 @@ TEST_CASE("A runner that is told to stop leaves everything to be resumed") {
   CHECK(stopped.out.find("1 left") != std::string::npos);
 }
 
+TEST_CASE("A run goes on until its score has settled, as often as is allowed") {
+  // Two evaluations cannot tell whether the score has settled, so the run goes on at least once.
+  const Suite suite("td3-bc = 60");
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  const auto before = nlohmann::json::parse(suite.Results().begin()->second, nullptr, false);
+  CHECK(before["settled"].is_null());
+  const Outcome outcome = Run(suite.Command({"--until-settled", "2"}));
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  const auto after = nlohmann::json::parse(suite.Results().begin()->second, nullptr, false);
+  CHECK(after["finished"] == true);
+  CHECK(after["updates"].get<int>() >= 120);
+  CHECK(after["updates"].get<int>() <= 180);
+  CHECK((after["settled"] == true || after["updates"] == 180));
+  CHECK(after["id"] == before["id"]);
+  const Outcome again = Run(suite.Command({"--until-settled", "2"}));
+  CHECK(again.exit_code == 0);
+  CHECK(Count(again.err, "start ") == 0);
+}
+
+TEST_CASE("A runner stops when its hours are over and goes on from there") {
+  const Suite suite("td3-bc = 1_000_000");
+  const Outcome stopped = Run(suite.Command({"--hours", "0.001"}));
+  INFO(stopped.out << stopped.err);
+  CHECK(stopped.exit_code == 0);
+  CHECK(stopped.out.find("0 of 1 runs done, 0 failed, 1 left") != std::string::npos);
+}
+
+TEST_CASE("The index of a frozen plan chooses one run of it") {
+  const Suite suite("td3-bc = 20, bc = 20");
+  const Outcome one = Run(suite.Command({"--index", "1"}));
+  INFO(one.out << one.err);
+  CHECK(one.exit_code == 0);
+  const auto plan = nlohmann::json::parse(ReadBytes(suite.Out() + "/plan.json"), nullptr, false);
+  REQUIRE(plan["runs"].size() == 2);
+  REQUIRE(suite.Results().size() == 1);
+  const std::string second = plan["runs"][1]["id"];
+  CHECK(suite.Results().begin()->first.find(second) != std::string::npos);
+  const Outcome beyond = Run(suite.Command({"--index", "2"}));
+  CHECK(beyond.exit_code == 3);
+  CHECK(beyond.err.find("0..1") != std::string::npos);
+  const Outcome foreign = Run(suite.Command({"--index", "1", "--seeds", "5"}));
+  CHECK(foreign.exit_code == 3);
+  CHECK(foreign.err.find("belongs to another command") != std::string::npos);
+}
+
 TEST_CASE("What cannot be trained is named at the end and keeps nothing else back") {
   const Suite suite("bc = 20, sac = 20");
   // A file stands where the dataset's folder should be.
@@ -192,7 +197,7 @@ TEST_CASE("A dataset that is not the published one of its name is refused") {
   const Outcome made = Run({"dataset", "make", "HalfCheetah/medium", "--rows", "2000", "--quiet",
                             "--data", suite.Out() + "/data"});
   REQUIRE(made.exit_code == 0);
-  const Outcome outcome = Run(suite.Command({"--data", suite.Out() + "/data"}));
+  const Outcome outcome = Run(suite.Command({"--data-folder", suite.Out() + "/data"}));
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 1);
   CHECK(outcome.out.find("2000 rows that are not the published ones") != std::string::npos);

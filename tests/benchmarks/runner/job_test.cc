@@ -53,7 +53,7 @@ int ExitCodeOf(Job& job) {
 TEST_CASE("A job keeps its claim until its object ends, and its process's words are in the log") {
   const TemporaryFolder folder;
   {
-    Job job = Take(Job::Start("b4mrl-tools", {"train", "--algorithm", "none"}, folder.File("log"),
+    Job job = Take(Job::Start(ToolOrder({"train", "--algorithm", "none"}, folder.File("log")),
                               Take(Claim(folder.File("claim")))));
     CHECK(ExitCodeOf(job) == 2);
     CHECK_FALSE(Take(Claim(folder.File("claim"))).valid());
@@ -64,7 +64,7 @@ TEST_CASE("A job keeps its claim until its object ends, and its process's words 
 
 TEST_CASE("A program that is not there ends with code 127") {
   const TemporaryFolder folder;
-  Job job = Take(Job::Start("b4mrl-none", {}, folder.File("log"), UniqueFd()));
+  Job job = Take(Job::Start({.words = {"/nonexistent"}, .log = folder.File("log")}, UniqueFd()));
   CHECK(ExitCodeOf(job) == 127);
 }
 

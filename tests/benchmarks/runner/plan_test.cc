@@ -171,6 +171,49 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
   CHECK(Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{"h2o"}, {0}})).empty());
 }
 
+TEST_CASE("A learner of the user's own has one run for each benchmark that is defined for it") {
+  const PlanSources sources = {Algorithms(), &Presets(),
+                               [](const std::string& name) -> Result<nlohmann::json> {
+                                 return nlohmann::json{{"name", name + "-v0"}, {"rows", 2'000'000}};
+                               }};
+  PlanChoice choice;
+  choice.seeds = {3, 4};
+  choice.learner = UsersLearner{"mine", "true"};
+  const Budget small = Take(ReadBudget(DefaultBudgetsFile(), "small"));
+  const auto runs =
+      Take(MakePlan(OwnBenchmarks("HalfCheetah/confounding/*"), small, choice, sources));
+  CHECK(runs.size() == 2 * 16);
+  const auto found = std::ranges::find(
+      runs, std::vector<std::string>{"HalfCheetah/confounding/hidden-high+medium-expert"},
+      &PlannedRun::benchmarks);
+  REQUIRE(found != runs.end());
+  // As users' programs compute it: SHA-256 of {"algorithm":"mine","benchmark":"HalfCheetah/
+  // confounding/hidden-high+medium-expert","rows":2000000,"seed":3,"suite":"v0"}.
+  CHECK(found->id == "3c479c8b912bc39c");
+  CHECK(found->cell_id == "c0288e4249f97ab8");
+  CHECK(found->name == "HalfCheetah-mine-gravity-medium-expert+hidden-high-s3");
+  CHECK(found->updates == 100'000);
+  REQUIRE(found->scorings.size() == 2);
+  CHECK(found->scorings[0].name == "trained");
+  CHECK(found->scorings[1].name == "full");
+  // Benchmarks that name their algorithms are not for others.
+  CHECK(Take(MakePlan(OwnBenchmarks("HalfCheetah/controls/*"), small, choice, sources)).empty());
+}
+
+TEST_CASE("A user's learner is refused a name that says something else") {
+  const auto refusal = [](const std::string& name, const Budget& budget) {
+    PlanChoice choice;
+    choice.learner = UsersLearner{name, "true"};
+    return Plan({}, budget, choice).status().message();
+  };
+  Budget budget = Take(ReadBudget(DefaultBudgetsFile(), "small"));
+  CHECK(refusal("td3-bc", budget).find("no algorithm of b4mrl has") != std::string::npos);
+  CHECK(refusal("a/b", budget).find("letters") != std::string::npos);
+  CHECK(refusal("", budget).find("letters") != std::string::npos);
+  budget.learner_updates.reset();
+  CHECK(refusal("mine", budget).find("learner-updates") != std::string::npos);
+}
+
 TEST_CASE("Unknown algorithms and hyperparameters are refused by name") {
   const auto benchmarks = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium");
   CHECK(Plan(benchmarks, PaperBudget(), {{"sca"}, {0}}).status().code() ==

@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 
 const std::string kHeader =
     "train/n_updates,time/total_timesteps,time/time_elapsed,eval/mean_reward,eval/std_reward,eval/"
-    "score\n";
+    "score,ledger/dataset_rows\n";
 
 // A run's folder as `b4mrl train` writes it, and the folder of results.
 class Folders {
@@ -22,8 +22,8 @@ class Folders {
   Folders() {
     fs::create_directories(run());
     fs::create_directories(results());
-    WriteBytes(run() + "/run.json",
-               R"({"hyperparameters": {"gamma": 0.99}, "sessions": [{"version": "1"}]})");
+    WriteBytes(run() + "/run.json", R"({"hyperparameters": {"gamma": 0.99}, "processor": "Z80", )"
+                                    R"("sessions": [{"version": "1"}]})");
     State("running");
     planned_.name = "HalfCheetah-iql-medium-s0";
     planned_.id = "0123456789abcdef";
@@ -36,11 +36,13 @@ class Folders {
   std::string results() const { return folder_.File("results"); }
   std::string path() const { return ResultPath(results(), planned_); }
   void State(const std::string& state) {
-    WriteBytes(run() + "/result.json", R"({"state": ")" + state + R"(", "returns": [1, 2]})");
+    WriteBytes(run() + "/result.json",
+               R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2]})");
   }
   void Progress(const std::string& rows) { WriteBytes(run() + "/progress.csv", kHeader + rows); }
   Status Write(const std::optional<UsedDataset>& dataset = {}) {
-    return WriteResultOf(planned_, run(), dataset, "small", results());
+    return WriteResultOf(planned_, run(), dataset, {"small", "0a1b2c", planned_.updates},
+                         results());
   }
   nlohmann::json Written() const {
     return nlohmann::json::parse(ReadBytes(path()), nullptr, false);
@@ -62,7 +64,7 @@ TEST_CASE("A run without an evaluation has no result") {
 TEST_CASE("A run that is cut off has the result of its last evaluation") {
   Folders folders;
   // The last line is still being written.
-  folders.Progress("100,5,1,10,1,20\n150,5,2,,,\n200,7,3,12,1,22.5\n300,9,4,99,1,9");
+  folders.Progress("100,5,1,10,1,20\n150,5,2,,,\n200,7,3,12,1,22.5,77\n300,9,4,99,1,9");
   RequireOk(folders.Write(UsedDataset{"HalfCheetah/medium-v0", 10, "aa", "bb"}));
   const auto json = folders.Written();
   CHECK(json["curve"] == nlohmann::json::parse("[[100,5,10.0,1.0,20.0],[200,7,12.0,1.0,22.5]]"));
@@ -72,6 +74,11 @@ TEST_CASE("A run that is cut off has the result of its last evaluation") {
   CHECK(json["score"] == 22.5);
   CHECK(json["dataset"]["columns_sha256"] == "bb");
   CHECK(json["hyperparameters"]["gamma"] == 0.99);
+  CHECK(json["processor"] == "Z80");
+  CHECK(json["ledger"]["dataset_rows"] == 77);
+  CHECK(json["ledger"]["query_rows"].is_null());  // which this run's log has no column for
+  CHECK(json["returns"].empty());                 // those in the folder are of another update
+  CHECK(json["commit"] == "0a1b2c");
   const RunResult read = *Take(ReadResult(folders.path()));
   CHECK(read.updates == 200);
   CHECK_FALSE(read.finished);
@@ -91,6 +98,7 @@ TEST_CASE("A run is settled if its last two fifths agree") {
     folders.Progress(rows);
     RequireOk(folders.Write());
     CHECK(folders.Written()["finished"] == true);
+    CHECK(Take(ReadResult(folders.path()))->settled == folders.Written()["settled"].get<bool>());
     CHECK(folders.Written()["last_fifth"] == Approx(after));
     CHECK(folders.Written()["fifth_before"] == Approx(before));
     return folders.Written()["settled"].get<bool>();
@@ -98,6 +106,18 @@ TEST_CASE("A run is settled if its last two fifths agree") {
   CHECK(settled(40, 41.5));
   CHECK_FALSE(settled(40, 41.6));
   CHECK_FALSE(settled(40, 38));
+}
+
+TEST_CASE("A run that was begun anew replaces its result once it has come as far") {
+  Folders folders;
+  folders.Progress("100,5,1,10,1,20\n200,7,3,12,1,22.5\n");
+  RequireOk(folders.Write());
+  folders.Progress("100,5,1,10,1,30\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["score"] == 22.5);
+  folders.Progress("100,5,1,10,1,30\n200,7,3,12,1,32.5\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["score"] == 32.5);
 }
 
 TEST_CASE("Tasks without reference returns have no score") {

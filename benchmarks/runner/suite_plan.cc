@@ -1,0 +1,159 @@
+#include "benchmarks/runner/suite_plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <system_error>
+#include <utility>
+
+#include "algorithms/datasets/dataset_recipes.h"
+#include "algorithms/datasets/published_datasets.h"
+#include "algorithms/list.h"
+#include "benchmarks/runner/result_file.h"
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint64_t kMostSeeds = 1'000;
+
+Result<std::vector<uint64_t>> ChooseSeeds(const std::string& text, const Budget& budget) {
+  uint64_t first = 0, last = budget.seeds - 1;
+  if (!text.empty()) {
+    const size_t dots = text.find("..");
+    B4MRL_ASSIGN_OR_RETURN(first,
+                           ParseUnsigned("--seeds", text.substr(0, dots), 0, UINT64_MAX - 1));
+    last = first;
+    if (dots != std::string::npos) {
+      B4MRL_ASSIGN_OR_RETURN(
+          last, ParseUnsigned("--seeds", text.substr(dots + 2), first, first + kMostSeeds - 1));
+    }
+  }
+  std::vector<uint64_t> seeds;
+  for (uint64_t seed = first; seed <= last; ++seed) seeds.push_back(seed);
+  return seeds;
+}
+
+// What a dataset will hold, by its recipe; of a dataset without one, what its file holds.
+Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedDatasets& published,
+                                       Client& client) {
+  if (const DatasetRecipe* recipe = FindRecipe(name)) {
+    const std::string full_name = recipe->full_name();
+    nlohmann::json described = {{"name", full_name},
+                                {"format", 1},
+                                {"rows", recipe->rows},
+                                {"seed", recipe->seed},
+                                {"simulator", recipe->simulator},
+                                {"policies", nlohmann::json::array()}};
+    const auto figures = published.find(full_name);
+    if (figures != published.end()) described["policies"] = figures->second.policies_sha256;
+    return described;
+  }
+  B4MRL_ASSIGN_OR_RETURN(const auto listed, client.ListDatasets());
+  for (const pb::DatasetInfo& info : listed) {
+    if (info.name() == name && !info.sha256().empty()) {
+      return nlohmann::json{{"name", name}, {"rows", info.rows()}, {"sha256", info.sha256()}};
+    }
+  }
+  return Status(StatusCode::kUnknownName,
+                fmt::format("dataset '{}' has no recipe and was not imported", name));
+}
+
+// D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
+std::string OfD4rl(const std::string& dataset) {
+  std::string name = dataset;
+  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::ranges::replace(name, '/', '-');
+  return fmt::format("d4rl/{}-v2", name);
+}
+
+}  // namespace
+
+Result<Budget> FindBudget(const std::string& text) {
+  const bool is_file = text.find('/') != std::string::npos || text.ends_with(".toml");
+  return is_file ? ReadBudget(text, "") : ReadBudget(DefaultBudgetsFile(), text);
+}
+
+Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
+                         ReadSuites({DefaultSuitesFolder(), choice.suites}));
+  std::vector<std::string> names;
+  for (const Benchmark& benchmark : all) names.push_back(benchmark.name);
+  for (const std::string& pattern : choice.patterns) {
+    const bool fits = std::ranges::any_of(
+        names, [&](const std::string& name) { return FitsPattern(name, pattern); });
+    if (!fits) return UnknownName("benchmark", pattern, names);
+  }
+  std::erase_if(all, [&](const Benchmark& benchmark) {
+    const auto fits = [&](const std::string& p) { return FitsPattern(benchmark.name, p); };
+    return !choice.patterns.empty() && std::ranges::none_of(choice.patterns, fits);
+  });
+  for (Benchmark& benchmark : all) {
+    if (choice.source == "d4rl" && !benchmark.dataset.empty()) {
+      benchmark.dataset = OfD4rl(benchmark.dataset);
+    }
+  }
+  return all;
+}
+
+Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
+                                          Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
+  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  PlanChoice wanted = {choice.algorithms, {}, choice.learner};
+  B4MRL_ASSIGN_OR_RETURN(wanted.seeds, ChooseSeeds(choice.seeds, budget));
+  const PlanSources sources = {Algorithms(), &catalogue, [&](const std::string& name) {
+                                 return DescribeDataset(name, published, client);
+                               }};
+  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
+                         MakePlan(benchmarks, budget, wanted, sources));
+  for (PlannedRun& run : plan) {
+    const DatasetRecipe* recipe = FindRecipe(run.dataset);
+    if (recipe == nullptr || budget.rows) continue;
+    const auto figures = published.find(recipe->full_name());
+    if (figures != published.end()) run.columns_sha256 = figures->second.columns_sha256;
+  }
+  return plan;
+}
+
+Result<std::vector<std::string>> FreezePlan(const std::string& folder,
+                                            const std::vector<PlannedRun>& plan) {
+  const std::string path = folder + "/plan.json";
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return IoError("make", folder, error.value());
+  if (!std::filesystem::exists(path, error)) {
+    nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
+    for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});
+    const Status written = WriteSmallFile(path, json.dump(1) + "\n");
+    // Of several that write it at once, one succeeds, and equal commands write equal lists.
+    if (!written.ok() && !std::filesystem::exists(path, error)) return written;
+  }
+  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
+  std::vector<std::string> ids;
+  for (const auto& run : json.value("runs", nlohmann::ordered_json::array())) {
+    if (run.is_object()) ids.push_back(run.value("id", ""));
+  }
+  return ids;
+}
+
+Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
+                               const std::vector<PlannedRun>& plan) {
+  if (index >= frozen.size()) {
+    return InvalidNumber(
+        "--index", index,
+        fmt::format("0..{}, the runs of plan.json", frozen.empty() ? 0 : frozen.size() - 1));
+  }
+  const auto found = std::ranges::find(plan, frozen[index], &PlannedRun::id);
+  if (found != plan.end()) return *found;
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("run {} of plan.json, {}, is not among those that this command asks "
+                            "for; the list belongs to another command",
+                            index, frozen[index]));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,47 @@
+// From a user's words to the plan of a suite: which benchmarks, which budget, which seeds.
+//
+// Thread rule: one thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/runner/budget.h"
+#include "benchmarks/runner/plan.h"
+#include "client/client.h"
+#include "data/suites/suites.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct SuiteChoice {
+  std::vector<std::string> patterns;  // of benchmarks' names; empty: all
+  std::vector<std::string> algorithms;
+  std::string seeds;           // "0", "0..2"; "": as many as the budget says
+  std::string suites;          // folder of further suites; "": none
+  std::string source = "own";  // of the data: "own", or "d4rl" for D4RL's files of the same levels
+  std::optional<UsersLearner> learner;
+};
+
+// A budget of the project by its name, or the only one of a file: what has a '/' or ends with
+// ".toml".
+Result<Budget> FindBudget(const std::string& text);
+
+// The benchmarks that the patterns choose. kUnknownName for a pattern that fits none.
+Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);
+
+// `client` is connected to a daemon on the data folder; it is asked for what the plan's names mean.
+Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
+                                          Client& client);
+
+// Reads DIR/plan.json, the frozen list of the runs' ids, and writes it first if there is none.
+Result<std::vector<std::string>> FreezePlan(const std::string& folder,
+                                            const std::vector<PlannedRun>& plan);
+// The run with this number in the frozen list. kInvalidArgument for another number;
+// kFailedPrecondition if `plan` lacks that run: the command's patterns are not those of the list.
+Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
+                               const std::vector<PlannedRun>& plan);
+
+}  // namespace b4mrl

@@ -1,0 +1,39 @@
+#include "benchmarks/runner/training_order.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string_view>
+#include <utility>
+
+namespace b4mrl {
+
+JobOrder TrainingOrder(const PlannedRun& run, const Budget& budget, uint64_t updates,
+                       const std::string& folder, const std::vector<std::string>& daemon_words) {
+  // By the run's own number, so that a run that goes on is evaluated at equal distances.
+  const uint64_t every = std::max<uint64_t>(run.updates / budget.evaluations, 1);
+  std::vector<std::string> words = {"train", "--quiet", "--resume"};
+  const auto add = [&](std::string_view name, const auto& value) {
+    words.push_back(fmt::format("--{}", name));
+    words.push_back(fmt::format("{}", value));
+  };
+  add("algorithm", run.algorithm);
+  add("environment", run.environment);
+  if (!run.simulator.empty()) add("simulator", run.simulator);
+  if (!run.world.empty()) add("world", run.world);
+  if (!run.dataset.empty()) add("dataset", run.full_dataset);
+  if (!run.corruption.empty()) add("corruption", run.corruption);
+  add("seed", run.seed);
+  add("precision", run.precision);
+  add("updates", updates);
+  add("eval-every", every);
+  add("eval-episodes", budget.episodes);
+  add("checkpoint-every", std::min<uint64_t>(every * 5, 10'000));
+  add("threads", 1);
+  for (const auto& [name, value] : run.hyperparameters) add(name, value);
+  words.insert(words.end(), daemon_words.begin(), daemon_words.end());
+  add("out", folder);
+  return ToolOrder(std::move(words), folder + "/log");
+}
+
+}  // namespace b4mrl

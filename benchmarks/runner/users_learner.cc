@@ -1,0 +1,135 @@
+#include "benchmarks/runner/users_learner.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <string_view>
+#include <system_error>
+#include <vector>
+
+#include "data/d4rl/agent_file.h"
+#include "data/files/atomic_file.h"
+#include "proto/base/cores.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMostReturns = 10'000;
+
+std::string LearnedPath(const std::string& folder) { return folder + "/learned.json"; }
+std::string AgentPath(const std::string& folder) { return folder + "/agent.h5"; }
+
+bool Exists(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::exists(path, error);
+}
+
+Status NotUnderstood(const std::string& path, std::string_view allowed) {
+  return Status(StatusCode::kDataLoss, fmt::format("{} must be {}", path, allowed));
+}
+
+// Adds the returns that the learner has measured itself.
+Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
+  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
+  const Json returns = json.value("returns", Json());
+  if (!returns.is_array() || returns.empty() || returns.size() > kMostReturns) {
+    return NotUnderstood(path, fmt::format("an object with 1 to {} \"returns\"", kMostReturns));
+  }
+  double sum = 0, squares = 0;
+  for (const Json& each : returns) {
+    const double value = each.is_number() ? each.get<double>() : std::nan("");
+    if (!std::isfinite(value)) return NotUnderstood(path, "an object with numbers as \"returns\"");
+    sum += value;
+    squares += value * value;
+  }
+  const auto updates = json.find("updates");
+  if (updates != json.end()) {
+    if (!updates->is_number_unsigned()) {
+      return NotUnderstood(path, "an object with a whole number as \"updates\"");
+    }
+    (*learned)["updates"] = *updates;
+  }
+  const auto count = static_cast<double>(returns.size());
+  const double mean = sum / count;
+  const auto score = environment.NormalisedScore(mean);
+  learned->update({{"source", "self-scored"},
+                   {"returns", returns},
+                   {"mean_return", mean},
+                   {"std_return", std::sqrt(std::max(squares / count - mean * mean, 0.0))},
+                   {"score", score ? Json(*score) : Json()}});
+  return Status();
+}
+
+}  // namespace
+
+JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const LearnerPlace& place) {
+  std::error_code error;
+  return {
+      .words = {"/bin/sh", "-c", run.learner},
+      .log = folder + "/log",
+      .environment = {"B4MRL_ENDPOINT=" + place.endpoint,
+                      "B4MRL_BENCHMARK=" + run.benchmarks.front(),
+                      "B4MRL_ENVIRONMENT=" + run.environment, "B4MRL_SIMULATOR=" + run.simulator,
+                      "B4MRL_DATASET=" + run.full_dataset, "B4MRL_CORRUPTION=" + run.corruption,
+                      "B4MRL_WORLD=" + run.world, fmt::format("B4MRL_SEED={}", run.seed),
+                      fmt::format("B4MRL_UPDATES={}", run.updates),
+                      fmt::format("B4MRL_LEDGER={}", place.ledger), "B4MRL_SUITES=" + place.suites,
+                      "B4MRL_OUT=" + std::filesystem::absolute(folder, error).string()},
+      .stops_group = true};
+}
+
+bool HasLearned(const std::string& folder) { return Exists(LearnedPath(folder)); }
+bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }
+
+Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
+                   const Json& ledger, const EnvironmentSpec& environment) {
+  Json learned = {{"updates", run.updates},
+                  {"seconds", seconds},
+                  {"ledger", ledger},
+                  {"processor", ProcessorName()}};
+  const std::string returns = folder + "/returns.json";
+  if (HasAgent(folder)) {
+    B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentPath(folder)));
+    if (agent.provenance.updates > 0) learned["updates"] = agent.provenance.updates;
+    learned["source"] = "user";
+  } else if (Exists(returns)) {
+    B4MRL_RETURN_IF_ERROR(AddOwnReturns(returns, environment, &learned));
+  } else {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("left neither agent.h5 nor returns.json in {}", folder));
+  }
+  return WriteSmallFile(LearnedPath(folder), learned.dump() + "\n");
+}
+
+Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
+  RunOutcome outcome;
+  if (!HasLearned(folder)) return outcome;
+  B4MRL_ASSIGN_OR_RETURN(const Json learned, ReadJsonObject(LearnedPath(folder)));
+  outcome.ended = true;
+  outcome.source = learned.value("source", "");
+  outcome.ledger = learned.value("ledger", Json());
+  outcome.processor = learned.value("processor", "");
+  Json scored = learned;
+  if (outcome.source == "user") {
+    const std::string path = ScoringPath(folder, {.name = "trained"});
+    if (!Exists(path)) return outcome;
+    B4MRL_ASSIGN_OR_RETURN(scored, ReadJsonObject(path));
+  }
+  outcome.returns = scored.value("returns", Json::array());
+  const Json score = scored.value("score", Json());
+  CurvePoint point;
+  point.updates = learned.value("updates", uint64_t{0});
+  point.steps =
+      outcome.ledger.is_object() ? outcome.ledger.value("simulator_steps", uint64_t{0}) : 0;
+  point.seconds = learned.value("seconds", 0.0);
+  point.mean_return = scored.value("mean_return", 0.0);
+  point.std_return = scored.value("std_return", 0.0);
+  if (score.is_number()) point.score = score.get<double>();
+  outcome.curve.push_back(point);
+  return outcome;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,101 @@
+// A learner of the user's own trains in a suite, and its rows stand among the results.
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/benchmarks/runner/suite.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr char kAgent[] = B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5";
+
+// A suite that two benchmarks fit, and a budget for learners of the user's own.
+class UsersSuite {
+ public:
+  UsersSuite() {
+    suite_.pattern = "HalfCheetah/confounding/hidden-*+medium";
+    WriteBytes(suite_.File("budget.toml"),
+               "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = 70\nupdates = { bc = 20 }\n");
+  }
+  Outcome Train(const std::string& learner, const std::string& name = "mine") const {
+    return Run(suite_.Command({"--learner", learner, "--name", name}));
+  }
+  std::map<std::string, std::string> Results(bool with_agents = true) const {
+    return suite_.Results(with_agents);
+  }
+  std::string File(const std::string& name) const { return suite_.File(name); }
+
+ private:
+  Suite suite_;
+};
+
+TEST_CASE("A learner that leaves an agent is told what to do, and its agent is scored") {
+  const UsersSuite suite;
+  const std::string seen = suite.File("seen");
+  const Outcome outcome = suite.Train("env | grep ^B4MRL_ | sort >> " + seen + "; cp " + kAgent +
+                                      " \"$B4MRL_OUT/agent.h5\"");
+  INFO(outcome.out << outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  const std::string variables = ReadBytes(seen);
+  INFO(variables);
+  for (const char* line : {"B4MRL_BENCHMARK=HalfCheetah/confounding/hidden-high+medium\n",
+                           "B4MRL_CORRUPTION=hidden-low\n", "B4MRL_SIMULATOR=gravity\n",
+                           "B4MRL_DATASET=HalfCheetah/medium-v0\n", "B4MRL_UPDATES=70\n",
+                           "B4MRL_SEED=0\n", "B4MRL_ENVIRONMENT=HalfCheetah\n"}) {
+    CAPTURE(line);
+    CHECK(variables.find(line) != std::string::npos);
+  }
+  const auto results = suite.Results();
+  REQUIRE(results.size() == 2);
+  for (const auto& [name, text] : results) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CAPTURE(name, text);
+    CHECK(json["algorithm"] == "mine");
+    CHECK(json["source"] == "user");
+    CHECK(json["finished"] == true);
+    // The agent is one of 40 points on the true HalfCheetah, which sees everything.
+    CHECK(json["score"].get<double>() > 30);
+    CHECK(json["scorings"]["full"]["returns"] == json["returns"]);
+    CHECK(json["ledger"]["dataset_rows"] == 0);
+  }
+  const Outcome again = suite.Train("false");
+  CHECK(again.exit_code == 0);  // all is done
+}
+
+TEST_CASE("Returns that a learner has measured itself are marked as such") {
+  const UsersSuite suite;
+  const Outcome outcome = suite.Train(
+      "echo '{\"returns\": [1, 2], \"updates\": 7}' > \"$B4MRL_OUT/returns.json\"", "other");
+  INFO(outcome.out << outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  for (const auto& [name, text] : suite.Results(false)) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CAPTURE(name, text);
+    CHECK(json["source"] == "self-scored");
+    CHECK(json["return"] == 1.5);
+    CHECK(json["updates"] == 7);
+    CHECK(json["scorings"].empty());
+    CHECK(json["score"].get<double>() == Approx(2.2688));  // by HalfCheetah's reference returns
+  }
+}
+
+TEST_CASE("A learner that leaves nothing, or what cannot be understood, has failed") {
+  const UsersSuite suite;
+  const Outcome nothing = suite.Train("true");
+  CHECK(nothing.exit_code == 1);
+  CHECK(nothing.out.find("left neither agent.h5 nor returns.json") != std::string::npos);
+  const Outcome text =
+      suite.Train("echo '{\"returns\": [\"many\"]}' > \"$B4MRL_OUT/returns.json\"");
+  CHECK(text.exit_code == 1);
+  CHECK(text.out.find("numbers as \"returns\"") != std::string::npos);
+  const Outcome broken = suite.Train("exit 3");
+  CHECK(broken.exit_code == 1);
+  CHECK(broken.out.find("ended with code 3") != std::string::npos);
+  const Outcome taken = suite.Train("true", "iql");
+  CHECK(taken.exit_code == 3);
+  CHECK(taken.err.find("no algorithm of b4mrl has") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace b4mrl
