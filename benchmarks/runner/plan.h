@@ -54,7 +54,8 @@ struct PlannedRun {
   std::string id;                       // 16 hexadecimal digits
   std::string cell_id;                  // likewise
   std::string name;                     // "HalfCheetah-hymopo-gravity-medium-expert+hidden-high-s0"
-  std::vector<std::string> benchmarks;  // whose cells it fills
+  std::vector<std::string> benchmarks;  // of the plan, whose cells it fills
+  std::vector<std::string> all_benchmarks;  // whose cells it fills, those of no plan as well
 };
 
 // What a plan asks of the rest of the program.

@@ -150,7 +150,7 @@ Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
 Json RunJson(const PlannedRun& run, const std::optional<UsedDataset>& dataset) {
   Json json = {{"id", run.id},
                {"cell", run.cell_id},
-               {"benchmarks", run.benchmarks},
+               {"benchmarks", run.all_benchmarks},
                {"suite", run.suite},
                {"algorithm", run.algorithm},
                {"environment", run.environment},

@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -70,6 +72,37 @@ std::string OfD4rl(const std::string& dataset) {
   return fmt::format("d4rl/{}-v2", name);
 }
 
+Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
+                         ReadSuites({DefaultSuitesFolder(), choice.suites}));
+  for (Benchmark& benchmark : all) {
+    if (choice.source == "d4rl" && !benchmark.dataset.empty()) {
+      benchmark.dataset = OfD4rl(benchmark.dataset);
+    }
+  }
+  return all;
+}
+
+// Sets all_benchmarks of the runs of a plan, by a plan of every benchmark.
+Status AddAllBenchmarks(const SuiteChoice& choice, const Budget& budget, const PlanChoice& wanted,
+                        PlanSources sources, std::vector<PlannedRun>* plan) {
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, BenchmarksOf(choice));
+  // A dataset that cannot be described is none of this plan's.
+  sources.describe_dataset =
+      [describe = sources.describe_dataset](const std::string& name) -> Result<nlohmann::json> {
+    auto described = describe(name);
+    return described.ok() ? *std::move(described) : nlohmann::json{{"name", name}};
+  };
+  B4MRL_ASSIGN_OR_RETURN(const auto all, MakePlan(benchmarks, budget, wanted, sources));
+  std::map<std::string_view, const PlannedRun*> by_id;
+  for (const PlannedRun& run : all) by_id.emplace(run.id, &run);
+  for (PlannedRun& run : *plan) {
+    const auto found = by_id.find(run.id);
+    run.all_benchmarks = found == by_id.end() ? run.benchmarks : found->second->benchmarks;
+  }
+  return Status();
+}
+
 }  // namespace
 
 Result<Budget> FindBudget(const std::string& text) {
@@ -78,8 +111,7 @@ Result<Budget> FindBudget(const std::string& text) {
 }
 
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
-                         ReadSuites({DefaultSuitesFolder(), choice.suites}));
+  B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all, BenchmarksOf(choice));
   std::vector<std::string> names;
   for (const Benchmark& benchmark : all) names.push_back(benchmark.name);
   for (const std::string& pattern : choice.patterns) {
@@ -91,11 +123,6 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
     const auto fits = [&](const std::string& p) { return FitsPattern(benchmark.name, p); };
     return !choice.patterns.empty() && std::ranges::none_of(choice.patterns, fits);
   });
-  for (Benchmark& benchmark : all) {
-    if (choice.source == "d4rl" && !benchmark.dataset.empty()) {
-      benchmark.dataset = OfD4rl(benchmark.dataset);
-    }
-  }
   return all;
 }
 
@@ -111,6 +138,7 @@ Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budge
                                }};
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
                          MakePlan(benchmarks, budget, wanted, sources));
+  B4MRL_RETURN_IF_ERROR(AddAllBenchmarks(choice, budget, wanted, sources, &plan));
   for (PlannedRun& run : plan) {
     const DatasetRecipe* recipe = FindRecipe(run.dataset);
     if (recipe == nullptr || budget.rows) continue;

@@ -101,7 +101,12 @@ Status UnknownNameOf(std::string_view kind, std::string_view name, std::string_v
                      const NearestName& nearest) {
   std::string message = fmt::format("unknown {} '{}'", kind, name.substr(0, 100));
   if (nearest.nearest()) message += fmt::format("; did you mean '{}'?", *nearest.nearest());
-  message += fmt::format(" known: {}", known_list.empty() ? "none" : known_list);
+  // A list that fills the screen would hide the name that was meant.
+  constexpr size_t kMaxShown = 1000;
+  const bool is_cut = known_list.size() > kMaxShown;
+  const std::string_view shown =
+      is_cut ? known_list.substr(0, known_list.rfind(", ", kMaxShown)) : known_list;
+  message += fmt::format(" known: {}{}", shown.empty() ? "none" : shown, is_cut ? ", ..." : "");
   return Status(StatusCode::kUnknownName, message);
 }
 

@@ -30,7 +30,7 @@ class Folders {
     planned_.cell_id = "fedcba9876543210";
     planned_.algorithm = "iql";
     planned_.updates = 500;
-    planned_.benchmarks = {"HalfCheetah/clean/medium"};
+    planned_.all_benchmarks = {"HalfCheetah/clean/medium"};
   }
   std::string run() const { return folder_.File("run"); }
   std::string results() const { return folder_.File("results"); }
