@@ -103,7 +103,7 @@ Victim OpenVictim(Context& context, const std::string& endpoint, char name) {
   return victim;
 }
 
-std::vector<RequestTemplate> GatewayCorpus(const Victim& victim) {
+std::vector<RequestTemplate> GatewayCorpus(const Victim& victim, uint64_t ledger_number) {
   std::vector<RequestTemplate> corpus;
   TemplateBuilder hello("");
   hello.request().mutable_hello()->set_client("test");
@@ -112,7 +112,7 @@ std::vector<RequestTemplate> GatewayCorpus(const Victim& victim) {
   TemplateBuilder status("");
   status.request().mutable_server_status();
   TemplateBuilder ledger("");
-  ledger.request().mutable_ledger()->set_ledger(1);
+  ledger.request().mutable_ledger()->set_ledger(ledger_number);
   TemplateBuilder open(victim.token);
   *open.request().mutable_open() = victim.open;
   for (TemplateBuilder* builder : {&hello, &catalogue, &status, &ledger, &open, &open, &open}) {
@@ -325,12 +325,14 @@ TEST_CASE("Spoilt messages by the thousand change, stop and grow nothing") {
   RequireOk(source->Reset().status());
   const Result<LaneStates> snapshot = source->Snapshot();
   RequireOk(snapshot.status());
+  const Result<uint64_t> ledger = client->OpenLedger();
+  RequireOk(ledger.status());
 
   Context context;
   const Victim stepped = OpenVictim(context, daemon.endpoint(), 's');
   const Victim reset = OpenVictim(context, daemon.endpoint(), 'r');
   const Victim restored = OpenVictim(context, daemon.endpoint(), 't');
-  const std::vector<RequestTemplate> gateway = GatewayCorpus(stepped);
+  const std::vector<RequestTemplate> gateway = GatewayCorpus(stepped, *ledger);
   const std::vector<RequestTemplate> worker =
       WorkerCorpus(stepped, reset, restored, snapshot->snapshot);
   const std::vector<RequestTemplate> datasets = DatasetCorpus(dataset->fingerprint());
