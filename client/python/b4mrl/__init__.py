@@ -16,6 +16,7 @@ client, an environment or a dataset.
 from b4mrl.agent import Policy, load_agent, save_agent
 from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.benchmarks.evaluation import Evaluation
+from b4mrl.benchmarks.suites import benchmark, suite
 from b4mrl.client import Client
 from b4mrl.dataset import Dataset
 from b4mrl.dataset_stats import DatasetStats
@@ -40,11 +41,13 @@ __all__ = [
     "PrivateDaemon",
     "SpaceSpec",
     "VectorEnvironment",
+    "benchmark",
     "connect",
     "load_agent",
     "register",
     "save_agent",
     "serve",
+    "suite",
 ]
 
 register()

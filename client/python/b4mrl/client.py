@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from b4mrl import catalogue, descriptions, errors
-from b4mrl.benchmarks.benchmark import Benchmark
+from b4mrl.benchmarks.benchmark import Benchmark, find_info
 from b4mrl.benchmarks.ledger import Ledger, LedgerLike, number_of
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
@@ -106,10 +106,7 @@ class Client(Shown):
 
     def benchmark(self, name: str) -> Benchmark:
         """The benchmark of that name, such as "HalfCheetah/confounding/hidden-high+medium"."""
-        found = {info.name: info for info in self.benchmarks()}
-        if name not in found:
-            raise errors.unknown_name("benchmark", name, found, "client.benchmarks() lists them")
-        return Benchmark(self, found[name])
+        return Benchmark(self, find_info(self.benchmarks(), name))
 
     def server_status(self) -> ServerStatus:
         """The daemon's uptime, processes and sessions."""

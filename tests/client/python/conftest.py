@@ -1,4 +1,4 @@
-"""One daemon for all tests, the simulators of its catalogue, and the long proofs' option."""
+"""One daemon for all tests, one with datasets, the catalogue's simulators, the long proofs' option."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from pathlib import Path
 import b4mrl
 import pytest
 
+from made_dataset import run_dataset
+
 # Compared with other people's programs in the long form alone, whatever is installed.
 LONG_FILES = ("test_sb3.py", "test_highway_original.py", "test_minari.py", "test_torch.py")
+BENCHMARK_ROWS = 2_000
 MODES = ("next_step", "same_step", "disabled")
 
 
@@ -76,6 +79,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def long(request: pytest.FixtureRequest) -> bool:
     return request.config.getoption("--long")
+
+
+@pytest.fixture(scope="session")
+def medium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[b4mrl.Client]:
+    """A client of a daemon that has datasets of BENCHMARK_ROWS rows."""
+    data = tmp_path_factory.mktemp("data")
+    for name in ("HalfCheetah/medium", "HalfCheetah/partial-high"):
+        run_dataset(data, "make", name, "--rows", str(BENCHMARK_ROWS))
+    with b4mrl.serve(data=data) as endpoint, b4mrl.connect(endpoint) as client:
+        yield client
 
 
 @pytest.fixture

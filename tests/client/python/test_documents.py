@@ -26,8 +26,8 @@ def test_the_first_program_runs_as_it_stands(document: str) -> None:
     assert names["observation"].shape == names["env"].observation_space.shape
 
 
-def program_with(text: str) -> str:
-    (program,) = [each for each in programs("client/python/README.md") if text in each]
+def program_with(text: str, document: str = "client/python/README.md") -> str:
+    (program,) = [each for each in programs(document) if text in each]
     return program
 
 

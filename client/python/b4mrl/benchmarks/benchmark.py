@@ -1,21 +1,25 @@
-"""A benchmark as one object: its two flawed sources of experience, and its fair evaluation."""
+"""A benchmark as one object: its two flawed sources of experience, its evaluation, its results."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from b4mrl import simulators
-from b4mrl.benchmarks import evaluation, making
+from b4mrl.benchmarks import evaluation, making, result_file
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
+from b4mrl.benchmarks.result_file import Point, Result
+from b4mrl.benchmarks.usage import Usage
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
-from b4mrl.errors import InvalidArgumentError, UnknownNameError
+from b4mrl.errors import InvalidArgumentError, UnknownNameError, unknown_name
 from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
 from b4mrl.spec import EnvironmentSpec, SpaceSpec
@@ -39,16 +43,28 @@ class Benchmark(Shown):
         info: the catalogue's entry.
         make_rows: makes the dataset if the daemon's data folder lacks it, with so many rows; 0: as
             published. None: a missing dataset is an error.
+        ledger: number of the daemon's ledger in which learning counts; 0: a new one.
 
     Attributes:
         info: what the benchmark is made of; name, environment and paper are taken from it.
         name: "HalfCheetah/confounding/hidden-high+medium-expert".
         environment: "HalfCheetah".
         paper: the paper's scores by algorithm: (mean, standard deviation) of three seeds.
+        seed, updates, out: in a program that `b4mrl benchmark run --learner` has started: the run's
+            seed, its number of updates, and the folder in which the program leaves agent.h5 or
+            returns.json; else 0, None and None.
     """
 
     def __init__(
-        self, client: Client, info: BenchmarkInfo, *, make_rows: int | None = None
+        self,
+        client: Client,
+        info: BenchmarkInfo,
+        *,
+        make_rows: int | None = None,
+        seed: int = 0,
+        updates: int | None = None,
+        out: Path | None = None,
+        ledger: int = 0,
     ) -> None:
         self.info = info
         self.name = info.name
@@ -56,16 +72,26 @@ class Benchmark(Shown):
         self.paper = info.paper
         self._client = client
         self._make_rows = make_rows
+        self.seed = seed
+        self.updates = updates
+        self.out = out
+        self._usage = Usage(client, ledger)
+        self._curves: dict[int, list[Point]] = {}  # by seed, since its last result
 
     def _facts(self) -> Mapping[str, Any]:
         return self.info._facts()
 
-    @functools.cached_property
+    @property
     def dataset(self) -> Dataset | None:
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
         """
+        self._usage.begin()
+        return self._dataset
+
+    @functools.cached_property
+    def _dataset(self) -> Dataset | None:
         if not self.info.dataset:
             return None
         try:
@@ -78,7 +104,11 @@ class Benchmark(Shown):
 
     def make_simulator(self, num_envs: int = 1, **options: Any) -> VectorEnvironment:
         """`num_envs` environments of the flawed simulator; `options` are those of make_vec."""
-        return self._client.make_vec(self.environment, num_envs, self.info.simulator, **options)
+        self._usage.begin()
+        ledger = self._usage.learning
+        return self._client.make_vec(
+            self.environment, num_envs, self.info.simulator, ledger=ledger, **options
+        )
 
     def query(
         self,
@@ -104,6 +134,7 @@ class Benchmark(Shown):
         first_row: int = 0,
     ) -> PendingQuery:
         """As query, but does not wait: `query_async(...).result()` has the answer."""
+        self._usage.begin()
         return self._client.query_async(
             self.environment,
             observations,
@@ -112,6 +143,7 @@ class Benchmark(Shown):
             seed=seed,
             draw=draw,
             first_row=first_row,
+            ledger=self._usage.learning,
         )
 
     @functools.cached_property
@@ -123,8 +155,8 @@ class Benchmark(Shown):
         learner of a full dataset and a simulator that hides dimensions may see all of them.
         """
         space = self._spec.observation
-        if self.dataset is not None:
-            hidden = list(self.dataset.hidden_dimensions)
+        if self._dataset is not None:
+            hidden = list(self._dataset.hidden_dimensions)
         else:
             hidden = _hidden_by(self._seen_through, space)
         seen = np.ones(space.size, np.bool_)
@@ -165,13 +197,114 @@ class Benchmark(Shown):
         mask = np.ones_like(self.mask) if observe == "full" else self.mask
         world = self._world(observe)
         with self._client.make_vec(
-            self.environment, episodes, world, seed=0, autoreset_mode="disabled"
+            self.environment,
+            episodes,
+            world,
+            seed=0,
+            autoreset_mode="disabled",
+            ledger=self._usage.evaluations,
         ) as vec:
             return evaluation.play(vec, act, mask, _HELD_OUT_SEED if held_out else 0)
 
+    def log(self, seed: int, updates: int, policy: PolicyLike, episodes: int = 10) -> Evaluation:
+        """Evaluates a policy, and appends a point to the curve of the next result of `seed`.
+
+        Points at `updates` and beyond are dropped: the run has begun again from an earlier update.
+        """
+        scores = self.evaluate(policy, episodes)
+        self._append(seed, updates, scores.returns)
+        return scores
+
+    def record(
+        self,
+        policy: PolicyLike | None = None,
+        *,
+        algorithm: str,
+        seed: int,
+        updates: int,
+        folder: str | os.PathLike[str],
+        returns: ArrayLike | None = None,
+        episodes: int = 10,
+        hyperparameters: Mapping[str, Any] | None = None,
+    ) -> Path:
+        """Writes a result into `folder`, as `b4mrl benchmark run` does, and returns its file.
+
+        The policy is evaluated as it observes in training and, where the training hid dimensions
+        or had noise, also in full or through the noise. The curve has the points of `log`, and the
+        ledger what the daemon has counted since the benchmark's last result.
+
+        Args:
+            policy: the policy after the last update, as for `evaluate`.
+            algorithm: the name under which reports show it; none of B4MRL's own algorithms.
+            seed, updates: of the run.
+            folder: made if it is missing; a result of the same run in it is replaced.
+            returns: in place of a policy, the returns of episodes in the benchmark's world, which
+                the caller has evaluated; the result is marked as self-scored.
+            hyperparameters: numbers and texts, for the reader of the result.
+
+        InvalidArgumentError: the name is one of B4MRL's own, or both or none of policy and returns
+        are given.
+        """
+        result_file.check_algorithm(algorithm)
+        if (policy is None) == (returns is None):
+            raise InvalidArgumentError("allowed: either a policy or returns, and not both")
+        reached = evaluation.given_returns(returns)
+        scorings: dict[str, Any] = {}
+        if policy is not None:
+            reached = self.evaluate(policy, episodes).returns
+            scorings = self._scorings(policy, episodes)
+        self._append(seed, updates, reached)
+        dataset = None if self._dataset is None else self._dataset.in_force
+        entries = result_file.entries_of(
+            self.info, algorithm, seed, dataset, reached, self._curves.pop(seed)
+        )
+        entries |= {
+            "hyperparameters": dict(hyperparameters or {}),
+            "scorings": scorings,
+            "source": "self-scored" if policy is None else "user",
+            "ledger": self._usage.counts(),
+            "seconds": round(self._usage.seconds(), 3),
+        }
+        if isinstance(policy, str | os.PathLike):
+            entries["agent_sha256"] = result_file.sha256_of(policy)
+        self._usage.restart()
+        return result_file.write(folder, self.info, entries)
+
+    def results(self, folder: str | os.PathLike[str]) -> list[Result]:
+        """The benchmark's results in `folder`, of all algorithms; a notebook shows a table."""
+        return result_file.find(folder, self.name)
+
+    def _scorings(self, policy: PolicyLike, episodes: int) -> dict[str, Any]:
+        """The further evaluations of a result, by name, as the runner makes them."""
+        names = [
+            *([] if self.mask.all() else ["full"]),
+            *(["served"] if self._noise else []),
+        ]
+        scorings = {}
+        for name in names:
+            scores = self.evaluate(policy, episodes, observe=name)
+            scorings[name] = {
+                "simulator": self._world(name),
+                "observe": "full" if name == "full" else "trained",
+                "score": scores.score,
+                "return": scores.mean_return,
+                "returns": scores.returns.tolist(),
+            }
+        return scorings
+
+    def _append(self, seed: int, updates: int, returns: NDArray[np.float64]) -> None:
+        mean = float(returns.mean())
+        steps = self._usage.counts()["simulator_steps"]
+        score = self._spec.normalised_score(mean)
+        earlier = [point for point in self._curves.get(seed, []) if point[0] < updates]
+        self._curves[seed] = [*earlier, (updates, steps, mean, float(returns.std()), score)]
+
     def _open_dataset(self) -> Dataset:
         return self._client.dataset(
-            self.info.dataset, self.info.corruption, environment=self.environment
+            self.info.dataset,
+            self.info.corruption,
+            environment=self.environment,
+            ledger=self._usage.learning,
         )
 
     def _world(self, observe: str) -> str:
@@ -186,8 +319,8 @@ class Benchmark(Shown):
     @functools.cached_property
     def _seen_through(self) -> tuple[NamedArgument, ...]:
         """The perturbations, in parametric form, through which the training's policy observes."""
-        if self.dataset is not None:
-            return self.dataset.in_force.corruptions
+        if self._dataset is not None:
+            return self._dataset.in_force.corruptions
         with self._client.make(self.environment, self.info.simulator) as env:
             perturbations = env.session.in_force.perturbations
         return perturbations
@@ -195,6 +328,14 @@ class Benchmark(Shown):
     @property
     def _noise(self) -> list[NamedArgument]:
         return [item for item in self._seen_through if item.name == "obs-noise"]
+
+
+def find_info(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
+    """The entry of that name. UnknownNameError: there is none; the message has the nearest name."""
+    found = {info.name: info for info in known}
+    if name not in found:
+        raise unknown_name("benchmark", name, found, "`b4mrl list benchmarks` has all")
+    return found[name]
 
 
 def _hidden_by(perturbations: tuple[NamedArgument, ...], space: SpaceSpec) -> list[int]:

@@ -96,6 +96,19 @@ def play(
     )
 
 
+def given_returns(returns: ArrayLike | None) -> NDArray[np.float64]:
+    """Returns of episodes that a caller gives; none of them for None.
+
+    InvalidArgumentError: they are no list of finite numbers, or an empty one.
+    """
+    given = np.asarray([] if returns is None else returns, np.float64)
+    if given.ndim != 1 or not np.isfinite(given).all() or (returns is not None and not len(given)):
+        raise InvalidArgumentError(
+            f"returns are {returns!r}, allowed: at least one finite number, one an episode"
+        )
+    return given
+
+
 class _Episodes:
     """Steps the episodes that have not ended, and adds up what they return."""
 

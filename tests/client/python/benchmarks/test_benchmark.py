@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import b4mrl
@@ -15,22 +14,11 @@ import pytest
 from b4mrl import errors
 from b4mrl.benchmarks.seeds import role_seed
 from b4mrl.serve import find_server
-from made_dataset import run_dataset
+from conftest import BENCHMARK_ROWS as ROWS
 from test_documents import program_with
 
 HIDDEN = "HalfCheetah/confounding/hidden-high+medium"  # the data lack dimension 9
 NOISY = "HalfCheetah/confounding/obs-noise-high+medium"
-ROWS = 2_000
-
-
-@pytest.fixture(scope="module")
-def medium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[b4mrl.Client]:
-    """A client of a daemon that has two small datasets."""
-    data = tmp_path_factory.mktemp("data")
-    for name in ("HalfCheetah/medium", "HalfCheetah/partial-high"):
-        run_dataset(data, "make", name, "--rows", str(ROWS))
-    with b4mrl.serve(data=data) as endpoint, b4mrl.connect(endpoint) as client:
-        yield client
 
 
 class Recorder:

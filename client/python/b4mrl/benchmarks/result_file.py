@@ -1,0 +1,279 @@
+"""Results: the files in which `b4mrl benchmark run` and Benchmark.record keep what a run reached.
+
+One JSON file a run, with one line for each entry and for each point of the curve. Readers must
+expect entries that they do not know. The entries are those of benchmarks/runner/result_file.cc;
+what a user's own algorithm lacks (precision, recipe, budget) is null.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from b4mrl.benchmarks.seeds import hash_name
+from b4mrl.descriptions import BenchmarkInfo, DatasetInForce
+from b4mrl.display import Listing, Record
+from b4mrl.errors import DataLossError, InvalidArgumentError
+from b4mrl.version import __version__
+
+# Names of `b4mrl list algorithms`: their results are written by the program alone.
+ALGORITHMS = ("sac", "td3", "bc", "td3-bc", "iql", "mopo", "h2o", "hymopo")
+
+CURVE_COLUMNS = ("updates", "steps", "return", "std", "score")
+Point = tuple[int, int, float, float, float | None]
+
+_ID_DIGITS = 16
+_SETTLED_POINTS = 1.5  # the largest drift of a settled run between the last two fifths
+_MAX_RUN_NAME = 200
+
+
+@dataclass(frozen=True, repr=False)
+class Result(Record):
+    """A result file.
+
+    Attributes:
+        score: normalised score after the last update; None where the task has no reference.
+        mean_return: mean return after the last update.
+        settled: whether the means of the curve's last two fifths differ by at most 1.5 points; None
+            where a fifth has no point.
+        source: "own" for a run of `b4mrl train`, "user" for a user's algorithm that b4mrl has
+            scored, "self-scored" for one whose returns the user gave.
+        entries: the whole file.
+    """
+
+    algorithm: str
+    seed: int
+    updates: int
+    finished: bool
+    score: float | None
+    mean_return: float
+    settled: bool | None
+    source: str
+    path: Path
+    entries: dict[str, Any]
+
+    def _facts(self) -> Mapping[str, Any]:
+        return {name: value for name, value in super()._facts().items() if name != "entries"}
+
+
+def find(folder: str | os.PathLike[str], benchmark: str) -> list[Result]:
+    """The results of a benchmark in `folder` and in its subfolder `results`, in order of names.
+
+    DataLossError: a file holds no JSON.
+    """
+    paths = [*Path(folder).glob("*.json"), *Path(folder).glob("results/*.json")]
+    found: list[Result] = Listing()
+    for path in sorted(paths):
+        try:
+            entries = json.loads(path.read_text())
+        except ValueError as error:
+            raise DataLossError(f"{path} holds no JSON: {error}") from None
+        if isinstance(entries, dict) and benchmark in entries.get("benchmarks", ()):
+            found.append(_result_of(path, entries))
+    return found
+
+
+def _result_of(path: Path, entries: dict[str, Any]) -> Result:
+    try:
+        return Result(
+            algorithm=entries["algorithm"],
+            seed=entries["seed"],
+            updates=entries["updates"],
+            finished=entries["finished"],
+            score=entries["score"],
+            mean_return=entries["return"],
+            settled=entries["settled"],
+            source=entries["source"],
+            path=path,
+            entries=entries,
+        )
+    except KeyError as error:
+        raise DataLossError(f"{path} is a result without the entry {error}") from None
+
+
+def check_algorithm(name: str) -> None:
+    """InvalidArgumentError: `name` cannot be the name of a user's algorithm."""
+    if name in ALGORITHMS:
+        raise InvalidArgumentError(
+            f"algorithm is {name!r}, allowed: any name but those of B4MRL's own algorithms "
+            f"({', '.join(ALGORITHMS)}), whose results `b4mrl benchmark run` writes"
+        )
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,63}", name):
+        raise InvalidArgumentError(
+            f"algorithm is {name!r}, allowed: at most 64 letters, digits and '.+_-', beginning "
+            "with a letter or digit"
+        )
+
+
+def entries_of(
+    info: BenchmarkInfo,
+    algorithm: str,
+    seed: int,
+    dataset: DatasetInForce | None,
+    returns: NDArray[np.float64],
+    curve: Sequence[Point],
+) -> dict[str, Any]:
+    """A result of a finished run whose curve ends with the mean of `returns`.
+
+    The caller fills in hyperparameters, scorings, source, ledger and seconds, and adds agent_sha256
+    where the policy came from a file.
+    """
+    rows = None if dataset is None else dataset.info.rows
+    updates, steps, mean, _, score = curve[-1]
+    run, cell = identities(info, algorithm, rows, seed)
+    return {
+        "id": run,
+        "cell": cell,
+        "benchmarks": [info.name],
+        "suite": info.suite,
+        "algorithm": algorithm,
+        "environment": info.environment,
+        "simulator": info.simulator,
+        "dataset": None if dataset is None else _described(dataset),
+        "corruption": info.corruption,
+        "corruption_seed": 0,
+        "transitions": "stored",
+        "history": 1,
+        "world": info.world,
+        "seed": seed,
+        "precision": None,
+        "recipe": None,
+        "hyperparameters": {},
+        "budget": None,
+        "planned_updates": updates,
+        "updates": updates,
+        "finished": True,
+        "score": score,
+        "return": mean,
+        "returns": returns.tolist(),
+        "scorings": {},
+        **_drift(curve),
+        "source": "",
+        "selection": "last",
+        "environment_steps": steps,
+        "ledger": {},
+        "seconds": 0.0,
+        "version": __version__,
+        "commit": None,
+        "processor": _processor(),
+        "sessions": [],
+        "curve_columns": CURVE_COLUMNS,
+        "curve": curve,
+    }
+
+
+def _described(dataset: DatasetInForce) -> dict[str, Any]:
+    return {
+        "name": dataset.provenance.name or dataset.info.name,
+        "rows": dataset.info.rows,
+        "sha256": dataset.info.sha256,
+        "columns_sha256": dataset.info.columns_sha256,
+    }
+
+
+def identities(
+    info: BenchmarkInfo, algorithm: str, dataset_rows: int | None, seed: int
+) -> tuple[str, str]:
+    """The ids of the run and of its cell: only results of equal cells may be averaged."""
+    identity: dict[str, Any] = {
+        "algorithm": algorithm,
+        "benchmark": info.name,
+        "rows": dataset_rows,
+        "suite": info.suite,
+    }
+    return _digest(identity | {"seed": seed}), _digest(identity)
+
+
+def _digest(identity: Mapping[str, Any]) -> str:
+    text = json.dumps(identity, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:_ID_DIGITS]
+
+
+def run_name(info: BenchmarkInfo, algorithm: str, seed: int) -> str:
+    """Such as "HalfCheetah-mine-gravity-medium+hidden-high-s0" (algorithms/run/run_record.h)."""
+    name = f"{info.environment}-{algorithm}-{info.simulator or 'true'}"
+    own_dataset = info.dataset.startswith(f"{info.environment}/")
+    if info.dataset:
+        name += f"-{info.dataset.removeprefix(f'{info.environment}/')}"
+    if info.corruption:
+        name += f"+{info.corruption}"
+    if info.world:
+        name += f"-in-{info.world}"
+    name += f"-s{seed}"
+    plain = re.sub(r"[^A-Za-z0-9.,=+-]", "_", name)
+    if plain == name and len(name) <= _MAX_RUN_NAME and (own_dataset or not info.dataset):
+        return name
+    return f"{plain[: _MAX_RUN_NAME - 17]}-{hash_name(name):016x}"
+
+
+def _drift(curve: Sequence[Point]) -> dict[str, Any]:
+    """The entries last_fifth, fifth_before and settled of a curve."""
+    last, before = _mean_between(curve, 0.8, 1), _mean_between(curve, 0.6, 0.8)
+    settled = None
+    if last is not None and before is not None:
+        settled = abs(last - before) <= _SETTLED_POINTS
+    return {"last_fifth": last, "fifth_before": before, "settled": settled}
+
+
+def _mean_between(curve: Sequence[Point], low: float, high: float) -> float | None:
+    """The mean score, or return where there is no score, of the points in (low, high] of a run."""
+    end = curve[-1][0]
+    chosen = [
+        mean if score is None else score
+        for updates, _, mean, _, score in curve
+        if low * end < updates <= high * end
+    ]
+    return float(np.mean(chosen)) if chosen else None
+
+
+def _processor() -> str:
+    """The processor's name; "" where the system does not tell it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else ""
+
+
+def sha256_of(path: str | os.PathLike[str]) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def write(folder: str | os.PathLike[str], info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path:
+    """Writes the file "<name>-<id>.json", whole or not at all; replaces one of the same run."""
+    name = run_name(info, entries["algorithm"], entries["seed"])
+    path = Path(folder) / f"{name}-{entries['id']}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    try:
+        unfinished.write_text(_text_of(entries))
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return path
+
+
+def _text_of(entries: Mapping[str, Any]) -> str:
+    lines = [f' "{name}": {_value(name, value)}' for name, value in entries.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _value(name: str, value: Any) -> str:
+    if name == "curve":
+        return "[\n" + ",\n".join(f"  {_compact(point)}" for point in value) + "\n ]"
+    return _compact(value)
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,80 @@
+"""Benchmarks by name, without a client: the entry points b4mrl.benchmark and b4mrl.suite."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+from pathlib import Path
+
+from b4mrl import errors
+from b4mrl.benchmarks.benchmark import Benchmark, find_info
+from b4mrl.client import Client
+from b4mrl.display import Listing
+from b4mrl.registration import connect
+
+
+def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int = 0) -> Benchmark:
+    """A benchmark of the catalogue, such as "HalfCheetah/confounding/hidden-high+medium".
+
+    Args:
+        name: None: the benchmark for which `b4mrl benchmark run --learner` has started this
+            program. Then `seed`, `updates` and `out` say what the runner asks for, and what the
+            program uses counts in the runner's ledger.
+        endpoint: the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon for the
+            process.
+        rows: number of rows of the dataset, if the daemon's data folder lacks the dataset and it is
+            made. 0: as published, which takes minutes.
+
+    Raises:
+        UnknownNameError: there is no such benchmark; the message has the nearest name.
+        FailedPreconditionError: `name` is None, and the runner has not started this program.
+    """
+    client = connect(endpoint)
+    if name is not None:
+        return Benchmark(client, find_info(client.benchmarks(), name), make_rows=rows)
+    return Benchmark(
+        client,
+        find_info(client.benchmarks(), _asked("BENCHMARK")),
+        make_rows=rows,
+        seed=int(_asked("SEED")),
+        updates=int(_asked("UPDATES")),
+        out=Path(_asked("OUT")),
+        ledger=int(os.environ.get("B4MRL_LEDGER") or 0),
+    )
+
+
+def suite(
+    pattern: str = "*", *, version: str = "v0", endpoint: str | None = None, rows: int = 0
+) -> list[Benchmark]:
+    """The benchmarks whose names fit a pattern, in the order of the catalogue.
+
+    Args:
+        pattern: "*" stands for any text and "?" for any character: "HalfCheetah/confounding/*".
+        version: of the suites.
+        endpoint, rows: as for `benchmark`. A dataset is made when it is first used.
+
+    UnknownNameError: no benchmark fits.
+    """
+    client: Client = connect(endpoint)
+    known = client.benchmarks()
+    versions = sorted({info.suite for info in known})
+    if version not in versions:
+        raise errors.unknown_name("version of suites", version, versions, ", ".join(versions))
+    found = [
+        info for info in known if info.suite == version and fnmatch.fnmatchcase(info.name, pattern)
+    ]
+    if not found:
+        names = [info.name for info in known]
+        raise errors.unknown_name("benchmark", pattern, names, "`b4mrl list benchmarks` has all")
+    return Listing(Benchmark(client, info, make_rows=rows) for info in found)
+
+
+def _asked(name: str) -> str:
+    """A variable that `b4mrl benchmark run --learner` sets for the learner's program."""
+    value = os.environ.get(f"B4MRL_{name}")
+    if not value:
+        raise errors.FailedPreconditionError(
+            f"B4MRL_{name} is not set: name a benchmark, or start this program by `b4mrl benchmark "
+            "run --learner COMMAND --name NAME`"
+        )
+    return value

@@ -1,0 +1,256 @@
+"""Results of users' algorithms: the files, their names and what they say."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl import errors
+from b4mrl.benchmarks import result_file
+from b4mrl.benchmarks.seeds import hash_name
+from b4mrl.serve import find_server
+
+from conftest import BENCHMARK_ROWS as ROWS
+from test_benchmark import HIDDEN, NOISY, still
+
+CLEAN = "HalfCheetah/clean/medium"
+
+
+def entries_of(path: Path) -> dict:
+    return json.loads(path.read_text())
+
+
+def test_the_ids_are_those_that_the_runner_gives(client: b4mrl.Client) -> None:
+    """Constants that the runner's own test has, too (benchmarks/runner)."""
+    info = infos(client)["HalfCheetah/confounding/hidden-high+medium-expert"]
+    assert result_file.identities(info, "mine", 2_000_000, 3) == (
+        "3c479c8b912bc39c",
+        "c0288e4249f97ab8",
+    )
+
+
+def infos(client: b4mrl.Client) -> dict[str, b4mrl.descriptions.BenchmarkInfo]:
+    return {info.name: info for info in client.benchmarks()}
+
+
+def test_the_names_are_those_that_the_runner_gives(client: b4mrl.Client) -> None:
+    known = infos(client)
+    for benchmark, name in (
+        (HIDDEN, "HalfCheetah-mine-gravity-medium+hidden-high-s3"),
+        (CLEAN, "HalfCheetah-mine-true-medium-s3"),
+        ("HalfCheetah/simulators/friction", "HalfCheetah-mine-friction-s3"),
+        (
+            "HalfCheetah/action-delay/gravity+action-delay",
+            "HalfCheetah-mine-gravity-action-delay-in-action-delay-s3",
+        ),
+    ):
+        assert result_file.run_name(known[benchmark], "mine", 3) == name
+    foreign = replace(known[CLEAN], dataset="d4rl/halfcheetah-medium-v2")
+    # No file has such a name, so the name ends with its own hash.
+    name = "HalfCheetah-mine-true-d4rl/halfcheetah-medium-v2-s3"
+    hashed = f"{name.replace('/', '_')}-{hash_name(name):016x}"
+    assert result_file.run_name(foreign, "mine", 3) == hashed
+    assert hash_name("foobar") == 0x85944171F73967E8  # published with FNV-1a
+
+
+def test_the_own_algorithms_are_those_of_the_program() -> None:
+    tools = Path(find_server()[0]).with_name("b4mrl-tools")
+    done = subprocess.run([tools, "list", "algorithms", "--json"], capture_output=True, check=True)
+    assert {each["name"] for each in json.loads(done.stdout)} == set(result_file.ALGORITHMS)
+
+
+def test_a_result_says_what_was_trained_and_what_it_reached(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(HIDDEN)
+    rows = bench.dataset.load()
+    with bench.make_simulator(num_envs=2) as vec:
+        vec.reset(seed=0)
+        for _ in range(5):
+            vec.step(np.zeros((2, 6)))
+    bench.query(rows["observations"][:7], rows["actions"][:7])
+    bench.log(3, 100, still)
+    bench.log(3, 180, still, episodes=2)
+    path = bench.record(
+        still, algorithm="mine", seed=3, updates=200, folder=tmp_path, hyperparameters={"rate": 0.1}
+    )
+    entries = entries_of(path)
+    run, cell = result_file.identities(bench.info, "mine", ROWS, 3)
+    assert path.name == f"HalfCheetah-mine-gravity-medium+hidden-high-s3-{run}.json"
+    assert (entries["id"], entries["cell"], entries["benchmarks"]) == (run, cell, [HIDDEN])
+    assert entries["ledger"] == {
+        "simulator_steps": 10,
+        "query_rows": 7,
+        "dataset_rows": ROWS,
+        "evaluation_episodes": 10 + 2 + 10 + 10,  # the last ten observe in full
+    }
+    scores = bench.evaluate(still)
+    assert entries["returns"] == scores.returns.tolist() and len(entries["returns"]) == 10
+    assert (entries["score"], entries["return"]) == (scores.score, scores.mean_return)
+    assert entries["scorings"].keys() == {"full"}
+    assert entries["scorings"]["full"]["returns"] == entries["returns"]  # it does not look
+    assert entries["curve_columns"] == ["updates", "steps", "return", "std", "score"]
+    assert [point[:2] for point in entries["curve"]] == [[100, 10], [180, 10], [200, 10]]
+    assert entries["curve"][-1][2:] == [scores.mean_return, scores.std_return, scores.score]
+    assert entries["last_fifth"] == pytest.approx(
+        (entries["curve"][1][4] + entries["curve"][2][4]) / 2, rel=1e-12
+    )
+    assert (entries["fifth_before"], entries["settled"]) == (None, None)
+    wanted = {
+        "suite": "v0",
+        "algorithm": "mine",
+        "environment": "HalfCheetah",
+        "simulator": "gravity",
+        "corruption": "hidden-high",
+        "corruption_seed": 0,
+        "transitions": "stored",
+        "history": 1,
+        "world": "",
+        "seed": 3,
+        "precision": None,
+        "recipe": None,
+        "hyperparameters": {"rate": 0.1},
+        "budget": None,
+        "planned_updates": 200,
+        "updates": 200,
+        "finished": True,
+        "source": "user",
+        "selection": "last",
+        "environment_steps": 10,
+        "version": b4mrl.__version__,
+        "commit": None,
+        "sessions": [],
+    }
+    assert {name: entries[name] for name in wanted} == wanted
+    info = bench.dataset.in_force.info
+    assert entries["dataset"] == {
+        "name": "HalfCheetah/medium-v0",
+        "rows": ROWS,
+        "sha256": info.sha256,
+        "columns_sha256": info.columns_sha256,
+    }
+    assert entries["seconds"] > 0
+
+
+def test_a_result_has_one_line_for_each_entry_and_each_point(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    bench.log(0, 1, still, episodes=1)
+    path = bench.record(
+        returns=[1.0], algorithm="mine", seed=0, updates=2, folder=tmp_path / "made"
+    )
+    lines = path.read_text().splitlines()
+    entries = entries_of(path)
+    assert lines[0] == "{" and lines[-1] == "}"
+    assert len(lines) == 2 + len(entries) + 2 + 1  # two points, and the bracket behind them
+    assert lines[1] == f' "id": "{entries["id"]}",'
+    assert lines[-4].startswith("  [1,0,") and lines[-4].endswith("],")
+    assert lines[-3].startswith("  [2,0,1.0,0.0,") and lines[-2] == " ]"
+
+
+def test_a_result_of_given_returns_says_that_nobody_else_has_scored_it(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(HIDDEN)
+    path = bench.record(returns=[4000, 6000], algorithm="mine", seed=0, updates=10, folder=tmp_path)
+    entries = entries_of(path)
+    assert entries["source"] == "self-scored" and entries["scorings"] == {}
+    assert (entries["return"], entries["returns"]) == (5000, [4000, 6000])
+    assert entries["score"] == pytest.approx(42.5, abs=0.5)  # D4RL's expert returns 12,135
+    assert entries["ledger"]["evaluation_episodes"] == 0
+    for returns in ([], [np.nan], 3.0):
+        with pytest.raises(errors.InvalidArgumentError, match="returns are"):
+            bench.record(returns=returns, algorithm="mine", seed=0, updates=1, folder=tmp_path)
+    for both in ({"policy": still, "returns": [1.0]}, {}):
+        with pytest.raises(errors.InvalidArgumentError, match="either a policy or returns"):
+            bench.record(algorithm="mine", seed=0, updates=1, folder=tmp_path, **both)
+
+
+def test_a_recorded_agent_is_named_by_its_hash_and_scored_through_the_noise(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(NOISY)
+    agent = tmp_path / "agent.h5"
+    rng = np.random.default_rng(0)
+    b4mrl.save_agent(agent, [(rng.normal(size=(6, 17)), np.zeros(6))])
+    entries = entries_of(
+        bench.record(agent, algorithm="mine", seed=0, updates=1, folder=tmp_path, episodes=2)
+    )
+    assert entries["agent_sha256"] == hashlib.sha256(agent.read_bytes()).hexdigest()
+    assert entries["scorings"]["served"]["simulator"] == "obs-noise=0.05"
+    assert entries["scorings"]["served"]["observe"] == "trained"
+    assert entries["scorings"]["served"]["returns"] != entries["returns"]
+
+
+@pytest.mark.parametrize("name", [*result_file.ALGORITHMS, "", "my algorithm", "-x", "a/b"])
+def test_names_that_others_have_or_files_cannot_have_are_refused(
+    medium: b4mrl.Client, name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="algorithm is"):
+        medium.benchmark(CLEAN).record(still, algorithm=name, seed=0, updates=1, folder=tmp_path)
+
+
+def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    assert bench.results(tmp_path / "nowhere") == []
+    given = {"returns": [1.0, 2.0], "updates": 5}
+    bench.record(algorithm="mine", seed=1, folder=tmp_path / "results", **given)
+    bench.record(algorithm="mine", seed=0, folder=tmp_path / "results", **given)
+    bench.record(algorithm="mine", seed=0, folder=tmp_path / "results", **given)  # replaces it
+    medium.benchmark(HIDDEN).record(algorithm="mine", seed=0, folder=tmp_path, **given)
+    (tmp_path / "plan.json").write_text("[]")
+    found = bench.results(tmp_path)
+    assert [(each.algorithm, each.seed, each.updates) for each in found] == [
+        ("mine", 0, 5),
+        ("mine", 1, 5),
+    ]
+    assert found[0].mean_return == 1.5 and found[0].source == "self-scored"
+    assert found[0].entries["returns"] == [1.0, 2.0]
+    assert "mean_return" in found._repr_html_()
+    assert bench.results(tmp_path / "results")[1].path == found[1].path
+    (tmp_path / "cut.json").write_text("{")
+    with pytest.raises(errors.DataLossError, match="cut.json"):
+        bench.results(tmp_path)
+
+
+def test_a_curve_that_begins_again_drops_what_it_repeats(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    for updates in (10, 20, 30, 15):
+        bench.log(0, updates, still, episodes=1)
+    bench.log(1, 5, still, episodes=1)
+    given = {"returns": [1.0], "algorithm": "mine", "folder": tmp_path}
+    curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
+    assert [point[0] for point in curve] == [10, 15, 40]
+    curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
+    assert [point[0] for point in curve] == [40]  # a result takes its points along
+    curve = entries_of(bench.record(seed=1, updates=40, **given))["curve"]
+    assert [point[0] for point in curve] == [5, 40]
+
+
+def test_the_drift_of_a_curve_is_measured_over_its_last_two_fifths() -> None:
+    curve = [(10 * i, 0, 0.0, 0.0, float(score)) for i, score in enumerate((9, 1, 2, 3, 4, 8))]
+    drift = result_file._drift(curve)
+    assert drift == {"last_fifth": 8.0, "fifth_before": 4.0, "settled": False}
+    assert result_file._drift([*curve[:-1], (50, 0, 0.0, 0.0, 5.5)])["settled"]
+    without_score = [(each[0], 0, 7.0, 0.0, None) for each in curve]
+    assert result_file._drift(without_score)["last_fifth"] == 7.0
+
+
+def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path) -> None:
+    bench = medium.benchmark(CLEAN)
+    given = {"returns": [1.0], "algorithm": "mine", "folder": tmp_path}
+    for seed, rows in ((0, 100), (1, 60)):
+        bench.dataset.sample(rows)
+        entries = entries_of(bench.record(seed=seed, updates=1, **given))
+        assert entries["ledger"]["dataset_rows"] == rows

@@ -1,0 +1,165 @@
+"""Benchmarks by name, without a client, and in a program that the runner starts."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import b4mrl
+import numpy as np
+import pytest
+from b4mrl import errors
+from b4mrl.benchmarks.ledger import LedgerCounts
+
+from made_dataset import run_dataset
+from test_benchmark import HIDDEN, still
+from test_documents import ROOT, program_with
+
+EXAMPLES = ROOT / "client" / "examples"
+
+
+@pytest.fixture
+def own(medium: b4mrl.Client, monkeypatch: pytest.MonkeyPatch) -> b4mrl.Client:
+    """The client of the daemon that b4mrl.benchmark and b4mrl.suite find."""
+    monkeypatch.setenv("B4MRL_ENDPOINT", medium.endpoint)
+    return medium
+
+
+def test_a_suite_has_the_benchmarks_whose_names_fit(own: b4mrl.Client) -> None:
+    suite = b4mrl.suite("HalfCheetah/confounding/*")
+    assert len(suite) == 16
+    assert {bench.info.challenge for bench in suite} == {"confounding"}
+    assert [bench.name for bench in b4mrl.suite(HIDDEN)] == [HIDDEN]
+    assert len(b4mrl.suite()) == len(own.benchmarks())
+    assert "hidden-high" in suite._repr_html_()
+
+
+def test_what_no_benchmark_fits_is_refused_with_the_nearest_name(own: b4mrl.Client) -> None:
+    with pytest.raises(errors.UnknownNameError, match="did you mean 'HalfCheetah/conf"):
+        b4mrl.suite("HalfCheetah/confonding/*")
+    with pytest.raises(errors.UnknownNameError, match="'v9'.*v0"):
+        b4mrl.suite(version="v9")
+    with pytest.raises(errors.UnknownNameError, match="did you mean 'HalfCheetah/clean/medium'"):
+        b4mrl.benchmark("HalfCheetah/clean/medum")
+
+
+def test_a_missing_dataset_is_made_in_the_data_folder_of_the_daemon(tmp_path: Path) -> None:
+    with b4mrl.serve(data=tmp_path) as endpoint:
+        bench = b4mrl.benchmark("HalfCheetah/clean/random", endpoint=endpoint, rows=500)
+        assert not any(tmp_path.iterdir())
+        assert bench.dataset.rows == 500
+        assert (tmp_path / "HalfCheetah" / "random-v0.h5").exists()
+        again = b4mrl.benchmark("HalfCheetah/clean/random", endpoint=endpoint, rows=700)
+        assert again.dataset.rows == 500
+        unmade = b4mrl.benchmark("Highway/clean/random", endpoint=endpoint, rows=2**40)
+        with pytest.raises(errors.UnavailableError, match="dataset make Highway/random"):
+            unmade.dataset
+
+
+def test_no_client_and_no_daemon_are_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("B4MRL_ENDPOINT", raising=False)
+    monkeypatch.setenv("B4MRL_DATA", str(tmp_path))
+    serve = sys.modules["b4mrl.serve"]  # the name b4mrl.serve is the function's
+    monkeypatch.setattr(serve, "_shared_daemon", None)
+    bench = b4mrl.benchmark("HalfCheetah/clean/random", rows=500)
+    assert bench.dataset.rows == 500
+    assert (tmp_path / "HalfCheetah" / "random-v0.h5").exists()
+    serve._shared_daemon.stop()
+
+
+def test_a_program_that_nobody_started_is_told_how(own: b4mrl.Client) -> None:
+    with pytest.raises(errors.FailedPreconditionError, match="b4mrl benchmark run --learner"):
+        b4mrl.benchmark()
+
+
+def run_learner(
+    medium: b4mrl.Client, out: Path, *command: str | Path, updates: int = 1
+) -> LedgerCounts:
+    """Runs a learner's program as the runner does; what the program used."""
+    ledger = medium.ledger()
+    asked = {
+        "B4MRL_ENDPOINT": medium.endpoint,
+        "B4MRL_BENCHMARK": HIDDEN,
+        "B4MRL_SEED": "7",
+        "B4MRL_UPDATES": str(updates),
+        "B4MRL_OUT": str(out),
+        "B4MRL_LEDGER": str(ledger.number),
+        "B4MRL_SUITES": "",
+    }
+    done = subprocess.run(
+        [sys.executable, *command],
+        env=dict(os.environ) | asked,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    return ledger.counts()
+
+
+def test_a_program_that_the_runner_starts_knows_what_it_asks_for(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    program = """
+import json
+import b4mrl
+
+bench = b4mrl.benchmark()
+bench.dataset.sample(40)
+(bench.out / "asked.json").write_text(json.dumps([bench.name, bench.seed, bench.updates]))
+"""
+    used = run_learner(medium, tmp_path, "-c", program, updates=50)
+    assert json.loads((tmp_path / "asked.json").read_text()) == [HIDDEN, 7, 50]
+    assert used.dataset_rows == 40
+
+
+def test_the_learner_in_numpy_leaves_an_agent_that_clones(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    used = run_learner(medium, tmp_path, EXAMPLES / "own_learner_numpy.py")
+    assert (used.dataset_rows, used.steps) == (2_000, 0)
+    bench = medium.benchmark(HIDDEN)
+    agent = b4mrl.load_agent(tmp_path / "agent.h5")
+    rows = bench.dataset.load()
+    error = np.abs(agent(rows["observations"]) - rows["actions"]).mean()
+    # The best constant action errs by the mean deviation of the data's actions.
+    assert error < 0.7 * np.abs(rows["actions"] - np.median(rows["actions"], axis=0)).mean()
+    assert agent(np.eye(17)[9]).tolist() == agent(np.zeros(17)).tolist()  # the hidden dimension
+
+
+def test_the_loop_of_the_readme_fills_a_row_for_each_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = tmp_path / "data"
+    for level in ("random", "medium", "medium-replay", "medium-expert"):
+        run_dataset(data, "make", f"HalfCheetah/{level}", "--rows", "2000")
+    monkeypatch.chdir(tmp_path)
+    with b4mrl.serve(data=data) as endpoint:
+        monkeypatch.setenv("B4MRL_ENDPOINT", endpoint)
+        exec(program_with("b4mrl.suite(", "README.md"), {})
+        suite = b4mrl.suite("HalfCheetah/confounding/hidden-*")
+        rows = [bench.results("runs/benchmark") for bench in suite]
+    assert [len(found) for found in rows] == [1] * 8
+    assert {found[0].algorithm for found in rows} == {"ridge"}
+    assert len({found[0].path for found in rows}) == 8
+    assert all(found[0].source == "user" for found in rows)
+
+
+def test_a_benchmark_goes_on_counting_without_its_ledger(
+    own: b4mrl.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A daemon that was started anew has no ledgers of before."""
+    bench = own.benchmark(HIDDEN)
+    bench.log(0, 1, still, episodes=3)
+
+    def lost() -> None:
+        raise errors.UnknownNameError("unknown ledger")
+
+    monkeypatch.setattr(bench._usage.learning, "counts", lost)
+    path = bench.record(returns=[1.0], algorithm="mine", seed=0, updates=2, folder=tmp_path)
+    assert json.loads(path.read_text())["ledger"]["evaluation_episodes"] == 3
