@@ -6,8 +6,8 @@
 #include <map>
 #include <string>
 
-#include "benchmarks/runner/plan.h"
-#include "benchmarks/runner/result_file.h"
+#include "benchmarks/plan/plan.h"
+#include "benchmarks/records/result_file.h"
 
 namespace b4mrl {
 

@@ -14,10 +14,11 @@
 #include <utility>
 #include <vector>
 
+#include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/cost.h"
+#include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/runner.h"
-#include "benchmarks/runner/suite_plan.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
 #include "proto/base/folders.h"

@@ -12,10 +12,10 @@
 
 #include "algorithms/base/progress.h"
 #include "algorithms/run/run_result.h"
+#include "benchmarks/records/learned.h"
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
 #include "benchmarks/runner/training_order.h"
-#include "benchmarks/runner/users_learner.h"
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 

@@ -21,12 +21,12 @@
 #include <string>
 #include <vector>
 
-#include "benchmarks/runner/budget.h"
+#include "benchmarks/plan/budget.h"
+#include "benchmarks/plan/plan.h"
+#include "benchmarks/records/result_file.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/job.h"
-#include "benchmarks/runner/plan.h"
 #include "benchmarks/runner/progress_line.h"
-#include "benchmarks/runner/result_file.h"
 #include "client/client.h"
 #include "proto/base/clock.h"
 #include "proto/base/status.h"

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <string_view>
+#include <system_error>
 #include <utility>
 
 namespace b4mrl {
@@ -34,6 +36,22 @@ JobOrder TrainingOrder(const PlannedRun& run, const Budget& budget, uint64_t upd
   words.insert(words.end(), daemon_words.begin(), daemon_words.end());
   add("out", folder);
   return ToolOrder(std::move(words), folder + "/log");
+}
+
+JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const LearnerPlace& place) {
+  std::error_code error;
+  return {
+      .words = {"/bin/sh", "-c", run.learner},
+      .log = folder + "/log",
+      .environment = {"B4MRL_ENDPOINT=" + place.endpoint,
+                      "B4MRL_BENCHMARK=" + run.benchmarks.front(),
+                      "B4MRL_ENVIRONMENT=" + run.environment, "B4MRL_SIMULATOR=" + run.simulator,
+                      "B4MRL_DATASET=" + run.full_dataset, "B4MRL_CORRUPTION=" + run.corruption,
+                      "B4MRL_WORLD=" + run.world, fmt::format("B4MRL_SEED={}", run.seed),
+                      fmt::format("B4MRL_UPDATES={}", run.updates),
+                      fmt::format("B4MRL_LEDGER={}", place.ledger), "B4MRL_SUITES=" + place.suites,
+                      "B4MRL_OUT=" + std::filesystem::absolute(folder, error).string()},
+      .stops_group = true};
 }
 
 }  // namespace b4mrl

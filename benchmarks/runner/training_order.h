@@ -1,13 +1,21 @@
-// Training a run as a job: the words of `b4mrl train`. Pure function; any thread.
+// Training a run as a job: by `b4mrl train`, or by a learner of the user's own. Pure functions; any
+// thread.
+//
+// A learner of the user's own is a command of the shell. It gets these variables: B4MRL_ENDPOINT
+// (of a daemon for it), B4MRL_BENCHMARK, B4MRL_ENVIRONMENT, B4MRL_SIMULATOR, B4MRL_DATASET,
+// B4MRL_CORRUPTION, B4MRL_WORLD (perturbations of the true environment, in which it will be
+// scored), B4MRL_SEED, B4MRL_UPDATES, B4MRL_LEDGER (where its interactions are to be counted),
+// B4MRL_SUITES (folder of further suites) and B4MRL_OUT, the folder in which it leaves what
+// benchmarks/records/learned.h reads. An exit code other than 0 is a failure.
 #pragma once
 
 #include <cstdint>
 #include <string>
 #include <vector>
 
-#include "benchmarks/runner/budget.h"
+#include "benchmarks/plan/budget.h"
+#include "benchmarks/plan/plan.h"
 #include "benchmarks/runner/job.h"
-#include "benchmarks/runner/plan.h"
 
 namespace b4mrl {
 
@@ -15,5 +23,12 @@ namespace b4mrl {
 // that choose its daemon.
 JobOrder TrainingOrder(const PlannedRun& run, const Budget& budget, uint64_t updates,
                        const std::string& folder, const std::vector<std::string>& daemon_words);
+
+struct LearnerPlace {
+  std::string endpoint;  // of the daemon
+  std::string suites;    // folder of further suites; "": none
+  uint64_t ledger = 0;
+};
+JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const LearnerPlace& place);
 
 }  // namespace b4mrl

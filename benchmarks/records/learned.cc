@@ -1,4 +1,4 @@
-#include "benchmarks/runner/users_learner.h"
+#include "benchmarks/records/learned.h"
 
 #include <fmt/format.h>
 
@@ -64,22 +64,6 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
 }
 
 }  // namespace
-
-JobOrder LearnerOrder(const PlannedRun& run, const std::string& folder, const LearnerPlace& place) {
-  std::error_code error;
-  return {
-      .words = {"/bin/sh", "-c", run.learner},
-      .log = folder + "/log",
-      .environment = {"B4MRL_ENDPOINT=" + place.endpoint,
-                      "B4MRL_BENCHMARK=" + run.benchmarks.front(),
-                      "B4MRL_ENVIRONMENT=" + run.environment, "B4MRL_SIMULATOR=" + run.simulator,
-                      "B4MRL_DATASET=" + run.full_dataset, "B4MRL_CORRUPTION=" + run.corruption,
-                      "B4MRL_WORLD=" + run.world, fmt::format("B4MRL_SEED={}", run.seed),
-                      fmt::format("B4MRL_UPDATES={}", run.updates),
-                      fmt::format("B4MRL_LEDGER={}", place.ledger), "B4MRL_SUITES=" + place.suites,
-                      "B4MRL_OUT=" + std::filesystem::absolute(folder, error).string()},
-      .stops_group = true};
-}
 
 bool HasLearned(const std::string& folder) { return Exists(LearnedPath(folder)); }
 bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }

@@ -1,4 +1,4 @@
-#include "benchmarks/runner/budget.h"
+#include "benchmarks/plan/budget.h"
 
 #include <fmt/format.h>
 

@@ -1,5 +1,5 @@
 // Budgets are read whole, and mistakes in them are refused by name.
-#include "benchmarks/runner/budget.h"
+#include "benchmarks/plan/budget.h"
 
 #include <catch2/catch.hpp>
 

@@ -1,6 +1,6 @@
 // Plans: which distinct runs fill the cells of the project's benchmarks, and what their ids depend
 // on.
-#include "benchmarks/runner/plan.h"
+#include "benchmarks/plan/plan.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

@@ -23,7 +23,7 @@
 #include <vector>
 
 #include "algorithms/base/learner.h"
-#include "benchmarks/runner/budget.h"
+#include "benchmarks/plan/budget.h"
 #include "data/suites/suites.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/status.h"

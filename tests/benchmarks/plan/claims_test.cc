@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "algorithms/list.h"
-#include "benchmarks/runner/plan.h"
+#include "benchmarks/plan/plan.h"
 #include "data/files/toml_file.h"
 #include "data/suites/suites.h"
 #include "tests/results.h"

@@ -1,4 +1,4 @@
-#include "benchmarks/runner/result_file.h"
+#include "benchmarks/records/result_file.h"
 
 #include <fmt/format.h>
 
@@ -10,7 +10,7 @@
 #include <system_error>
 
 #include "algorithms/run/run_ledger.h"
-#include "benchmarks/runner/users_learner.h"
+#include "benchmarks/records/learned.h"
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"

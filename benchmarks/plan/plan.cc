@@ -1,4 +1,4 @@
-#include "benchmarks/runner/plan.h"
+#include "benchmarks/plan/plan.h"
 
 #include <fmt/format.h>
 #include <fnmatch.h>

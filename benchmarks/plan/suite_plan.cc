@@ -1,21 +1,17 @@
-#include "benchmarks/runner/suite_plan.h"
+#include "benchmarks/plan/suite_plan.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cctype>
-#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string_view>
-#include <system_error>
 #include <utility>
 
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/datasets/published_datasets.h"
 #include "algorithms/list.h"
-#include "benchmarks/runner/result_file.h"
-#include "data/files/atomic_file.h"
 
 namespace b4mrl {
 namespace {
@@ -146,42 +142,6 @@ Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budge
     if (figures != published.end()) run.columns_sha256 = figures->second.columns_sha256;
   }
   return plan;
-}
-
-Result<std::vector<std::string>> FreezePlan(const std::string& folder,
-                                            const std::vector<PlannedRun>& plan) {
-  const std::string path = folder + "/plan.json";
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) return IoError("make", folder, error.value());
-  if (!std::filesystem::exists(path, error)) {
-    nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
-    for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});
-    const Status written = WriteSmallFile(path, json.dump(1) + "\n");
-    // Of several that write it at once, one succeeds, and equal commands write equal lists.
-    if (!written.ok() && !std::filesystem::exists(path, error)) return written;
-  }
-  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
-  std::vector<std::string> ids;
-  for (const auto& run : json.value("runs", nlohmann::ordered_json::array())) {
-    if (run.is_object()) ids.push_back(run.value("id", ""));
-  }
-  return ids;
-}
-
-Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
-                               const std::vector<PlannedRun>& plan) {
-  if (index >= frozen.size()) {
-    return InvalidNumber(
-        "--index", index,
-        fmt::format("0..{}, the runs of plan.json", frozen.empty() ? 0 : frozen.size() - 1));
-  }
-  const auto found = std::ranges::find(plan, frozen[index], &PlannedRun::id);
-  if (found != plan.end()) return *found;
-  return Status(StatusCode::kFailedPrecondition,
-                fmt::format("run {} of plan.json, {}, is not among those that this command asks "
-                            "for; the list belongs to another command",
-                            index, frozen[index]));
 }
 
 }  // namespace b4mrl

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "benchmarks/runner/budget.h"
-#include "benchmarks/runner/plan.h"
+#include "benchmarks/plan/budget.h"
+#include "benchmarks/plan/plan.h"
 #include "client/client.h"
 #include "data/suites/suites.h"
 #include "proto/base/status.h"
@@ -35,13 +35,5 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);
 // `client` is connected to a daemon on the data folder; it is asked for what the plan's names mean.
 Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
                                           Client& client);
-
-// Reads DIR/plan.json, the frozen list of the runs' ids, and writes it first if there is none.
-Result<std::vector<std::string>> FreezePlan(const std::string& folder,
-                                            const std::vector<PlannedRun>& plan);
-// The run with this number in the frozen list. kInvalidArgument for another number;
-// kFailedPrecondition if `plan` lacks that run: the command's patterns are not those of the list.
-Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
-                               const std::vector<PlannedRun>& plan);
 
 }  // namespace b4mrl

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "benchmarks/runner/plan.h"
+#include "benchmarks/plan/plan.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {

@@ -1,5 +1,5 @@
 // Results hold what training has left in its folder, however far it has come.
-#include "benchmarks/runner/result_file.h"
+#include "benchmarks/records/result_file.h"
 
 #include <catch2/catch.hpp>
 #include <filesystem>

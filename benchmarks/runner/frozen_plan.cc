@@ -1,0 +1,51 @@
+#include "benchmarks/runner/frozen_plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <system_error>
+
+#include "benchmarks/records/result_file.h"
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+
+Result<std::vector<std::string>> FreezePlan(const std::string& folder,
+                                            const std::vector<PlannedRun>& plan) {
+  const std::string path = folder + "/plan.json";
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return IoError("make", folder, error.value());
+  if (!std::filesystem::exists(path, error)) {
+    nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
+    for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});
+    const Status written = WriteSmallFile(path, json.dump(1) + "\n");
+    // Of several that write it at once, one succeeds, and equal commands write equal lists.
+    if (!written.ok() && !std::filesystem::exists(path, error)) return written;
+  }
+  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
+  std::vector<std::string> ids;
+  for (const auto& run : json.value("runs", nlohmann::ordered_json::array())) {
+    if (run.is_object()) ids.push_back(run.value("id", ""));
+  }
+  return ids;
+}
+
+Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
+                               const std::vector<PlannedRun>& plan) {
+  if (index >= frozen.size()) {
+    return InvalidNumber(
+        "--index", index,
+        fmt::format("0..{}, the runs of plan.json", frozen.empty() ? 0 : frozen.size() - 1));
+  }
+  const auto found = std::ranges::find(plan, frozen[index], &PlannedRun::id);
+  if (found != plan.end()) return *found;
+  return Status(StatusCode::kFailedPrecondition,
+                fmt::format("run {} of plan.json, {}, is not among those that this command asks "
+                            "for; the list belongs to another command",
+                            index, frozen[index]));
+}
+
+}  // namespace b4mrl

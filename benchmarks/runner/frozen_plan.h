@@ -1,0 +1,22 @@
+// The list of a suite's runs as a file, to which tasks of a cluster refer by number. Any process;
+// one thread a call.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "benchmarks/plan/plan.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Reads DIR/plan.json, the frozen list of the runs' ids, and writes it first if there is none.
+Result<std::vector<std::string>> FreezePlan(const std::string& folder,
+                                            const std::vector<PlannedRun>& plan);
+// The run with this number in the frozen list. kInvalidArgument for another number;
+// kFailedPrecondition if `plan` lacks that run: the command's patterns are not those of the list.
+Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,
+                               const std::vector<PlannedRun>& plan);
+
+}  // namespace b4mrl
