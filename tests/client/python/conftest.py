@@ -1,4 +1,4 @@
-"""One daemon for all tests, one with datasets, the catalogue's simulators, the long proofs' option."""
+"""One daemon for all tests, one with datasets, all simulators, and the long proofs' option."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ import pytest
 from made_dataset import run_dataset
 
 # Compared with other people's programs in the long form alone, whatever is installed.
-LONG_FILES = ("test_sb3.py", "test_highway_original.py", "test_minari.py", "test_torch.py")
+LONG_FILES = (
+    "test_sb3.py",
+    "test_highway_original.py",
+    "test_hybrid_pytorch.py",
+    "test_minari.py",
+    "test_torch.py",
+)
 BENCHMARK_ROWS = 2_000
 MODES = ("next_step", "same_step", "disabled")
 

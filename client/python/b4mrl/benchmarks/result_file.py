@@ -7,6 +7,7 @@ what a user's own algorithm lacks (precision, recipe, budget) is null.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -108,10 +109,9 @@ def check_algorithm(name: str) -> None:
             f"algorithm is {name!r}, allowed: any name but those of B4MRL's own algorithms "
             f"({', '.join(ALGORITHMS)}), whose results `b4mrl benchmark run` writes"
         )
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,63}", name):
+    if not re.fullmatch(r"[A-Za-z0-9-]{1,40}", name):
         raise InvalidArgumentError(
-            f"algorithm is {name!r}, allowed: at most 64 letters, digits and '.+_-', beginning "
-            "with a letter or digit"
+            f"algorithm is {name!r}, allowed: 1 to 40 letters, digits and dashes"
         )
 
 
@@ -201,7 +201,9 @@ def _digest(identity: Mapping[str, Any]) -> str:
 
 def run_name(info: BenchmarkInfo, algorithm: str, seed: int) -> str:
     """Such as "HalfCheetah-mine-gravity-medium+hidden-high-s0" (algorithms/run/run_record.h)."""
-    name = f"{info.environment}-{algorithm}-{info.simulator or 'true'}"
+    name = f"{info.environment}-{algorithm}"
+    if info.simulator or info.dataset:
+        name += f"-{info.simulator or 'true'}"
     own_dataset = info.dataset.startswith(f"{info.environment}/")
     if info.dataset:
         name += f"-{info.dataset.removeprefix(f'{info.environment}/')}"
@@ -237,13 +239,12 @@ def _mean_between(curve: Sequence[Point], low: float, high: float) -> float | No
 
 
 def _processor() -> str:
-    """The processor's name; "" where the system does not tell it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return ""
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else ""
+    """The processor's name, as the runner writes it."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(": ")[2]
+    return "unknown processor"
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:

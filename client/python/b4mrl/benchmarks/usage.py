@@ -7,8 +7,8 @@ import functools
 import time
 from typing import TYPE_CHECKING
 
-from b4mrl.errors import UnknownNameError
 from b4mrl.benchmarks.ledger import Ledger
+from b4mrl.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from b4mrl.client import Client

@@ -189,7 +189,7 @@ def test_a_recorded_agent_is_named_by_its_hash_and_scored_through_the_noise(
     assert entries["scorings"]["served"]["returns"] != entries["returns"]
 
 
-@pytest.mark.parametrize("name", [*result_file.ALGORITHMS, "", "my algorithm", "-x", "a/b"])
+@pytest.mark.parametrize("name", [*result_file.ALGORITHMS, "", "my algorithm", "a/b", "x" * 41])
 def test_names_that_others_have_or_files_cannot_have_are_refused(
     medium: b4mrl.Client, name: str, tmp_path: Path
 ) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from b4mrl import errors
 from b4mrl.benchmarks.ledger import LedgerCounts
+from b4mrl.serve import find_server
 
 from made_dataset import run_dataset
 from test_benchmark import HIDDEN, still
@@ -130,6 +131,34 @@ def test_the_learner_in_numpy_leaves_an_agent_that_clones(
     # The best constant action errs by the mean deviation of the data's actions.
     assert error < 0.7 * np.abs(rows["actions"] - np.median(rows["actions"], axis=0)).mean()
     assert agent(np.eye(17)[9]).tolist() == agent(np.zeros(17)).tolist()  # the hidden dimension
+
+
+def test_the_runner_and_the_client_write_the_same_file_for_a_users_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("B4MRL_ENDPOINT", raising=False)
+    runner = Path(find_server()[0]).with_name("b4mrl-benchmark")
+    learner = f"{sys.executable} {EXAMPLES / 'own_learner_numpy.py'}"
+    words = ["--learner", learner, "--name", "ridge", "--budget", "smoke", "--out", tmp_path]
+    done = subprocess.run(
+        [runner, "run", HIDDEN, *words], capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    with b4mrl.serve(data=tmp_path / "data") as endpoint, b4mrl.connect(endpoint) as client:
+        bench = client.benchmark(HIDDEN)
+        (result,) = bench.results(tmp_path)
+        (agent,) = tmp_path.glob("runs/*/agent.h5")
+        given = {"algorithm": "ridge", "seed": 0, "updates": 1, "episodes": 1}
+        path = bench.record(agent, folder=tmp_path / "mine", **given)
+    assert path.name == result.path.name  # the id is in it
+    theirs, ours = result.entries, json.loads(path.read_text())
+    assert ours.keys() == theirs.keys()
+    # What both were told, or have read from the same files.
+    measured = {"score", "return", "returns", "scorings", "last_fifth", "curve", "seconds"}
+    of_the_runner = {"budget", "planned_updates", "commit", "ledger"}
+    for name in ours.keys() - measured - of_the_runner:
+        assert ours[name] == theirs[name], name
+    assert theirs["ledger"]["dataset_rows"] == 10_000
 
 
 def test_the_loop_of_the_readme_fills_a_row_for_each_benchmark(

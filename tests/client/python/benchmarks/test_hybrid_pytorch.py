@@ -1,0 +1,58 @@
+"""The learner in PyTorch, and that its saved agent acts as it does."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import b4mrl
+import h5py
+import numpy as np
+import pytest
+
+from made_dataset import run_dataset
+from test_benchmark import HIDDEN
+from test_suites import EXAMPLES, run_learner
+
+pytest.importorskip("torch", reason="PyTorch is not installed")
+
+UPDATES = 400
+
+
+def learner() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("hybrid", EXAMPLES / "hybrid_pytorch.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_learner_in_pytorch_leaves_an_agent_of_both_sources(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    used = run_learner(medium, tmp_path, EXAMPLES / "hybrid_pytorch.py", updates=UPDATES)
+    assert used.steps == UPDATES  # one in the simulator for each update
+    assert UPDATES * 128 <= used.dataset_rows <= (UPDATES + 4) * 128  # some are asked for ahead
+    scores = medium.benchmark(HIDDEN).evaluate(tmp_path / "agent.h5", episodes=2)
+    assert np.isfinite(scores.returns).all()
+
+
+def test_pytorch_and_the_programs_act_alike(medium: b4mrl.Client, tmp_path: Path) -> None:
+    bench, agent = medium.benchmark(HIDDEN), tmp_path / "agent.h5"
+    actor = learner().train(bench, seed=0, updates=UPDATES)
+    actor.save(agent, bench, 0, UPDATES)
+    # A dataset is recorded by stochastic policies alone: this one's noise is exp(-20) of a normal.
+    with h5py.File(agent, "a") as file:
+        policy = file["metadata/policy"]
+        policy["last_fc_log_std/weight"] = np.zeros((6, 256), np.float32)
+        policy["last_fc_log_std/bias"] = np.full(6, -20, np.float32)
+        del policy["output_distribution"]
+        policy["output_distribution"] = "tanh_gaussian"
+    data = tmp_path / "data"
+    run_dataset(data, "make", "HalfCheetah/mine", "--agent", agent, "--rows", "10000")
+    with b4mrl.serve(data=data) as endpoint, b4mrl.connect(endpoint) as client:
+        rows = client.dataset("HalfCheetah/mine").load()
+    # Three layers in float32, whose sums have another order in each library.
+    np.testing.assert_allclose(actor.act(rows["observations"]), rows["actions"], atol=1e-5)
+    saved = b4mrl.load_agent(agent)(rows["observations"])
+    np.testing.assert_allclose(saved, rows["actions"], atol=1e-5)
