@@ -79,7 +79,8 @@ class Benchmark(Shown):
         self._curves: dict[int, list[Point]] = {}  # by seed, since its last result
 
     def _facts(self) -> Mapping[str, Any]:
-        return self.info._facts()
+        names = ("name", "simulator", "dataset", "corruption", "world")
+        return {name: getattr(self.info, name) for name in names}
 
     @property
     def dataset(self) -> Dataset | None:

@@ -27,7 +27,7 @@ def entries_of(path: Path) -> dict:
 
 
 def test_the_ids_are_those_that_the_runner_gives(client: b4mrl.Client) -> None:
-    """Constants that the runner's own test has, too (benchmarks/runner)."""
+    """Constants that the runner's own test has, too (tests/benchmarks/plan/plan_test.cc)."""
     info = infos(client)["HalfCheetah/confounding/hidden-high+medium-expert"]
     assert result_file.identities(info, "mine", 2_000_000, 3) == (
         "3c479c8b912bc39c",
