@@ -24,6 +24,7 @@ from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
 from b4mrl.spec import EnvironmentSpec, SpaceSpec
 from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.wire import checks
 from b4mrl.wire.session import QueryAnswer
 
 if TYPE_CHECKING:  # whose method `benchmark` makes these objects
@@ -212,6 +213,7 @@ class Benchmark(Shown):
 
         Points at `updates` and beyond are dropped: the run has begun again from an earlier update.
         """
+        seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         scores = self.evaluate(policy, episodes)
         self._append(seed, updates, scores.returns)
         return scores
@@ -247,6 +249,7 @@ class Benchmark(Shown):
         are given.
         """
         result_file.check_algorithm(algorithm)
+        seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         if (policy is None) == (returns is None):
             raise InvalidArgumentError("allowed: either a policy or returns, and not both")
         reached = evaluation.given_returns(returns)
@@ -257,7 +260,7 @@ class Benchmark(Shown):
         self._append(seed, updates, reached)
         dataset = None if self._dataset is None else self._dataset.in_force
         entries = result_file.entries_of(
-            self.info, algorithm, seed, dataset, reached, self._curves.pop(seed)
+            self.info, algorithm, seed, dataset, reached, self._curves[seed]
         )
         entries |= {
             "hyperparameters": dict(hyperparameters or {}),
@@ -268,8 +271,10 @@ class Benchmark(Shown):
         }
         if isinstance(policy, str | os.PathLike):
             entries["agent_sha256"] = result_file.sha256_of(policy)
+        path = result_file.write(folder, self.info, entries)
         self._usage.restart()
-        return result_file.write(folder, self.info, entries)
+        del self._curves[seed]
+        return path
 
     def results(self, folder: str | os.PathLike[str]) -> list[Result]:
         """The benchmark's results in `folder`, of all algorithms; a notebook shows a table."""

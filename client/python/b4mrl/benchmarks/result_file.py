@@ -277,4 +277,13 @@ def _value(name: str, value: Any) -> str:
 
 
 def _compact(value: Any) -> str:
-    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return json.dumps(
+        value, separators=(",", ":"), ensure_ascii=False, allow_nan=False, default=_plain
+    )
+
+
+def _plain(value: Any) -> Any:
+    """A number or an array of numpy as Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise InvalidArgumentError(f"hyperparameters have {value!r}, allowed: numbers and texts")

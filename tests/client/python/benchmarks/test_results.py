@@ -247,6 +247,28 @@ def test_the_drift_of_a_curve_is_measured_over_its_last_two_fifths() -> None:
     assert result_file._drift(without_score)["last_fifth"] == 7.0
 
 
+def test_a_result_that_cannot_be_written_loses_nothing(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    bench.log(np.int64(0), np.int64(5), still, episodes=1)
+    given = {"returns": [1.0], "algorithm": "mine", "seed": np.int64(0), "updates": np.int64(9)}
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError):
+        bench.record(folder=tmp_path / "file", **given)
+    with pytest.raises(errors.InvalidArgumentError, match="hyperparameters have <object"):
+        bench.record(folder=tmp_path, hyperparameters={"rate": object()}, **given)
+    assert not list(tmp_path.glob("*.json*")) and not list(tmp_path.glob(".*"))
+    given |= {"hyperparameters": {"rate": np.float32(0.5), "sizes": np.arange(2)}}
+    entries = entries_of(bench.record(folder=tmp_path, **given))
+    assert [point[0] for point in entries["curve"]] == [5, 9]
+    assert entries["hyperparameters"] == {"rate": 0.5, "sizes": [0, 1]}
+    assert entries["ledger"]["evaluation_episodes"] == 1
+    for wrong in ({"seed": -1}, {"updates": 1.5}):
+        with pytest.raises(errors.InvalidArgumentError, match=next(iter(wrong))):
+            bench.record(folder=tmp_path, **given | wrong)
+
+
 def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path) -> None:
     bench = medium.benchmark(CLEAN)
     given = {"returns": [1.0], "algorithm": "mine", "folder": tmp_path}
