@@ -51,13 +51,16 @@ class Planner {
   Status AddUsersRun(const Benchmark& benchmark, const UsersLearner& learner, uint64_t seed);
   std::vector<PlannedRun> Take() { return std::move(runs_); }
 
+  // Each sets what follows from the other fields of a run.
+  Status SetIds(const Algorithm& algorithm, PlannedRun* run);
+  Status SetUsersIds(PlannedRun* run);
+
  private:
   // The run as the user would write it, with what its algorithm does not use left out.
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
   // What the run sees and where it is scored, spelled out.
   Result<Json> ConditionsOf(const PlannedRun& run);
   Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
-  Status SetIds(const Algorithm& algorithm, PlannedRun* run);
   Status SetScorings(const Json& identity, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
@@ -94,21 +97,26 @@ Status Planner::AddUsersRun(const Benchmark& benchmark, const UsersLearner& lear
   run.seed = seed;
   run.updates = *budget_.learner_updates;
   run.benchmarks = {benchmark.name};
-  B4MRL_ASSIGN_OR_RETURN(const Json conditions, ConditionsOf(run));
-  run.full_dataset = run.dataset;
-  if (!run.dataset.empty()) run.full_dataset = conditions["dataset"].value("name", run.dataset);
-  run.scorings.push_back({"trained", run.world, "trained"});
-  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, &run));
-  const Json& dataset = conditions["dataset"];
-  Json identity = {{"algorithm", run.algorithm},
-                   {"benchmark", benchmark.name},
-                   {"rows", dataset.is_null() ? Json() : dataset.value("rows", Json())},
-                   {"suite", run.suite}};
-  run.cell_id = IdOf(identity);
-  identity["seed"] = seed;
-  run.id = IdOf(identity);
-  run.name = NameOf(run, {.simulator = true, .dataset = !run.dataset.empty()});
+  B4MRL_RETURN_IF_ERROR(SetUsersIds(&run));
   runs_.push_back(std::move(run));
+  return Status();
+}
+
+Status Planner::SetUsersIds(PlannedRun* run) {
+  B4MRL_ASSIGN_OR_RETURN(const Json conditions, ConditionsOf(*run));
+  run->full_dataset = run->dataset;
+  if (!run->dataset.empty()) run->full_dataset = conditions["dataset"].value("name", run->dataset);
+  run->scorings.push_back({"trained", run->world, "trained"});
+  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, run));
+  const Json& dataset = conditions["dataset"];
+  Json identity = {{"algorithm", run->algorithm},
+                   {"benchmark", run->benchmarks.front()},
+                   {"rows", dataset.is_null() ? Json() : dataset.value("rows", Json())},
+                   {"suite", run->suite}};
+  run->cell_id = IdOf(identity);
+  identity["seed"] = run->seed;
+  run->id = IdOf(identity);
+  run->name = NameOf(*run, {.simulator = true, .dataset = !run->dataset.empty()});
   return Status();
 }
 
@@ -311,6 +319,18 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
     }
   }
   return planner.Take();
+}
+
+Status IdentifyRun(PlannedRun* run, std::optional<uint64_t> rows, const PlanSources& sources) {
+  Budget budget;
+  budget.rows = rows;
+  Planner planner(budget, sources);
+  const auto algorithm =
+      std::ranges::find(sources.algorithms, std::string_view(run->algorithm), &Algorithm::name);
+  if (algorithm != sources.algorithms.end()) return planner.SetIds(*algorithm, run);
+  if (run->benchmarks.size() == 1) return planner.SetUsersIds(run);
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("a run of {} must name one benchmark", run->algorithm));
 }
 
 bool FitsPattern(const std::string& name, const std::string& pattern) {

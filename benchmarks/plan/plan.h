@@ -86,6 +86,11 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
                                          const Budget& budget, const PlanChoice& choice,
                                          const PlanSources& sources);
 
+// Sets the ids, the names and the scorings of a run whose other fields are given, hyperparameters
+// included: of a result that is read again. `rows`: of its dataset. An algorithm that the sources
+// do not have is a learner of the user's own, of the run's only benchmark. Errors: as above.
+Status IdentifyRun(PlannedRun* run, std::optional<uint64_t> rows, const PlanSources& sources);
+
 // Whether a benchmark's name fits a pattern, in which '*' stands for any text and '?' for any
 // character.
 bool FitsPattern(const std::string& name, const std::string& pattern);

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "algorithms/datasets/dataset_recipes.h"
-#include "algorithms/datasets/published_datasets.h"
 #include "algorithms/list.h"
 
 namespace b4mrl {
@@ -122,24 +121,33 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
   return all;
 }
 
+Result<PlanKnowledge> PlanKnowledge::Ask(Client& client) {
+  PlanKnowledge knowledge(client);
+  B4MRL_ASSIGN_OR_RETURN(knowledge.catalogue_, client.Catalogue());
+  B4MRL_ASSIGN_OR_RETURN(knowledge.published_, ReadPublishedDatasets());
+  return knowledge;
+}
+
+PlanSources PlanKnowledge::sources() const {
+  return {Algorithms(), &catalogue_,
+          [this](const std::string& name) { return DescribeDataset(name, published_, *client_); }};
+}
+
 Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
                                           Client& client) {
   B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
-  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
-  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
+  const PlanSources sources = knowledge.sources();
   PlanChoice wanted = {choice.algorithms, {}, choice.learner};
   B4MRL_ASSIGN_OR_RETURN(wanted.seeds, ChooseSeeds(choice.seeds, budget));
-  const PlanSources sources = {Algorithms(), &catalogue, [&](const std::string& name) {
-                                 return DescribeDataset(name, published, client);
-                               }};
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
                          MakePlan(benchmarks, budget, wanted, sources));
   B4MRL_RETURN_IF_ERROR(AddAllBenchmarks(choice, budget, wanted, sources, &plan));
   for (PlannedRun& run : plan) {
     const DatasetRecipe* recipe = FindRecipe(run.dataset);
     if (recipe == nullptr || budget.rows) continue;
-    const auto figures = published.find(recipe->full_name());
-    if (figures != published.end()) run.columns_sha256 = figures->second.columns_sha256;
+    const auto figures = knowledge.published().find(recipe->full_name());
+    if (figures != knowledge.published().end()) run.columns_sha256 = figures->second.columns_sha256;
   }
   return plan;
 }

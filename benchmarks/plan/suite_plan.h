@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/datasets/published_datasets.h"
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
 #include "client/client.h"
@@ -32,7 +33,22 @@ Result<Budget> FindBudget(const std::string& text);
 // The benchmarks that the patterns choose. kUnknownName for a pattern that fits none.
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);
 
-// `client` is connected to a daemon on the data folder; it is asked for what the plan's names mean.
+// What the names of plans mean: the project's recipes, what the daemon of `client` knows and has.
+class PlanKnowledge {
+ public:
+  // `client` outlives the object, the object its sources.
+  static Result<PlanKnowledge> Ask(Client& client);
+  PlanSources sources() const;
+  const PublishedDatasets& published() const { return published_; }
+
+ private:
+  explicit PlanKnowledge(Client& client) : client_(&client) {}
+  Client* client_;
+  pb::CatalogueReply catalogue_;
+  PublishedDatasets published_;
+};
+
+// `client` is connected to a daemon on the data folder.
 Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
                                           Client& client);
 

@@ -8,6 +8,7 @@
 #include <system_error>
 #include <vector>
 
+#include "benchmarks/records/json_file.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "proto/base/cores.h"
@@ -34,29 +35,26 @@ Status NotUnderstood(const std::string& path, std::string_view allowed) {
 // Adds the returns that the learner has measured itself.
 Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
   B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
-  const Json returns = json.value("returns", Json());
-  if (!returns.is_array() || returns.empty() || returns.size() > kMostReturns) {
-    return NotUnderstood(path, fmt::format("an object with 1 to {} \"returns\"", kMostReturns));
+  const auto returns = NumbersOf(json, "returns");
+  if (!returns || returns->empty() || returns->size() > kMostReturns) {
+    return NotUnderstood(
+        path, fmt::format("an object with 1 to {} numbers as \"returns\"", kMostReturns));
   }
-  double sum = 0, squares = 0;
-  for (const Json& each : returns) {
-    const double value = each.is_number() ? each.get<double>() : std::nan("");
-    if (!std::isfinite(value)) return NotUnderstood(path, "an object with numbers as \"returns\"");
-    sum += value;
-    squares += value * value;
-  }
-  const auto updates = json.find("updates");
-  if (updates != json.end()) {
-    if (!updates->is_number_unsigned()) {
-      return NotUnderstood(path, "an object with a whole number as \"updates\"");
-    }
+  if (!EntryOf(json, "updates").is_null()) {
+    const auto updates = CountOf(json, "updates");
+    if (!updates) return NotUnderstood(path, "an object with a whole number as \"updates\"");
     (*learned)["updates"] = *updates;
   }
-  const auto count = static_cast<double>(returns.size());
+  double sum = 0, squares = 0;
+  for (const double each : *returns) {
+    sum += each;
+    squares += each * each;
+  }
+  const auto count = static_cast<double>(returns->size());
   const double mean = sum / count;
   const auto score = environment.NormalisedScore(mean);
   learned->update({{"source", "self-scored"},
-                   {"returns", returns},
+                   {"returns", *returns},
                    {"mean_return", mean},
                    {"std_return", std::sqrt(std::max(squares / count - mean * mean, 0.0))},
                    {"score", score ? Json(*score) : Json()}});
@@ -93,25 +91,23 @@ Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   if (!HasLearned(folder)) return outcome;
   B4MRL_ASSIGN_OR_RETURN(const Json learned, ReadJsonObject(LearnedPath(folder)));
   outcome.ended = true;
-  outcome.source = learned.value("source", "");
-  outcome.ledger = learned.value("ledger", Json());
-  outcome.processor = learned.value("processor", "");
+  outcome.source = TextOf(learned, "source");
+  outcome.ledger = EntryOf(learned, "ledger");
+  outcome.processor = TextOf(learned, "processor");
   Json scored = learned;
   if (outcome.source == "user") {
     const std::string path = ScoringPath(folder, {.name = "trained"});
     if (!Exists(path)) return outcome;
     B4MRL_ASSIGN_OR_RETURN(scored, ReadJsonObject(path));
   }
-  outcome.returns = scored.value("returns", Json::array());
-  const Json score = scored.value("score", Json());
+  outcome.returns = EntryOf(scored, "returns");
   CurvePoint point;
-  point.updates = learned.value("updates", uint64_t{0});
-  point.steps =
-      outcome.ledger.is_object() ? outcome.ledger.value("simulator_steps", uint64_t{0}) : 0;
-  point.seconds = learned.value("seconds", 0.0);
-  point.mean_return = scored.value("mean_return", 0.0);
-  point.std_return = scored.value("std_return", 0.0);
-  if (score.is_number()) point.score = score.get<double>();
+  point.updates = CountOf(learned, "updates").value_or(0);
+  point.steps = CountOf(outcome.ledger, "simulator_steps").value_or(0);
+  point.seconds = NumberOf(learned, "seconds").value_or(0);
+  point.mean_return = NumberOf(scored, "mean_return").value_or(0);
+  point.std_return = NumberOf(scored, "std_return").value_or(0);
+  point.score = NumberOf(scored, "score");
   outcome.curve.push_back(point);
   return outcome;
 }

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "algorithms/run/run_ledger.h"
+#include "benchmarks/records/json_file.h"
 #include "benchmarks/records/learned.h"
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
@@ -22,11 +23,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxFileBytes = 64 << 20;
-constexpr double kSettledPoints = 1.5;  // the largest drift of a settled run between two fifths
 
 // What progress.csv says at its evaluations: the curve, and the ledger at the last one.
 struct Evaluations {
-  std::vector<CurvePoint> curve;
+  Curve curve;
   Json ledger;
 };
 
@@ -64,21 +64,6 @@ Result<Evaluations> ReadEvaluations(const std::string& path) {
   return read;
 }
 
-// The mean score, or return where there is no score, of the evaluations in (from, to] of the run.
-std::optional<double> MeanBetween(const std::vector<CurvePoint>& curve, double from, double to) {
-  double sum = 0;
-  int count = 0;
-  const auto last = static_cast<double>(curve.back().updates);
-  for (const CurvePoint& each : curve) {
-    const auto updates = static_cast<double>(each.updates);
-    if (updates <= from * last || updates > to * last) continue;
-    sum += each.score.value_or(each.mean_return);
-    ++count;
-  }
-  if (count == 0) return std::nullopt;
-  return sum / count;
-}
-
 Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(); }
 Json OrNull(const std::string& text) { return text.empty() ? Json() : Json(text); }
 
@@ -92,24 +77,15 @@ Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) 
     B4MRL_ASSIGN_OR_RETURN(const Json printed, ReadJsonObject(path));
     json[scoring.name] = {{"simulator", scoring.simulator},
                           {"observe", scoring.observe},
-                          {"score", printed.value("score", Json())},
-                          {"return", printed.value("mean_return", Json())},
-                          {"returns", printed.value("returns", Json::array())}};
-  }
-  return json;
-}
-
-Json CurveJson(const std::vector<CurvePoint>& curve) {
-  Json json = Json::array();
-  for (const CurvePoint& each : curve) {
-    json.push_back(
-        {each.updates, each.steps, each.mean_return, each.std_return, OrNull(each.score)});
+                          {"score", EntryOf(printed, "score")},
+                          {"return", EntryOf(printed, "mean_return")},
+                          {"returns", EntryOf(printed, "returns")}};
   }
   return json;
 }
 
 // One line for each entry and for each point of the curve, so that a change shows where it is.
-std::string TextOf(const Json& json) {
+std::string LinesOf(const Json& json) {
   std::string text = "{\n";
   for (const auto& [key, value] : json.items()) {
     std::string shown = value.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -135,14 +111,14 @@ Result<RunOutcome> OutcomeOfTraining(const std::string& folder) {
   if (outcome.curve.empty()) return outcome;
   B4MRL_ASSIGN_OR_RETURN(const Json record, ReadJsonObject(folder + "/run.json"));
   B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(folder + "/result.json"));
-  outcome.ended = result.value("state", Json()) == "finished";
+  outcome.ended = TextOf(result, "state") == "finished";
   // While a run goes on, its result.json is that of an earlier session.
-  if (result.value("updates", Json()) == outcome.curve.back().updates) {
-    outcome.returns = result.value("returns", Json::array());
+  if (CountOf(result, "updates") == outcome.curve.back().updates) {
+    outcome.returns = EntryOf(result, "returns");
   }
-  outcome.hyperparameters = record.value("hyperparameters", Json::object());
-  outcome.sessions = record.value("sessions", Json::array());
-  outcome.processor = record.value("processor", "");
+  outcome.hyperparameters = EntryOf(record, "hyperparameters");
+  outcome.sessions = EntryOf(record, "sessions");
+  outcome.processor = TextOf(record, "processor");
   return outcome;
 }
 
@@ -177,19 +153,16 @@ void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json
   const CurvePoint& last = outcome.curve.back();
   // A learner of the user's own decides itself when it has finished.
   const bool did_all = outcome.source != "own" || last.updates >= origin.updates;
-  const auto last_fifth = MeanBetween(outcome.curve, 0.8, 1);
-  const auto fifth_before = MeanBetween(outcome.curve, 0.6, 0.8);
+  const Fifths fifths = FifthsOf(outcome.curve);
+  const std::optional<bool> settled = fifths.IsSettled();
   json->update({{"updates", last.updates},
                 {"finished", outcome.ended && did_all},
                 {"score", OrNull(last.score)},
                 {"return", last.mean_return},
                 {"returns", outcome.returns},
-                {"last_fifth", OrNull(last_fifth)},
-                {"fifth_before", OrNull(fifth_before)},
-                {"settled", Json()}});
-  if (last_fifth && fifth_before) {
-    (*json)["settled"] = std::abs(*last_fifth - *fifth_before) <= kSettledPoints;
-  }
+                {"last_fifth", OrNull(fifths.last)},
+                {"fifth_before", OrNull(fifths.before)},
+                {"settled", settled ? Json(*settled) : Json()}});
 }
 
 }  // namespace
@@ -202,13 +175,6 @@ std::string ResultPath(const std::string& results_folder, const PlannedRun& run)
   return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
 }
 
-Result<Json> ReadJsonObject(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
-  Json json = Json::parse(text, nullptr, false);
-  if (json.is_object()) return json;
-  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
-}
-
 Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                      const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
                      const std::string& results_folder) {
@@ -216,7 +182,7 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   B4MRL_ASSIGN_OR_RETURN(const RunOutcome outcome, run.learner.empty()
                                                        ? OutcomeOfTraining(run_folder)
                                                        : OutcomeOfLearner(run_folder));
-  const std::vector<CurvePoint>& curve = outcome.curve;
+  const Curve& curve = outcome.curve;
   B4MRL_ASSIGN_OR_RETURN(const auto before, ReadResult(path));
   if (curve.empty() || (before && before->updates > curve.back().updates)) return Status();
   B4MRL_ASSIGN_OR_RETURN(const Json scorings, ScoringsJson(run, run_folder));
@@ -238,30 +204,24 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   const auto agent = Sha256OfFile(run_folder + "/agent.h5");
   json["agent_sha256"] = agent.ok() ? Json(*agent) : Json();
   json["curve_columns"] = {"updates", "steps", "return", "std", "score"};
-  json["curve"] = CurveJson(curve);
-  return WriteSmallFile(path, TextOf(json));
+  json["curve"] = JsonOf(curve);
+  return WriteSmallFile(path, LinesOf(json));
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::optional<RunResult>();
   B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
-  const auto number = [&](const char* key) -> std::optional<double> {
-    const auto found = json.find(key);
-    if (found == json.end() || !found->is_number()) return std::nullopt;
-    return found->get<double>();
-  };
-  const auto finished = json.find("finished");
   RunResult result;
-  result.finished = finished != json.end() && finished->is_boolean() && finished->get<bool>();
-  result.updates = static_cast<uint64_t>(std::max(number("updates").value_or(0), 0.0));
-  const auto settled = json.find("settled");
-  result.settled = settled != json.end() && settled->is_boolean() && settled->get<bool>();
-  result.score = number("score");
-  result.mean_return = number("return").value_or(0);
-  result.seconds = number("seconds").value_or(0);
-  const Json scorings = json.value("scorings", Json::object());
-  for (const auto& [name, scoring] : scorings.items()) result.scorings.insert(name);
+  result.finished = IsTrue(json, "finished");
+  result.updates = CountOf(json, "updates").value_or(0);
+  result.settled = IsTrue(json, "settled");
+  result.score = NumberOf(json, "score");
+  result.mean_return = NumberOf(json, "return").value_or(0);
+  result.seconds = NumberOf(json, "seconds").value_or(0);
+  for (const auto& [name, scoring] : EntryOf(json, "scorings").items()) {
+    result.scorings.insert(name);
+  }
   return std::optional(result);
 }
 

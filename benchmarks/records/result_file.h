@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "benchmarks/plan/plan.h"
+#include "benchmarks/records/curve.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -33,18 +34,10 @@ struct ResultOrigin {
 };
 
 // What a run has come to, in words of a result.
-struct CurvePoint {
-  uint64_t updates = 0;
-  uint64_t steps = 0;
-  double seconds = 0;
-  double mean_return = 0;
-  double std_return = 0;
-  std::optional<double> score;
-};
 struct RunOutcome {
-  std::vector<CurvePoint> curve;  // empty: there is no evaluation yet
-  bool ended = false;             // whether training has ended in order
-  std::string source = "own";     // "user": a learner of the user's own; "self-scored": by itself
+  Curve curve;                 // empty: there is no evaluation yet
+  bool ended = false;          // whether training has ended in order
+  std::string source = "own";  // "user": a learner of the user's own; "self-scored": by itself
   // JSON of these entries of a result.
   nlohmann::ordered_json returns = nlohmann::ordered_json::array();
   nlohmann::ordered_json hyperparameters = nlohmann::ordered_json::object();
@@ -68,9 +61,6 @@ std::string ResultPath(const std::string& results_folder, const PlannedRun& run)
 
 // The file in a run's folder that keeps a further evaluation: what `b4mrl evaluate --json` prints.
 std::string ScoringPath(const std::string& run_folder, const Scoring& scoring);
-
-// A JSON object of a file. kDataLoss if it is none.
-Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path);
 
 // Writes the result of a run from what `b4mrl train`, or a learner of the user's own, has left in
 // its folder; `dataset` is unset for runs without one. Does nothing while the run has no

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
-#include "benchmarks/records/result_file.h"
+#include "benchmarks/records/json_file.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
@@ -27,9 +27,7 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
   }
   B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
   std::vector<std::string> ids;
-  for (const auto& run : json.value("runs", nlohmann::ordered_json::array())) {
-    if (run.is_object()) ids.push_back(run.value("id", ""));
-  }
+  for (const auto& run : EntryOf(json, "runs")) ids.push_back(TextOf(run, "id"));
   return ids;
 }
 

@@ -1,5 +1,5 @@
-// b4mrl benchmark run|status|evaluate: trains what fills the cells of benchmarks, says how far that
-// is, and evaluates agents side by side.
+// b4mrl benchmark run|status|evaluate|check|leaderboard: trains what fills the cells of benchmarks,
+// says how far that is, evaluates agents side by side, checks results and ranks them.
 #include <commit.h>  // which the build writes
 #include <fmt/format.h>
 
@@ -15,9 +15,11 @@
 #include <vector>
 
 #include "benchmarks/plan/suite_plan.h"
+#include "benchmarks/records/leaderboard.h"
 #include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
+#include "benchmarks/runner/result_checks.h"
 #include "benchmarks/runner/runner.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
@@ -177,6 +179,42 @@ Result<int> EvaluateFolder(const AgentEvaluationOptions& options) {
   return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
+// What `check` and `leaderboard` ask for.
+struct RecordsCommand {
+  ResultCheckOptions check;
+  std::string results, suites;
+
+  Result<int> Check() const;
+  Result<int> PrintLeaderboard() const;
+};
+
+Result<int> RecordsCommand::Check() const {
+  B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start());
+  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(daemon.endpoint()));
+  B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
+  CheckSources sources = {.plan = knowledge.sources(), .published = &knowledge.published()};
+  sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
+  B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
+  size_t sound = 0;
+  for (const CheckedResult& result : checked) {
+    const char* agent = result.scored_again ? "its agent has these returns" : "no agent is there";
+    if (result.faults.empty()) fmt::print("sound {} ({})\n", result.path, agent);
+    for (const std::string& fault : result.faults) fmt::print("fault {}: {}\n", result.path, fault);
+    sound += result.faults.empty() ? 1 : 0;
+  }
+  fmt::print("{} of {} results are sound\n", sound, checked.size());
+  if (Interrupted()) return InterruptExitCode();
+  return sound == checked.size() ? kExitDone : kExitFailed;
+}
+
+Result<int> RecordsCommand::PrintLeaderboard() const {
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(const std::string csv, Leaderboard(results, benchmarks));
+  fmt::print("{}", csv);
+  return kExitDone;
+}
+
 int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
   app.require_subcommand(1);
@@ -199,15 +237,30 @@ int Main(int argc, char** argv) {
   evaluate_app->add_option("--seed", evaluation.seed,
                            "seed of the starts; 0 has those of training's evaluations [1]");
   evaluate_app->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
+  RecordsCommand records;
+  records.check.jobs = run.options.jobs;
+  CLI::App* check_app = app.add_subcommand(
+      "check", "say whether results are sound, and score again the agents that lie beside them");
+  check_app->add_option("path", records.check.path, "a result, or a folder of results")->required();
+  check_app->add_option("--jobs", records.check.jobs, "processes at a time [cores]")
+      ->check(CLI::Range(1, 1024));
+  CLI::App* leaderboard_app = app.add_subcommand(
+      "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
+  leaderboard_app->add_option("results", records.results, "folder of results")->required();
+  for (CLI::App* each : {check_app, leaderboard_app}) {
+    each->add_option("--suites", records.suites, "folder of further suites");
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kExitDone : kExitBadUsage;
   }
   CatchInterrupts();
-  const Result<int> code = evaluate_app->parsed() ? EvaluateFolder(evaluation)
-                           : run_app->parsed()    ? run.Run(false)
-                                                  : status.Run(true);
+  const Result<int> code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
+                           : check_app->parsed()       ? records.Check()
+                           : leaderboard_app->parsed() ? records.PrintLeaderboard()
+                           : run_app->parsed()         ? run.Run(false)
+                                                       : status.Run(true);
   if (code.ok()) return *code;
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
   return code.status().code() == StatusCode::kUnknownName ? kExitBadUsage : kExitBadInput;

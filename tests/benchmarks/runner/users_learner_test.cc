@@ -88,7 +88,7 @@ TEST_CASE("A learner that leaves nothing, or what cannot be understood, has fail
   const Outcome text =
       suite.Train("echo '{\"returns\": [\"many\"]}' > \"$B4MRL_OUT/returns.json\"");
   CHECK(text.exit_code == 1);
-  CHECK(text.out.find("numbers as \"returns\"") != std::string::npos);
+  CHECK(text.out.find("1 to 10000 numbers as \"returns\"") != std::string::npos);
   const Outcome broken = suite.Train("exit 3");
   CHECK(broken.exit_code == 1);
   CHECK(broken.out.find("ended with code 3") != std::string::npos);

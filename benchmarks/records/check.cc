@@ -1,0 +1,218 @@
+#include "benchmarks/records/check.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <numeric>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "algorithms/run/check_training.h"
+#include "benchmarks/records/curve.h"
+#include "benchmarks/records/json_file.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Logs keep nine digits of a number.
+constexpr double kTolerance = 1e-6;
+
+class Checker {
+ public:
+  Checker(const Json& result, const CheckSources& sources) : result_(result), sources_(sources) {}
+
+  std::vector<std::string> Check(const std::string& file_name);
+
+ private:
+  void CheckEntries();
+  void CheckBenchmarks();
+  void CheckDataset();
+  void CheckIds(const std::string& file_name);
+  Result<PlannedRun> RunOfResult() const;
+  void CheckScores();
+  void CheckCurve();
+
+  void Fault(std::string text) { faults_.push_back(std::move(text)); }
+  void CheckText(std::string_view key, std::string_view must_be);
+  // Null and a number are the same to both sides.
+  void CheckNumber(std::string_view key, const std::optional<double>& must_be);
+  bool IsUsers() const { return TextOf(result_, "source") != "own"; }
+
+  const Json& result_;
+  const CheckSources& sources_;
+  std::vector<std::string> faults_;
+};
+
+void Checker::CheckText(std::string_view key, std::string_view must_be) {
+  const std::string text = TextOf(result_, key);
+  if (text != must_be) Fault(fmt::format("{} is '{}', must be '{}'", key, text, must_be));
+}
+
+void Checker::CheckNumber(std::string_view key, const std::optional<double>& must_be) {
+  const std::optional<double> number = NumberOf(result_, key);
+  const auto shown = [](const std::optional<double>& value) {
+    return value ? fmt::format("{}", *value) : "null";
+  };
+  const bool agree =
+      number.has_value() == must_be.has_value() &&
+      (!number || std::abs(*number - *must_be) <= kTolerance * std::max(1.0, std::abs(*must_be)));
+  if (!agree) {
+    Fault(
+        fmt::format("{} is {}, the other entries make it {}", key, shown(number), shown(must_be)));
+  }
+}
+
+void Checker::CheckEntries() {
+  for (const char* key : {"id", "cell", "suite", "algorithm", "environment", "budget", "source",
+                          "selection", "version", "processor"}) {
+    const bool may_lack = IsUsers() && std::string_view(key) == "budget";
+    if (TextOf(result_, key).empty() && !may_lack) Fault(fmt::format("{} must be a text", key));
+  }
+  for (const char* key : {"seed", "updates", "planned_updates"}) {
+    if (!CountOf(result_, key)) Fault(fmt::format("{} must be a whole number", key));
+  }
+  for (const char* key : {"return", "seconds"}) {
+    if (!NumberOf(result_, key)) Fault(fmt::format("{} must be a number", key));
+  }
+  if (!IsTrue(result_, "finished")) Fault("the run has not finished");
+  CheckText("selection", "last");
+  const std::string source = TextOf(result_, "source");
+  if (source != "own" && source != "user" && source != "self-scored") {
+    Fault(fmt::format("source is '{}', allowed: own, user, self-scored", source));
+  }
+  for (const char* key : {"simulator_steps", "query_rows", "dataset_rows", "evaluation_episodes"}) {
+    if (!CountOf(EntryOf(result_, "ledger"), key)) {
+      Fault(fmt::format("ledger.{} must be a whole number", key));
+    }
+  }
+}
+
+void Checker::CheckBenchmarks() {
+  const Json& names = EntryOf(result_, "benchmarks");
+  if (!names.is_array() || names.empty()) return Fault("benchmarks must be a list of names");
+  for (const Json& name : names) {
+    const std::string text = name.is_string() ? name.get<std::string>() : "";
+    const auto found = std::ranges::find(sources_.benchmarks, text, &Benchmark::name);
+    if (found == sources_.benchmarks.end()) {
+      Fault(fmt::format("benchmark '{}' is in no suite", text));
+    } else if (found->suite != TextOf(result_, "suite")) {
+      Fault(fmt::format("suite is '{}', {} is of '{}'", TextOf(result_, "suite"), text,
+                        found->suite));
+    }
+  }
+}
+
+void Checker::CheckDataset() {
+  const Json& dataset = EntryOf(result_, "dataset");
+  if (dataset.is_null()) return;
+  const std::string name = TextOf(dataset, "name");
+  const auto published = sources_.published->find(name);
+  if (published == sources_.published->end()) return;  // of the user's own, or D4RL's
+  const bool is_whole = CountOf(dataset, "rows") == published->second.rows;
+  if (is_whole && TextOf(dataset, "columns_sha256") != published->second.columns_sha256) {
+    Fault(fmt::format("dataset {} has other rows than the published ones", name));
+  }
+}
+
+Result<PlannedRun> Checker::RunOfResult() const {
+  PlannedRun run;
+  run.algorithm = TextOf(result_, "algorithm");
+  run.environment = TextOf(result_, "environment");
+  run.simulator = TextOf(result_, "simulator");
+  run.corruption = TextOf(result_, "corruption");
+  run.world = TextOf(result_, "world");
+  run.suite = TextOf(result_, "suite");
+  run.precision = TextOf(result_, "precision");
+  run.seed = CountOf(result_, "seed").value_or(0);
+  // Without its version: "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
+  const std::string dataset = TextOf(EntryOf(result_, "dataset"), "name");
+  const bool has_version = sources_.published->contains(dataset);
+  run.dataset = has_version ? dataset.substr(0, dataset.rfind("-v")) : dataset;
+  for (const Json& name : EntryOf(result_, "benchmarks")) {
+    if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
+  }
+  if (IsUsers()) return run;
+  const auto algorithm = std::ranges::find(sources_.plan.algorithms,
+                                           std::string_view(run.algorithm), &Algorithm::name);
+  if (algorithm == sources_.plan.algorithms.end()) {
+    return Status(StatusCode::kUnknownName,
+                  fmt::format("'{}' is no algorithm of b4mrl; source must be user", run.algorithm));
+  }
+  std::vector<std::pair<std::string, std::string>> texts;
+  for (const auto& [name, value] : EntryOf(result_, "hyperparameters").items()) {
+    texts.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Hyperparameters resolved,
+                         ReadHyperparameters(*algorithm, run.environment, texts));
+  for (const Hyperparameter& entry : resolved.entries()) {
+    run.hyperparameters[std::string(entry.name)] = entry.value;
+  }
+  return run;
+}
+
+void Checker::CheckIds(const std::string& file_name) {
+  Result<PlannedRun> run = RunOfResult();
+  if (!run.ok()) return Fault(run.status().message());
+  const Status identified =
+      IdentifyRun(&*run, CountOf(EntryOf(result_, "dataset"), "rows"), sources_.plan);
+  if (!identified.ok()) return Fault(identified.message());
+  CheckText("id", run->id);
+  CheckText("cell", run->cell_id);
+  const std::string expected = fmt::format("{}-{}.json", run->name, run->id);
+  if (file_name != expected) Fault(fmt::format("the file must be named {}", expected));
+}
+
+void Checker::CheckScores() {
+  const auto returns = NumbersOf(result_, "returns");
+  if (!returns || returns->empty()) return Fault("returns must be a list of numbers");
+  const double mean =
+      std::accumulate(returns->begin(), returns->end(), 0.0) / static_cast<double>(returns->size());
+  CheckNumber("return", mean);
+  const auto environment = sources_.find_environment(TextOf(result_, "environment"));
+  if (!environment.ok()) return Fault(environment.status().message());
+  CheckNumber("score", environment->NormalisedScore(mean));
+}
+
+void Checker::CheckCurve() {
+  const std::optional<Curve> curve = ReadCurve(EntryOf(result_, "curve"));
+  if (!curve || curve->empty()) {
+    return Fault("curve must be a list of [updates, steps, return, std, score], updates ascending");
+  }
+  const CurvePoint& last = curve->back();
+  CheckNumber("updates", static_cast<double>(last.updates));
+  CheckNumber("return", last.mean_return);
+  CheckNumber("score", last.score);
+  const Fifths fifths = FifthsOf(*curve);
+  CheckNumber("last_fifth", fifths.last);
+  CheckNumber("fifth_before", fifths.before);
+  const Json& settled = EntryOf(result_, "settled");
+  const std::optional<bool> is_settled = fifths.IsSettled();
+  if (is_settled ? settled != *is_settled : !settled.is_null()) {
+    Fault(fmt::format("settled is {}, the curve makes it {}", settled.dump(),
+                      is_settled ? (*is_settled ? "true" : "false") : "null"));
+  }
+}
+
+std::vector<std::string> Checker::Check(const std::string& file_name) {
+  CheckEntries();
+  CheckBenchmarks();
+  CheckDataset();
+  CheckIds(file_name);
+  CheckScores();
+  CheckCurve();
+  return std::move(faults_);
+}
+
+}  // namespace
+
+Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources) {
+  B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(path));
+  return Checker(result, sources).Check(std::filesystem::path(path).filename());
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,29 @@
+// Whether a result is what it says: its entries, its names, its ids, and its figures among
+// themselves. What others submit is checked by it (benchmarks/RULES.md). Thread rule: one thread.
+#pragma once
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "algorithms/datasets/published_datasets.h"
+#include "benchmarks/plan/plan.h"
+#include "data/suites/suites.h"
+#include "proto/base/spec.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct CheckSources {
+  std::vector<Benchmark> benchmarks;
+  PlanSources plan;
+  const PublishedDatasets* published = nullptr;
+  std::function<Result<EnvironmentSpec>(const std::string& name)> find_environment;
+};
+
+// What is wrong with the result in this file, one line each; none: nothing is. Its agent is not
+// looked at. kIoError and kDataLoss if the file cannot be read as a JSON object.
+Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources);
+
+}  // namespace b4mrl

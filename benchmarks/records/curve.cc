@@ -1,0 +1,70 @@
+#include "benchmarks/records/curve.h"
+
+#include <cmath>
+#include <cstddef>
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kSettledPoints = 1.5;
+constexpr size_t kColumns = 5;
+
+// Over the evaluations in (from, to] of the run.
+std::optional<double> MeanBetween(const Curve& curve, double from, double to) {
+  double sum = 0;
+  int count = 0;
+  const auto last = static_cast<double>(curve.back().updates);
+  for (const CurvePoint& each : curve) {
+    const auto updates = static_cast<double>(each.updates);
+    if (updates <= from * last || updates > to * last) continue;
+    sum += each.score.value_or(each.mean_return);
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  return sum / count;
+}
+
+}  // namespace
+
+std::optional<bool> Fifths::IsSettled() const {
+  if (!last || !before) return std::nullopt;
+  return std::abs(*last - *before) <= kSettledPoints;
+}
+
+Fifths FifthsOf(const Curve& curve) {
+  return {MeanBetween(curve, 0.8, 1), MeanBetween(curve, 0.6, 0.8)};
+}
+
+Json JsonOf(const Curve& curve) {
+  Json json = Json::array();
+  for (const CurvePoint& each : curve) {
+    json.push_back({each.updates, each.steps, each.mean_return, each.std_return,
+                    each.score ? Json(*each.score) : Json()});
+  }
+  return json;
+}
+
+std::optional<Curve> ReadCurve(const Json& json) {
+  if (!json.is_array()) return std::nullopt;
+  Curve curve;
+  for (const Json& row : json) {
+    if (!row.is_array() || row.size() != kColumns || !row[0].is_number_unsigned() ||
+        !row[1].is_number_unsigned() || !row[2].is_number() || !row[3].is_number() ||
+        !(row[4].is_number() || row[4].is_null())) {
+      return std::nullopt;
+    }
+    CurvePoint point;
+    point.updates = row[0].get<uint64_t>();
+    point.steps = row[1].get<uint64_t>();
+    point.mean_return = row[2].get<double>();
+    point.std_return = row[3].get<double>();
+    if (row[4].is_number()) point.score = row[4].get<double>();
+    if (!curve.empty() && curve.back().updates >= point.updates) return std::nullopt;
+    curve.push_back(point);
+  }
+  return curve;
+}
+
+}  // namespace b4mrl

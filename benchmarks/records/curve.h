@@ -1,0 +1,37 @@
+// The learning curve of a run: its score after each evaluation, and whether it still moves. Value
+// types; any thread.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+namespace b4mrl {
+
+struct CurvePoint {
+  uint64_t updates = 0;
+  uint64_t steps = 0;
+  double seconds = 0;  // of training until then; not in a result's curve
+  double mean_return = 0;
+  double std_return = 0;
+  std::optional<double> score;
+};
+using Curve = std::vector<CurvePoint>;
+
+// Means of the score, or of the return where there is no score, over the evaluations of a run's
+// last fifth and of the fifth before.
+struct Fifths {
+  std::optional<double> last, before;
+  // Whether the two differ by at most 1.5 points; nothing if one is missing.
+  std::optional<bool> IsSettled() const;
+};
+// Of a curve with a point or more.
+Fifths FifthsOf(const Curve& curve);
+
+// A result's entry "curve": [[updates, steps, return, std, score], ...].
+nlohmann::ordered_json JsonOf(const Curve& curve);
+// Nothing if `json` is no such list, or its updates do not ascend.
+std::optional<Curve> ReadCurve(const nlohmann::ordered_json& json);
+
+}  // namespace b4mrl

@@ -1,0 +1,63 @@
+#include "benchmarks/records/json_file.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMaxFileBytes = 64 << 20;
+
+}  // namespace
+
+Result<Json> ReadJsonObject(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  Json json = Json::parse(text, nullptr, false);
+  if (json.is_object()) return json;
+  return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", path));
+}
+
+const Json& EntryOf(const Json& object, std::string_view key) {
+  static const Json kNothing;
+  if (!object.is_object()) return kNothing;
+  const auto found = object.find(std::string(key));
+  return found == object.end() ? kNothing : *found;
+}
+
+std::string TextOf(const Json& object, std::string_view key) {
+  const Json& entry = EntryOf(object, key);
+  return entry.is_string() ? entry.get<std::string>() : "";
+}
+
+std::optional<double> NumberOf(const Json& object, std::string_view key) {
+  const Json& entry = EntryOf(object, key);
+  return entry.is_number() ? std::optional(entry.get<double>()) : std::nullopt;
+}
+
+std::optional<uint64_t> CountOf(const Json& object, std::string_view key) {
+  const Json& entry = EntryOf(object, key);
+  return entry.is_number_unsigned() ? std::optional(entry.get<uint64_t>()) : std::nullopt;
+}
+
+bool IsTrue(const Json& object, std::string_view key) {
+  const Json& entry = EntryOf(object, key);
+  return entry.is_boolean() && entry.get<bool>();
+}
+
+std::optional<std::vector<double>> NumbersOf(const Json& object, std::string_view key) {
+  const Json& entry = EntryOf(object, key);
+  if (!entry.is_array()) return std::nullopt;
+  std::vector<double> numbers;
+  for (const Json& each : entry) {
+    if (!each.is_number() || !std::isfinite(each.get<double>())) return std::nullopt;
+    numbers.push_back(each.get<double>());
+  }
+  return numbers;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,31 @@
+// JSON objects in files of runs and results, read without exceptions whatever the files hold.
+//
+// An entry that is missing or of another kind reads as empty: "", nothing, null. Pure functions;
+// any thread.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// kIoError; kDataLoss if the file holds no JSON object.
+Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path);
+
+// The entry `key` of an object; null if there is none.
+const nlohmann::ordered_json& EntryOf(const nlohmann::ordered_json& object, std::string_view key);
+std::string TextOf(const nlohmann::ordered_json& object, std::string_view key);
+std::optional<double> NumberOf(const nlohmann::ordered_json& object, std::string_view key);
+std::optional<uint64_t> CountOf(const nlohmann::ordered_json& object, std::string_view key);
+bool IsTrue(const nlohmann::ordered_json& object, std::string_view key);
+// The finite numbers of a list; nothing if it is no list or has other entries.
+std::optional<std::vector<double>> NumbersOf(const nlohmann::ordered_json& object,
+                                             std::string_view key);
+
+}  // namespace b4mrl

@@ -1,0 +1,21 @@
+// The leaderboard: for every benchmark the algorithms that have results, best first, as CSV.
+//
+// Results of equal cells are put together: their mean score, its population standard deviation over
+// the seeds, and what they used on average. `entry` says whether a row meets the rules
+// (benchmarks/RULES.md): three seeds, scored by B4MRL, in one precision, on the same rows. Equal
+// results give equal bytes. Any thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "data/suites/suites.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Of all finished results "*.json" of the folder, in the order of `benchmarks`. kIoError.
+Result<std::string> Leaderboard(const std::string& results_folder,
+                                const std::vector<Benchmark>& benchmarks);
+
+}  // namespace b4mrl

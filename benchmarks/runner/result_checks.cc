@@ -1,0 +1,146 @@
+#include "benchmarks/runner/result_checks.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+
+#include <algorithm>
+#include <deque>
+#include <filesystem>
+#include <list>
+#include <map>
+#include <system_error>
+#include <utility>
+
+#include "benchmarks/records/json_file.h"
+#include "benchmarks/runner/evaluation_job.h"
+#include "benchmarks/runner/job_queue.h"
+#include "client/interrupt.h"
+#include "data/files/file_hash.h"
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr size_t kMostEpisodes = 10'000;
+
+Result<std::vector<std::string>> ResultsOf(const std::string& path) {
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return std::vector{path};
+  const std::string inside = path + "/results";
+  const std::string folder = fs::is_directory(inside, error) ? inside : path;
+  std::vector<std::string> files;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->path().extension() == ".json") files.push_back(entry->path());
+  }
+  if (error) return IoError("list", folder, error.value());
+  std::ranges::sort(files);
+  return files;
+}
+
+// Paths of agents by their hashes.
+Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path) {
+  std::error_code error;
+  const std::string folder =
+      fs::is_directory(path, error) ? path : fs::absolute(path, error).parent_path().string();
+  std::map<std::string, std::string> agents;
+  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->path().extension() != ".h5" || !entry->is_regular_file(error)) continue;
+    B4MRL_ASSIGN_OR_RETURN(std::string hash, Sha256OfFile(entry->path()));
+    agents.emplace(std::move(hash), entry->path());
+  }
+  if (error) return IoError("list", folder, error.value());
+  return agents;
+}
+
+// A folder that is removed at the end.
+class ScratchFolder {
+ public:
+  explicit ScratchFolder(std::string path) : path_(std::move(path)) {}
+  ~ScratchFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  std::string File(size_t number) const { return fmt::format("{}/{}.json", path_, number); }
+
+ private:
+  std::string path_;
+};
+
+struct Active {
+  size_t number;  // of the result
+  Job job;
+};
+
+// Compares an evaluation with the result of the same agent.
+Status Compare(const std::string& evaluation, const nlohmann::ordered_json& result,
+               CheckedResult* checked) {
+  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(evaluation));
+  checked->scored_again = true;
+  const auto returns = NumbersOf(json, "returns");
+  if (!returns || returns != NumbersOf(result, "returns")) {
+    checked->faults.push_back(fmt::format("its agent has the returns {}, not {}",
+                                          EntryOf(json, "returns").dump(),
+                                          EntryOf(result, "returns").dump()));
+  }
+  return Status();
+}
+
+}  // namespace
+
+Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& options,
+                                                const CheckSources& sources) {
+  B4MRL_ASSIGN_OR_RETURN(const auto files, ResultsOf(options.path));
+  B4MRL_ASSIGN_OR_RETURN(const auto agents, AgentsBeside(options.path));
+  B4MRL_ASSIGN_OR_RETURN(std::string folder, MakeTemporaryFolder("b4mrl-check"));
+  const ScratchFolder scratch(std::move(folder));
+  std::vector<CheckedResult> checked;
+  std::vector<nlohmann::ordered_json> results;
+  std::deque<size_t> waiting;
+  for (const std::string& file : files) {
+    auto faults = CheckResult(file, sources);
+    auto json = ReadJsonObject(file);
+    checked.push_back(
+        {file, faults.ok() ? *std::move(faults) : std::vector{faults.status().message()}});
+    results.push_back(json.ok() ? *std::move(json) : nlohmann::ordered_json());
+    if (agents.contains(TextOf(results.back(), "agent_sha256"))) {
+      waiting.push_back(checked.size() - 1);
+    }
+  }
+  std::list<Active> active;
+  const auto begin = [&](size_t number) -> Result<bool> {
+    const nlohmann::ordered_json& result = results[number];
+    const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
+    if (episodes == 0 || episodes > kMostEpisodes) return true;
+    const EvaluationOrder order = {.agent = agents.at(TextOf(result, "agent_sha256")),
+                                   .environment = TextOf(result, "environment"),
+                                   .simulator = TextOf(result, "world"),
+                                   .episodes = static_cast<uint32_t>(episodes)};
+    B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch.File(number), UniqueFd()));
+    active.push_back({number, std::move(job)});
+    return true;
+  };
+  const auto finish = [&](Active& ended, int exit_code) -> Status {
+    CheckedResult& which = checked[ended.number];
+    if (exit_code != 0) {
+      which.faults.push_back(fmt::format("its agent could not be scored: code {}", exit_code));
+      return Status();
+    }
+    B4MRL_RETURN_IF_ERROR(KeepEvaluation(scratch.File(ended.number)));
+    return Compare(scratch.File(ended.number), results[ended.number], &which);
+  };
+  while (!Interrupted() && !(active.empty() && waiting.empty())) {
+    B4MRL_RETURN_IF_ERROR(BeginWaiting(
+        waiting, [&] { return active.size() < options.jobs; }, begin));
+    B4MRL_RETURN_IF_ERROR(CollectEnded(active, finish));
+    if (!active.empty()) poll(nullptr, 0, kJobPollMs);
+  }
+  return checked;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,33 @@
+// Checks results that others submit: their files (benchmarks/records/check.h), and their agents by
+// scoring them again. Thread rule: one thread. An interrupt (client/interrupt.h) ends the work.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "benchmarks/records/check.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct ResultCheckOptions {
+  // A result, or a folder: of results, or one that holds "results/". Agents are looked for beside
+  // them: files "*.h5" at any depth, known by their SHA-256.
+  std::string path;
+  uint32_t jobs = 1;
+};
+
+struct CheckedResult {
+  std::string path;
+  std::vector<std::string> faults;  // none: the result is what it says
+  bool scored_again = false;        // its agent was there
+};
+
+// In the order of the files' names. kIoError if the folder cannot be read or written; evaluations
+// are kept in the folder of temporary files.
+Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& options,
+                                                const CheckSources& sources);
+
+}  // namespace b4mrl

@@ -1,0 +1,114 @@
+// The leaderboard puts the results of equal cells together and ranks the cells of a benchmark.
+#include "benchmarks/records/leaderboard.h"
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+#include "tests/data/temporary_folder.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::json;
+
+// A finished result of an algorithm with a cell of its own, for two benchmarks.
+Json ResultOf(const std::string& algorithm, uint64_t seed, double score) {
+  return {{"cell", algorithm},
+          {"benchmarks", {"E/b", "E/a"}},
+          {"algorithm", algorithm},
+          {"recipe", nullptr},
+          {"source", "own"},
+          {"score", score},
+          {"return", score * 10},
+          {"seed", seed},
+          {"updates", 100},
+          {"finished", true},
+          {"settled", true},
+          {"precision", "fp32"},
+          {"seconds", 1800},
+          {"dataset", {{"columns_sha256", "aa"}}},
+          {"ledger", {{"simulator_steps", 1}, {"query_rows", 2}, {"dataset_rows", 3}}}};
+}
+
+std::vector<Benchmark> TwoBenchmarks() {
+  std::vector<Benchmark> benchmarks(3);
+  benchmarks[0].name = "E/a";
+  benchmarks[1].name = "E/none";
+  benchmarks[2].name = "E/b";
+  return benchmarks;
+}
+
+class Results {
+ public:
+  void Add(const Json& result) {
+    WriteBytes(folder_.File(std::to_string(count_++) + ".json"), result.dump());
+  }
+  // The rows without the columns' names.
+  std::vector<std::string> Rows() const {
+    const std::string csv = Take(Leaderboard(folder_.path(), TwoBenchmarks()));
+    std::vector<std::string> rows;
+    for (size_t at = csv.find('\n') + 1; at < csv.size();) {
+      const size_t end = csv.find('\n', at);
+      rows.push_back(csv.substr(at, end - at));
+      at = end + 1;
+    }
+    return rows;
+  }
+
+ private:
+  TemporaryFolder folder_;
+  int count_ = 0;
+};
+
+TEST_CASE("Rows come in the order of benchmarks, the best algorithm first") {
+  Results results;
+  results.Add(ResultOf("low", 0, 10));
+  results.Add(ResultOf("high", 0, 30));
+  const auto rows = results.Rows();
+  REQUIRE(rows.size() == 4);
+  CHECK(rows[0] == "E/a,high,,own,30.00,0.00,300.0,0.0,1,100,yes,fp32,0.50,1,2,3,no");
+  CHECK(rows[1].starts_with("E/a,low,"));
+  CHECK(rows[2].starts_with("E/b,high,"));
+  CHECK(rows[3].starts_with("E/b,low,"));
+}
+
+TEST_CASE("Seeds of a cell are averaged, and three of them are an entry") {
+  Results results;
+  for (uint64_t seed = 0; seed < 3; ++seed) {
+    results.Add(ResultOf("mine", seed, 10 + 3 * static_cast<double>(seed)));
+  }
+  CHECK(results.Rows()[0] == "E/a,mine,,own,13.00,2.45,130.0,24.5,3,100,yes,fp32,0.50,1,2,3,yes");
+}
+
+TEST_CASE("Rows of different data, precisions or scorers are no entry") {
+  const std::pair<const char*, Json> changes[] = {{"/precision", "bf16"},
+                                                  {"/source", "self-scored"},
+                                                  {"/dataset/columns_sha256", "bb"},
+                                                  {"/seed", 0}};
+  for (const auto& [key, value] : changes) {
+    CAPTURE(key);
+    Results results;
+    for (uint64_t seed = 0; seed < 3; ++seed) {
+      Json result = ResultOf("mine", seed, 10);
+      if (seed == 1) result[Json::json_pointer(key)] = value;
+      results.Add(result);
+    }
+    CHECK(results.Rows()[0].ends_with(",no"));
+  }
+}
+
+TEST_CASE("Runs that have not finished, and files that are no results, have no row") {
+  Results results;
+  Json unfinished = ResultOf("mine", 0, 10);
+  unfinished["finished"] = false;
+  results.Add(unfinished);
+  results.Add(Json::array());
+  Json odd = ResultOf("odd", 0, 10);
+  odd["benchmarks"] = {3};
+  results.Add(odd);
+  CHECK(results.Rows().empty());
+}
+
+}  // namespace
+}  // namespace b4mrl
