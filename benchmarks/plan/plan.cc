@@ -61,7 +61,7 @@ class Planner {
   // What the run sees and where it is scored, spelled out.
   Result<Json> ConditionsOf(const PlannedRun& run);
   Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
-  Status SetScorings(const Json& identity, PlannedRun* run) const;
+  Status SetScorings(const Json& identity, bool is_users, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
   const Budget& budget_;
@@ -106,8 +106,7 @@ Status Planner::SetUsersIds(PlannedRun* run) {
   B4MRL_ASSIGN_OR_RETURN(const Json conditions, ConditionsOf(*run));
   run->full_dataset = run->dataset;
   if (!run->dataset.empty()) run->full_dataset = conditions["dataset"].value("name", run->dataset);
-  run->scorings.push_back({"trained", run->world, "trained"});
-  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, run));
+  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, true, run));
   const Json& dataset = conditions["dataset"];
   Json identity = {{"algorithm", run->algorithm},
                    {"benchmark", run->benchmarks.front()},
@@ -183,25 +182,30 @@ Result<Json> Planner::DescribeDataset(const std::string& name) {
 }
 
 // A learner sees its data as they are served or, without data, its simulator's observations.
-Status Planner::SetScorings(const Json& identity, PlannedRun* run) const {
+Status Planner::SetScorings(const Json& identity, bool is_users, PlannedRun* run) const {
   const char* seen = run->dataset.empty() ? "simulator" : "corruption";
-  B4MRL_ASSIGN_OR_RETURN(const auto items, ParseNamedArguments(identity[seen].get<std::string>()));
-  B4MRL_ASSIGN_OR_RETURN(auto through_noise, ParseNamedArguments(run->world));
-  const size_t of_world = through_noise.size();
-  bool is_hidden = false;
-  for (const NamedArgument& item : items) {
-    is_hidden = is_hidden || item.name == "hidden";
-    if (item.name == "obs-noise") through_noise.push_back(item);
-  }
+  B4MRL_ASSIGN_OR_RETURN(auto items, ParseNamedArguments(identity[seen].get<std::string>()));
   // What the behaviour policy did not see is hidden in its data.
   const Json& dataset = identity["dataset"];
   if (dataset.contains("simulator")) {
     B4MRL_ASSIGN_OR_RETURN(
         const std::string recorded,
         Parametric(dataset["simulator"].get<std::string>(), run->environment, *sources_.catalogue));
-    is_hidden = is_hidden || recorded.find("hidden=") != std::string::npos;
+    B4MRL_ASSIGN_OR_RETURN(const auto more, ParseNamedArguments(recorded));
+    items.insert(items.end(), more.begin(), more.end());
   }
-  if (is_hidden) run->scorings.push_back({"full", run->world, "full"});
+  B4MRL_ASSIGN_OR_RETURN(auto through_noise, ParseNamedArguments(run->world));
+  std::vector<NamedArgument> masked = through_noise;
+  const size_t of_world = through_noise.size();
+  for (const NamedArgument& item : items) {
+    if (item.name == "hidden") masked.push_back(item);
+    if (item.name == "obs-noise") through_noise.push_back(item);
+  }
+  // The project's agents carry their masks; what users leave may not.
+  if (is_users) {
+    run->scorings.push_back({kOwnScoring, FormatNamedArguments(masked), "trained"});
+  }
+  if (masked.size() > of_world) run->scorings.push_back({"full", run->world, "full"});
   if (through_noise.size() > of_world) {
     run->scorings.push_back({"served", FormatNamedArguments(through_noise), "trained"});
   }
@@ -238,7 +242,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
     identity["hyperparameters"][std::string(entry.name)] = entry.value;
   }
   if (!run->dataset.empty()) run->full_dataset = identity["dataset"].value("name", run->dataset);
-  B4MRL_RETURN_IF_ERROR(SetScorings(identity, run));
+  B4MRL_RETURN_IF_ERROR(SetScorings(identity, false, run));
   run->cell_id = IdOf(identity);
   identity["seed"] = run->seed;
   identity["precision"] = run->precision;

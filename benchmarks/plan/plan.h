@@ -30,9 +30,12 @@
 
 namespace b4mrl {
 
-// A further evaluation of a run's agent, beside those of its training.
+// An evaluation of a run's agent, beside those of its training. "full": it sees what was hidden
+// from it; "served": through its noise. kOwnScoring, of a user's learner: as it was trained, which
+// is its run's score.
+inline constexpr char kOwnScoring[] = "trained";
 struct Scoring {
-  std::string name;       // "full": it sees what was hidden from it; "served": through its noise
+  std::string name;
   std::string simulator;  // perturbations: those of the world, then the noise of its training
   std::string observe;    // of `b4mrl evaluate`: "trained" or "full"
 };

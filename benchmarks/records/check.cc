@@ -27,6 +27,8 @@ class Checker {
   Checker(const Json& result, const CheckSources& sources) : result_(result), sources_(sources) {}
 
   std::vector<std::string> Check(const std::string& file_name);
+  // The run of the result, with its ids and scorings.
+  Result<PlannedRun> Identify() const;
 
  private:
   void CheckEntries();
@@ -155,12 +157,16 @@ Result<PlannedRun> Checker::RunOfResult() const {
   return run;
 }
 
+Result<PlannedRun> Checker::Identify() const {
+  B4MRL_ASSIGN_OR_RETURN(PlannedRun run, RunOfResult());
+  B4MRL_RETURN_IF_ERROR(
+      IdentifyRun(&run, CountOf(EntryOf(result_, "dataset"), "rows"), sources_.plan));
+  return run;
+}
+
 void Checker::CheckIds(const std::string& file_name) {
-  Result<PlannedRun> run = RunOfResult();
+  const Result<PlannedRun> run = Identify();
   if (!run.ok()) return Fault(run.status().message());
-  const Status identified =
-      IdentifyRun(&*run, CountOf(EntryOf(result_, "dataset"), "rows"), sources_.plan);
-  if (!identified.ok()) return Fault(identified.message());
   CheckText("id", run->id);
   CheckText("cell", run->cell_id);
   const std::string expected = fmt::format("{}-{}.json", run->name, run->id);
@@ -209,6 +215,15 @@ std::vector<std::string> Checker::Check(const std::string& file_name) {
 }
 
 }  // namespace
+
+Result<std::string> ScoredUnder(const Json& result, const CheckSources& sources) {
+  if (TextOf(result, "source") == "own") return TextOf(result, "world");
+  B4MRL_ASSIGN_OR_RETURN(const PlannedRun run, Checker(result, sources).Identify());
+  for (const Scoring& scoring : run.scorings) {
+    if (scoring.name == kOwnScoring) return scoring.simulator;
+  }
+  return run.world;
+}
 
 Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources) {
   B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(path));

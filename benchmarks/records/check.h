@@ -22,6 +22,10 @@ struct CheckSources {
   std::function<Result<EnvironmentSpec>(const std::string& name)> find_environment;
 };
 
+// The perturbations of the true environment under which a result's agent was scored: its world and,
+// for a learner of the user's own, what its benchmark hides.
+Result<std::string> ScoredUnder(const nlohmann::ordered_json& result, const CheckSources& sources);
+
 // What is wrong with the result in this file, one line each; none: nothing is. Its agent is not
 // looked at. kIoError and kDataLoss if the file cannot be read as a JSON object.
 Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources);

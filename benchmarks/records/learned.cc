@@ -96,11 +96,14 @@ Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   outcome.processor = TextOf(learned, "processor");
   Json scored = learned;
   if (outcome.source == "user") {
-    const std::string path = ScoringPath(folder, {.name = "trained"});
+    const std::string path = ScoringPath(folder, {.name = kOwnScoring});
     if (!Exists(path)) return outcome;
     B4MRL_ASSIGN_OR_RETURN(scored, ReadJsonObject(path));
   }
   outcome.returns = EntryOf(scored, "returns");
+  if (outcome.ledger.is_object()) {
+    outcome.ledger["evaluation_episodes"] = outcome.source == "user" ? outcome.returns.size() : 0;
+  }
   CurvePoint point;
   point.updates = CountOf(learned, "updates").value_or(0);
   point.steps = CountOf(outcome.ledger, "simulator_steps").value_or(0);

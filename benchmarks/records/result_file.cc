@@ -73,7 +73,7 @@ Result<Json> ScoringsJson(const PlannedRun& run, const std::string& run_folder) 
   for (const Scoring& scoring : run.scorings) {
     const std::string path = ScoringPath(run_folder, scoring);
     std::error_code error;
-    if (!std::filesystem::exists(path, error)) continue;
+    if (scoring.name == kOwnScoring || !std::filesystem::exists(path, error)) continue;
     B4MRL_ASSIGN_OR_RETURN(const Json printed, ReadJsonObject(path));
     json[scoring.name] = {{"simulator", scoring.simulator},
                           {"observe", scoring.observe},

@@ -69,8 +69,9 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
                  "folder of the datasets [$B4MRL_DATA or ~/.local/share/b4mrl; with a budget that "
                  "limits rows: data, in --out]");
   app.add_option("--endpoint", options.endpoint,
-                 "address of a daemon on that folder, which all processes are to use [each starts "
-                 "its own]");
+                 "address of a daemon that all processes are to use, with its datasets "
+                 "[$B4MRL_ENDPOINT, else each starts its own]")
+      ->envname("B4MRL_ENDPOINT");
 }
 
 void BenchmarkCommand::AddRunOptions(CLI::App& app) {
@@ -143,22 +144,30 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
   if (options.results.empty()) options.results = options.folder + "/results";
-  if (options.data_folder.empty()) {
+  if (!options.endpoint.empty() && !options.data_folder.empty()) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("--data-folder {} and the daemon at {} exclude each other: the data "
+                              "are the daemon's (--endpoint or B4MRL_ENDPOINT)",
+                              options.data_folder, options.endpoint));
+  }
+  if (options.endpoint.empty() && options.data_folder.empty()) {
     options.data_folder = chosen.rows ? options.folder + "/data" : DefaultDataFolder();
   }
-  std::error_code error;
-  std::filesystem::create_directories(options.data_folder, error);
-  if (error) return IoError("make", options.data_folder, error.value());
   if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
   options.suites = choice.suites;
   options.commit = B4MRL_COMMIT;
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
+    std::error_code error;
+    std::filesystem::create_directories(options.data_folder, error);
+    if (error) return IoError("make", options.data_folder, error.value());
     B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start({.data_folder = options.data_folder}));
   }
   B4MRL_ASSIGN_OR_RETURN(Client client,
                          Client::Connect(daemon ? daemon->endpoint() : options.endpoint,
                                          limits::kDefaultDeadlineMs, &Interrupted()));
+  B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
+  options.data_folder = daemon_status.data_folder();
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (status_only || dry_run) {

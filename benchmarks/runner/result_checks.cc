@@ -117,9 +117,11 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
     const nlohmann::ordered_json& result = results[number];
     const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
     if (episodes == 0 || episodes > kMostEpisodes) return true;
+    const auto perturbations = ScoredUnder(result, sources);
+    if (!perturbations.ok()) return true;  // which its faults say
     const EvaluationOrder order = {.agent = agents.at(TextOf(result, "agent_sha256")),
                                    .environment = TextOf(result, "environment"),
-                                   .simulator = TextOf(result, "world"),
+                                   .simulator = *perturbations,
                                    .episodes = static_cast<uint32_t>(episodes)};
     B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch.File(number), UniqueFd()));
     active.push_back({number, std::move(job)});

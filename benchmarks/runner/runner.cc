@@ -69,8 +69,8 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
 }
 
 Result<RunnerSummary> Runner::Work() {
-  for (const std::string& folder : {options_.folder + "/runs", options_.folder + "/datasets",
-                                    options_.results, options_.data_folder}) {
+  for (const std::string& folder :
+       {options_.folder + "/runs", options_.folder + "/datasets", options_.results}) {
     B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   }
   B4MRL_RETURN_IF_ERROR(LookAtResults());
@@ -161,8 +161,9 @@ Result<bool> Runner::Begin(size_t number) {
   if (result && result->finished && did_all) {
     // Where only the result is left, it stays as it is.
     if (HasAgent(task.folder)) {
-      B4MRL_ASSIGN_OR_RETURN(const bool begun,
-                             BeginMissingScoring(number, result->scorings, claim));
+      std::set<std::string> present = result->scorings;
+      present.insert(kOwnScoring);
+      B4MRL_ASSIGN_OR_RETURN(const bool begun, BeginMissingScoring(number, present, claim));
       if (begun) return true;
     }
     End(task);
@@ -248,8 +249,9 @@ Result<bool> Runner::BeginDataset(const PlannedRun& run) {
   const std::string stem = fmt::format("{}/datasets/{}", options_.folder, FileNameOf(run.dataset));
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
   if (!claim.valid()) return false;
-  std::vector<std::string> words = {"dataset", "make",   run.full_dataset,
-                                    "--quiet", "--data", options_.data_folder};
+  std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
+  const std::vector<std::string> daemon = DaemonWords();
+  words.insert(words.end(), daemon.begin(), daemon.end());
   if (budget_.rows) {
     words.insert(words.end(), {"--rows", fmt::format("{}", *budget_.rows)});
   }
@@ -322,8 +324,7 @@ Status Runner::KeepUsersWork(Active& active) {
   if (const auto counts = client_.ReadLedger(active.ledger); counts.ok()) {
     used = {{"simulator_steps", counts->steps},
             {"query_rows", counts->query_rows},
-            {"dataset_rows", counts->dataset_rows},
-            {"evaluation_episodes", 0}};
+            {"dataset_rows", counts->dataset_rows}};
   }
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec,
                          client_.FindEnvironment(task.run->environment));
@@ -348,13 +349,16 @@ Status Runner::WriteResult(Task& task) {
   if (bytes == task.written && !ended) return Status();
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
+    if (is_users) {  // which may have opened no dataset; its rows are counted when it is opened
+      B4MRL_RETURN_IF_ERROR(client_.OpenDataset(task.run->full_dataset).status());
+    }
     B4MRL_ASSIGN_OR_RETURN(dataset, FindDataset(task.run->full_dataset));
   }
   const std::string& published = task.run->columns_sha256;
   if (dataset && !published.empty() && dataset->columns_sha256 != published) {
     task.refused = fmt::format(
         "{} in {} has {} rows that are not the published ones; make it again (b4mrl dataset make "
-        "--replace), or choose another --data",
+        "--replace), or choose another --data-folder",
         dataset->name, options_.data_folder, dataset->rows);
     return Status();
   }

@@ -36,7 +36,7 @@ namespace b4mrl {
 struct RunnerOptions {
   std::string folder;          // DIR
   std::string results;         // RESULTS
-  std::string data_folder;     // where datasets are and are made
+  std::string data_folder;     // of the daemon, where datasets are and are made
   std::string endpoint;        // of the daemon for all processes; "": each has a private one
   std::string suites;          // folder of further suites, for learners of the user's own
   std::string commit;          // of this program; "" if it is not known

@@ -195,6 +195,7 @@ TEST_CASE("A learner of the user's own has one run for each benchmark that is de
   CHECK(found->updates == 100'000);
   REQUIRE(found->scorings.size() == 2);
   CHECK(found->scorings[0].name == "trained");
+  CHECK(found->scorings[0].simulator == "hidden=9");
   CHECK(found->scorings[1].name == "full");
   // Benchmarks that name their algorithms are not for others.
   CHECK(Take(MakePlan(OwnBenchmarks("HalfCheetah/controls/*"), small, choice, sources)).empty());

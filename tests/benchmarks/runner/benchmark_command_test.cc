@@ -5,7 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -95,6 +97,27 @@ TEST_CASE("Two runners on one folder share the work") {
   CHECK(Count(first.err + second.err, "make ") == 1);
   CHECK(Count(first.err + second.err, "start ") == 3);
   CHECK(suite.Results().size() == 3);
+}
+
+TEST_CASE("All processes of a suite use the daemon at an address") {
+  const Suite suite("td3-bc = 20, bc = 20");
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  options.data_folder = suite.File("data");
+  REQUIRE(fs::create_directory(options.data_folder));
+  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
+  const std::string address = daemon.endpoint();
+  Tool one(suite.Command({"--endpoint", address, "--jobs", "1"})),
+      other(suite.Command({"--endpoint", address, "--jobs", "1"}));
+  const Outcome first = one.Wait(), second = other.Wait();
+  INFO(first.err << second.err);
+  CHECK(first.exit_code == 0);
+  CHECK(second.exit_code == 0);
+  CHECK(Count(first.err + second.err, "start ") == 2);
+  CHECK(fs::exists(suite.File("data/HalfCheetah/medium-v0.h5")));
+  const Outcome both = Run(suite.Command({"--endpoint", address, "--data-folder", "x"}));
+  CHECK(both.exit_code == 3);
+  CHECK(both.err.find("exclude each other") != std::string::npos);
 }
 
 TEST_CASE("A runner that is told to stop leaves everything to be resumed") {
