@@ -30,7 +30,7 @@
 #include "algorithms/base/progress.h"
 #include "algorithms/nn/products/precision.h"
 #include "algorithms/policy/inference.h"
-#include "proto/base/rng.h"
+#include "proto/base/role_seed.h"
 #include "proto/base/spec.h"
 #include "proto/base/status.h"
 
@@ -117,10 +117,5 @@ struct Algorithm {
   // works while an ensemble trains.
   uint32_t threads = 1;
 };
-
-// The seed of use `index` of `role` ("train-lane", "explore", "rollout") within a run.
-inline uint64_t RoleSeed(uint64_t run_seed, std::string_view role, uint64_t index = 0) {
-  return MixSeeds(MixSeeds(run_seed, HashName(role)), index);
-}
 
 }  // namespace b4mrl

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 namespace b4mrl {
 
@@ -55,16 +54,6 @@ void MetricMeans::Load(CheckpointReader& reader) {
                      reader.Number(fmt::format("metrics/{}/sum", i)),
                      reader.Integer(fmt::format("metrics/{}/values", i))});
   }
-}
-
-MeanAndStd MeanAndStdOf(std::span<const double> values) {
-  const auto count = static_cast<double>(values.size());
-  MeanAndStd result;
-  result.mean = std::accumulate(values.begin(), values.end(), 0.0) / count;
-  double squares = 0;
-  for (const double value : values) squares += (value - result.mean) * (value - result.mean);
-  result.std = std::sqrt(squares / count);
-  return result;
 }
 
 }  // namespace b4mrl

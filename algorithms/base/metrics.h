@@ -44,11 +44,4 @@ class MetricMeans {
   std::optional<Metric> first_nonfinite_;
 };
 
-// Mean and population standard deviation of values, of which there is at least one.
-struct MeanAndStd {
-  double mean = 0;
-  double std = 0;
-};
-MeanAndStd MeanAndStdOf(std::span<const double> values);
-
 }  // namespace b4mrl

@@ -2,57 +2,47 @@
 
 #include <fmt/format.h>
 
-#include <numeric>
-#include <span>
+#include <algorithm>
+#include <functional>
 
 #include "algorithms/base/learner.h"
-#include "algorithms/base/metrics.h"
 #include "algorithms/episodes/behaviour.h"
+#include "algorithms/nn/products/view.h"
 #include "algorithms/policy/observation_history.h"
-#include "proto/wire/tensor_rows.h"
 
 namespace b4mrl {
 namespace {
 
-// The lanes whose episode still runs, and a matrix of their stacked observations.
-class OpenEpisodes {
+// An agent as a policy of batches, with the observations that it remembers.
+class RememberingPolicy {
  public:
-  OpenEpisodes(const AgentPolicy& policy, int lanes)
-      : histories_(policy.history_length(), policy.observation_size(), lanes),
-        inputs_(policy.history_length() * policy.observation_size(), lanes),
-        lanes_(lanes) {
-    std::iota(lanes_.begin(), lanes_.end(), 0u);
-  }
+  RememberingPolicy(const AgentPolicy& policy, int episodes)
+      : policy_(policy),
+        histories_(policy.history_length(), policy.observation_size(), episodes),
+        inputs_(policy.history_length() * policy.observation_size(), episodes) {}
 
-  std::span<const uint32_t> lanes() const { return lanes_; }
-  int size() const { return static_cast<int>(lanes_.size()); }
-  void Reset(uint32_t lane, std::span<const float> observation) {
-    histories_.Reset(static_cast<int>(lane), observation);
-  }
-  void Push(uint32_t lane, std::span<const float> observation) {
-    histories_.Push(static_cast<int>(lane), observation);
-  }
-  void SetOpen(std::vector<uint32_t> lanes) { lanes_ = std::move(lanes); }
-  MatrixView<const float> Inputs() {
-    for (int i = 0; i < size(); ++i) {
-      const auto history = histories_.lane(static_cast<int>(lanes_[i]));
-      std::copy(history.begin(), history.end(), inputs_.view().column(i));
+  Status operator()(const PolicyBatch& batch) {
+    const auto size = static_cast<size_t>(policy_.observation_size());
+    const int rows = static_cast<int>(batch.episodes.size());
+    for (int i = 0; i < rows; ++i) {
+      const int episode = static_cast<int>(batch.episodes[static_cast<size_t>(i)]);
+      const auto observation = batch.observations.subspan(static_cast<size_t>(i) * size, size);
+      if (batch.step == 0) {
+        histories_.Reset(episode, observation);
+      } else {
+        histories_.Push(episode, observation);
+      }
+      std::ranges::copy(histories_.lane(episode), inputs_.view().column(i));
     }
-    return inputs_.view(size());
+    policy_.Act(inputs_.view(rows), {batch.actions.data(), policy_.action_size(), rows});
+    return Status();
   }
 
  private:
+  const AgentPolicy& policy_;
   ObservationHistory histories_;
   MatrixBuffer<float> inputs_;
-  std::vector<uint32_t> lanes_;
 };
-
-void Summarise(const EnvironmentSpec& environment, EvaluationResult& result) {
-  const MeanAndStd figures = MeanAndStdOf(result.returns);
-  result.mean_return = figures.mean;
-  result.std_return = figures.std;
-  result.score = environment.NormalisedScore(result.mean_return);
-}
 
 }  // namespace
 
@@ -69,41 +59,11 @@ Result<Evaluator> Evaluator::Open(Client& client, const std::string& environment
   return Evaluator(&client, environment, std::move(options), seed);
 }
 
-Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy, const Watcher& watch) {
+Result<EvaluationResult> Evaluator::Run(const AgentPolicy& policy, const EpisodeWatcher& watch) {
   B4MRL_ASSIGN_OR_RETURN(RemoteEnvironment session, client_->Make(environment_, options_));
   B4MRL_RETURN_IF_ERROR(CheckSizes(policy, session.spec()));
-  const uint32_t episodes = options_.num_envs;
-  EvaluationResult result;
-  result.returns.resize(episodes);
-  result.lengths.resize(episodes);
-  std::vector<uint64_t> seeds;
-  for (uint32_t i = 0; i < episodes; ++i) seeds.push_back(RoleSeed(seed_, "evaluation", i));
-
-  OpenEpisodes open(policy, static_cast<int>(episodes));
-  MatrixBuffer<float> actions(policy.action_size(), static_cast<int>(episodes));
-  B4MRL_ASSIGN_OR_RETURN(const StepOutcome first, session.Reset({}, seeds));
-  for (uint32_t i = 0; i < episodes; ++i) open.Reset(i, RowOf(first.observations, i));
-  if (watch) B4MRL_RETURN_IF_ERROR(watch(session));
-  while (open.size() > 0) {
-    const MatrixView<float> now = actions.view(open.size());
-    policy.Act(open.Inputs(), now);
-    const std::span<const float> flat(now.data, static_cast<size_t>(now.rows) * now.columns);
-    B4MRL_ASSIGN_OR_RETURN(const StepOutcome outcome, session.Step(flat, open.lanes()));
-    if (watch && open.lanes().front() == 0) B4MRL_RETURN_IF_ERROR(watch(session));
-    std::vector<uint32_t> still_open;
-    for (int i = 0; i < open.size(); ++i) {
-      const uint32_t lane = open.lanes()[i];
-      result.returns[lane] += outcome.rewards[i];
-      ++result.lengths[lane];
-      result.given_up += outcome.given_up(i) ? 1 : 0;
-      if (outcome.terminated[i] || outcome.truncated[i]) continue;
-      open.Push(lane, RowOf(outcome.observations, i));
-      still_open.push_back(lane);
-    }
-    open.SetOpen(std::move(still_open));
-  }
-  Summarise(session.spec(), result);
-  return result;
+  RememberingPolicy remembering(policy, static_cast<int>(options_.num_envs));
+  return PlayEpisodes(session, seed_, std::ref(remembering), watch);
 }
 
 void SaveEvaluation(CheckpointWriter& writer, const std::string& name,

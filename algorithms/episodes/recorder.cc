@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "algorithms/base/metrics.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 

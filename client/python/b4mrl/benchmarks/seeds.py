@@ -6,7 +6,7 @@ _ALL_BITS = 2**64 - 1
 
 
 def role_seed(seed: int, role: str, index: int = 0) -> int:
-    """The 64-bit seed of use `index` of `role` in a run with `seed` (algorithms/base/learner.h)."""
+    """The 64-bit seed of use `index` of `role` in a run with `seed` (proto/base/role_seed.h)."""
     return _mix(_mix(seed, hash_name(role)), index)
 
 
