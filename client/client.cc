@@ -66,6 +66,18 @@ Status CheckOpenReply(const pb::OpenDatasetReply& reply) {
   return Status();
 }
 
+Result<EnvironmentSpec> EnvironmentIn(const pb::CatalogueReply& catalogue, std::string_view name) {
+  std::vector<std::string> names;
+  for (const pb::EnvironmentInfo& info : catalogue.environments()) {
+    if (info.name() == name && !HasSaneSizes(info)) {
+      return Status(StatusCode::kInternal, "the server's reply does not describe an environment");
+    }
+    if (info.name() == name) return SpecOf(info);
+    names.push_back(info.name());
+  }
+  return UnknownName("environment", name, names);
+}
+
 }  // namespace
 
 EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
@@ -175,15 +187,21 @@ Result<LedgerCounts> Client::ReadLedger(uint64_t ledger) {
 
 Result<EnvironmentSpec> Client::FindEnvironment(std::string_view name) {
   B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, Catalogue());
+  return EnvironmentIn(catalogue, name);
+}
+
+Result<RemoteBenchmark> Client::FindBenchmark(std::string_view name, uint64_t ledger) {
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, Catalogue(/*with_benchmarks=*/true));
   std::vector<std::string> names;
-  for (const pb::EnvironmentInfo& info : catalogue.environments()) {
-    if (info.name() == name && !HasSaneSizes(info)) {
-      return Status(StatusCode::kInternal, "the server's reply does not describe an environment");
+  for (const pb::BenchmarkInfo& info : catalogue.benchmarks()) {
+    if (info.name() == name) {
+      B4MRL_ASSIGN_OR_RETURN(EnvironmentSpec environment,
+                             EnvironmentIn(catalogue, info.environment()));
+      return RemoteBenchmark(this, info, std::move(environment), ledger);
     }
-    if (info.name() == name) return SpecOf(info);
     names.push_back(info.name());
   }
-  return UnknownName("environment", name, names);
+  return UnknownName("benchmark", name, names);
 }
 
 Result<std::string> Client::AddressOf(const pb::Port& port) const {

@@ -1,4 +1,4 @@
-// The connection to a daemon: lists its environments and datasets, opens sessions and datasets.
+// The connection to a daemon: lists its environments, datasets and benchmarks, and opens them.
 //
 //   auto client = b4mrl::Client::Connect("tcp://127.0.0.1:7700");
 //   auto env = client->Make("HalfCheetah", {.simulator = {{"gravity", ""}}, .num_envs = 64});
@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "client/connection.h"
+#include "client/remote_benchmark.h"
 #include "client/remote_dataset.h"
 #include "client/remote_environment.h"
 #include "proto/b4mrl.pb.h"
@@ -65,6 +66,10 @@ class Client {
   Result<EnvironmentSpec> FindEnvironment(std::string_view name);
 
   Result<RemoteEnvironment> Make(const std::string& environment, EnvironmentOptions options = {});
+
+  // A benchmark of the catalogue by its name. `ledger` counts what its simulators and datasets use;
+  // 0: one that is opened at the first use.
+  Result<RemoteBenchmark> FindBenchmark(std::string_view name, uint64_t ledger = 0);
 
   Result<std::vector<pb::DatasetInfo>> ListDatasets();
   Result<RemoteDataset> OpenDataset(const std::string& dataset, DatasetOptions options = {});

@@ -88,6 +88,23 @@ TEST_CASE("Returns that a learner has measured itself are marked as such") {
   }
 }
 
+TEST_CASE("The learner in C++ among the examples trains in a suite and is counted there") {
+  const UsersSuite suite;
+  const Outcome outcome = suite.Train(B4MRL_BINARY_DIR "/own_learner", "lms");
+  INFO(outcome.out << outcome.err);
+  REQUIRE(outcome.exit_code == 0);
+  const auto results = suite.Results(false);
+  REQUIRE(results.size() == 2);
+  for (const auto& [name, text] : results) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CAPTURE(name, text);
+    CHECK(json["source"] == "self-scored");
+    CHECK(json["returns"].size() == 10);
+    CHECK(json["updates"] == 70);
+    CHECK(json["ledger"]["dataset_rows"].get<uint64_t>() >= 70);  // some are asked for ahead
+  }
+}
+
 TEST_CASE("A learner that leaves nothing, or what cannot be understood, has failed") {
   const UsersSuite suite;
   const Outcome nothing = suite.Train("true");

@@ -1,0 +1,68 @@
+// A learner of one's own for the benchmarks: behaviour cloning by a linear policy.
+//
+//   b4mrl benchmark run 'HalfCheetah/confounding/*' --learner build/release/own_learner --name lms
+//
+// The runner starts this program once for each benchmark and seed. An update is one row of the
+// dataset and one step of least mean squares, normalised by the length of the observation.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <span>
+#include <vector>
+
+#include "client/benchmark_run.h"
+#include "client/client.h"
+
+using b4mrl::Result;
+using b4mrl::Status;
+
+// actions += weights x observation
+void Predict(const std::vector<float>& weights, std::span<const float> observation,
+             std::span<float> action) {
+  const size_t size = observation.size();
+  for (size_t i = 0; i < action.size(); ++i) {
+    for (size_t j = 0; j < size; ++j) action[i] += weights[i * size + j] * observation[j];
+  }
+}
+
+Status Learn(const b4mrl::BenchmarkRun& run) {
+  B4MRL_ASSIGN_OR_RETURN(b4mrl::Client client, b4mrl::Client::Connect(run.endpoint));
+  B4MRL_ASSIGN_OR_RETURN(b4mrl::RemoteBenchmark bench,
+                         client.FindBenchmark(run.benchmark, run.ledger));
+  B4MRL_ASSIGN_OR_RETURN(b4mrl::RemoteDataset data, bench.OpenDataset());
+  const size_t size = data.observation_size(), action_size = data.action_size();
+  std::vector<float> weights(size * action_size);
+  b4mrl::BatchStream batches = data.Stream(/*rows=*/1, run.seed);
+  for (uint64_t update = 0; update < run.updates; ++update) {
+    B4MRL_ASSIGN_OR_RETURN(const b4mrl::TransitionRows row, batches.Next());
+    std::vector<float> error(action_size);
+    Predict(weights, row.observations, error);
+    float length = 1;
+    for (const float value : row.observations) length += value * value;
+    for (size_t i = 0; i < weights.size(); ++i) {
+      weights[i] -=
+          0.1f * (error[i / size] - row.actions[i / size]) * row.observations[i % size] / length;
+    }
+  }
+  const auto policy = [&](const b4mrl::PolicyBatch& batch) {
+    std::ranges::fill(batch.actions, 0.0f);
+    for (size_t i = 0; i < batch.episodes.size(); ++i) {
+      Predict(weights, batch.observations.subspan(i * size, size),
+              batch.actions.subspan(i * action_size, action_size));
+    }
+    return Status();
+  };
+  B4MRL_ASSIGN_OR_RETURN(const b4mrl::EvaluationResult scores, bench.Evaluate(policy));
+  std::ofstream(run.out + "/returns.json") << fmt::format(
+      "{{\"returns\": [{}], \"updates\": {}}}\n", fmt::join(scores.returns, ", "), run.updates);
+  return Status();
+}
+
+int main() {
+  const Result<b4mrl::BenchmarkRun> run = b4mrl::ReadBenchmarkRun();
+  const Status status = run.ok() ? Learn(*run) : run.status();
+  if (!status.ok()) fmt::print(stderr, "{}\n", status.ToString());
+  return status.ok() ? 0 : 1;
+}
