@@ -1,5 +1,7 @@
 // A server may send anything: the client answers with a Status, never with a crash.
 #include <catch2/catch.hpp>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "client/client.h"
@@ -93,6 +95,50 @@ TEST_CASE("no reply of a server crashes a dataset") {
     refused += !stream.Next().ok();
   }
   CHECK(refused > 2 * kRounds);
+}
+
+TEST_CASE("a benchmark that hides dimensions which its environment lacks is refused") {
+  // A catalogue with one benchmark with a dataset and one without; both hide dimension 3 of 0..2.
+  const auto hook = [](FakeServer& server, FakeCall& call) {
+    pb::Reply reply;
+    if (call.request.has_catalogue()) {
+      pb::EnvironmentInfo* environment = reply.mutable_catalogue()->add_environments();
+      environment->set_name("Fake");
+      for (int i = 0; i < 3; ++i) environment->mutable_observation()->add_dimensions();
+      environment->mutable_action()->add_dimensions();
+      for (const char* dataset : {"", "Fake/medium"}) {
+        pb::BenchmarkInfo* benchmark = reply.mutable_catalogue()->add_benchmarks();
+        benchmark->set_name(std::string("hiding/") + dataset);
+        benchmark->set_environment("Fake");
+        benchmark->set_dataset(dataset);
+      }
+    } else if (call.request.has_ledger()) {
+      reply.mutable_ledger()->set_ledger(1);
+    } else if (call.request.has_open_dataset()) {
+      pb::OpenDatasetReply* open = reply.mutable_open_dataset();
+      open->set_fingerprint("f");
+      open->set_observation_size(kObservationSize);
+      open->set_action_size(kActionSize);
+      open->add_hidden_dimensions(3);
+    } else {
+      return false;
+    }
+    server.Reply(call, std::move(reply));
+    return true;
+  };
+  FakeDaemon daemon(hook);
+  pb::NamedArgument* hidden = daemon.open_reply.add_perturbations();
+  hidden->set_name("hidden");
+  hidden->set_argument("1+3");
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  for (const auto& [name, message] : {std::pair{"hiding/", "hidden dimension is '3', allowed"},
+                                      std::pair{"hiding/Fake/medium", "hides dimension 3 of 3"}}) {
+    CAPTURE(name);
+    Result<RemoteBenchmark> bench = client->FindBenchmark(name);
+    REQUIRE(bench.ok());
+    CHECK_THAT(bench->Mask().status().message(), Catch::Contains(message));
+  }
 }
 
 }  // namespace
