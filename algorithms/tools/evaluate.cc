@@ -46,14 +46,29 @@ void EvaluateCommand::AddOptions() {
   app->add_option(
          "--observe", observe,
          "what the agent observes: trained sets the dimensions that were hidden in training "
-         "to 0, full hides none [trained]")
-      ->check(CLI::IsMember({"trained", "full"}));
+         "to 0, full hides none, served adds the noise of its training's observations to trained "
+         "[trained]")
+      ->check(CLI::IsMember({"trained", "full", "served"}));
   app->add_option("--video", video_path, "file for a film of the first episode (needs ffmpeg)");
   app->add_flag("--anyway", anyway,
                 "evaluate the agent even in an environment other than its training's");
   app->add_flag("--json", json, "print returns and score as one JSON object");
   app->add_option("--config", "TOML file of options; the command line overrides it");
   daemon.AddTo(*app);
+}
+
+// The noise through which an agent was trained: that of its data or, without data, of its
+// simulator. kFailedPrecondition if there was none.
+Result<std::vector<NamedArgument>> NoiseOfTraining(const AgentProvenance& provenance) {
+  const bool has_data = !provenance.dataset.empty();
+  B4MRL_ASSIGN_OR_RETURN(
+      auto items, ParseNamedArguments(has_data ? provenance.corruption : provenance.simulator));
+  std::erase_if(items,
+                [](const NamedArgument& item) { return !item.name.starts_with("obs-noise"); });
+  if (!items.empty()) return items;
+  return Status(StatusCode::kFailedPrecondition,
+                "--observe served needs an agent whose training's observations were noisy, and its "
+                "file names no such training");
 }
 
 std::optional<Failure> EvaluateCommand::Run() {
@@ -71,6 +86,11 @@ std::optional<Failure> EvaluateCommand::Run() {
   }
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());
+  if (observe == "served") {
+    const auto noise = NoiseOfTraining(agent->provenance);
+    if (!noise.ok()) return BadInput(noise.status());
+    perturbations->insert(perturbations->end(), noise->begin(), noise->end());
+  }
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());

@@ -67,6 +67,19 @@ TEST_CASE("Hidden cells are scored full as well, and noisy ones through their no
     CHECK(scoring["simulator"] == (hidden ? "" : "obs-noise=0.05"));
     CHECK(scoring["returns"].size() == 1);
     CHECK(scoring["returns"] != json["returns"]);
+    // b4mrl evaluate gives the same, from what the agent's file says of its training.
+    const std::string run = fs::path(name).stem().string();
+    const Outcome served =
+        Run({"evaluate", "--agent",
+             suite.Out() + "/runs/" + run.substr(0, run.size() - 8) + "/agent.h5", "--environment",
+             "HalfCheetah", "--episodes", "1", "--observe", "served", "--json"});
+    CAPTURE(served.err);
+    CHECK(served.exit_code == (hidden ? 3 : 0));
+    if (hidden) {
+      CHECK(served.err.find("--observe served needs an agent") != std::string::npos);
+    } else {
+      CHECK(nlohmann::json::parse(served.out, nullptr, false)["returns"] == scoring["returns"]);
+    }
   }
 }
 
