@@ -26,7 +26,8 @@ Result<std::vector<uint64_t>> ChooseSeeds(const std::string& text, const Budget&
     last = first;
     if (dots != std::string::npos) {
       B4MRL_ASSIGN_OR_RETURN(
-          last, ParseUnsigned("--seeds", text.substr(dots + 2), first, first + kMostSeeds - 1));
+          last, ParseUnsigned("--seeds", text.substr(dots + 2), first,
+                              std::min(first, UINT64_MAX - kMostSeeds) + kMostSeeds - 1));
     }
   }
   std::vector<uint64_t> seeds;

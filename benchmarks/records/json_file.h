@@ -15,7 +15,10 @@
 
 namespace b4mrl {
 
-// kIoError; kDataLoss if the file holds no JSON object.
+// `name` is that of the text in the error. kDataLoss if the text is no JSON object, or nests values
+// deeper than 32, as copies and writers of JSON recurse.
+Result<nlohmann::ordered_json> ParseJsonObject(std::string_view text, std::string_view name);
+// kIoError; kDataLoss as above; kLimitExceeded for a file of more than 64 MiB.
 Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path);
 
 // The entry `key` of an object; null if there is none.

@@ -48,17 +48,22 @@ Result<Evaluations> ReadEvaluations(const std::string& path) {
       if (found == columns.end() || found->second >= cells.size()) return std::nullopt;
       return NumberOf(cells[found->second]);
     };
+    // Counts are logged as whole numbers, which doubles hold exactly below 2^53.
+    const auto count = [&](std::string_view name) -> std::optional<uint64_t> {
+      const auto found = number(name);
+      if (!found || !(*found >= 0 && *found <= 0x1p53)) return std::nullopt;
+      return static_cast<uint64_t>(*found);
+    };
     const auto mean = number("eval/mean_reward");
-    const auto updates = number("train/n_updates");
-    if (!mean || !updates) continue;
-    read.curve.push_back({static_cast<uint64_t>(*updates),
-                          static_cast<uint64_t>(number("time/total_timesteps").value_or(0)),
+    const auto updates = count("train/n_updates");
+    if (!mean || !std::isfinite(*mean) || !updates) continue;
+    read.curve.push_back({*updates, count("time/total_timesteps").value_or(0),
                           number("time/time_elapsed").value_or(0), *mean,
                           number("eval/std_reward").value_or(0), number("eval/score")});
     read.ledger = Json::object();
     for (const RunUseEntry& entry : kRunUseEntries) {
-      const auto count = number(fmt::format("ledger/{}", entry.name));
-      read.ledger[std::string(entry.name)] = count ? Json(static_cast<uint64_t>(*count)) : Json();
+      const auto used = count(fmt::format("ledger/{}", entry.name));
+      read.ledger[std::string(entry.name)] = used ? Json(*used) : Json();
     }
   }
   return read;
@@ -208,6 +213,10 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   return WriteSmallFile(path, LinesOf(json));
 }
 
+bool RunResult::HasReached(uint64_t target) const {
+  return updates > target || (finished && updates >= target);
+}
+
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::optional<RunResult>();
@@ -219,6 +228,7 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.score = NumberOf(json, "score");
   result.mean_return = NumberOf(json, "return").value_or(0);
   result.seconds = NumberOf(json, "seconds").value_or(0);
+  result.agent_sha256 = TextOf(json, "agent_sha256");
   for (const auto& [name, scoring] : EntryOf(json, "scorings").items()) {
     result.scorings.insert(name);
   }

@@ -53,7 +53,12 @@ struct RunResult {
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included
+  std::string agent_sha256;        // of the agent's file; "": there was none
   std::set<std::string> scorings;  // names of the further evaluations that it holds
+
+  // Whether training for so many updates has ended. A run that was told to do more and is under
+  // way has reached what it has passed.
+  bool HasReached(uint64_t target) const;
 };
 
 // DIR/<name>-<id>.json.

@@ -61,8 +61,9 @@ class Evaluations {
     Job job;
   };
 
-  Result<bool> Begin(const Agent& agent);  // false: another program evaluates it
-  Status Finish(const Agent& agent, int exit_code);
+  bool Begin(const Agent& agent);  // false: another program evaluates it
+  Result<bool> TryToBegin(const Agent& agent);
+  void Finish(const Agent& agent, int exit_code);
   void Fail(const Agent& agent, std::string_view reason);
   void Say(const std::string& line) const {
     if (!options_.quiet) fmt::print(stderr, "{}\n", line);
@@ -86,12 +87,11 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
   }
   summary_.agents = agents.size();
   while (!Interrupted() && !(active_.empty() && waiting_.empty())) {
-    B4MRL_RETURN_IF_ERROR(BeginWaiting(
+    BeginWaiting(
         waiting_, [this] { return active_.size() < options_.jobs; },
-        [this](const Agent& agent) { return Begin(agent); }));
-    B4MRL_RETURN_IF_ERROR(CollectEnded(active_, [this](const Active& ended, int exit_code) {
-      return Finish(ended.agent, exit_code);
-    }));
+        [this](const Agent& agent) { return Begin(agent); });
+    CollectEnded(active_,
+                 [this](const Active& ended, int exit_code) { Finish(ended.agent, exit_code); });
     if (!(active_.empty() && waiting_.empty())) poll(nullptr, 0, kJobPollMs);
   }
   active_.clear();  // stops what still runs
@@ -99,7 +99,14 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
   return summary_;
 }
 
-Result<bool> Evaluations::Begin(const Agent& agent) {
+bool Evaluations::Begin(const Agent& agent) {
+  const Result<bool> begun = TryToBegin(agent);
+  if (begun.ok()) return *begun;
+  Fail(agent, begun.status().message());
+  return true;
+}
+
+Result<bool> Evaluations::TryToBegin(const Agent& agent) {
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(agent.result + ".claim"));
   if (!claim.valid()) return false;
   std::error_code error;
@@ -122,14 +129,14 @@ Result<bool> Evaluations::Begin(const Agent& agent) {
   return true;
 }
 
-Status Evaluations::Finish(const Agent& agent, int exit_code) {
+void Evaluations::Finish(const Agent& agent, int exit_code) {
   if (exit_code != 0) {
-    Fail(agent, fmt::format("ended with code {}, see {}.log", exit_code, agent.result));
-    return Status();
+    return Fail(
+        agent, fmt::format("ended with code {}, see {}", exit_code, LogOfEvaluation(agent.result)));
   }
-  B4MRL_RETURN_IF_ERROR(KeepEvaluation(agent.result));
+  const Status kept = KeepEvaluation(agent.result);
+  if (!kept.ok()) return Fail(agent, kept.message());
   ++summary_.done;
-  return Status();
 }
 
 void Evaluations::Fail(const Agent& agent, std::string_view reason) {

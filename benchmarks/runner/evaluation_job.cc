@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "benchmarks/records/json_file.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
@@ -14,14 +15,14 @@ namespace {
 
 constexpr size_t kMaxOutput = 64 << 20;  // bytes that an evaluation may print
 
-std::string LogOf(const std::string& result) { return result + ".log"; }
-
 }  // namespace
+
+std::string LogOfEvaluation(const std::string& result) { return result + ".log"; }
 
 Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& result,
                             UniqueFd claim) {
   std::error_code ignored;
-  std::filesystem::remove(LogOf(result), ignored);  // of an earlier attempt
+  std::filesystem::remove(LogOfEvaluation(result), ignored);  // of an earlier attempt
   std::vector<std::string> words = {"evaluate",      "--json",
                                     "--agent",       order.agent,
                                     "--environment", order.environment,
@@ -30,18 +31,23 @@ Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& res
                                     "--seed",        fmt::format("{}", order.seed)};
   words.insert(words.end(), order.daemon_words.begin(), order.daemon_words.end());
   if (!order.simulator.empty()) words.insert(words.end(), {"--simulator", order.simulator});
-  return Job::Start(ToolOrder(std::move(words), LogOf(result)), std::move(claim));
+  return Job::Start(ToolOrder(std::move(words), LogOfEvaluation(result)), std::move(claim));
 }
 
 Status KeepEvaluation(const std::string& result) {
-  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(LogOf(result), kMaxOutput));
+  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(LogOfEvaluation(result), kMaxOutput));
   while (text.ends_with('\n')) text.pop_back();
   // The JSON is the last line, behind what the command may have said of its daemon.
   const size_t line = text.rfind('\n');
-  B4MRL_RETURN_IF_ERROR(
-      WriteSmallFile(result, (line == std::string::npos ? text : text.substr(line + 1)) + "\n"));
+  if (line != std::string::npos) text.erase(0, line + 1);
+  B4MRL_ASSIGN_OR_RETURN(const auto printed, ParseJsonObject(text, LogOfEvaluation(result)));
+  if (!NumbersOf(printed, "returns")) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("{} holds no returns that are numbers", LogOfEvaluation(result)));
+  }
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(result, text + "\n"));
   std::error_code ignored;
-  std::filesystem::remove(LogOf(result), ignored);
+  std::filesystem::remove(LogOfEvaluation(result), ignored);
   return Status();
 }
 

@@ -21,10 +21,13 @@ struct EvaluationOrder {
   uint64_t seed = 0;  // of the starts; 0 has those of the evaluations during training
 };
 
-// Starts the evaluation. Its output goes to `result` + ".log" until KeepEvaluation.
+// Where the evaluation's output goes until KeepEvaluation.
+std::string LogOfEvaluation(const std::string& result);
+// Starts the evaluation.
 Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& result,
                             UniqueFd claim);
-// Makes the file `result` of the output of an evaluation that ended with code 0.
+// Makes the file `result` of the output of an evaluation that ended with code 0. kIoError;
+// kDataLoss if the output does not end with an evaluation's JSON.
 Status KeepEvaluation(const std::string& result);
 
 }  // namespace b4mrl

@@ -9,43 +9,39 @@
 #include <utility>
 
 #include "benchmarks/runner/job.h"
-#include "proto/base/status.h"
 
 namespace b4mrl {
 
 // Waits between two looks at the jobs.
 inline constexpr int kJobPollMs = 200;
 
-// Calls begin(task) -> Result<bool> for the tasks in turn while has_room(). Those for which it is
+// Calls begin(task) -> bool for the tasks in turn while has_room(). Those for which it is
 // false have to wait longer and keep their places; the others leave the queue.
 template <typename Task, typename HasRoom, typename Begin>
-Status BeginWaiting(std::deque<Task>& waiting, HasRoom has_room, Begin begin) {
+void BeginWaiting(std::deque<Task>& waiting, HasRoom has_room, Begin begin) {
   std::deque<Task> later;
   while (!waiting.empty() && has_room()) {
     Task task = std::move(waiting.front());
     waiting.pop_front();
-    B4MRL_ASSIGN_OR_RETURN(const bool begun, begin(task));
-    if (!begun) later.push_back(std::move(task));
+    if (!begin(task)) later.push_back(std::move(task));
   }
   waiting.insert(waiting.begin(), std::make_move_iterator(later.begin()),
                  std::make_move_iterator(later.end()));
-  return Status();
 }
 
-// Calls finish(active, exit_code) -> Status for each of `active` whose member `job` has ended, and
+// Calls finish(active, exit_code) for each of `active` whose member `job` has ended, and
 // removes it afterwards, which lets go of its claim.
 template <typename Active, typename Finish>
-Status CollectEnded(std::list<Active>& active, Finish finish) {
+void CollectEnded(std::list<Active>& active, Finish finish) {
   for (auto each = active.begin(); each != active.end();) {
     const std::optional<int> exit_code = each->job.Poll();
     if (!exit_code) {
       ++each;
       continue;
     }
-    B4MRL_RETURN_IF_ERROR(finish(*each, *exit_code));
+    finish(*each, *exit_code);
     each = active.erase(each);
   }
-  return Status();
 }
 
 }  // namespace b4mrl

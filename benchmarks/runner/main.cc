@@ -107,13 +107,15 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
 }
 
 // Prints each run with how far it has come, and what the rest will cost.
-Status PrintStatus(const std::vector<PlannedRun>& plan, const std::string& results) {
+void PrintStatus(const std::vector<PlannedRun>& plan, const std::string& results) {
   size_t done = 0, begun = 0, cells = 0, filled = 0;
   double seconds = 0, seconds_left = 0;
   CostModel costs;
   std::vector<std::optional<RunResult>> found;
   for (const PlannedRun& run : plan) {
-    B4MRL_ASSIGN_OR_RETURN(found.emplace_back(), ReadResult(ResultPath(results, run)));
+    const auto read = ReadResult(ResultPath(results, run));
+    found.push_back(read.ok() ? *read : std::nullopt);
+    if (!read.ok()) fmt::print("unreadable: {}\n", read.status().message());
     if (found.back()) costs.Learn(run, *found.back());
   }
   for (size_t i = 0; i < plan.size(); ++i) {
@@ -121,7 +123,7 @@ Status PrintStatus(const std::vector<PlannedRun>& plan, const std::string& resul
     const std::optional<RunResult>& result = found[i];
     const uint64_t updates = result ? result->updates : 0;
     const bool finished =
-        result && result->finished && (updates >= run.updates || !run.learner.empty());
+        result && (run.learner.empty() ? result->HasReached(run.updates) : result->finished);
     done += finished ? 1 : 0;
     begun += result && !finished ? 1 : 0;
     cells += run.benchmarks.size();
@@ -137,7 +139,6 @@ Status PrintStatus(const std::vector<PlannedRun>& plan, const std::string& resul
       "{} runs: {} done, {} begun; {} of {} cells filled; {:.1f} core-hours trained, about "
       "{:.1f} left\n",
       plan.size(), done, begun, filled, cells, seconds / 3600, seconds_left / 3600);
-  return Status();
 }
 
 Result<int> BenchmarkCommand::Run(bool status_only) {
@@ -171,7 +172,7 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (status_only || dry_run) {
-    B4MRL_RETURN_IF_ERROR(PrintStatus(plan, options.results));
+    PrintStatus(plan, options.results);
     return kExitDone;
   }
   Runner runner(options, chosen, plan, client);
@@ -271,6 +272,7 @@ int Main(int argc, char** argv) {
                            : run_app->parsed()         ? run.Run(false)
                                                        : status.Run(true);
   if (code.ok()) return *code;
+  if (Interrupted()) return InterruptExitCode();
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
   return code.status().code() == StatusCode::kUnknownName ? kExitBadUsage : kExitBadInput;
 }

@@ -113,7 +113,7 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
     }
   }
   std::list<Active> active;
-  const auto begin = [&](size_t number) -> Result<bool> {
+  const auto begin = [&](size_t number) {
     const nlohmann::ordered_json& result = results[number];
     const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
     if (episodes == 0 || episodes > kMostEpisodes) return true;
@@ -123,23 +123,26 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
                                    .environment = TextOf(result, "environment"),
                                    .simulator = *perturbations,
                                    .episodes = static_cast<uint32_t>(episodes)};
-    B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch.File(number), UniqueFd()));
-    active.push_back({number, std::move(job)});
+    Result<Job> job = StartEvaluation(order, scratch.File(number), UniqueFd());
+    if (job.ok()) active.push_back({number, *std::move(job)});
+    if (!job.ok()) checked[number].faults.push_back(job.status().message());
     return true;
   };
-  const auto finish = [&](Active& ended, int exit_code) -> Status {
+  const auto finish = [&](Active& ended, int exit_code) {
     CheckedResult& which = checked[ended.number];
+    const std::string file = scratch.File(ended.number);
     if (exit_code != 0) {
       which.faults.push_back(fmt::format("its agent could not be scored: code {}", exit_code));
-      return Status();
+      return;
     }
-    B4MRL_RETURN_IF_ERROR(KeepEvaluation(scratch.File(ended.number)));
-    return Compare(scratch.File(ended.number), results[ended.number], &which);
+    Status compared = KeepEvaluation(file);
+    if (compared.ok()) compared = Compare(file, results[ended.number], &which);
+    if (!compared.ok()) which.faults.push_back(compared.message());
   };
   while (!Interrupted() && !(active.empty() && waiting.empty())) {
-    B4MRL_RETURN_IF_ERROR(BeginWaiting(
-        waiting, [&] { return active.size() < options.jobs; }, begin));
-    B4MRL_RETURN_IF_ERROR(CollectEnded(active, finish));
+    BeginWaiting(
+        waiting, [&] { return active.size() < options.jobs; }, begin);
+    CollectEnded(active, finish);
     if (!active.empty()) poll(nullptr, 0, kJobPollMs);
   }
   return checked;

@@ -15,9 +15,10 @@
 #include "benchmarks/records/learned.h"
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
+#include "benchmarks/runner/run_folder.h"
 #include "benchmarks/runner/training_order.h"
 #include "client/interrupt.h"
-#include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
 
 namespace b4mrl {
 namespace {
@@ -26,29 +27,6 @@ namespace fs = std::filesystem;
 
 constexpr int kMostAttempts = 2;  // of a run that ends with an error
 constexpr size_t kShortId = 8;    // digits of the id in the name of a run's folder
-
-Status MakeFolder(const std::string& path) {
-  std::error_code error;
-  fs::create_directories(path, error);
-  return error ? IoError("make", path, error.value()) : Status();
-}
-
-// A name of a dataset as one of a file: "HalfCheetah-medium".
-std::string FileNameOf(std::string dataset) {
-  std::ranges::replace(dataset, '/', '-');
-  return dataset;
-}
-
-// Removes what only a run that goes on needs.
-void RemoveTraining(const std::string& folder) {
-  std::error_code ignored;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
-    const std::string name = entry.path().filename();
-    const bool heavy =
-        name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-");
-    if (heavy) fs::remove(entry.path(), ignored);
-  }
-}
 
 }  // namespace
 
@@ -73,18 +51,18 @@ Result<RunnerSummary> Runner::Work() {
        {options_.folder + "/runs", options_.folder + "/datasets", options_.results}) {
     B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   }
-  B4MRL_RETURN_IF_ERROR(LookAtResults());
+  LookAtResults();
   while (true) {
-    B4MRL_RETURN_IF_ERROR(Collect());
+    Collect();
     if (Stops() || (active_.empty() && waiting_.empty())) break;
     // Those that can end within the hours come first.
     for (const bool takes_all : {false, true}) {
-      B4MRL_RETURN_IF_ERROR(BeginWaiting(
-          waiting_, [this] { return active_.size() < options_.jobs; },
-          [&](size_t number) -> Result<bool> {
+      BeginWaiting(
+          waiting_, [this] { return active_.size() < options_.jobs && !Stops(); },
+          [&](size_t number) {
             if (!takes_all && !FitsTheHours(tasks_[number])) return false;
             return Begin(number);
-          }));
+          });
     }
     WriteResults();
     ShowProgress();
@@ -92,7 +70,7 @@ Result<RunnerSummary> Runner::Work() {
   }
   for (Active& active : active_) active.job.Stop();
   while (!active_.empty()) {
-    B4MRL_RETURN_IF_ERROR(Collect());
+    Collect();
     poll(nullptr, 0, kJobPollMs);
   }
   summary_.interrupted = Interrupted();
@@ -103,14 +81,13 @@ Result<RunnerSummary> Runner::Work() {
 // Whether the work ends now, to be resumed.
 bool Runner::Stops() const { return Interrupted() || (options_.hours > 0 && end_.expired()); }
 
-Status Runner::LookAtResults() {
+void Runner::LookAtResults() {
   for (Task& task : tasks_) {
-    B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, *task.run)));
-    if (!result) continue;
-    task.updates = result->updates;
-    costs_.Learn(*task.run, *result);
+    const auto result = ReadResult(ResultPath(options_.results, *task.run));
+    if (!result.ok() || !*result) continue;  // Begin reports what cannot be read
+    task.updates = (*result)->updates;
+    costs_.Learn(*task.run, **result);
   }
-  return Status();
 }
 
 double Runner::SecondsLeft(const Task& task) const {
@@ -147,7 +124,15 @@ uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>&
   return run.updates * std::min<uint64_t>(times, options_.until_settled + 1);
 }
 
-Result<bool> Runner::Begin(size_t number) {
+bool Runner::Begin(size_t number) {
+  const Result<bool> begun = TryToBegin(number);
+  if (begun.ok()) return *begun;
+  if (Stops()) return false;  // requests to the daemon end with the work
+  Fail(tasks_[number], begun.status().message());
+  return true;
+}
+
+Result<bool> Runner::TryToBegin(size_t number) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
   B4MRL_RETURN_IF_ERROR(MakeFolder(task.folder));
@@ -157,10 +142,10 @@ Result<bool> Runner::Begin(size_t number) {
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
   task.target = TargetOf(run, result);
   if (result) task.updates = result->updates;
-  const bool did_all = !run.learner.empty() || (result && result->updates >= task.target);
-  if (result && result->finished && did_all) {
-    // Where only the result is left, it stays as it is.
-    if (HasAgent(task.folder)) {
+  if (result && IsDone(task, *result)) {
+    // Where the result's agent is not left, the result stays as it is.
+    if (const auto agent = Sha256OfFile(task.folder + "/agent.h5");
+        agent.ok() && *agent == result->agent_sha256) {
       std::set<std::string> present = result->scorings;
       present.insert(kOwnScoring);
       B4MRL_ASSIGN_OR_RETURN(const bool begun, BeginMissingScoring(number, present, claim));
@@ -169,15 +154,12 @@ Result<bool> Runner::Begin(size_t number) {
     End(task);
     return true;
   }
-  const std::string failed = task.folder + "/failed.json";
-  std::error_code error;
-  if (fs::exists(failed, error)) {
+  if (IsMarkedDiverged(task.folder)) {
     if (!options_.retry) {
       Fail(task, "diverged before; --retry begins it anew");
       return true;
     }
-    fs::remove_all(task.folder, error);
-    return false;
+    RemoveDiverged(task.folder);
   }
   return BeginTraining(number, std::move(claim));
 }
@@ -269,53 +251,75 @@ Result<std::optional<UsedDataset>> Runner::FindDataset(const std::string& full_n
       UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
 }
 
-Status Runner::Collect() {
-  return CollectEnded(active_,
-                      [this](Active& ended, int exit_code) { return Finish(ended, exit_code); });
+void Runner::Collect() {
+  CollectEnded(active_, [this](Active& ended, int exit_code) { Finish(ended, exit_code); });
 }
 
-Status Runner::Finish(Active& active, int exit_code) {
-  if (!active.task) {
-    if (exit_code != 0 && !Stops()) {
-      failed_datasets_[active.dataset] =
-          fmt::format("dataset {} could not be made, see {}/datasets/{}.log", active.dataset,
-                      options_.folder, FileNameOf(active.dataset));
-      Say(failed_datasets_[active.dataset]);
-    }
-    return Status();
-  }
+void Runner::FinishDataset(const Active& active, int exit_code) {
+  if (exit_code == 0 || Stops()) return;
+  failed_datasets_[active.dataset] =
+      fmt::format("dataset {} could not be made, see {}/datasets/{}.log", active.dataset,
+                  options_.folder, FileNameOf(active.dataset));
+  Say(failed_datasets_[active.dataset]);
+}
+
+void Runner::Finish(Active& active, int exit_code) {
+  if (!active.task) return FinishDataset(active, exit_code);
   Task& task = tasks_[*active.task];
   task.worked_on = true;
-  if (active.scoring && exit_code == 0) {
-    B4MRL_RETURN_IF_ERROR(KeepEvaluation(ScoringPath(task.folder, *active.scoring)));
-  } else if (exit_code == 0 && !task.run->learner.empty()) {
-    if (const Status kept = KeepUsersWork(active); !kept.ok()) {
-      Fail(task, kept.message());
-      return Status();
-    }
-  }
-  if (Status status = WriteResult(task); !status.ok()) Say(status.message());
-  if (!task.refused.empty()) {
-    Fail(task, task.refused);
-    return Status();
-  }
-  if (exit_code == 0) {
+  const Status kept = exit_code == 0 ? KeepWork(active) : Status();
+  const Status written = kept.ok() ? WriteResult(task) : kept;
+  if (!task.refused.empty()) return Fail(task, task.refused);
+  if (exit_code == 0 && written.ok() && HasBrought(active)) {
     waiting_.push_front(*active.task);  // to be scored, or found done
-    return Status();
+    return;
   }
-  if (Stops()) return Status();
+  if (Stops()) return;
+  if (!written.ok()) return Fail(task, written.message());
   const auto state = ReadRunStatus(task.folder);
   if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {
-    const nlohmann::json failed = {{"reason", state->reason}, {"updates", state->updates}};
-    B4MRL_RETURN_IF_ERROR(WriteSmallFile(task.folder + "/failed.json", failed.dump() + "\n"));
-    Fail(task, fmt::format("diverged: {}", state->reason));
-  } else if (++task.attempts < kMostAttempts) {
-    Say(fmt::format("{} ended with code {}; again later", task.run->name, exit_code));
+    return FailDiverged(task, *state);
+  }
+  const std::string ended =
+      fmt::format("ended with code {}{}", exit_code,
+                  exit_code == 0 ? " and left less than it was to bring" : "");
+  if (++task.attempts < kMostAttempts) {
+    Say(fmt::format("{} {}; again later", task.run->name, ended));
     waiting_.push_back(*active.task);
   } else {
-    Fail(task, fmt::format("ended with code {}, see {}/log", exit_code, task.folder));
+    const std::string log = active.scoring
+                                ? LogOfEvaluation(ScoringPath(task.folder, *active.scoring))
+                                : task.folder + "/log";
+    Fail(task, fmt::format("{}, see {}", ended, log));
   }
-  return Status();
+}
+
+void Runner::FailDiverged(Task& task, const RunStatus& state) {
+  if (const Status written = MarkDiverged(task.folder, state); !written.ok()) {
+    Say(written.message());
+  }
+  Fail(task, fmt::format("diverged: {}", state.reason));
+}
+
+Status Runner::KeepWork(Active& active) {
+  const Task& task = tasks_[*active.task];
+  if (active.scoring) return KeepEvaluation(ScoringPath(task.folder, *active.scoring));
+  return task.run->learner.empty() ? Status() : KeepUsersWork(active);
+}
+
+bool Runner::HasBrought(const Active& active) const {
+  const Task& task = tasks_[*active.task];
+  const bool is_users = !task.run->learner.empty();
+  if (is_users && !active.scoring) return HasLearned(task.folder);
+  const auto result = ReadResult(ResultPath(options_.results, *task.run));
+  if (!result.ok() || !*result || !IsDone(task, **result)) return false;
+  const bool is_further = active.scoring && active.scoring->name != kOwnScoring;
+  return !is_further || (*result)->scorings.contains(active.scoring->name);
+}
+
+// A learner of the user's own decides itself when it has finished.
+bool Runner::IsDone(const Task& task, const RunResult& result) {
+  return task.run->learner.empty() ? result.HasReached(task.target) : result.finished;
 }
 
 Status Runner::KeepUsersWork(Active& active) {
@@ -334,6 +338,7 @@ Status Runner::KeepUsersWork(Active& active) {
 void Runner::WriteResults() {
   for (Active& active : active_) {
     if (!active.task || active.scoring || !tasks_[*active.task].refused.empty()) continue;
+    if (!tasks_[*active.task].run->learner.empty()) continue;  // it has a result when it ends
     if (Status status = WriteResult(tasks_[*active.task]); !status.ok()) Say(status.message());
     if (!tasks_[*active.task].refused.empty()) active.job.Stop();
   }
@@ -347,6 +352,7 @@ Status Runner::WriteResult(Task& task) {
   const auto state = ReadRunStatus(task.folder);
   const bool ended = is_users || (state.ok() && state->state == RunState::kFinished);
   if (bytes == task.written && !ended) return Status();
+  task.written = bytes;  // also of an attempt that fails, which is reported once
   std::optional<UsedDataset> dataset;
   if (!task.run->dataset.empty()) {
     if (is_users) {  // which may have opened no dataset; its rows are counted when it is opened
@@ -364,7 +370,6 @@ Status Runner::WriteResult(Task& task) {
   }
   const ResultOrigin origin = {budget_.name, options_.commit, task.target};
   B4MRL_RETURN_IF_ERROR(WriteResultOf(*task.run, task.folder, dataset, origin, options_.results));
-  task.written = bytes;
   B4MRL_ASSIGN_OR_RETURN(const auto written, ReadResult(ResultPath(options_.results, *task.run)));
   if (written) task.updates = written->updates;
   if (written && ended) costs_.Learn(*task.run, *written);

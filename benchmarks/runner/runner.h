@@ -21,6 +21,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/run/run_result.h"
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/result_file.h"
@@ -85,9 +86,10 @@ class Runner {
   };
 
   bool Stops() const;
-  Status LookAtResults();
+  void LookAtResults();
   // Each starts a process, or finds that none is needed; false: the run has to wait.
-  Result<bool> Begin(size_t number);
+  bool Begin(size_t number);  // a run that cannot be begun has failed
+  Result<bool> TryToBegin(size_t number);
   Result<bool> BeginTraining(size_t number, UniqueFd claim);
   // The next evaluation of a trained agent that is missing. False: there is none.
   Result<bool> BeginMissingScoring(size_t number, const std::set<std::string>& present,
@@ -96,14 +98,22 @@ class Runner {
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   // Updates for which the run of this result is to be trained.
   uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
+  // Whether the result says that nothing is left to train.
+  static bool IsDone(const Task& task, const RunResult& result);
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;
   // None if the data folder does not have it.
   Result<std::optional<UsedDataset>> FindDataset(const std::string& full_name);
   std::vector<std::string> DaemonWords() const;
-  Status Collect();
-  Status Finish(Active& active, int exit_code);
+  void Collect();
+  void Finish(Active& active, int exit_code);
+  void FinishDataset(const Active& active, int exit_code);
+  void FailDiverged(Task& task, const RunStatus& state);
+  // Keeps what a job that ended with code 0 has left beside the run's own files.
+  Status KeepWork(Active& active);
+  // Whether the run's result holds what the job was to bring, so that it is not begun again.
+  bool HasBrought(const Active& active) const;
   // Keeps what a user's learner has left.
   Status KeepUsersWork(Active& active);
   void WriteResults();

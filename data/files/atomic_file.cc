@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <utility>
 
@@ -94,9 +95,11 @@ Status WriteSmallFile(const std::string& path, std::string_view text, std::optio
 Result<std::string> ReadSmallFile(const std::string& path, size_t max_bytes) {
   const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd.valid()) return IoError("open", path, errno);
-  std::string text(max_bytes + 1, '\0');
+  // Room for most files at once; what is larger doubles it.
+  std::string text(std::min<size_t>(max_bytes + 1, 64 << 10), '\0');
   size_t length = 0;
-  while (length < text.size()) {
+  while (length <= max_bytes) {
+    if (length == text.size()) text.resize(std::min(2 * length, max_bytes + 1));
     const ssize_t got = read(fd.get(), text.data() + length, text.size() - length);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return IoError("read", path, errno);

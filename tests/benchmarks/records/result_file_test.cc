@@ -139,5 +139,28 @@ TEST_CASE("What is no result is refused by name") {
   CHECK_FALSE(read.finished);
 }
 
+TEST_CASE("Lines of a log that are no evaluation are passed over") {
+  Folders folders;
+  folders.Progress(
+      "100,0,1,5,0,50,-3\n"
+      "-7,0,1,5,0,50,3\n"
+      "nan,0,1,5,0,50,3\n"
+      "1e300,0,1,5,0,50,3\n"
+      "300,1e300,1,nan,0,50,3\n"
+      "many,words\n");
+  RequireOk(folders.Write());
+  const auto json = folders.Written();
+  CHECK(json["curve"].size() == 1);
+  CHECK(json["updates"] == 100);
+  CHECK(json["ledger"]["dataset_rows"].is_null());
+}
+
+TEST_CASE("A run has reached what it was told to do, or has passed") {
+  CHECK(RunResult{.finished = true, .updates = 100}.HasReached(100));
+  CHECK_FALSE(RunResult{.finished = false, .updates = 100}.HasReached(100));
+  CHECK(RunResult{.finished = false, .updates = 101}.HasReached(100));
+  CHECK_FALSE(RunResult{.finished = true, .updates = 99}.HasReached(100));
+}
+
 }  // namespace
 }  // namespace b4mrl

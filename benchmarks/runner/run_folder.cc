@@ -1,0 +1,69 @@
+#include "benchmarks/runner/run_folder.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string_view>
+#include <system_error>
+
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Json = nlohmann::json;
+
+constexpr std::string_view kMark = "failed.json";
+
+// Removes the folder's entries whose names `chooses` accepts.
+template <typename Chooses>
+void RemoveFrom(const std::string& folder, Chooses chooses) {
+  std::error_code error, ignored;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (chooses(entry->path().filename().string())) fs::remove_all(entry->path(), ignored);
+  }
+}
+
+std::string MarkPath(const std::string& folder) { return folder + "/" + std::string(kMark); }
+
+}  // namespace
+
+Status MakeFolder(const std::string& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  return error ? IoError("make", path, error.value()) : Status();
+}
+
+std::string FileNameOf(std::string dataset) {
+  std::ranges::replace(dataset, '/', '-');
+  return dataset;
+}
+
+void RemoveTraining(const std::string& folder) {
+  RemoveFrom(folder, [](std::string_view name) {
+    return name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-");
+  });
+}
+
+Status MarkDiverged(const std::string& folder, const RunStatus& state) {
+  const Json mark = {{"reason", state.reason}, {"updates", state.updates}};
+  return WriteSmallFile(MarkPath(folder),
+                        mark.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+bool IsMarkedDiverged(const std::string& folder) {
+  std::error_code error;
+  return fs::exists(MarkPath(folder), error);
+}
+
+void RemoveDiverged(const std::string& folder) {
+  RemoveFrom(folder, [](std::string_view name) { return name != "claim" && name != kMark; });
+  // The mark goes last, so that half a run is not resumed.
+  std::error_code ignored;
+  fs::remove(MarkPath(folder), ignored);
+}
+
+}  // namespace b4mrl

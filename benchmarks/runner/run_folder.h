@@ -1,0 +1,26 @@
+// The folders of a suite's runs, and the mark "failed.json" of a run that diverged. Thread rule:
+// one thread, which holds the run's claim.
+#pragma once
+
+#include <string>
+
+#include "algorithms/run/run_result.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Makes the folder and those around it. kIoError.
+Status MakeFolder(const std::string& path);
+// The name of a dataset as that of a file: "HalfCheetah-medium".
+std::string FileNameOf(std::string dataset);
+
+// Removes what only a run that goes on needs: replay memory, ensemble, checkpoints.
+void RemoveTraining(const std::string& folder);
+
+// failed.json holds why and after how many updates the run diverged. kIoError.
+Status MarkDiverged(const std::string& folder, const RunStatus& state);
+bool IsMarkedDiverged(const std::string& folder);
+// Removes a diverged run, but not its claim, which is held.
+void RemoveDiverged(const std::string& folder);
+
+}  // namespace b4mrl

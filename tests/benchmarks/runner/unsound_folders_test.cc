@@ -1,0 +1,117 @@
+// Files that are not what a runner has left fail their run alone, and no run is begun for ever.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/benchmarks/runner/suite.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Json = nlohmann::ordered_json;
+
+// A suite of two runs of bc, which have ended; the data of one are hidden in part.
+class EndedSuite {
+ public:
+  EndedSuite() : suite_("bc = 20") {
+    suite_.pattern = "HalfCheetah/confounding/*-high+medium";
+    REQUIRE(Again().exit_code == 0);
+  }
+  Outcome Again(const Words& more = {}) const { return Run(suite_.Command(more)); }
+  fs::path HiddenResult() const { return EntryOf("/results"); }
+  fs::path HiddenRun() const { return EntryOf("/runs"); }
+  void ChangeHiddenResult(const Json& changes) const {
+    Json result = Json::parse(ReadBytes(HiddenResult()), nullptr, false);
+    REQUIRE(result.is_object());
+    result.update(changes);
+    WriteBytes(HiddenResult(), result.dump());
+  }
+
+ private:
+  fs::path EntryOf(const std::string& folder) const {
+    for (const auto& entry : fs::directory_iterator(suite_.Out() + folder)) {
+      if (entry.path().filename().string().find("hidden-high") != std::string::npos) return entry;
+    }
+    FAIL("no run with hidden-high in " << folder);
+    return {};
+  }
+  Suite suite_;
+};
+
+TEST_CASE("A result that cannot be read fails its run and keeps no other back") {
+  const EndedSuite suite;
+  const std::string deep =
+      "{\"scorings\": " + std::string(100'000, '[') + std::string(100'000, ']') + "}";
+  for (const std::string& text : {std::string("<<<<<<< HEAD"), std::string(), deep}) {
+    WriteBytes(suite.HiddenResult(), text);
+    const Outcome outcome = suite.Again();
+    INFO(outcome.out << outcome.err);
+    CHECK(outcome.exit_code == 1);
+    CHECK(outcome.out.find("1 of 2 runs done, 1 failed") != std::string::npos);
+    CHECK(outcome.out.find(suite.HiddenResult().string() + " holds no JSON object") !=
+          std::string::npos);
+  }
+}
+
+TEST_CASE("A run whose folder cannot be made has failed and keeps no other back") {
+  const EndedSuite suite;
+  fs::remove(suite.HiddenResult());
+  const fs::path folder = suite.HiddenRun();
+  fs::remove_all(folder);
+  WriteBytes(folder, "");
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("1 of 2 runs done, 1 failed") != std::string::npos);
+  CHECK(outcome.out.find("make " + folder.string()) != std::string::npos);
+}
+
+TEST_CASE("A run whose result does not take what was made for it is tried again and has failed") {
+  const EndedSuite suite;
+  // Further than the folder's log, with the folder's agent.
+  suite.ChangeHiddenResult({{"updates", 999}, {"scorings", Json::object()}});
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("ended with code 0 and left less") != std::string::npos);
+}
+
+TEST_CASE("A result that has come further is not scored with the folder's agent") {
+  const EndedSuite suite;
+  suite.ChangeHiddenResult(
+      {{"updates", 999}, {"agent_sha256", std::string(64, '0')}, {"scorings", Json::object()}});
+  const std::string before = ReadBytes(suite.HiddenResult());
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(ReadBytes(suite.HiddenResult()) == before);
+}
+
+TEST_CASE("A run that has passed the budget on its way to a larger one is done") {
+  const EndedSuite suite;
+  suite.ChangeHiddenResult({{"updates", 21}, {"planned_updates", 100}, {"finished", false}});
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(outcome.err.find("start ") == std::string::npos);
+  const Outcome listed = suite.Again({"--dry-run"});
+  CHECK(listed.out.find("2 runs: 2 done") != std::string::npos);
+}
+
+TEST_CASE("Seeds up to the largest one are a range") {
+  const Suite suite("bc = 20");
+  const Outcome last =
+      Run(suite.Command({"--dry-run", "--seeds", "18446744073709551613..18446744073709551614"}));
+  INFO(last.err);
+  CHECK(last.out.find("2 runs: 0 done") != std::string::npos);
+  const Outcome beyond =
+      Run(suite.Command({"--dry-run", "--seeds", "18446744073709550616..18446744073709551615"}));
+  CHECK(beyond.exit_code == 3);
+  CHECK(beyond.err.find("18446744073709550616..18446744073709551614") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace b4mrl
