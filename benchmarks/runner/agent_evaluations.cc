@@ -119,9 +119,12 @@ Result<bool> Evaluations::TryToBegin(const Agent& agent) {
     Fail(agent, read.ok() ? "the file does not name its environment" : read.status().message());
     return true;
   }
+  std::vector<std::string> daemon_words;
+  if (!options_.endpoint.empty()) daemon_words = {"--endpoint", options_.endpoint};
   const EvaluationOrder order = {.agent = agent.path,
                                  .environment = read->provenance.environment,
                                  .episodes = options_.episodes,
+                                 .daemon_words = daemon_words,
                                  .seed = options_.seed};
   B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, agent.result, std::move(claim)));
   Say(fmt::format("start {}", agent.path));

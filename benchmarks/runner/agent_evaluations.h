@@ -20,6 +20,7 @@ struct AgentEvaluationOptions {
   uint32_t jobs = 1;
   uint32_t episodes = 100;
   uint64_t seed = 1;
+  std::string endpoint;  // of the daemon for all processes; "": each has a private one
   bool quiet = false;
 };
 

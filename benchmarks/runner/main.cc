@@ -17,8 +17,8 @@
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/leaderboard.h"
 #include "benchmarks/runner/agent_evaluations.h"
-#include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
+#include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/result_checks.h"
 #include "benchmarks/runner/runner.h"
 #include "client/interrupt.h"
@@ -38,6 +38,7 @@ struct BenchmarkCommand {
   RunnerOptions options;
   std::optional<uint64_t> index;
   bool dry_run = false;
+  bool json = false;  // of a dry run and of the status
 
   void AddTo(CLI::App& app);
   void AddRunOptions(CLI::App& app);
@@ -72,6 +73,7 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
                  "address of a daemon that all processes are to use, with its datasets "
                  "[$B4MRL_ENDPOINT, else each starts its own]")
       ->envname("B4MRL_ENDPOINT");
+  app.add_flag("--json", json, "list the runs as one JSON array");
 }
 
 void BenchmarkCommand::AddRunOptions(CLI::App& app) {
@@ -106,41 +108,6 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
   return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
-// Prints each run with how far it has come, and what the rest will cost.
-void PrintStatus(const std::vector<PlannedRun>& plan, const std::string& results) {
-  size_t done = 0, begun = 0, cells = 0, filled = 0;
-  double seconds = 0, seconds_left = 0;
-  CostModel costs;
-  std::vector<std::optional<RunResult>> found;
-  for (const PlannedRun& run : plan) {
-    const auto read = ReadResult(ResultPath(results, run));
-    found.push_back(read.ok() ? *read : std::nullopt);
-    if (!read.ok()) fmt::print("unreadable: {}\n", read.status().message());
-    if (found.back()) costs.Learn(run, *found.back());
-  }
-  for (size_t i = 0; i < plan.size(); ++i) {
-    const PlannedRun& run = plan[i];
-    const std::optional<RunResult>& result = found[i];
-    const uint64_t updates = result ? result->updates : 0;
-    const bool finished =
-        result && (run.learner.empty() ? result->HasReached(run.updates) : result->finished);
-    done += finished ? 1 : 0;
-    begun += result && !finished ? 1 : 0;
-    cells += run.benchmarks.size();
-    filled += finished ? run.benchmarks.size() : 0;
-    seconds += result ? result->seconds : 0;
-    const double left = static_cast<double>(run.updates) - static_cast<double>(updates);
-    if (!finished) seconds_left += costs.SecondsOf(run, std::max(left, 0.0));
-    const std::string score =
-        !result ? "" : fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
-    fmt::print("{} {:>9}/{} {}{}\n", run.id, updates, run.updates, run.name, score);
-  }
-  fmt::print(
-      "{} runs: {} done, {} begun; {} of {} cells filled; {:.1f} core-hours trained, about "
-      "{:.1f} left\n",
-      plan.size(), done, begun, filled, cells, seconds / 3600, seconds_left / 3600);
-}
-
 Result<int> BenchmarkCommand::Run(bool status_only) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
@@ -172,7 +139,9 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (status_only || dry_run) {
-    PrintStatus(plan, options.results);
+    const PlanStatus status = StatusOf(plan, options.results);
+    for (const std::string& problem : status.unreadable) fmt::print(stderr, "{}\n", problem);
+    fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
     return kExitDone;
   }
   Runner runner(options, chosen, plan, client);
@@ -246,6 +215,11 @@ int Main(int argc, char** argv) {
       ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
   evaluate_app->add_option("--seed", evaluation.seed,
                            "seed of the starts; 0 has those of training's evaluations [1]");
+  evaluate_app
+      ->add_option("--endpoint", evaluation.endpoint,
+                   "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
+                   "starts its own]")
+      ->envname("B4MRL_ENDPOINT");
   evaluate_app->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
   RecordsCommand records;
   records.check.jobs = run.options.jobs;

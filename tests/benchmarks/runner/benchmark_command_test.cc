@@ -46,6 +46,16 @@ TEST_CASE("A suite makes its data, trains each distinct run once and keeps the r
   CHECK(again.exit_code == 0);
   CHECK(Count(again.err, "start ") == 0);
   CHECK(suite.Results() == results);
+  const auto status =
+      nlohmann::json::parse(Run(suite.Command({"--dry-run", "--json"})).out, nullptr, false);
+  REQUIRE(status.size() == 2);
+  for (const auto& run : status) {
+    CHECK(run["done"] == true);
+    CHECK(run["benchmarks"].size() == 2);
+    CHECK(run["dataset"] == "HalfCheetah/medium-v0");
+    CHECK(results.count(run["name"].get<std::string>() + "-" + run["id"].get<std::string>() +
+                        ".json") == 1);
+  }
 }
 
 TEST_CASE("Hidden cells are scored full as well, and noisy ones through their noise") {
