@@ -61,6 +61,21 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
   return Status();
 }
 
+// Refuses an agent that cannot act in the environment, or says that it was meant for another.
+Status CheckAgent(const Agent& agent, const EnvironmentSpec& environment, const std::string& path) {
+  const std::string& meant_for = agent.provenance.environment;
+  if (agent.observation_dimensions == environment.observation.size() &&
+      agent.action_dimensions == environment.action.size() &&
+      (meant_for.empty() || meant_for == environment.name)) {
+    return Status();
+  }
+  return NotUnderstood(
+      path, fmt::format("an agent of {}, with {} observation and {} action dimensions; it is one "
+                        "of '{}' with {} and {}",
+                        environment.name, environment.observation.size(), environment.action.size(),
+                        meant_for, agent.observation_dimensions, agent.action_dimensions));
+}
+
 }  // namespace
 
 bool HasLearned(const std::string& folder) { return Exists(LearnedPath(folder)); }
@@ -75,6 +90,7 @@ Status KeepLearned(const PlannedRun& run, const std::string& folder, double seco
   const std::string returns = folder + "/returns.json";
   if (HasAgent(folder)) {
     B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentPath(folder)));
+    B4MRL_RETURN_IF_ERROR(CheckAgent(agent, environment, AgentPath(folder)));
     if (agent.provenance.updates > 0) learned["updates"] = agent.provenance.updates;
     learned["source"] = "user";
   } else if (Exists(returns)) {
@@ -94,6 +110,9 @@ Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   outcome.source = TextOf(learned, "source");
   outcome.ledger = EntryOf(learned, "ledger");
   outcome.processor = TextOf(learned, "processor");
+  if (outcome.source != "user" && outcome.source != "self-scored") {
+    return NotUnderstood(LearnedPath(folder), "what the runner has written");
+  }
   Json scored = learned;
   if (outcome.source == "user") {
     const std::string path = ScoringPath(folder, {.name = kOwnScoring});

@@ -15,7 +15,8 @@ namespace b4mrl {
 
 // Keeps what a learner that ended with code 0 has left, the seconds that it took, and what it used
 // (the entry "ledger" of a result).
-// kFailedPrecondition if it has left nothing, kDataLoss if that cannot be understood.
+// kFailedPrecondition if it has left nothing, kDataLoss if that cannot be understood or is an agent
+// of another environment.
 Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
                    const nlohmann::ordered_json& ledger, const EnvironmentSpec& environment);
 // Whether KeepLearned has succeeded there, and whether the learner has left an agent.

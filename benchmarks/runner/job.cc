@@ -31,7 +31,8 @@ sigset_t StopSignals() {
 
 // What the new process does between fork and exec: system calls alone. It begins with the stop
 // signals blocked, so that one that is sent early is not lost to a handler of the runner's.
-[[noreturn]] void BecomeProgram(pid_t parent, int log, char* const* argv,
+// An `inherited` descriptor, if it is not negative, stays open.
+[[noreturn]] void BecomeProgram(pid_t parent, int log, int inherited, char* const* argv,
                                 char* const* environment) {
   setpgid(0, 0);
   prctl(PR_SET_PDEATHSIG, SIGTERM);
@@ -44,7 +45,12 @@ sigset_t StopSignals() {
   dup2(nothing, STDIN_FILENO);
   dup2(log, STDOUT_FILENO);
   dup2(log, STDERR_FILENO);
-  close_range(STDERR_FILENO + 1, ~0u, 0);
+  const bool inherits = inherited > STDERR_FILENO;
+  if (inherits) {
+    fcntl(inherited, F_SETFD, 0);
+    if (inherited > STDERR_FILENO + 1) close_range(STDERR_FILENO + 1, inherited - 1, 0);
+  }
+  close_range((inherits ? inherited : STDERR_FILENO) + 1, ~0u, 0);
   execve(argv[0], argv, environment);
   _exit(127);
 }
@@ -81,7 +87,8 @@ Result<Job> Job::Start(const JobOrder& order, UniqueFd claim) {
   sigset_t before;
   sigprocmask(SIG_BLOCK, &stop, &before);
   const pid_t child = fork();
-  if (child == 0) BecomeProgram(parent, out.get(), argv.data(), environment.data());
+  const int inherited = order.stops_group && claim.valid() ? claim.get() : -1;
+  if (child == 0) BecomeProgram(parent, out.get(), inherited, argv.data(), environment.data());
   const int error = errno;
   sigprocmask(SIG_SETMASK, &before, nullptr);
   if (child < 0) return IoError("start", order.words.front(), error);
@@ -96,12 +103,18 @@ Job::Job(Job&& other) noexcept
 Job::~Job() {
   if (process_id_ <= 0) return;
   Stop();
-  waitpid(process_id_, nullptr, 0);
+  waitid(P_PID, process_id_, nullptr, WEXITED | WNOWAIT);
+  Poll();
 }
 
 std::optional<int> Job::Poll() {
+  siginfo_t ended{};
+  if (waitid(P_PID, process_id_, &ended, WEXITED | WNOHANG | WNOWAIT) != 0) return std::nullopt;
+  if (ended.si_pid != process_id_) return std::nullopt;
+  // Before the process is waited for, as its group's number is then free for others.
+  if (stops_group_) kill(-process_id_, SIGKILL);
   int status = 0;
-  if (waitpid(process_id_, &status, WNOHANG) != process_id_) return std::nullopt;
+  waitpid(process_id_, &status, 0);
   process_id_ = -1;
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }

@@ -28,7 +28,9 @@ struct JobOrder {
   std::vector<std::string> words;        // of the command; the first one is the program's path
   std::string log;                       // file to which both outputs are appended
   std::vector<std::string> environment;  // "NAME=value", beside this process's own
-  bool stops_group = false;  // Stop reaches all processes that it has started, not it alone
+  // The processes that it has started belong to it: Stop reaches them too, those that are left when
+  // it ends are killed, and if it is killed with its runner they keep the claim until they end.
+  bool stops_group = false;
 };
 // `b4mrl` with these words: the program beside this one that knows them.
 JobOrder ToolOrder(std::vector<std::string> words, const std::string& log);

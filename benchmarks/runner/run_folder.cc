@@ -6,6 +6,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "benchmarks/records/result_file.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
@@ -46,6 +47,11 @@ void RemoveTraining(const std::string& folder) {
   RemoveFrom(folder, [](std::string_view name) {
     return name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-");
   });
+}
+
+void RemoveScorings(const PlannedRun& run, const std::string& folder) {
+  std::error_code ignored;
+  for (const Scoring& scoring : run.scorings) fs::remove(ScoringPath(folder, scoring), ignored);
 }
 
 Status MarkDiverged(const std::string& folder, const RunStatus& state) {

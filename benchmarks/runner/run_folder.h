@@ -5,6 +5,7 @@
 #include <string>
 
 #include "algorithms/run/run_result.h"
+#include "benchmarks/plan/plan.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -16,6 +17,8 @@ std::string FileNameOf(std::string dataset);
 
 // Removes what only a run that goes on needs: replay memory, ensemble, checkpoints.
 void RemoveTraining(const std::string& folder);
+// Removes the scorings of the agent that is about to be trained further, or anew.
+void RemoveScorings(const PlannedRun& run, const std::string& folder);
 
 // failed.json holds why and after how many updates the run diverged. kIoError.
 Status MarkDiverged(const std::string& folder, const RunStatus& state);

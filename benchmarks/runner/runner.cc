@@ -176,6 +176,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
     if (!dataset) return BeginDataset(run);
   }
+  if (run.learner.empty() || !HasLearned(task.folder)) RemoveScorings(run, task.folder);
   if (run.learner.empty()) {
     // The learner of a killed runner may still be about to end.
     if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;

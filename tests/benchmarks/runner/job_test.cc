@@ -1,11 +1,14 @@
 // Claims end with their holders, and jobs are processes that can be told to stop.
 #include "benchmarks/runner/job.h"
 
+#include <fcntl.h>
 #include <sched.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <filesystem>
 
 #include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
@@ -66,6 +69,50 @@ TEST_CASE("A program that is not there ends with code 127") {
   const TemporaryFolder folder;
   Job job = Take(Job::Start({.words = {"/nonexistent"}, .log = folder.File("log")}, UniqueFd()));
   CHECK(ExitCodeOf(job) == 127);
+}
+
+bool IsFreeSoon(const std::string& path) {
+  for (const Deadline deadline = Deadline::AfterMs(60'000); !deadline.expired(); sched_yield()) {
+    if (Take(Claim(path)).valid()) return true;
+  }
+  return false;
+}
+
+TEST_CASE("What a learner of the user's own leaves running ends with it") {
+  const TemporaryFolder folder;
+  {
+    Job job = Take(Job::Start({.words = {"/bin/sh", "-c", "(trap '' TERM; exec sleep 600) &"},
+                               .log = folder.File("log"),
+                               .stops_group = true},
+                              Take(Claim(folder.File("claim")))));
+    CHECK(ExitCodeOf(job) == 0);
+  }
+  CHECK(IsFreeSoon(folder.File("claim")));  // which all of its processes hold
+}
+
+TEST_CASE("A learner of the user's own that outlives its runner keeps its claim") {
+  const TemporaryFolder folder;
+  const std::string claim = folder.File("claim"), end = folder.File("end");
+  REQUIRE(mkfifo(end.c_str(), 0600) == 0);
+  const pid_t runner = fork();
+  REQUIRE(runner >= 0);
+  if (runner == 0) {
+    const std::string script =
+        "trap '' TERM; : > " + folder.File("begun") + "; read -r line < " + end;
+    auto held = Claim(claim);
+    const auto job = Job::Start(
+        {.words = {"/bin/sh", "-c", script}, .log = folder.File("log"), .stops_group = true},
+        held.ok() ? *std::move(held) : UniqueFd());
+    while (job.ok() && !std::filesystem::exists(folder.File("begun"))) sched_yield();
+    _exit(job.ok() ? 0 : 1);  // as if it was killed
+  }
+  int status = 0;
+  REQUIRE(waitpid(runner, &status, 0) == runner);
+  REQUIRE(status == 0);
+  CHECK_FALSE(Take(Claim(claim)).valid());
+  const UniqueFd line(open(end.c_str(), O_WRONLY | O_CLOEXEC));
+  REQUIRE(write(line.get(), "\n", 1) == 1);
+  CHECK(IsFreeSoon(claim));
 }
 
 }  // namespace

@@ -101,6 +101,22 @@ TEST_CASE("A run that has passed the budget on its way to a larger one is done")
   CHECK(listed.out.find("2 runs: 2 done") != std::string::npos);
 }
 
+TEST_CASE("A run that goes on is scored anew") {
+  Suite suite("bc = 20");
+  suite.pattern = "HalfCheetah/confounding/hidden-high+medium";
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  const auto full = [&] {
+    const auto json = Json::parse(suite.Results().begin()->second, nullptr, false);
+    return json["scorings"]["full"]["returns"].dump();
+  };
+  const std::string before = full();
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\nupdates = { bc = 40 }\n");
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  CHECK(full().size() > 4);
+  CHECK(full() != before);
+}
+
 TEST_CASE("Seeds up to the largest one are a range") {
   const Suite suite("bc = 20");
   const Outcome last =

@@ -122,5 +122,19 @@ TEST_CASE("A learner that leaves nothing, or what cannot be understood, has fail
   CHECK(taken.err.find("no algorithm of b4mrl has") != std::string::npos);
 }
 
+TEST_CASE("An agent that is not of the environment is refused, and its learner begun anew") {
+  const UsersSuite suite;
+  const Outcome outcome =
+      suite.Train("cp " B4MRL_SOURCE_DIR "/data/agents/hopper-medium.h5 \"$B4MRL_OUT/agent.h5\"");
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("agent of HalfCheetah, with 17 observation and 6 action dimensions") !=
+        std::string::npos);
+  const Outcome right = suite.Train("cp " + std::string(kAgent) + " \"$B4MRL_OUT/agent.h5\"");
+  INFO(right.out << right.err);
+  CHECK(right.exit_code == 0);
+  CHECK(suite.Results().size() == 2);
+}
+
 }  // namespace
 }  // namespace b4mrl
