@@ -60,14 +60,6 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
                 fmt::format("dataset '{}' has no recipe and was not imported", name));
 }
 
-// D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
-std::string OfD4rl(const std::string& dataset) {
-  std::string name = dataset;
-  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
-  std::ranges::replace(name, '/', '-');
-  return fmt::format("d4rl/{}-v2", name);
-}
-
 Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
                          ReadSuites({DefaultSuitesFolder(), choice.suites}));
@@ -100,6 +92,13 @@ Status AddAllBenchmarks(const SuiteChoice& choice, const Budget& budget, const P
 }
 
 }  // namespace
+
+std::string OfD4rl(const std::string& dataset) {
+  std::string name = dataset;
+  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::ranges::replace(name, '/', '-');
+  return fmt::format("d4rl/{}-v2", name);
+}
 
 Result<Budget> FindBudget(const std::string& text) {
   const bool is_file = text.find('/') != std::string::npos || text.ends_with(".toml");

@@ -30,6 +30,9 @@ struct SuiteChoice {
 // ".toml".
 Result<Budget> FindBudget(const std::string& text);
 
+// D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
+std::string OfD4rl(const std::string& dataset);
+
 // The benchmarks that the patterns choose. kUnknownName for a pattern that fits none.
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice);
 

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "algorithms/run/check_training.h"
+#include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
 
@@ -33,6 +34,9 @@ class Checker {
  private:
   void CheckEntries();
   void CheckBenchmarks();
+  // Whether the run of the result is one of the benchmark.
+  bool Fills(const Benchmark& benchmark) const;
+  std::string DatasetName() const;  // without its version
   void CheckDataset();
   void CheckIds(const std::string& file_name);
   Result<PlannedRun> RunOfResult() const;
@@ -105,8 +109,37 @@ void Checker::CheckBenchmarks() {
     } else if (found->suite != TextOf(result_, "suite")) {
       Fault(fmt::format("suite is '{}', {} is of '{}'", TextOf(result_, "suite"), text,
                         found->suite));
+    } else if (!Fills(*found)) {
+      Fault(
+          fmt::format("the run fills no cell of benchmark '{}', whose simulator, dataset, "
+                      "corruption or world is another, or which is not defined for its algorithm",
+                      text));
     }
   }
+}
+
+std::string Checker::DatasetName() const {
+  // "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
+  const std::string name = TextOf(EntryOf(result_, "dataset"), "name");
+  return sources_.published->contains(name) ? name.substr(0, name.rfind("-v")) : name;
+}
+
+bool Checker::Fills(const Benchmark& benchmark) const {
+  const std::string algorithm = TextOf(result_, "algorithm");
+  const auto known =
+      std::ranges::find(sources_.plan.algorithms, std::string_view(algorithm), &Algorithm::name);
+  // Nobody knows what a learner of the user's own uses.
+  const bool is_known = known != sources_.plan.algorithms.end();
+  const bool has_simulator = !is_known || known->needs.simulator;
+  const bool has_dataset = !is_known || known->needs.dataset;
+  const std::string expected = has_dataset ? benchmark.dataset : "";
+  const std::string dataset = DatasetName();
+  return benchmark.DefinedFor(algorithm) &&
+         TextOf(result_, "environment") == benchmark.environment &&
+         TextOf(result_, "world") == benchmark.world &&
+         TextOf(result_, "simulator") == (has_simulator ? benchmark.simulator : "") &&
+         TextOf(result_, "corruption") == (has_dataset ? benchmark.corruption : "") &&
+         (dataset == expected || (!expected.empty() && dataset == OfD4rl(expected)));
 }
 
 void Checker::CheckDataset() {
@@ -131,10 +164,7 @@ Result<PlannedRun> Checker::RunOfResult() const {
   run.suite = TextOf(result_, "suite");
   run.precision = TextOf(result_, "precision");
   run.seed = CountOf(result_, "seed").value_or(0);
-  // Without its version: "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
-  const std::string dataset = TextOf(EntryOf(result_, "dataset"), "name");
-  const bool has_version = sources_.published->contains(dataset);
-  run.dataset = has_version ? dataset.substr(0, dataset.rfind("-v")) : dataset;
+  run.dataset = DatasetName();
   for (const Json& name : EntryOf(result_, "benchmarks")) {
     if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
   }

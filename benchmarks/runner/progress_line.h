@@ -15,7 +15,8 @@ class ProgressLine {
   ProgressLine& operator=(const ProgressLine&) = delete;
 
   void Message(const std::string& text);
-  // Draws the line anew; does nothing where stderr is not a terminal.
+  // Draws the line anew, as much of it as the terminal is wide; "" erases it. Does nothing where
+  // stderr is not a terminal.
   void Show(const std::string& text);
 
  private:

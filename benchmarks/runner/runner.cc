@@ -73,6 +73,7 @@ Result<RunnerSummary> Runner::Work() {
     Collect();
     poll(nullptr, 0, kJobPollMs);
   }
+  line_.Show("");
   summary_.interrupted = Interrupted();
   summary_.left = tasks_.size() - summary_.done - summary_.failed.size();
   return summary_;

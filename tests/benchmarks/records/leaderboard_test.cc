@@ -21,6 +21,7 @@ Json ResultOf(const std::string& algorithm, uint64_t seed, double score) {
           {"source", "own"},
           {"score", score},
           {"return", score * 10},
+          {"returns", std::vector<double>(10, score * 10)},
           {"seed", seed},
           {"updates", 100},
           {"finished", true},
@@ -85,7 +86,9 @@ TEST_CASE("Rows of different data, precisions or scorers are no entry") {
   const std::pair<const char*, Json> changes[] = {{"/precision", "bf16"},
                                                   {"/source", "self-scored"},
                                                   {"/dataset/columns_sha256", "bb"},
-                                                  {"/seed", 0}};
+                                                  {"/returns", {1, 2, 3}},
+                                                  {"/seed", 0},
+                                                  {"/seed", 7}};
   for (const auto& [key, value] : changes) {
     CAPTURE(key);
     Results results;
@@ -96,6 +99,24 @@ TEST_CASE("Rows of different data, precisions or scorers are no entry") {
     }
     CHECK(results.Rows()[0].ends_with(",no"));
   }
+}
+
+TEST_CASE("Results on other rows are a row of their own") {
+  Results results;
+  results.Add(ResultOf("mine", 0, 10));
+  Json other = ResultOf("mine", 1, 20);
+  other["dataset"]["columns_sha256"] = "bb";
+  results.Add(other);
+  const auto rows = results.Rows();
+  REQUIRE(rows.size() == 4);
+  CHECK(rows[0].starts_with("E/a,mine,,own,20.00,0.00,200.0,0.0,1,"));
+  CHECK(rows[1].starts_with("E/a,mine,,own,10.00,0.00,100.0,0.0,1,"));
+}
+
+TEST_CASE("A seed that was run twice makes no entry") {
+  Results results;
+  for (const uint64_t seed : {0, 1, 2, 2}) results.Add(ResultOf("mine", seed, 10));
+  CHECK(results.Rows()[0].ends_with(",no"));
 }
 
 TEST_CASE("Runs that have not finished, and files that are no results, have no row") {

@@ -87,6 +87,7 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/algorithm", "mine", "no algorithm of b4mrl"));
   CHECK(says("/dataset/columns_sha256", "00", "other rows than the published"));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/mediu", "is in no suite"));
+  CHECK(says("/benchmarks/0", "HalfCheetah/clean/medium-expert", "fills no cell of benchmark"));
   CHECK(says("/suite", "v9", "suite is 'v9'"));
   CHECK(says("/selection", "best", "selection is 'best'"));
   CHECK(says("/source", "hearsay", "allowed: own, user, self-scored"));
