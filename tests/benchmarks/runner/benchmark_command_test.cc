@@ -191,6 +191,9 @@ TEST_CASE("The index of a frozen plan chooses one run of it") {
   REQUIRE(suite.Results().size() == 1);
   const std::string second = plan["runs"][1]["id"];
   CHECK(suite.Results().begin()->first.find(second) != std::string::npos);
+  const Outcome out_of_time = Run(suite.Command({"--index", "0", "--hours", "0.00001"}));
+  CHECK(out_of_time.exit_code == 1);
+  CHECK(out_of_time.out.find("1 left") != std::string::npos);
   const Outcome beyond = Run(suite.Command({"--index", "2"}));
   CHECK(beyond.exit_code == 3);
   CHECK(beyond.err.find("0..1") != std::string::npos);
