@@ -96,6 +96,10 @@ Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
   const bool is_only = name.empty() && all.size() == 1;
   const std::string chosen(is_only ? all.begin()->first.str() : std::string_view(name));
   const toml::table* table = all[chosen].as_table();
+  if (table == nullptr && all.contains(chosen)) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{}: '{}' must be a table, [{}]", file, chosen, chosen));
+  }
   if (table == nullptr) {
     std::vector<std::string> names;
     for (const auto& [key, node] : all) names.emplace_back(key.str());

@@ -27,7 +27,12 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
   }
   B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
   std::vector<std::string> ids;
-  for (const auto& run : EntryOf(json, "runs")) ids.push_back(TextOf(run, "id"));
+  for (const auto& run : EntryOf(json, "runs")) {
+    ids.push_back(TextOf(run, "id"));
+    if (ids.back().empty()) {
+      return Status(StatusCode::kDataLoss, fmt::format("{} is no list of runs with ids", path));
+    }
+  }
   return ids;
 }
 

@@ -12,6 +12,7 @@
 namespace b4mrl {
 
 // Reads DIR/plan.json, the frozen list of the runs' ids, and writes it first if there is none.
+// kIoError; kDataLoss if the file is no such list.
 Result<std::vector<std::string>> FreezePlan(const std::string& folder,
                                             const std::vector<PlannedRun>& plan);
 // The run with this number in the frozen list. kInvalidArgument for another number;

@@ -51,6 +51,7 @@ TEST_CASE("Mistakes in a budget are refused by name") {
   };
   CHECK(says("[mine", "line 1"));
   CHECK(says("[other]\nrows = 1", "'mine'"));
+  CHECK(says("mine = 1", "'mine' must be a table"));
   CHECK(says("[mine]\nrows = 1", "mine: 'updates'"));
   CHECK(says("[mine]\nupdates = { sac = 0 }",
              "mine: 'updates.sac' must be an entry of a table of whole numbers"));

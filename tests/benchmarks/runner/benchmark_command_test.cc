@@ -200,6 +200,10 @@ TEST_CASE("The index of a frozen plan chooses one run of it") {
   const Outcome foreign = Run(suite.Command({"--index", "1", "--seeds", "5"}));
   CHECK(foreign.exit_code == 3);
   CHECK(foreign.err.find("belongs to another command") != std::string::npos);
+  WriteBytes(suite.Out() + "/plan.json", R"({"runs": [5]})");
+  const Outcome broken = Run(suite.Command({"--index", "0"}));
+  CHECK(broken.exit_code == 3);
+  CHECK(broken.err.find("is no list of runs") != std::string::npos);
 }
 
 TEST_CASE("What cannot be trained is named at the end and keeps nothing else back") {
