@@ -52,8 +52,10 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("pattern", choice.patterns,
                  "names of benchmarks, in which * stands for any text (b4mrl list benchmarks) "
                  "[every benchmark]");
-  app.add_option("--budget", budget, "smoke, small, paper or another of benchmarks/budgets.toml, or a file with one budget "
-                 "[small]");
+  app.add_option(
+      "--budget", budget,
+      "smoke, small, paper or another of benchmarks/budgets.toml, or a file with one budget "
+      "[small]");
   app.add_option("--algorithms", choice.algorithms, "algorithms to train [all of the budget]")
       ->delimiter(',');
   app.add_option("--seeds", choice.seeds, "seeds: \"0\", \"0..2\" [as many as the budget says]");
