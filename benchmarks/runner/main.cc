@@ -29,7 +29,8 @@
 namespace b4mrl {
 namespace {
 
-constexpr int kExitDone = 0, kExitFailed = 1, kExitBadUsage = 2, kExitBadInput = 3;
+constexpr int kExitDone = 0, kExitFailed = 1, kExitBadUsage = 2, kExitBadInput = 3,
+              kExitNoDaemon = 4;
 
 struct BenchmarkCommand {
   std::string budget = "small";
@@ -253,7 +254,15 @@ int Main(int argc, char** argv) {
   if (code.ok()) return *code;
   if (Interrupted()) return InterruptExitCode();
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
-  return code.status().code() == StatusCode::kUnknownName ? kExitBadUsage : kExitBadInput;
+  switch (code.status().code()) {
+    case StatusCode::kUnknownName:
+      return kExitBadUsage;
+    case StatusCode::kUnavailable:
+    case StatusCode::kDeadlineExceeded:
+      return kExitNoDaemon;
+    default:
+      return kExitBadInput;
+  }
 }
 
 }  // namespace

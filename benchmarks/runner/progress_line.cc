@@ -4,10 +4,22 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <string_view>
 
+#include "algorithms/base/progress.h"
+
 namespace b4mrl {
+
+std::string TextOf(const SuiteProgress& progress) {
+  const size_t begun = progress.done + progress.failed + progress.running;
+  return fmt::format("{} of {} runs done, {} running, {} left, {:.1f} runs an hour, {} left",
+                     progress.done, progress.runs, progress.running,
+                     progress.runs - std::min(progress.runs, begun),
+                     static_cast<double>(progress.done_meanwhile) / progress.hours,
+                     FormatDuration(progress.seconds_left));
+}
 
 ProgressLine::ProgressLine(bool quiet)
     : quiet_(quiet), terminal_(!quiet && isatty(STDERR_FILENO) == 1) {}

@@ -2,9 +2,19 @@
 // Thread rule: one thread.
 #pragma once
 
+#include <cstddef>
 #include <string>
 
 namespace b4mrl {
+
+// How far a suite is.
+struct SuiteProgress {
+  size_t done = 0, failed = 0, running = 0, runs = 0;
+  size_t done_meanwhile = 0;  // of `done`, in these hours
+  double hours = 0;
+  double seconds_left = 0;
+};
+std::string TextOf(const SuiteProgress& progress);
 
 class ProgressLine {
  public:

@@ -10,7 +10,6 @@
 #include <system_error>
 #include <utility>
 
-#include "algorithms/base/progress.h"
 #include "algorithms/run/run_result.h"
 #include "benchmarks/records/learned.h"
 #include "benchmarks/runner/evaluation_job.h"
@@ -74,13 +73,20 @@ Result<RunnerSummary> Runner::Work() {
     poll(nullptr, 0, kJobPollMs);
   }
   line_.Show("");
+  B4MRL_RETURN_IF_ERROR(lost_);
   summary_.interrupted = Interrupted();
   summary_.left = tasks_.size() - summary_.done - summary_.failed.size();
   return summary_;
 }
 
-// Whether the work ends now, to be resumed.
-bool Runner::Stops() const { return Interrupted() || (options_.hours > 0 && end_.expired()); }
+bool Runner::Stops() const {
+  return Interrupted() || !lost_.ok() || (options_.hours > 0 && end_.expired());
+}
+
+bool Runner::IsLost(const Status& status) {
+  if (status.recoverable() && !client_.ServerStatus().ok()) lost_ = status;
+  return !lost_.ok();
+}
 
 void Runner::LookAtResults() {
   for (Task& task : tasks_) {
@@ -102,17 +108,14 @@ bool Runner::FitsTheHours(const Task& task) const {
 }
 
 void Runner::ShowProgress() {
-  double seconds = 0;
-  for (const Task& task : tasks_) seconds += SecondsLeft(task);
-  const size_t ended = summary_.done + summary_.failed.size();
-  const size_t running =
-      std::ranges::count_if(active_, [](const Active& active) { return active.task.has_value(); });
-  const size_t left = tasks_.size() - std::min(tasks_.size(), ended + running);
-  const double hours = SecondsSince(start_) / 3600;
-  line_.Show(fmt::format("{} of {} runs done, {} running, {} left, {:.1f} runs an hour, {} left",
-                         summary_.done, tasks_.size(), running, left,
-                         static_cast<double>(summary_.done - done_before_) / hours,
-                         FormatDuration(seconds / options_.jobs)));
+  SuiteProgress progress = {.done = summary_.done,
+                            .failed = summary_.failed.size(),
+                            .runs = tasks_.size(),
+                            .done_meanwhile = summary_.done - done_before_,
+                            .hours = SecondsSince(start_) / 3600};
+  for (const Active& active : active_) progress.running += active.task ? 1 : 0;
+  for (const Task& task : tasks_) progress.seconds_left += SecondsLeft(task) / options_.jobs;
+  line_.Show(TextOf(progress));
 }
 
 uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const {
@@ -128,7 +131,7 @@ uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>&
 bool Runner::Begin(size_t number) {
   const Result<bool> begun = TryToBegin(number);
   if (begun.ok()) return *begun;
-  if (Stops()) return false;  // requests to the daemon end with the work
+  if (Stops() || IsLost(begun.status())) return false;  // requests end with the work
   Fail(tasks_[number], begun.status().message());
   return true;
 }
@@ -234,8 +237,7 @@ Result<bool> Runner::BeginDataset(const PlannedRun& run) {
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
   if (!claim.valid()) return false;
   std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
-  const std::vector<std::string> daemon = DaemonWords();
-  words.insert(words.end(), daemon.begin(), daemon.end());
+  for (const std::string& word : DaemonWords()) words.push_back(word);
   if (budget_.rows) {
     words.insert(words.end(), {"--rows", fmt::format("{}", *budget_.rows)});
   }
@@ -276,7 +278,7 @@ void Runner::Finish(Active& active, int exit_code) {
     waiting_.push_front(*active.task);  // to be scored, or found done
     return;
   }
-  if (Stops()) return;
+  if (Stops() || (!written.ok() && IsLost(written))) return;
   if (!written.ok()) return Fail(task, written.message());
   const auto state = ReadRunStatus(task.folder);
   if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {

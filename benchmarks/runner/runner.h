@@ -61,7 +61,8 @@ class Runner {
   Runner(const RunnerOptions& options, const Budget& budget, const std::vector<PlannedRun>& plan,
          Client& client);
 
-  // Makes the folders and works until nothing is left to do. An error is one of the folders.
+  // Makes the folders and works until nothing is left to do. An error is one of the folders, or
+  // kUnavailable: the daemon is gone.
   Result<RunnerSummary> Work();
 
  private:
@@ -85,7 +86,9 @@ class Runner {
     Clock::time_point start = Clock::now();
   };
 
-  bool Stops() const;
+  bool Stops() const;  // whether the work ends now, to be resumed
+  // Whether a request failed because the daemon is gone. Then the work ends, to be resumed.
+  bool IsLost(const Status& status);
   void LookAtResults();
   // Each starts a process, or finds that none is needed; false: the run has to wait.
   bool Begin(size_t number);  // a run that cannot be begun has failed
@@ -133,6 +136,7 @@ class Runner {
   std::map<std::string, std::string> failed_datasets_;  // reasons by name
   RunnerSummary summary_;
   Deadline end_;
+  Status lost_;  // of the daemon
   CostModel costs_;
   ProgressLine line_;
   size_t done_before_ = 0;  // runs that were done when the work began

@@ -1,9 +1,14 @@
 // A learner of the user's own trains in a suite, and its rows stand among the results.
+#include <fmt/format.h>
+
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -18,8 +23,11 @@ class UsersSuite {
     WriteBytes(suite_.File("budget.toml"),
                "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = 70\nupdates = { bc = 20 }\n");
   }
-  Outcome Train(const std::string& learner, const std::string& name = "mine") const {
-    return Run(suite_.Command({"--learner", learner, "--name", name}));
+  Outcome Train(const std::string& learner, const std::string& name = "mine",
+                const Words& more = {}) const {
+    Words words = {"--learner", learner, "--name", name};
+    words.insert(words.end(), more.begin(), more.end());
+    return Run(suite_.Command(words));
   }
   std::map<std::string, std::string> Results(bool with_agents = true) const {
     return suite_.Results(with_agents);
@@ -134,6 +142,23 @@ TEST_CASE("An agent that is not of the environment is refused, and its learner b
   INFO(right.out << right.err);
   CHECK(right.exit_code == 0);
   CHECK(suite.Results().size() == 2);
+}
+
+TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
+  const UsersSuite suite;
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  options.data_folder = suite.File("data");
+  REQUIRE(std::filesystem::create_directory(options.data_folder));
+  const PrivateDaemon daemon = Take(PrivateDaemon::Start(options));
+  const std::string kill = fmt::format(
+      "echo '{{\"returns\": [1]}}' > \"$B4MRL_OUT/returns.json\"; kill -9 {}", daemon.process_id());
+  const Outcome outcome =
+      suite.Train(kill, "mine", {"--jobs", "1", "--endpoint", daemon.endpoint()});
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 4);
+  CHECK(outcome.err.find("start ") == outcome.err.rfind("start "));  // the other run was not begun
+  CHECK(outcome.err.find("fail ") == std::string::npos);
 }
 
 }  // namespace
