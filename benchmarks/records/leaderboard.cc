@@ -55,13 +55,16 @@ struct Cell {
     return texts;
   }
   bool IsEntry() const {
-    std::set<uint64_t> seeds;
-    for (const Json* result : results) seeds.insert(CountOf(*result, "seed").value_or(0));
+    std::set<uint64_t> seeds, updates;
+    for (const Json* result : results) {
+      seeds.insert(CountOf(*result, "seed").value_or(0));
+      updates.insert(CountOf(*result, "updates").value_or(0));
+    }
     const bool has_episodes = std::ranges::all_of(results, [](const Json* result) {
       return EntryOf(*result, "returns").size() >= kEpisodesOfAnEntry;
     });
     return std::ranges::all_of(kSeedsOfAnEntry, [&](uint64_t s) { return seeds.contains(s); }) &&
-           seeds.size() == results.size() && has_episodes &&
+           seeds.size() == results.size() && updates.size() == 1 && has_episodes &&
            !Texts("source").contains("self-scored") && Texts("precision").size() == 1;
   }
 };

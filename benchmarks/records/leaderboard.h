@@ -3,7 +3,8 @@
 // Results of equal cells that were trained on the same rows are put together: their mean score, its
 // population standard deviation over the seeds, and what they used on average. `entry` says whether
 // a row meets the rules (benchmarks/RULES.md): seeds 0, 1 and 2, each seed once, ten episodes or
-// more, scored by B4MRL, in one precision. Equal results give equal bytes. Any thread.
+// more, equally many updates, scored by B4MRL, in one precision. Equal results give equal bytes.
+// Any thread.
 #pragma once
 
 #include <string>

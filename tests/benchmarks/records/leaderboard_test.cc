@@ -84,6 +84,7 @@ TEST_CASE("Seeds of a cell are averaged, and three of them are an entry") {
 
 TEST_CASE("Rows of different data, precisions or scorers are no entry") {
   const std::pair<const char*, Json> changes[] = {{"/precision", "bf16"},
+                                                  {"/updates", 50},
                                                   {"/source", "self-scored"},
                                                   {"/dataset/columns_sha256", "bb"},
                                                   {"/returns", {1, 2, 3}},
