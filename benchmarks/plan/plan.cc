@@ -22,22 +22,6 @@ constexpr size_t kMostNameCharacters = 40;  // of a user's learner
 // Hyperparameters that change no number of a run.
 constexpr std::string_view kWithoutEffect[] = {"ensemble-cache", "chunks-in-flight"};
 
-// Perturbations in parametric form: "hidden-high" of HalfCheetah is "hidden=9".
-Result<std::string> Parametric(const std::string& text, const std::string& environment,
-                               const pb::CatalogueReply& catalogue) {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(text));
-  for (NamedArgument& item : items) {
-    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
-      for (const pb::PresetInfo& preset : info.presets()) {
-        const bool is_meant = item.argument.empty() && preset.name() == item.name &&
-                              preset.environment() == environment;
-        if (is_meant) item = {info.name(), preset.argument()};
-      }
-    }
-  }
-  return FormatNamedArguments(items);
-}
-
 std::string IdOf(const Json& identity) {
   return Sha256OfText(identity.dump()).substr(0, kIdDigits);
 }
@@ -296,6 +280,21 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
 }
 
 }  // namespace
+
+Result<std::string> Parametric(const std::string& text, const std::string& environment,
+                               const pb::CatalogueReply& catalogue) {
+  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(text));
+  for (NamedArgument& item : items) {
+    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
+      for (const pb::PresetInfo& preset : info.presets()) {
+        const bool is_meant = item.argument.empty() && preset.name() == item.name &&
+                              preset.environment() == environment;
+        if (is_meant) item = {info.name(), preset.argument()};
+      }
+    }
+  }
+  return FormatNamedArguments(items);
+}
 
 Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
                                          const Budget& budget, const PlanChoice& choice,

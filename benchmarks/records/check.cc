@@ -34,6 +34,8 @@ class Checker {
  private:
   void CheckEntries();
   void CheckBenchmarks();
+  // Whether the perturbations of an entry are these, presets or not: "hidden-high" is "hidden=9".
+  bool IsSame(std::string_view key, const std::string& perturbations) const;
   // Whether the run of the result is one of the benchmark.
   bool Fills(const Benchmark& benchmark) const;
   std::string DatasetName() const;  // without its version
@@ -124,6 +126,13 @@ std::string Checker::DatasetName() const {
   return sources_.published->contains(name) ? name.substr(0, name.rfind("-v")) : name;
 }
 
+bool Checker::IsSame(std::string_view key, const std::string& perturbations) const {
+  const std::string environment = TextOf(result_, "environment");
+  const auto own = Parametric(TextOf(result_, key), environment, *sources_.plan.catalogue);
+  const auto other = Parametric(perturbations, environment, *sources_.plan.catalogue);
+  return own.ok() && other.ok() && *own == *other;
+}
+
 bool Checker::Fills(const Benchmark& benchmark) const {
   const std::string algorithm = TextOf(result_, "algorithm");
   const auto known =
@@ -136,9 +145,9 @@ bool Checker::Fills(const Benchmark& benchmark) const {
   const std::string dataset = DatasetName();
   return benchmark.DefinedFor(algorithm) &&
          TextOf(result_, "environment") == benchmark.environment &&
-         TextOf(result_, "world") == benchmark.world &&
-         TextOf(result_, "simulator") == (has_simulator ? benchmark.simulator : "") &&
-         TextOf(result_, "corruption") == (has_dataset ? benchmark.corruption : "") &&
+         IsSame("world", benchmark.world) &&
+         IsSame("simulator", has_simulator ? benchmark.simulator : "") &&
+         IsSame("corruption", has_dataset ? benchmark.corruption : "") &&
          (dataset == expected || (!expected.empty() && dataset == OfD4rl(expected)));
 }
 
