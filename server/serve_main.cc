@@ -1,4 +1,5 @@
 #include "server/serve_main.h"
+#include "proto/base/exit_codes.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/stubs/logging.h>

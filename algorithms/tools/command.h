@@ -12,19 +12,10 @@
 
 #include "client/client.h"
 #include "client/private_daemon.h"
+#include "proto/base/exit_codes.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
-
-enum ExitCode : int {
-  kExitDone = 0,
-  kExitFailed = 1,    // a bug in b4mrl, or a run that diverged
-  kExitBadUsage = 2,  // invalid options
-  kExitBadInput = 3,  // an input or output file or folder is unusable
-  kExitNoDaemon = 4,  // the daemon cannot be reached or does not answer
-  kExitRefused = 5,   // the daemon refused a request
-  kExitInterrupted = 130,
-};
 
 // An error of a command with the exit code that it causes.
 struct Failure {

@@ -6,10 +6,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -20,17 +18,16 @@
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/result_checks.h"
+#include "benchmarks/runner/run_folder.h"
 #include "benchmarks/runner/runner.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
+#include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr int kExitDone = 0, kExitFailed = 1, kExitBadUsage = 2, kExitBadInput = 3,
-              kExitNoDaemon = 4;
 
 struct BenchmarkCommand {
   std::string budget = "small";
@@ -132,9 +129,7 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   options.commit = B4MRL_COMMIT;
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
-    std::error_code error;
-    std::filesystem::create_directories(options.data_folder, error);
-    if (error) return IoError("make", options.data_folder, error.value());
+    B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
     B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start({.data_folder = options.data_folder}));
   }
   B4MRL_ASSIGN_OR_RETURN(Client client,

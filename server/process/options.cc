@@ -13,6 +13,7 @@
 
 #include "data/files/toml_file.h"
 #include "proto/base/count.h"
+#include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"

@@ -11,11 +11,6 @@
 
 namespace b4mrl {
 
-// Exit codes of all commands of the project.
-inline constexpr int kExitDone = 0;
-inline constexpr int kExitBadUsage = 2;
-inline constexpr int kExitBadInput = 3;
-
 struct ServeOptions {
   std::vector<std::string> binds;  // "tcp://HOST:PORT" or "ipc://PATH"; port 0 picks a free one
   uint32_t workers = 0;

@@ -1,4 +1,5 @@
 #include "server/supervisor/supervisor.h"
+#include "proto/base/exit_codes.h"
 
 #include <fmt/format.h>
 #include <poll.h>
