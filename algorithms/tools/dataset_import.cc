@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
@@ -16,6 +15,7 @@
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 #include "data/minari/minari_reader.h"
+#include "proto/base/lower_case.h"
 
 namespace b4mrl {
 namespace {
@@ -39,11 +39,6 @@ struct ImportCommand {
 struct D4rlFile {
   std::string path, dataset;
 };
-
-std::string LowerCase(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 // The files of `folder` that have a name of D4RL for one of the daemon's environments, by name.
 Result<std::vector<D4rlFile>> D4rlFilesIn(const std::string& folder, Client& client) {

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string_view>
@@ -11,6 +10,7 @@
 
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/list.h"
+#include "proto/base/lower_case.h"
 
 namespace b4mrl {
 namespace {
@@ -94,8 +94,7 @@ Status AddAllBenchmarks(const SuiteChoice& choice, const Budget& budget, const P
 }  // namespace
 
 std::string OfD4rl(const std::string& dataset) {
-  std::string name = dataset;
-  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::string name = LowerCase(dataset);
   std::ranges::replace(name, '/', '-');
   return fmt::format("d4rl/{}-v2", name);
 }

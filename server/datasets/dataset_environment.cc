@@ -2,22 +2,15 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <cctype>
 #include <string_view>
 
+#include "proto/base/lower_case.h"
 #include "server/environments/list.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr std::string_view kD4rlFolder = "d4rl/";
-
-std::string LowerCase(std::string_view text) {
-  std::string lower(text);
-  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
-}
 
 EnvironmentSpec UnnamedSpec(const std::string& environment, uint32_t observation_size,
                             uint32_t action_size) {
@@ -43,7 +36,7 @@ std::string EnvironmentOfName(const std::string& name) {
   const std::string rest = name.substr(is_d4rl ? kD4rlFolder.size() : 0);
   const std::string prefix = rest.substr(0, rest.find(is_d4rl ? '-' : '/'));
   for (const EnvironmentEntry& entry : EnvironmentList()) {
-    if ((is_d4rl ? LowerCase(entry.name) : std::string(entry.name)) == prefix) {
+    if ((is_d4rl ? LowerCase(std::string(entry.name)) : std::string(entry.name)) == prefix) {
       return std::string(entry.name);
     }
   }
