@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <numeric>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -14,6 +13,7 @@
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
@@ -215,8 +215,7 @@ void Checker::CheckIds(const std::string& file_name) {
 void Checker::CheckScores() {
   const auto returns = NumbersOf(result_, "returns");
   if (!returns || returns->empty()) return Fault("returns must be a list of numbers");
-  const double mean =
-      std::accumulate(returns->begin(), returns->end(), 0.0) / static_cast<double>(returns->size());
+  const double mean = MeanAndStdOf(*returns).mean;
   CheckNumber("return", mean);
   const auto environment = sources_.find_environment(TextOf(result_, "environment"));
   if (!environment.ok()) return Fault(environment.status().message());

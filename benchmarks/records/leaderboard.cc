@@ -3,17 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <filesystem>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <system_error>
 #include <utility>
 
 #include "benchmarks/records/json_file.h"
+#include "data/files/folder_listing.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
@@ -28,24 +28,15 @@ constexpr size_t kEpisodesOfAnEntry = 10;
 struct Cell {
   std::vector<const Json*> results;
 
-  // The mean over the results that have the number; nothing where one lacks it.
-  std::optional<double> Mean(std::string_view key, std::string_view inside = "") const {
-    double sum = 0;
+  // The number's mean and deviation over the results; nothing where one lacks it.
+  std::optional<MeanAndStd> Figures(std::string_view key, std::string_view inside = "") const {
+    std::vector<double> values;
     for (const Json* result : results) {
       const auto number = NumberOf(inside.empty() ? *result : EntryOf(*result, inside), key);
       if (!number) return std::nullopt;
-      sum += *number;
+      values.push_back(*number);
     }
-    return sum / static_cast<double>(results.size());
-  }
-  double Deviation(std::string_view key) const {
-    const double mean = Mean(key).value_or(0);
-    double squares = 0;
-    for (const Json* result : results) {
-      const double difference = NumberOf(*result, key).value_or(mean) - mean;
-      squares += difference * difference;
-    }
-    return std::sqrt(squares / static_cast<double>(results.size()));
+    return MeanAndStdOf(values);
   }
   std::set<std::string> Texts(std::string_view key, std::string_view inside = "") const {
     std::set<std::string> texts;
@@ -73,38 +64,36 @@ std::string Joined(const std::set<std::string>& texts) {
   return fmt::format("{}", fmt::join(texts, "+"));
 }
 
-std::string Shown(const std::optional<double>& number, int digits) {
-  return number ? fmt::format("{:.{}f}", *number, digits) : "";
+std::string Mean(const std::optional<MeanAndStd>& figures, int digits) {
+  return figures ? fmt::format("{:.{}f}", figures->mean, digits) : "";
+}
+
+std::string Deviation(const std::optional<MeanAndStd>& figures, int digits) {
+  return figures ? fmt::format("{:.{}f}", figures->std, digits) : "";
 }
 
 std::string RowOf(const std::string& benchmark, const Cell& cell) {
-  const bool has_score = cell.Mean("score").has_value();
+  const auto score = cell.Figures("score"), episode_return = cell.Figures("return");
   const bool all_settled = std::ranges::all_of(
       cell.results, [](const Json* result) { return IsTrue(*result, "settled"); });
-  const auto seconds = cell.Mean("seconds");
+  auto hours = cell.Figures("seconds");
+  if (hours) hours->mean /= 3600;
   return fmt::format(
       "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
       Joined(cell.Texts("algorithm")), Joined(cell.Texts("recipe")), Joined(cell.Texts("source")),
-      Shown(cell.Mean("score"), 2), has_score ? Shown(cell.Deviation("score"), 2) : "",
-      Shown(cell.Mean("return"), 1), Shown(cell.Deviation("return"), 1), cell.results.size(),
-      Shown(cell.Mean("updates"), 0), all_settled ? "yes" : "no", Joined(cell.Texts("precision")),
-      Shown(seconds ? std::optional(*seconds / 3600) : std::nullopt, 2),
-      Shown(cell.Mean("simulator_steps", "ledger"), 0), Shown(cell.Mean("query_rows", "ledger"), 0),
-      Shown(cell.Mean("dataset_rows", "ledger"), 0), cell.IsEntry() ? "yes" : "no");
+      Mean(score, 2), Deviation(score, 2), Mean(episode_return, 1), Deviation(episode_return, 1),
+      cell.results.size(), Mean(cell.Figures("updates"), 0), all_settled ? "yes" : "no",
+      Joined(cell.Texts("precision")), Mean(hours, 2),
+      Mean(cell.Figures("simulator_steps", "ledger"), 0),
+      Mean(cell.Figures("query_rows", "ledger"), 0),
+      Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry() ? "yes" : "no");
 }
 
 }  // namespace
 
 Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks) {
-  std::vector<std::string> files;
-  std::error_code error;
-  for (std::filesystem::directory_iterator entry(results_folder, error), end;
-       !error && entry != end; entry.increment(error)) {
-    if (entry->path().extension() == ".json") files.push_back(entry->path());
-  }
-  if (error) return IoError("list", results_folder, error.value());
-  std::ranges::sort(files);
+  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(results_folder, ".json"));
   std::vector<Json> results;
   for (const std::string& file : files) {
     auto json = ReadJsonObject(file);
@@ -127,8 +116,8 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     if (found == cells.end()) continue;
     std::vector<const Cell*> ranked;
     for (const auto& [id, cell] : found->second) ranked.push_back(&cell);
-    std::ranges::stable_sort(ranked, [](const Cell* one, const Cell* other) {
-      return one->Mean("return").value_or(0) > other->Mean("return").value_or(0);
+    std::ranges::stable_sort(ranked, std::ranges::greater(), [](const Cell* cell) {
+      return cell->Figures("return").value_or(MeanAndStd()).mean;
     });
     for (const Cell* cell : ranked) csv += RowOf(benchmark.name, *cell);
   }

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 #include <filesystem>
 #include <string_view>
 #include <system_error>
@@ -12,6 +11,7 @@
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "proto/base/cores.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
@@ -45,18 +45,12 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
     if (!updates) return NotUnderstood(path, "an object with a whole number as \"updates\"");
     (*learned)["updates"] = *updates;
   }
-  double sum = 0, squares = 0;
-  for (const double each : *returns) {
-    sum += each;
-    squares += each * each;
-  }
-  const auto count = static_cast<double>(returns->size());
-  const double mean = sum / count;
-  const auto score = environment.NormalisedScore(mean);
+  const MeanAndStd figures = MeanAndStdOf(*returns);
+  const auto score = environment.NormalisedScore(figures.mean);
   learned->update({{"source", "self-scored"},
                    {"returns", *returns},
-                   {"mean_return", mean},
-                   {"std_return", std::sqrt(std::max(squares / count - mean * mean, 0.0))},
+                   {"mean_return", figures.mean},
+                   {"std_return", figures.std},
                    {"score", score ? Json(*score) : Json()}});
   return Status();
 }

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <poll.h>
 
-#include <algorithm>
 #include <deque>
 #include <filesystem>
 #include <list>
@@ -16,6 +15,7 @@
 #include "benchmarks/runner/job_queue.h"
 #include "client/interrupt.h"
 #include "data/files/file_hash.h"
+#include "data/files/folder_listing.h"
 #include "proto/base/child_program.h"
 
 namespace b4mrl {
@@ -29,15 +29,7 @@ Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) return std::vector{path};
   const std::string inside = path + "/results";
-  const std::string folder = fs::is_directory(inside, error) ? inside : path;
-  std::vector<std::string> files;
-  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
-    if (entry->path().extension() == ".json") files.push_back(entry->path());
-  }
-  if (error) return IoError("list", folder, error.value());
-  std::ranges::sort(files);
-  return files;
+  return FilesIn(fs::is_directory(inside, error) ? inside : path, ".json");
 }
 
 // Paths of agents by their hashes.

@@ -13,6 +13,7 @@
 
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
+#include "data/files/folder_listing.h"
 #include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
 
@@ -28,9 +29,9 @@ Status CheckName(const std::string& text) {
                              std::string_view("-_=.,+").find(c) != std::string_view::npos;
                     });
   if (fits) return Status();
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("at most {} letters, digits and characters of \"-_=.,+\"",
-                            kMaxBenchmarkText));
+  return Status(
+      StatusCode::kInvalidArgument,
+      fmt::format("at most {} letters, digits and characters of \"-_=.,+\"", kMaxBenchmarkText));
 }
 
 std::string Joined(std::initializer_list<std::string_view> parts) {
@@ -122,19 +123,6 @@ Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
   return Status();
 }
 
-// The files of a folder with this ending, by name.
-Result<std::vector<std::string>> FilesOf(const std::string& folder, std::string_view ending) {
-  std::vector<std::string> paths;
-  std::error_code error;
-  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
-    if (entry->path().extension() == ending) paths.push_back(entry->path());
-  }
-  if (error) return IoError("list", folder, error.value());
-  std::ranges::sort(paths);
-  return paths;
-}
-
 }  // namespace
 
 std::string DefaultSuitesFolder() {
@@ -172,7 +160,7 @@ Result<std::vector<Benchmark>> ReadSuites(const std::vector<std::string>& folder
   std::vector<Benchmark> benchmarks;
   for (const std::string& folder : folders) {
     if (folder.empty()) continue;
-    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesOf(folder, ".toml"));
+    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(folder, ".toml"));
     for (const std::string& file : files) {
       B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(file, kMaxFileBytes));
       B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> found, ParseSuite(text, file));
@@ -187,7 +175,7 @@ Result<std::vector<Benchmark>> ReadSuites(const std::vector<std::string>& folder
   B4MRL_RETURN_IF_ERROR(CheckNames(benchmarks));
   for (const std::string& folder : folders) {
     if (folder.empty()) continue;
-    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesOf(folder, ".csv"));
+    B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(folder, ".csv"));
     for (const std::string& file : files) B4MRL_RETURN_IF_ERROR(AddScores(file, &benchmarks));
   }
   return benchmarks;

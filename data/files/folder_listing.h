@@ -1,0 +1,16 @@
+// The files of a folder. Any thread.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Paths of the folder's entries whose names have this extension (".json"), sorted. kIoError if the
+// folder cannot be listed.
+Result<std::vector<std::string>> FilesIn(const std::string& folder, std::string_view extension);
+
+}  // namespace b4mrl
