@@ -40,12 +40,14 @@ class Planner {
   Status SetUsersIds(PlannedRun* run);
 
  private:
+  // A run of all that a benchmark has, without what it trains.
+  static PlannedRun RunOf(const Benchmark& benchmark, uint64_t seed);
   // The run as the user would write it, with what its algorithm does not use left out.
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
-  // What the run sees and where it is scored, spelled out.
-  Result<Json> ConditionsOf(const PlannedRun& run);
+  // What the run sees and where it is scored, spelled out; sets what follows from it.
+  Result<Json> Describe(bool is_users, PlannedRun* run);
   Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
-  Status SetScorings(const Json& identity, bool is_users, PlannedRun* run) const;
+  Status SetScorings(const Json& conditions, bool is_users, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
   const Budget& budget_;
@@ -69,16 +71,9 @@ std::string NameOf(const PlannedRun& run, const LearnerNeeds& needs) {
 
 Status Planner::AddUsersRun(const Benchmark& benchmark, const UsersLearner& learner,
                             uint64_t seed) {
-  PlannedRun run;
+  PlannedRun run = RunOf(benchmark, seed);
   run.learner = learner.command;
   run.algorithm = learner.name;
-  run.environment = benchmark.environment;
-  run.simulator = benchmark.simulator;
-  run.dataset = benchmark.dataset;
-  run.corruption = benchmark.corruption;
-  run.world = benchmark.world;
-  run.suite = benchmark.suite;
-  run.seed = seed;
   run.updates = *budget_.learner_updates;
   run.benchmarks = {benchmark.name};
   B4MRL_RETURN_IF_ERROR(SetUsersIds(&run));
@@ -87,10 +82,7 @@ Status Planner::AddUsersRun(const Benchmark& benchmark, const UsersLearner& lear
 }
 
 Status Planner::SetUsersIds(PlannedRun* run) {
-  B4MRL_ASSIGN_OR_RETURN(const Json conditions, ConditionsOf(*run));
-  run->full_dataset = run->dataset;
-  if (!run->dataset.empty()) run->full_dataset = conditions["dataset"].value("name", run->dataset);
-  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, true, run));
+  B4MRL_ASSIGN_OR_RETURN(const Json conditions, Describe(true, run));
   const Json& dataset = conditions["dataset"];
   Json identity = {{"algorithm", run->algorithm},
                    {"benchmark", run->benchmarks.front()},
@@ -112,20 +104,28 @@ Status Planner::Add(const Benchmark& benchmark, const Algorithm& algorithm, uint
   return Status();
 }
 
+PlannedRun Planner::RunOf(const Benchmark& benchmark, uint64_t seed) {
+  PlannedRun run;
+  run.environment = benchmark.environment;
+  run.simulator = benchmark.simulator;
+  run.dataset = benchmark.dataset;
+  run.corruption = benchmark.corruption;
+  run.world = benchmark.world;
+  run.suite = benchmark.suite;
+  run.seed = seed;
+  return run;
+}
+
 Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& algorithm,
                                   uint64_t seed) {
-  PlannedRun run;
+  PlannedRun run = RunOf(benchmark, seed);
   run.algorithm = algorithm.name;
-  run.environment = benchmark.environment;
-  run.world = benchmark.world;
-  run.seed = seed;
-  run.suite = benchmark.suite;
   run.precision = budget_.PrecisionOf(run.algorithm);
   run.recipe = budget_.RecipeOf(run.algorithm);
-  if (algorithm.needs.simulator) run.simulator = benchmark.simulator;
-  if (algorithm.needs.dataset) {
-    run.dataset = benchmark.dataset;
-    run.corruption = benchmark.corruption;
+  if (!algorithm.needs.simulator) run.simulator.clear();
+  if (!algorithm.needs.dataset) {
+    run.dataset.clear();
+    run.corruption.clear();
   }
   B4MRL_RETURN_IF_ERROR(SetBudget(benchmark, &run));
   B4MRL_RETURN_IF_ERROR(SetIds(algorithm, &run).WithContext(benchmark.name));
@@ -166,11 +166,11 @@ Result<Json> Planner::DescribeDataset(const std::string& name) {
 }
 
 // A learner sees its data as they are served or, without data, its simulator's observations.
-Status Planner::SetScorings(const Json& identity, bool is_users, PlannedRun* run) const {
+Status Planner::SetScorings(const Json& conditions, bool is_users, PlannedRun* run) const {
   const char* seen = run->dataset.empty() ? "simulator" : "corruption";
-  B4MRL_ASSIGN_OR_RETURN(auto items, ParseNamedArguments(identity[seen].get<std::string>()));
+  B4MRL_ASSIGN_OR_RETURN(auto items, ParseNamedArguments(conditions[seen].get<std::string>()));
   // What the behaviour policy did not see is hidden in its data.
-  const Json& dataset = identity["dataset"];
+  const Json& dataset = conditions["dataset"];
   if (dataset.contains("simulator")) {
     B4MRL_ASSIGN_OR_RETURN(
         const std::string recorded,
@@ -196,17 +196,20 @@ Status Planner::SetScorings(const Json& identity, bool is_users, PlannedRun* run
   return Status();
 }
 
-Result<Json> Planner::ConditionsOf(const PlannedRun& run) {
-  Json conditions = {{"environment", run.environment}, {"dataset", nullptr}};
+Result<Json> Planner::Describe(bool is_users, PlannedRun* run) {
+  Json conditions = {{"environment", run->environment}, {"dataset", nullptr}};
   for (const auto& [key, text] :
-       {std::pair{"simulator", &run.simulator}, std::pair{"corruption", &run.corruption},
-        std::pair{"world", &run.world}}) {
+       {std::pair{"simulator", &run->simulator}, std::pair{"corruption", &run->corruption},
+        std::pair{"world", &run->world}}) {
     B4MRL_ASSIGN_OR_RETURN(conditions[key],
-                           Parametric(*text, run.environment, *sources_.catalogue));
+                           Parametric(*text, run->environment, *sources_.catalogue));
   }
-  if (!run.dataset.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(conditions["dataset"], DescribeDataset(run.dataset));
+  run->full_dataset.clear();
+  if (!run->dataset.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(conditions["dataset"], DescribeDataset(run->dataset));
+    run->full_dataset = conditions["dataset"].value("name", run->dataset);
   }
+  B4MRL_RETURN_IF_ERROR(SetScorings(conditions, is_users, run));
   return conditions;
 }
 
@@ -215,7 +218,7 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   for (const auto& [name, value] : run->hyperparameters) {
     B4MRL_RETURN_IF_ERROR(resolved.Set(name, value));
   }
-  B4MRL_ASSIGN_OR_RETURN(Json identity, ConditionsOf(*run));
+  B4MRL_ASSIGN_OR_RETURN(Json identity, Describe(false, run));
   identity["algorithm"] = run->algorithm;
   identity["transitions"] = "stored";
   identity["history"] = 1;
@@ -225,8 +228,6 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
     if (std::ranges::count(kWithoutEffect, entry.name) > 0) continue;
     identity["hyperparameters"][std::string(entry.name)] = entry.value;
   }
-  if (!run->dataset.empty()) run->full_dataset = identity["dataset"].value("name", run->dataset);
-  B4MRL_RETURN_IF_ERROR(SetScorings(identity, false, run));
   run->cell_id = IdOf(identity);
   identity["seed"] = run->seed;
   identity["precision"] = run->precision;
@@ -304,16 +305,14 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
   Planner planner(budget, sources);
   if (choice.learner) {
     B4MRL_RETURN_IF_ERROR(CheckLearner(*choice.learner, budget, sources.algorithms));
-    for (const uint64_t seed : choice.seeds) {
-      for (const Benchmark& benchmark : benchmarks) {
-        if (!benchmark.DefinedFor(choice.learner->name)) continue;
-        B4MRL_RETURN_IF_ERROR(planner.AddUsersRun(benchmark, *choice.learner, seed));
-      }
-    }
-    return planner.Take();
   }
   for (const uint64_t seed : choice.seeds) {
     for (const Benchmark& benchmark : benchmarks) {
+      if (choice.learner) {
+        if (!benchmark.DefinedFor(choice.learner->name)) continue;
+        B4MRL_RETURN_IF_ERROR(planner.AddUsersRun(benchmark, *choice.learner, seed));
+        continue;
+      }
       for (const Algorithm* algorithm : algorithms) {
         const bool has_data = !algorithm->needs.dataset || !benchmark.dataset.empty();
         if (!has_data || !benchmark.DefinedFor(algorithm->name)) continue;

@@ -59,6 +59,8 @@ struct PlannedRun {
   std::string name;                     // "HalfCheetah-hymopo-gravity-medium-expert+hidden-high-s0"
   std::vector<std::string> benchmarks;  // of the plan, whose cells it fills
   std::vector<std::string> all_benchmarks;  // whose cells it fills, those of no plan as well
+
+  bool is_users() const { return !learner.empty(); }
 };
 
 // What a plan asks of the rest of the program.

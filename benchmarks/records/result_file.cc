@@ -184,9 +184,8 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                      const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
                      const std::string& results_folder) {
   const std::string path = ResultPath(results_folder, run);
-  B4MRL_ASSIGN_OR_RETURN(const RunOutcome outcome, run.learner.empty()
-                                                       ? OutcomeOfTraining(run_folder)
-                                                       : OutcomeOfLearner(run_folder));
+  B4MRL_ASSIGN_OR_RETURN(const RunOutcome outcome, run.is_users() ? OutcomeOfLearner(run_folder)
+                                                                  : OutcomeOfTraining(run_folder));
   const Curve& curve = outcome.curve;
   B4MRL_ASSIGN_OR_RETURN(const auto before, ReadResult(path));
   if (curve.empty() || (before && before->updates > curve.back().updates)) return Status();
@@ -213,8 +212,8 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
   return WriteSmallFile(path, LinesOf(json));
 }
 
-bool RunResult::HasReached(uint64_t target) const {
-  return updates > target || (finished && updates >= target);
+bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
+  return run.is_users() ? finished : updates > target || (finished && updates >= target);
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {

@@ -56,9 +56,10 @@ struct RunResult {
   std::string agent_sha256;        // of the agent's file; "": there was none
   std::set<std::string> scorings;  // names of the further evaluations that it holds
 
-  // Whether training for so many updates has ended. A run that was told to do more and is under
-  // way has reached what it has passed.
-  bool HasReached(uint64_t target) const;
+  // Whether the run, which is to do so many updates, has done them. One that was told to do more
+  // and is under way has done those that it has passed. A learner of the user's own decides itself
+  // when it has finished.
+  bool IsDone(const PlannedRun& run, uint64_t target) const;
 };
 
 // DIR/<name>-<id>.json.

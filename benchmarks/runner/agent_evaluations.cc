@@ -14,6 +14,7 @@
 
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
+#include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
@@ -78,9 +79,7 @@ class Evaluations {
 Result<AgentEvaluationSummary> Evaluations::Work() {
   B4MRL_ASSIGN_OR_RETURN(const auto agents, AgentsIn(options_.folder));
   const std::string folder = options_.folder + "/evaluations";
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) return IoError("make", folder, error.value());
+  B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   for (const auto& [hash, path] : agents) {
     waiting_.push_back(
         {path, fmt::format("{}/{}-e{}-s{}.json", folder, hash, options_.episodes, options_.seed)});

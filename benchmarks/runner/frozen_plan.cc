@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/runner/run_folder.h"
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
@@ -15,9 +16,8 @@ namespace b4mrl {
 Result<std::vector<std::string>> FreezePlan(const std::string& folder,
                                             const std::vector<PlannedRun>& plan) {
   const std::string path = folder + "/plan.json";
+  B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) return IoError("make", folder, error.value());
   if (!std::filesystem::exists(path, error)) {
     nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
     for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});

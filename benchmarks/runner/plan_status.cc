@@ -9,14 +9,6 @@
 #include "benchmarks/runner/cost.h"
 
 namespace b4mrl {
-namespace {
-
-bool IsDone(const PlannedRun& run, const std::optional<RunResult>& result) {
-  if (!result) return false;
-  return run.learner.empty() ? result->HasReached(run.updates) : result->finished;
-}
-
-}  // namespace
 
 PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& results_folder) {
   PlanStatus status;
@@ -30,7 +22,7 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& resu
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
     const std::optional<RunResult>& result = status.results[i];
-    const bool is_done = IsDone(run, result);
+    const bool is_done = result && result->IsDone(run, run.updates);
     status.done += is_done ? 1 : 0;
     status.begun += result && !is_done ? 1 : 0;
     status.cells += run.benchmarks.size();
@@ -82,7 +74,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"benchmarks", run.benchmarks},
                     {"planned_updates", run.updates},
                     {"updates", result ? result->updates : 0},
-                    {"done", IsDone(run, result)},
+                    {"done", result && result->IsDone(run, run.updates)},
                     {"score", result && result->score ? Json(*result->score) : Json()},
                     {"return", result ? Json(result->mean_return) : Json()},
                     {"seconds", result ? result->seconds : 0}});

@@ -119,7 +119,7 @@ void Runner::ShowProgress() {
 }
 
 uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const {
-  const bool goes_on = options_.until_settled > 0 && run.learner.empty();
+  const bool goes_on = options_.until_settled > 0 && !run.is_users();
   if (!goes_on || !result || result->updates < run.updates) return run.updates;
   // As often as it was told to train for its updates until now, and once more if it has not
   // settled.
@@ -146,7 +146,7 @@ Result<bool> Runner::TryToBegin(size_t number) {
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
   task.target = TargetOf(run, result);
   if (result) task.updates = result->updates;
-  if (result && IsDone(task, *result)) {
+  if (result && result->IsDone(run, task.target)) {
     // Where the result's agent is not left, the result stays as it is.
     if (const auto agent = Sha256OfFile(task.folder + "/agent.h5");
         agent.ok() && *agent == result->agent_sha256) {
@@ -180,8 +180,8 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
     if (!dataset) return BeginDataset(run);
   }
-  if (run.learner.empty() || !HasLearned(task.folder)) RemoveScorings(run, task.folder);
-  if (run.learner.empty()) {
+  if (!run.is_users() || !HasLearned(task.folder)) RemoveScorings(run, task.folder);
+  if (!run.is_users()) {
     // The learner of a killed runner may still be about to end.
     if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
     B4MRL_ASSIGN_OR_RETURN(
@@ -308,22 +308,16 @@ void Runner::FailDiverged(Task& task, const RunStatus& state) {
 Status Runner::KeepWork(Active& active) {
   const Task& task = tasks_[*active.task];
   if (active.scoring) return KeepEvaluation(ScoringPath(task.folder, *active.scoring));
-  return task.run->learner.empty() ? Status() : KeepUsersWork(active);
+  return task.run->is_users() ? KeepUsersWork(active) : Status();
 }
 
 bool Runner::HasBrought(const Active& active) const {
   const Task& task = tasks_[*active.task];
-  const bool is_users = !task.run->learner.empty();
-  if (is_users && !active.scoring) return HasLearned(task.folder);
+  if (task.run->is_users() && !active.scoring) return HasLearned(task.folder);
   const auto result = ReadResult(ResultPath(options_.results, *task.run));
-  if (!result.ok() || !*result || !IsDone(task, **result)) return false;
+  if (!result.ok() || !*result || !(*result)->IsDone(*task.run, task.target)) return false;
   const bool is_further = active.scoring && active.scoring->name != kOwnScoring;
   return !is_further || (*result)->scorings.contains(active.scoring->name);
-}
-
-// A learner of the user's own decides itself when it has finished.
-bool Runner::IsDone(const Task& task, const RunResult& result) {
-  return task.run->learner.empty() ? result.HasReached(task.target) : result.finished;
 }
 
 Status Runner::KeepUsersWork(Active& active) {
@@ -342,7 +336,7 @@ Status Runner::KeepUsersWork(Active& active) {
 void Runner::WriteResults() {
   for (Active& active : active_) {
     if (!active.task || active.scoring || !tasks_[*active.task].refused.empty()) continue;
-    if (!tasks_[*active.task].run->learner.empty()) continue;  // it has a result when it ends
+    if (tasks_[*active.task].run->is_users()) continue;  // it has a result when it ends
     if (Status status = WriteResult(tasks_[*active.task]); !status.ok()) Say(status.message());
     if (!tasks_[*active.task].refused.empty()) active.job.Stop();
   }
@@ -350,7 +344,7 @@ void Runner::WriteResults() {
 
 Status Runner::WriteResult(Task& task) {
   std::error_code error;
-  const bool is_users = !task.run->learner.empty();
+  const bool is_users = task.run->is_users();
   const uint64_t bytes = is_users ? 0 : fs::file_size(task.folder + "/progress.csv", error);
   if (error) return Status();  // nothing was logged yet
   const auto state = ReadRunStatus(task.folder);

@@ -102,7 +102,6 @@ class Runner {
   // Updates for which the run of this result is to be trained.
   uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
   // Whether the result says that nothing is left to train.
-  static bool IsDone(const Task& task, const RunResult& result);
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;

@@ -155,11 +155,19 @@ TEST_CASE("Lines of a log that are no evaluation are passed over") {
   CHECK(json["ledger"]["dataset_rows"].is_null());
 }
 
-TEST_CASE("A run has reached what it was told to do, or has passed") {
-  CHECK(RunResult{.finished = true, .updates = 100}.HasReached(100));
-  CHECK_FALSE(RunResult{.finished = false, .updates = 100}.HasReached(100));
-  CHECK(RunResult{.finished = false, .updates = 101}.HasReached(100));
-  CHECK_FALSE(RunResult{.finished = true, .updates = 99}.HasReached(100));
+TEST_CASE("A run is done with the updates that it was told to do, or has passed") {
+  const PlannedRun run;
+  CHECK(RunResult{.finished = true, .updates = 100}.IsDone(run, 100));
+  CHECK_FALSE(RunResult{.finished = false, .updates = 100}.IsDone(run, 100));
+  CHECK(RunResult{.finished = false, .updates = 101}.IsDone(run, 100));
+  CHECK_FALSE(RunResult{.finished = true, .updates = 99}.IsDone(run, 100));
+}
+
+TEST_CASE("A run of a user's learner is done when the learner says so") {
+  PlannedRun run;
+  run.learner = "python my.py";
+  CHECK(RunResult{.finished = true, .updates = 7}.IsDone(run, 100));
+  CHECK_FALSE(RunResult{.finished = false, .updates = 200}.IsDone(run, 100));
 }
 
 }  // namespace
