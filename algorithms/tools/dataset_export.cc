@@ -163,7 +163,8 @@ MinariDescription DescribeForMinari(Client& client, const RemoteDataset& dataset
     description.reference_max = environment->reference_max;
   }
   // Files with a licence are those that `b4mrl dataset make` wrote.
-  if (!source.provenance().license().empty()) description.author = "The B4MRL authors";
+  if (!source.provenance().license().empty())
+    description.author = "The b4mrl server's contributors";
   description.source = {
       {"source", source.info().name()},
       {"source_sha256", source.info().sha256()},
