@@ -15,40 +15,6 @@ constexpr int kSamples = 4;       // multisampling: samples a pixel
 // MuJoCo's own default of 4096 makes each picture 8 ms slower and looks the same.
 constexpr int kShadowSize = 2048;
 
-// The process's OpenGL context. Pictures are drawn into a framebuffer object of each renderer; the
-// context's own framebuffer is too small to matter.
-class OffscreenContext {
- public:
-  static Status MakeCurrent() {
-    static OffscreenContext context;
-    return context.status_;
-  }
-
- private:
-  OffscreenContext() {
-    constexpr std::array<int, 9> kAttributes = {OSMESA_FORMAT,
-                                                OSMESA_RGBA,
-                                                OSMESA_DEPTH_BITS,
-                                                24,
-                                                OSMESA_STENCIL_BITS,
-                                                8,
-                                                OSMESA_PROFILE,
-                                                OSMESA_COMPAT_PROFILE,
-                                                0};
-    context_ = OSMesaCreateContextAttribs(kAttributes.data(), nullptr);
-    if (context_ == nullptr || OSMesaMakeCurrent(context_, own_frame_.data(), GL_UNSIGNED_BYTE,
-                                                 kOwnSide, kOwnSide) != GL_TRUE) {
-      status_ = Status(StatusCode::kUnsupported, "Mesa gives no off-screen OpenGL context");
-    }
-  }
-  ~OffscreenContext() { OSMesaDestroyContext(context_); }
-
-  static constexpr int kOwnSide = 16;
-  std::array<uint8_t, 4 * kOwnSide * kOwnSide> own_frame_{};
-  OSMesaContext context_ = nullptr;
-  Status status_;
-};
-
 mjvCamera CameraOf(const mjModel& model) {
   mjvCamera camera;
   mjv_defaultCamera(&camera);
@@ -68,20 +34,54 @@ mjvCamera CameraOf(const mjModel& model) {
 
 }  // namespace
 
+// An OpenGL context. Pictures are drawn into a framebuffer object of the renderer; the context's
+// own framebuffer is too small to matter.
+class SceneRenderer::OffscreenContext {
+ public:
+  OffscreenContext() {
+    constexpr std::array<int, 9> kAttributes = {OSMESA_FORMAT,
+                                                OSMESA_RGBA,
+                                                OSMESA_DEPTH_BITS,
+                                                24,
+                                                OSMESA_STENCIL_BITS,
+                                                8,
+                                                OSMESA_PROFILE,
+                                                OSMESA_COMPAT_PROFILE,
+                                                0};
+    context_ = OSMesaCreateContextAttribs(kAttributes.data(), nullptr);
+  }
+  ~OffscreenContext() {
+    if (context_ != nullptr) OSMesaDestroyContext(context_);
+  }
+  OffscreenContext(const OffscreenContext&) = delete;
+  OffscreenContext& operator=(const OffscreenContext&) = delete;
+
+  // False where Mesa gives no context.
+  bool MakeCurrent() {
+    return context_ != nullptr && OSMesaMakeCurrent(context_, own_frame_.data(), GL_UNSIGNED_BYTE,
+                                                    kOwnSide, kOwnSide) == GL_TRUE;
+  }
+
+ private:
+  static constexpr int kOwnSide = 16;
+  std::array<uint8_t, 4 * kOwnSide * kOwnSide> own_frame_{};
+  OSMesaContext context_ = nullptr;
+};
+
 SceneRenderer::SceneRenderer(uint32_t width, uint32_t height)
-    : viewport_{0, 0, static_cast<int>(width), static_cast<int>(height)} {
+    : opengl_(std::make_unique<OffscreenContext>()),
+      viewport_{0, 0, static_cast<int>(width), static_cast<int>(height)} {
   mjv_defaultScene(&scene_);
   mjr_defaultContext(&context_);
 }
 
 SceneRenderer::~SceneRenderer() {
-  mjr_freeContext(&context_);
+  if (opengl_->MakeCurrent()) mjr_freeContext(&context_);
   mjv_freeScene(&scene_);
 }
 
 Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& model, uint32_t width,
                                                              uint32_t height) {
-  B4MRL_RETURN_IF_ERROR(OffscreenContext::MakeCurrent());
   // The frame's size and quality are properties of the model. Its arrays are shared, not copied.
   mjModel sized = model;
   sized.vis.global.offwidth = static_cast<int>(width);
@@ -89,6 +89,9 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& mode
   sized.vis.quality.offsamples = kSamples;
   sized.vis.quality.shadowsize = std::min(sized.vis.quality.shadowsize, kShadowSize);
   std::unique_ptr<SceneRenderer> renderer(new SceneRenderer(width, height));
+  if (!renderer->opengl_->MakeCurrent()) {
+    return Status(StatusCode::kUnsupported, "Mesa gives no off-screen OpenGL context");
+  }
   mjv_makeScene(&sized, &renderer->scene_, kMaxShapes);
   mjr_makeContext(&sized, &renderer->context_, mjFONTSCALE_100);
   mjr_setBuffer(mjFB_OFFSCREEN, &renderer->context_);
@@ -100,6 +103,7 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& mode
 }
 
 void SceneRenderer::Draw(const mjModel& model, mjData& data, std::span<std::byte> picture) {
+  opengl_->MakeCurrent();
   mjvCamera camera = CameraOf(model);
   mjvOption option;
   mjv_defaultOption(&option);

@@ -1,9 +1,10 @@
 // MuJoCo scenes to pixels, with Mesa's software rasteriser (OSMesa): needs neither display nor GPU.
 //
-// An OpenGL context belongs to one thread; the first renderer makes it current on the thread that
-// creates it, and all renderers live there. Mesa runs on that thread alone unless LP_NUM_THREADS
-// says otherwise. Cost at 480 x 480: about 0.1 s for a renderer's first picture, 27 ms for each
-// later one, most of it the floor's reflection and 4 samples a pixel.
+// Each renderer has an OpenGL context of its own, because MuJoCo leaves lights and textures behind
+// in a context, which would show in the pictures of another model. All renderers are created, used
+// and destroyed on one thread. Mesa runs on that thread alone unless LP_NUM_THREADS says otherwise.
+// Cost at 480 x 480: about 0.1 s for a renderer's first picture, 27 ms for each later one, most of
+// it the floor's reflection and 4 samples a pixel.
 #pragma once
 
 #include <mujoco/mujoco.h>
@@ -32,8 +33,10 @@ class SceneRenderer {
   void Draw(const mjModel& model, mjData& data, std::span<std::byte> picture);
 
  private:
+  class OffscreenContext;
   SceneRenderer(uint32_t width, uint32_t height);
 
+  std::unique_ptr<OffscreenContext> opengl_;
   mjrRect viewport_;
   mjvScene scene_;
   mjrContext context_;

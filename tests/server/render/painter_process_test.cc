@@ -81,6 +81,16 @@ TEST_CASE("Equal states give equal pictures and other states others") {
   CHECK(Paint(another, RequestFor("HalfCheetah")) == first);
 }
 
+TEST_CASE("A picture does not depend on what else its painter draws") {
+  PainterProcess alone;
+  PainterProcess busy;
+  for (uint64_t episode = 0; episode < 4; ++episode) {
+    Paint(busy, RequestFor("Hopper", episode));
+    const PaintRequest request = RequestFor("HalfCheetah", episode);
+    CHECK(Paint(busy, request) == Paint(alone, request));
+  }
+}
+
 TEST_CASE("A painter draws many kinds of picture in turn") {
   PainterProcess& painter = SharedPainter();
   std::vector<Picture> pictures;
