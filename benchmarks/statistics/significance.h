@@ -1,0 +1,38 @@
+// p-values, intervals of a mean, and the correction for testing many claims. Pure functions; any
+// thread.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "benchmarks/statistics/estimates.h"
+
+namespace b4mrl {
+
+// The exact sign test of "positive and negative differences are equally likely"; differences of
+// zero are left out of both counts. Greater: the probability of at least `positive` positive
+// differences. TwoSided: of a count at least as uneven, in either direction. Both are 1 where no
+// difference is left. Together at most 1,000 differences, for their terms are powers of 1/2.
+double SignTestGreater(size_t positive, size_t negative);
+double SignTestTwoSided(size_t positive, size_t negative);
+
+// Student's t distribution with a whole number of degrees of freedom, at least 1. The p-value is
+// the probability of a value at least as far from 0 as `t`, with an absolute error of about 1e-15;
+// the quantile of p in (0, 1) is the value that the distribution stays below with probability p.
+double StudentTwoSided(double t, size_t degrees);
+double StudentQuantile(double p, size_t degrees);
+
+// The probability that a standard normal value is at least as far from 0 as `z`. Its quantile is
+// NormalQuantile of proto/base/rng.h.
+double NormalTwoSided(double z);
+
+// Student's confidence interval of the mean of at least two independent values, with the deviation
+// of the sample (divided by the number of values less one).
+Interval StudentInterval(std::span<const double> values, double confidence);
+
+// Holm's step-down adjustment: a claim is rejected at level a, with a family-wise error of at most
+// a over all claims, where its adjusted value is at most a. In the order of `p_values`.
+std::vector<double> HolmAdjusted(std::span<const double> p_values);
+
+}  // namespace b4mrl

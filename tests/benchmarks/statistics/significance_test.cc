@@ -1,0 +1,86 @@
+// The expected numbers are scipy's:
+//   scipy.stats.binomtest(positive, positive + negative, alternative="greater" or default).pvalue
+//   2 * scipy.stats.t.sf(abs(t), degrees), scipy.stats.t.ppf(p, degrees), 2 *
+//   scipy.stats.norm.sf(z) scipy.stats.t.interval(0.95, 4, numpy.mean(v), scipy.stats.sem(v))
+// and statsmodels.stats.multitest.multipletests(p, method="holm")[1].
+#include "benchmarks/statistics/significance.h"
+
+#include <catch2/catch.hpp>
+#include <cmath>
+
+namespace b4mrl {
+namespace {
+
+// Sums of up to some hundred terms: 1e-12 of the value, or what is left of 1 - (1 - p) in the
+// tails.
+Approx Near(double value) { return Approx(value).epsilon(1e-12).margin(1e-14); }
+
+TEST_CASE("The sign test is the exact binomial one") {
+  CHECK(SignTestGreater(17, 35) == Near(0.9961062818471282));
+  CHECK(SignTestTwoSided(17, 35) == Near(0.017533235299084904));
+  CHECK(SignTestTwoSided(35, 17) == SignTestTwoSided(17, 35));
+  CHECK(SignTestGreater(3, 8) == Near(0.96728515625));
+  CHECK(SignTestTwoSided(3, 8) == Near(0.2265625));
+  CHECK(SignTestGreater(8, 0) == Near(0.00390625));
+  CHECK(SignTestTwoSided(8, 0) == Near(0.0078125));
+  CHECK(SignTestGreater(5, 5) == Near(0.623046875));
+  CHECK(SignTestTwoSided(5, 5) == 1);
+  CHECK(SignTestTwoSided(1, 0) == 1);
+}
+
+TEST_CASE("The sign test holds at its ends: no difference, none positive, and 900 differences") {
+  CHECK(SignTestGreater(0, 0) == 1);
+  CHECK(SignTestTwoSided(0, 0) == 1);
+  CHECK(SignTestGreater(0, 20) == Near(1));
+  CHECK(SignTestGreater(400, 500) == Near(0.9996240265322618));
+  CHECK(SignTestTwoSided(400, 500) == Near(0.0009564441369189373));
+}
+
+TEST_CASE("Student's p-values are scipy's, for odd and even degrees of freedom") {
+  CHECK(StudentTwoSided(12.706, 1) == Near(0.05000080235813319));
+  CHECK(StudentTwoSided(-4.303, 2) == Near(0.0499925249852145));
+  CHECK(StudentTwoSided(2.5, 3) == Near(0.08770664700806556));
+  CHECK(StudentTwoSided(0, 4) == 1);
+  CHECK(StudentTwoSided(1.96, 30) == Near(0.05934231289605049));
+  CHECK(StudentTwoSided(3.1, 101) == Near(0.0025077908596832254));
+  CHECK(StudentTwoSided(7, 10) == Near(3.715592281685689e-05));
+  CHECK(StudentTwoSided(INFINITY, 3) == Near(0));
+}
+
+TEST_CASE("Student's quantiles are scipy's") {
+  CHECK(StudentQuantile(0.975, 1) == Near(12.706204736174694));
+  CHECK(StudentQuantile(0.975, 2) == Near(4.302652729749462));
+  CHECK(StudentQuantile(0.975, 4) == Near(2.7764451051977934));
+  CHECK(StudentQuantile(0.05, 9) == Near(-1.8331129326562376));
+  CHECK(StudentQuantile(0.995, 30) == Near(2.7499956535672254));
+  CHECK(StudentQuantile(0.5, 7) == 0);
+  CHECK(StudentQuantile(0.9, 1000) == Near(1.2823987214609247));
+  // In the tail, a rounding of p = 0.9999 itself moves the quantile by 1e-12 of its size.
+  CHECK(StudentQuantile(0.9999, 1) == Approx(3183.098757118502).epsilon(1e-11));
+}
+
+TEST_CASE("Normal p-values are scipy's") {
+  CHECK(NormalTwoSided(1.96) == Near(0.04999579029644087));
+  CHECK(NormalTwoSided(-5) == Near(5.733031437583866e-07));
+  CHECK(NormalTwoSided(0) == 1);
+}
+
+TEST_CASE("Student's interval of a mean is scipy's") {
+  const std::vector<double> values = {44.2, 42.3, 48.1, 47.0, 43.3};
+  const Interval interval = StudentInterval(values, 0.95);
+  CHECK(interval.low == Near(41.91155707867219));
+  CHECK(interval.high == Near(48.048442921327805));
+}
+
+TEST_CASE("Holm's adjustment never falls with a larger p-value and keeps the order of the claims") {
+  const std::vector<double> adjusted =
+      HolmAdjusted(std::vector<double>{0.04, 0.01, 0.03, 0.005, 0.6, 0.03});
+  const std::vector<double> expected = {0.12, 0.05, 0.12, 0.03, 0.6, 0.12};
+  REQUIRE(adjusted.size() == expected.size());
+  for (size_t i = 0; i < expected.size(); ++i) CHECK(adjusted[i] == Near(expected[i]));
+  CHECK(HolmAdjusted(std::vector<double>{0.9, 0.8}) == std::vector<double>{1, 1});
+  CHECK(HolmAdjusted({}).empty());
+}
+
+}  // namespace
+}  // namespace b4mrl
