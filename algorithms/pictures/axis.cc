@@ -39,7 +39,7 @@ std::string Label(double value, double step, double largest) {
 
 std::string Axis::Title() const { return unit.empty() ? name : fmt::format("{} ({})", name, unit); }
 
-Range Range::Around(double low, double high) {
+AxisRange AxisRange::Around(double low, double high) {
   const double magnitude = std::max(std::abs(low), std::abs(high));
   if (high - low > 1e-6 * magnitude) return {low, high};
   const double margin = magnitude > 0 ? 0.05 * magnitude : 1;

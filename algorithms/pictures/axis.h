@@ -9,8 +9,8 @@
 
 namespace b4mrl {
 
-// A linear axis from `low` to `high`, both finite and low < high. Range::Around gives such bounds
-// for any data.
+// A linear axis from `low` to `high`, both finite and low < high. AxisRange::Around gives such
+// bounds for any data.
 struct Axis {
   std::string name;  // "episode return"
   std::string unit;  // "m/s"; "" prints the name alone
@@ -23,10 +23,10 @@ struct Axis {
 
 // Bounds of an axis for data between `low` and `high`: the same ones, unless they are so near each
 // other that no numbers between them could be told apart; then wider ones around them.
-struct Range {
+struct AxisRange {
   double low = 0;
   double high = 0;
-  static Range Around(double low, double high);
+  static AxisRange Around(double low, double high);
 };
 
 // A marked number of an axis.

@@ -21,7 +21,7 @@ void AddRows(std::span<const float> rows, std::vector<Column>* columns) {
 // bin if there are none.
 Histogram RoundBins(double low, double high, double most) {
   if (low > high) return {0, 1, 1};
-  const Range range = Range::Around(low, high);
+  const AxisRange range = AxisRange::Around(low, high);
   // Rounding the edges outwards can add a bin on each side.
   const double width = RoundStep((range.high - range.low) / (most - 2));
   const double first = std::floor(range.low / width), last = std::ceil(range.high / width);

@@ -63,13 +63,13 @@ TEST_CASE("Round steps are 1, 2 or 5 times a power of ten") {
 }
 
 TEST_CASE("Equal numbers get an axis around them, others keep their bounds") {
-  const Range zero = Range::Around(0, 0);
+  const AxisRange zero = AxisRange::Around(0, 0);
   CHECK(zero.low < 0);
   CHECK(zero.high > 0);
-  const Range large = Range::Around(-1e12, -1e12);
+  const AxisRange large = AxisRange::Around(-1e12, -1e12);
   CHECK(large.low < -1e12);
   CHECK(large.high > -1e12);
-  const Range other = Range::Around(2, 3);
+  const AxisRange other = AxisRange::Around(2, 3);
   CHECK(other.low == 2);
   CHECK(other.high == 3);
 }
