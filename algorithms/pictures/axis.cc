@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "algorithms/pictures/text.h"
 
@@ -39,6 +40,15 @@ std::string Label(double value, double step, double largest) {
 
 std::string Axis::Title() const { return unit.empty() ? name : fmt::format("{} ({})", name, unit); }
 
+Axis Axis::OfPlaces(std::string name, std::vector<std::string> places) {
+  Axis axis;
+  axis.name = std::move(name);
+  axis.low = -0.5;
+  axis.high = static_cast<double>(places.size()) - 0.5;
+  axis.places = std::move(places);
+  return axis;
+}
+
 AxisRange AxisRange::Around(double low, double high) {
   const double magnitude = std::max(std::abs(low), std::abs(high));
   if (high - low > 1e-6 * magnitude) return {low, high};
@@ -55,6 +65,11 @@ double RoundStep(double least) {
 }
 
 std::vector<Tick> Ticks(const Axis& axis, size_t most) {
+  std::vector<Tick> ticks;
+  for (const std::string& place : axis.places) {
+    ticks.push_back({static_cast<double>(ticks.size()), place});
+  }
+  if (!ticks.empty()) return ticks;
   double step = RoundStep((axis.high - axis.low) / static_cast<double>(most + 1));
   if (axis.whole) step = std::max(step, 1.0);
   double first = 0, last = 0;
@@ -63,7 +78,6 @@ std::vector<Tick> Ticks(const Axis& axis, size_t most) {
     last = std::floor(axis.high / step + kRounding);
     if (last - first < static_cast<double>(most)) break;
   }
-  std::vector<Tick> ticks;
   const double largest = std::max(std::abs(first), std::abs(last)) * step;
   for (double multiple = first; multiple <= last; ++multiple) {
     const double value = multiple == 0 ? 0 : multiple * step;

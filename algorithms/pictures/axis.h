@@ -10,14 +10,19 @@
 namespace b4mrl {
 
 // A linear axis from `low` to `high`, both finite and low < high. AxisRange::Around gives such
-// bounds for any data.
+// bounds for any data, FitX and FitY (fit.h) for marks.
 struct Axis {
   std::string name;  // "episode return"
   std::string unit;  // "m/s"; "" prints the name alone
   double low = 0;
   double high = 1;
   bool whole = false;  // marks whole numbers alone, as for counts
+  // Named places instead of numbers: the first one is at value 0, the next one at 1. They stand
+  // from left to right, or from top to bottom.
+  std::vector<std::string> places;
 
+  // An axis of at least one place.
+  static Axis OfPlaces(std::string name, std::vector<std::string> places);
   std::string Title() const;  // "v-root-z (m/s)"
 };
 
@@ -32,7 +37,7 @@ struct AxisRange {
 // A marked number of an axis.
 struct Tick {
   double value = 0;
-  std::string label;  // "-0.25", "12,000", "2.5e6"; distinct among the ticks of an axis
+  std::string label;  // "-0.25", "12,000", "2.5e6", distinct among the ticks; or a place's name
 };
 
 // The least of the numbers 1, 2 and 5 times a power of ten that is not below `least`, which is
@@ -40,7 +45,7 @@ struct Tick {
 double RoundStep(double least);
 
 // All multiples of one round step within the axis, with the smallest step that makes at most `most`
-// (at least 1) of them.
+// (at least 1) of them. An axis of places has one tick for each.
 std::vector<Tick> Ticks(const Axis& axis, size_t most);
 
 }  // namespace b4mrl

@@ -17,6 +17,7 @@ struct PanelLayout {
   double width = 0, height = 0;  // of the whole panel
   double plot_left = 0, plot_right = 0;
   double plot_top = 0, plot_bottom = 0;
+  double most_names = 0;  // the width of the longest line of a place's name beside the plot
 };
 
 // The layout of the panels `row` of `figure`. A row without any marks has the height of its texts.

@@ -2,39 +2,66 @@
 
 #include <fmt/format.h>
 
+#include <array>
+
 #include "algorithms/pictures/text.h"
 
 namespace b4mrl {
 namespace {
 
+// Colours of the series. The first eight light ones are Okabe and Ito's without their yellow, which
+// fades on white, and a wine red; the dark ones are the like on a dark page. Under simulated
+// protanopia and deuteranopia all pairs stay at least 14 apart in CIELAB.
+constexpr std::array<std::string_view, kSeriesColours> kLight = {
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00",
+    "#56b4e9", "#222222", "#882255", "#5b3fe0", "#3d4f0e"};
+constexpr std::array<std::string_view, kSeriesColours> kDark = {
+    "#56b4e9", "#e69f00", "#29c29a", "#e08fbf", "#f9f075",
+    "#3f8f8f", "#f2f2f2", "#b04a4a", "#8a6cff", "#86863c"};
+
 // paper: the background. frame: lines of axes. grid: lines at ticks. rule: a marked value.
-// series0, ...: outlines; with `area`, what is between the outline and the axis.
-constexpr std::string_view kStyle = R"(<style>
-.b4mrl-picture .paper { fill: #ffffff; }
-.b4mrl-picture text { fill: #222222; font-family: Helvetica, Arial, sans-serif; }
-.b4mrl-picture path, .b4mrl-picture line { fill: none; stroke-width: 1; }
-.b4mrl-picture .frame { stroke: #777777; }
-.b4mrl-picture .grid { stroke: #e4e4e4; }
-.b4mrl-picture .rule { stroke: #222222; stroke-dasharray: 4 3; }
-.b4mrl-picture .series0 { stroke: #0072b2; }
-.b4mrl-picture .series1 { stroke: #d55e00; }
-.b4mrl-picture .area { stroke: none; fill-opacity: 0.35; }
-.b4mrl-picture .area.series0 { fill: #0072b2; }
-.b4mrl-picture .area.series1 { fill: #d55e00; }
-@media (prefers-color-scheme: dark) {
-.b4mrl-picture .paper { fill: #16181c; }
-.b4mrl-picture text { fill: #e6e6e6; }
-.b4mrl-picture .frame { stroke: #8a8a8a; }
-.b4mrl-picture .grid { stroke: #34373d; }
-.b4mrl-picture .rule { stroke: #e6e6e6; }
-.b4mrl-picture .series0 { stroke: #56b4e9; }
-.b4mrl-picture .series1 { stroke: #e69f00; }
-.b4mrl-picture .area { stroke: none; }
-.b4mrl-picture .area.series0 { fill: #56b4e9; }
-.b4mrl-picture .area.series1 { fill: #e69f00; }
-}
-</style>
+// series0, ...: outlines in a series' colour; with `area`, `band` or `bar`, what they enclose;
+// `dot` and `open` are symbols, filled and hollow.
+constexpr std::string_view kShapes =
+    R"(.b4mrl-picture text { font-family: Helvetica, Arial, sans-serif; }
+.b4mrl-picture path, .b4mrl-picture line { fill: none; stroke: currentColor; stroke-width: 1; }
+.b4mrl-picture .rule { stroke-dasharray: 4 3; }
+.b4mrl-picture .curve { stroke-width: 1.8; stroke-linejoin: round; }
+.b4mrl-picture .dashed { stroke-dasharray: 6 4; }
+.b4mrl-picture .whisker { stroke-width: 1.4; }
+.b4mrl-picture .area { stroke: none; fill: currentColor; fill-opacity: 0.35; }
+.b4mrl-picture .band { stroke: none; fill: currentColor; fill-opacity: 0.2; }
+.b4mrl-picture .bar { fill: currentColor; fill-opacity: 0.35; }
+.b4mrl-picture .dot { fill: currentColor; }
 )";
+
+struct Theme {
+  std::string_view paper, text, frame, grid;
+  std::array<std::string_view, kSeriesColours> series;
+};
+constexpr Theme kLightTheme = {"#ffffff", "#222222", "#777777", "#e4e4e4", kLight};
+constexpr Theme kDarkTheme = {"#16181c", "#e6e6e6", "#8a8a8a", "#34373d", kDark};
+
+std::string ColoursOf(const Theme& theme) {
+  std::string css = fmt::format(
+      ".b4mrl-picture .paper, .b4mrl-picture .open {{ fill: {}; }}\n"
+      ".b4mrl-picture text {{ fill: {}; }}\n"
+      ".b4mrl-picture .rule {{ color: {}; }}\n"
+      ".b4mrl-picture .frame {{ color: {}; }}\n"
+      ".b4mrl-picture .grid {{ color: {}; }}\n",
+      theme.paper, theme.text, theme.text, theme.frame, theme.grid);
+  for (size_t i = 0; i < theme.series.size(); ++i) {
+    css += fmt::format(".b4mrl-picture .{} {{ color: {}; }}\n", SeriesClass(i), theme.series[i]);
+  }
+  return css;
+}
+
+// Paper is white, so pages are printed in the light theme.
+std::string StyleSheet() {
+  return fmt::format(
+      "<style>\n{}{}@media screen and (prefers-color-scheme: dark) {{\n{}}}\n</style>\n", kShapes,
+      ColoursOf(kLightTheme), ColoursOf(kDarkTheme));
+}
 
 std::string_view AnchorWord(TextStyle::Anchor anchor) {
   switch (anchor) {
@@ -70,8 +97,9 @@ void SvgWriter::Line(Point from, Point to, std::string_view css_class) {
                        Number(from.x), Number(from.y), Number(to.x), Number(to.y));
 }
 
-void SvgWriter::Path(std::string_view data, std::string_view css_class) {
-  body_ += fmt::format("<path class=\"{}\" d=\"{}\"/>\n", css_class, data);
+void SvgWriter::Path(std::string_view data, std::string_view css_class, std::string_view hint) {
+  body_ += fmt::format("<path class=\"{}\" d=\"{}\"", css_class, data);
+  body_ += hint.empty() ? "/>\n" : fmt::format("><title>{}</title></path>\n", EscapeXml(hint));
 }
 
 void SvgWriter::Text(Point at, std::string_view text, const TextStyle& style) {
@@ -90,7 +118,7 @@ std::string SvgWriter::Finish(double width, double height, std::string_view titl
       "width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\">\n"
       "<title>{2}</title>\n<desc>{3}</desc>\n{4}"
       "<rect class=\"paper\" x=\"0\" y=\"0\" width=\"{0}\" height=\"{1}\"/>\n{5}</svg>\n",
-      w, h, EscapeXml(title), EscapeXml(description), kStyle, body_);
+      w, h, EscapeXml(title), EscapeXml(description), StyleSheet(), body_);
 }
 
 }  // namespace b4mrl

@@ -13,9 +13,9 @@
 
 namespace b4mrl {
 
-// Series are told apart by colours of Okabe and Ito's palette, which colour-blind readers can tell
-// apart. Further series take the first colours again.
-inline constexpr size_t kSeriesColours = 2;
+// Series are told apart by colours, which readers with any kind of colour vision can tell apart.
+// Further series take the first colours again.
+inline constexpr size_t kSeriesColours = 10;
 std::string SeriesClass(size_t series);  // "series0"
 
 struct TextStyle {
@@ -25,7 +25,7 @@ struct TextStyle {
   bool upwards = false;  // turned by 90 degrees, to be read from below
 };
 
-struct Point {
+struct Point {  // in pixels
   double x = 0;
   double y = 0;
 };
@@ -34,8 +34,9 @@ class SvgWriter {
  public:
   void Rectangle(Point corner, double width, double height, std::string_view css_class);
   void Line(Point from, Point to, std::string_view css_class);
-  // `data` is SVG's path syntax, made from the letters of its commands and from Number.
-  void Path(std::string_view data, std::string_view css_class);
+  // `data` is SVG's path syntax, made from the letters of its commands and from Number. Browsers
+  // show `hint` while the pointer rests on the path.
+  void Path(std::string_view data, std::string_view css_class, std::string_view hint = {});
   // `at` is the baseline's point at the anchor.
   void Text(Point at, std::string_view text, const TextStyle& style);
 

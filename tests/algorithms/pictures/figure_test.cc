@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
+#include <set>
 #include <string>
 
+#include "algorithms/pictures/svg.h"
 #include "tests/algorithms/pictures/svg_document.h"
 
 namespace b4mrl {
@@ -106,6 +108,31 @@ TEST_CASE("Nothing overlaps or leaves the picture, however long texts and number
   SvgDocument(RenderSvg(figure)).CheckThatTextsAreApart();
 }
 
+TEST_CASE("Nothing overlaps whatever the names of places, below the plot or beside it") {
+  const std::vector<std::string> words = {"medium",
+                                          "medium-replay+hidden-high-history=4",
+                                          "random with a name of many words that goes on and on",
+                                          "",
+                                          "Ω",
+                                          std::string(90, 'M')};
+  for (const size_t count : {1u, 2u, 5u, 17u, 52u}) {
+    Figure figure;
+    figure.title = "places";
+    figure.columns = 2;
+    figure.panel_width = 360;
+    figure.plot_height = 120;
+    std::vector<std::string> places;
+    for (size_t i = 0; i < count; ++i) places.push_back(words[(i + count) % words.size()]);
+    Panel below = OnePanel(), beside = OnePanel();
+    below.x = Axis::OfPlaces("dataset", places);
+    below.marks = {Level{5}};
+    beside.y = Axis::OfPlaces("dataset and what is done to it, said in very many words", places);
+    beside.marks = {Rule{0.5, "mean 0.5"}};
+    figure.panels = {below, beside, below, OnePanel()};
+    SvgDocument(RenderSvg(figure)).CheckThatTextsAreApart();
+  }
+}
+
 TEST_CASE("A figure without panels, and a panel without marks, show their texts alone") {
   Figure figure = OneFigure();
   figure.panels[0].marks.clear();
@@ -122,8 +149,18 @@ TEST_CASE("A figure without panels, and a panel without marks, show their texts 
 TEST_CASE("A picture has colours for light and for dark pages") {
   const SvgDocument svg(RenderSvg(OneFigure()));
   const std::string style = svg.root().FirstChildElement("style")->GetText();
-  CHECK(style.find("@media (prefers-color-scheme: dark)") != std::string::npos);
+  // A page that is read in the dark is printed on white paper.
+  CHECK(style.find("@media screen and (prefers-color-scheme: dark)") != std::string::npos);
   CHECK(svg.Count("rect", "paper") == 1);
+  std::set<std::string> classes;
+  for (size_t i = 0; i < kSeriesColours; ++i) {
+    const std::string rule = "." + SeriesClass(i) + " { color: ";
+    const size_t light = style.find(rule), dark = style.find(rule, light + 1);
+    REQUIRE(dark != std::string::npos);
+    classes.insert(style.substr(light + rule.size(), 7));
+    CHECK(style.substr(light, rule.size() + 7) != style.substr(dark, rule.size() + 7));
+  }
+  CHECK(classes.size() == kSeriesColours);
 }
 
 }  // namespace
