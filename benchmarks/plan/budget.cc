@@ -1,5 +1,7 @@
 #include "benchmarks/plan/budget.h"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "algorithms/nn/products/precision.h"
@@ -86,6 +88,29 @@ const std::string& Budget::PrecisionOf(const std::string& algorithm) const {
   return found == precisions.end() ? precision : found->second;
 }
 
+bool BudgetException::Fits(const std::string& algorithm, const std::string& simulator,
+                           const std::string& dataset) const {
+  const auto has = [](const std::vector<std::string>& list, const std::string& text) {
+    return list.empty() || std::ranges::count(list, text) > 0;
+  };
+  return has(algorithms, algorithm) && has(simulators, simulator) &&
+         has(datasets, dataset.substr(dataset.find('/') + 1));
+}
+
+std::optional<uint64_t> Budget::UpdatesOf(const std::string& algorithm,
+                                          const std::string& simulator,
+                                          const std::string& dataset) const {
+  const auto found = updates.find(algorithm);
+  if (found == updates.end()) return std::nullopt;
+  uint64_t result = found->second;
+  for (const BudgetException& exception : exceptions) {
+    if (exception.updates && exception.Fits(algorithm, simulator, dataset)) {
+      result = *exception.updates;
+    }
+  }
+  return result;
+}
+
 std::string Budget::RecipeOf(const std::string& algorithm) const {
   const auto found = recipes.find(algorithm);
   return found == recipes.end() ? "" : found->second;
@@ -112,6 +137,11 @@ Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
 
 std::string DefaultBudgetsFile() {
   return SharedFolder("", B4MRL_BENCHMARKS_FOLDER) + "/budgets.toml";
+}
+
+Result<Budget> FindBudget(const std::string& text) {
+  const bool is_file = text.find('/') != std::string::npos || text.ends_with(".toml");
+  return is_file ? ReadBudget(text, "") : ReadBudget(DefaultBudgetsFile(), text);
 }
 
 }  // namespace b4mrl

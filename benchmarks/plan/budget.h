@@ -40,6 +40,11 @@ struct BudgetException {
   std::vector<std::string> algorithms, simulators, datasets;  // empty: any
   std::optional<uint64_t> updates;
   HyperparameterValues hyperparameters;
+
+  // Whether it is about a run, of which "" says what its algorithm does not use. `dataset` is a
+  // name with its environment, "HalfCheetah/medium".
+  bool Fits(const std::string& algorithm, const std::string& simulator,
+            const std::string& dataset) const;
 };
 
 struct Budget {
@@ -58,11 +63,18 @@ struct Budget {
 
   const std::string& PrecisionOf(const std::string& algorithm) const;
   std::string RecipeOf(const std::string& algorithm) const;
+  // How far a run of an algorithm trains, exceptions included; nothing where the budget has none.
+  // Arguments as of BudgetException::Fits.
+  std::optional<uint64_t> UpdatesOf(const std::string& algorithm, const std::string& simulator,
+                                    const std::string& dataset) const;
 };
 
 // Reads the budget `name` of a file; "" is the only one of a file with one. Errors: kIoError,
 // kUnknownName, kInvalidArgument with the file, the table and what is allowed there.
 Result<Budget> ReadBudget(const std::string& file, const std::string& name);
+// A budget of the project by its name, or the only one of a file: what has a '/' or ends with
+// ".toml".
+Result<Budget> FindBudget(const std::string& text);
 // benchmarks/budgets.toml, where it was installed or in the checkout.
 std::string DefaultBudgetsFile();
 

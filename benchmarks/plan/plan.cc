@@ -132,21 +132,12 @@ Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& a
   return run;
 }
 
-bool Has(const std::vector<std::string>& list, std::string_view text) {
-  return list.empty() || std::ranges::count(list, text) > 0;
-}
-
 Status Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
   run->updates = budget_.updates.at(run->algorithm);
   const auto found = budget_.hyperparameters.find(run->algorithm);
   if (found != budget_.hyperparameters.end()) run->hyperparameters = found->second;
-  // An exception names what is left of a cell: SAC's runs have no dataset.
-  const std::string level = run->dataset.substr(run->dataset.find('/') + 1);
   for (const BudgetException& exception : budget_.exceptions) {
-    if (!Has(exception.algorithms, run->algorithm) || !Has(exception.simulators, run->simulator) ||
-        !Has(exception.datasets, level)) {
-      continue;
-    }
+    if (!exception.Fits(run->algorithm, run->simulator, run->dataset)) continue;
     run->updates = exception.updates.value_or(run->updates);
     for (const auto& [name, value] : exception.hyperparameters) {
       run->hyperparameters[name] = value;
@@ -252,7 +243,8 @@ Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
   }
   std::vector<const Algorithm*> chosen;
   for (const Algorithm& algorithm : algorithms) {
-    const bool wanted = Has(choice.algorithms, algorithm.name);
+    const bool wanted =
+        choice.algorithms.empty() || std::ranges::count(choice.algorithms, algorithm.name) > 0;
     if (wanted && budget.updates.contains(std::string(algorithm.name))) {
       chosen.push_back(&algorithm);
     }

@@ -99,11 +99,6 @@ std::string OfD4rl(const std::string& dataset) {
   return fmt::format("d4rl/{}-v2", name);
 }
 
-Result<Budget> FindBudget(const std::string& text) {
-  const bool is_file = text.find('/') != std::string::npos || text.ends_with(".toml");
-  return is_file ? ReadBudget(text, "") : ReadBudget(DefaultBudgetsFile(), text);
-}
-
 Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all, BenchmarksOf(choice));
   std::vector<std::string> names;

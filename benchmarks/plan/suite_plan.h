@@ -26,10 +26,6 @@ struct SuiteChoice {
   std::optional<UsersLearner> learner;
 };
 
-// A budget of the project by its name, or the only one of a file: what has a '/' or ends with
-// ".toml".
-Result<Budget> FindBudget(const std::string& text);
-
 // D4RL's dataset of the same level: "HalfCheetah/medium" is "d4rl/halfcheetah-medium-v2".
 std::string OfD4rl(const std::string& dataset);
 
