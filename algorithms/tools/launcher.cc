@@ -1,13 +1,15 @@
-// `b4mrl`: one name for four programs that stand beside it.
+// `b4mrl`: one name for five programs that stand beside it.
 //
 //   b4mrl serve ...     -> b4mrl-serve ...      the daemon
 //   b4mrl perf ...      -> b4mrl-perf ...       measurements
 //   b4mrl benchmark ... -> b4mrl-benchmark ...  trains the runs of suites
+//   b4mrl report ...    -> b4mrl-report ...     makes tables and figures of their results
 //   b4mrl <other> ...   -> b4mrl-tools <other> ...
 //   b4mrl help ...      -> b4mrl ... --help
 // The launcher replaces itself by the program, so signals, exit code and process id are the
 // program's own, and a learner's process never holds the simulator. B4MRL_SERVER, B4MRL_PERF,
-// B4MRL_RUNNER and B4MRL_TOOLS name another file to run. Links nothing of the project.
+// B4MRL_RUNNER, B4MRL_REPORT and B4MRL_TOOLS name another file to run. Links nothing of the
+// project.
 #include <unistd.h>
 
 #include <algorithm>
@@ -17,12 +19,24 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <string>
 #include <string_view>
 
 namespace {
 
 constexpr int kExitCannotStart = 127;  // as a shell reports a missing command
+
+// Commands with a program of their own.
+struct Program {
+  std::string_view command;
+  const char* variable;
+  std::string_view file;
+};
+constexpr Program kPrograms[] = {{"serve", "B4MRL_SERVER", "b4mrl-serve"},
+                                 {"perf", "B4MRL_PERF", "b4mrl-perf"},
+                                 {"benchmark", "B4MRL_RUNNER", "b4mrl-benchmark"},
+                                 {"report", "B4MRL_REPORT", "b4mrl-report"}};
 
 std::string OwnFolder() {
   std::array<char, PATH_MAX> buffer{};
@@ -47,17 +61,11 @@ int main(int argc, char** argv) {
     argv[argc - 1] = help.data();
   }
   const std::string_view command = argc > 1 ? argv[1] : "--help";
-  const bool own_program = command == "serve" || command == "perf" || command == "benchmark";
-  std::string path;
-  if (command == "serve") {
-    path = ProgramPath("B4MRL_SERVER", "b4mrl-serve");
-  } else if (command == "perf") {
-    path = ProgramPath("B4MRL_PERF", "b4mrl-perf");
-  } else if (command == "benchmark") {
-    path = ProgramPath("B4MRL_RUNNER", "b4mrl-benchmark");
-  } else {
-    path = ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
-  }
+  const auto* const own = std::find_if(std::begin(kPrograms), std::end(kPrograms),
+                                       [&](const Program& p) { return p.command == command; });
+  const bool own_program = own != std::end(kPrograms);
+  std::string path = own_program ? ProgramPath(own->variable, own->file)
+                                 : ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
   // argv[0] stays the program's path; programs of their own do not get the command's word.
   char** arguments = own_program ? argv + 1 : argv;
   arguments[0] = path.data();

@@ -1,0 +1,135 @@
+#include "benchmarks/evidence/aggregates.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "benchmarks/statistics/bootstrap.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr BootstrapOptions kBootstrap = {
+    .resampling = Resampling::kRunsAndBenchmarks, .resamples = 2000, .confidence = 0.95, .seed = 0};
+constexpr double kProfileStep = 5;
+constexpr double kProfileEnd = 100;
+
+using Benchmarks = std::vector<const Benchmark*>;
+
+// A cell that may be compared; null otherwise.
+const Cell* Decided(const ScoreTable& table, const Benchmark& benchmark, const Series& series) {
+  const Cell* cell = table.Find(benchmark.name, series);
+  const bool counts = cell != nullptr && cell->IsSettled() && !cell->runs.front()->is_return;
+  return counts ? cell : nullptr;
+}
+
+// Those on which all series have a cell, each set of runs once.
+Benchmarks Shared(const ScoreTable& table, const std::vector<Series>& series) {
+  Benchmarks shared;
+  std::set<std::string> seen;
+  for (const Benchmark* benchmark : table.benchmarks()) {
+    std::string runs;
+    const bool all = std::ranges::all_of(series, [&](const Series& each) {
+      const Cell* cell = Decided(table, *benchmark, each);
+      if (cell != nullptr) runs += cell->runs.front()->id;
+      return cell != nullptr;
+    });
+    if (all && seen.insert(runs).second) shared.push_back(benchmark);
+  }
+  return shared;
+}
+
+// The series that are compared, and where.
+std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
+  std::vector<Series> series = table.series();
+  std::map<Series, size_t> cells;
+  for (const Series& each : series) cells[each] = Shared(table, {each}).size();
+  while (series.size() >= 2) {
+    Benchmarks shared = Shared(table, series);
+    if (shared.size() >= kLeastBenchmarks) return {series, shared};
+    series.erase(
+        std::ranges::min_element(series, {}, [&](const Series& each) { return cells.at(each); }));
+  }
+  return {};
+}
+
+Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
+  Scores scores;
+  for (const Benchmark* benchmark : benchmarks) {
+    scores.push_back(table.Find(benchmark->name, series)->Scores());
+  }
+  return scores;
+}
+
+std::optional<double> PaperIqm(const CellScores& paper, const std::string& algorithm,
+                               const Benchmarks& benchmarks) {
+  std::vector<double> means;
+  for (const Benchmark* benchmark : benchmarks) {
+    const CellScore* score = Find(paper, benchmark->name, algorithm);
+    if (score == nullptr) return std::nullopt;
+    means.push_back(score->mean);
+  }
+  return InterquartileMean(means);
+}
+
+Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds) {
+  Aggregate aggregate;
+  aggregate.iqm = InterquartileMean(scores);
+  aggregate.median = MedianOverBenchmarks(scores);
+  aggregate.mean = MeanOverBenchmarks(scores);
+  aggregate.profile = PerformanceProfile(scores, thresholds);
+  // The interquartile mean first, then the profile.
+  const auto statistic = [&thresholds](std::span<const Scores> drawn) {
+    std::vector<double> numbers = {InterquartileMean(drawn[0])};
+    std::ranges::copy(PerformanceProfile(drawn[0], thresholds), std::back_inserter(numbers));
+    return numbers;
+  };
+  std::vector<Interval> intervals = BootstrapIntervals({&scores, 1}, statistic, kBootstrap);
+  aggregate.iqm_interval = intervals.front();
+  aggregate.profile_intervals.assign(intervals.begin() + 1, intervals.end());
+  return aggregate;
+}
+
+Improvement ImprovementOf(const Scores& one, const Scores& other) {
+  const Scores both[] = {one, other};
+  const auto statistic = [](std::span<const Scores> drawn) {
+    return std::vector{ProbabilityOfImprovement(drawn[0], drawn[1])};
+  };
+  Improvement improvement;
+  improvement.probability = ProbabilityOfImprovement(one, other);
+  improvement.interval = BootstrapIntervals(both, statistic, kBootstrap).front();
+  return improvement;
+}
+
+}  // namespace
+
+std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores& paper) {
+  auto [series, benchmarks] = Choose(table);
+  if (series.empty()) return std::nullopt;
+  Aggregates aggregates;
+  for (double at = 0; at <= kProfileEnd; at += kProfileStep) aggregates.thresholds.push_back(at);
+  std::vector<Scores> scores;
+  for (const Series& each : series) {
+    scores.push_back(ScoresOf(table, each, benchmarks));
+    aggregates.series.push_back(AggregateOf(scores.back(), aggregates.thresholds));
+    aggregates.series.back().series = each;
+    aggregates.series.back().paper_iqm = PaperIqm(paper, each.algorithm, benchmarks);
+  }
+  for (size_t i = 0; i < series.size(); ++i) {
+    for (size_t j = i + 1; j < series.size(); ++j) {
+      const bool is_better = ProbabilityOfImprovement(scores[i], scores[j]) >= 0.5;
+      const size_t better = is_better ? i : j, worse = is_better ? j : i;
+      Improvement improvement = ImprovementOf(scores[better], scores[worse]);
+      improvement.better = series[better];
+      improvement.worse = series[worse];
+      aggregates.improvements.push_back(std::move(improvement));
+    }
+  }
+  aggregates.benchmarks = std::move(benchmarks);
+  return aggregates;
+}
+
+}  // namespace b4mrl

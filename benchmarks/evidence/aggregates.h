@@ -1,0 +1,48 @@
+// Estimates over many benchmarks, with intervals: what an algorithm is worth on the whole.
+//
+// Compared are series that have settled cells on the same benchmarks, eight of them or more. A
+// benchmark whose cells are filled by the same runs as another's counts once. Intervals are of 95%,
+// by a percentile bootstrap that draws benchmarks and, inside them, runs; the seeds of one cell
+// alone have no interval here. Pure functions; any thread; equal tables give equal numbers.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "benchmarks/evidence/score_table.h"
+#include "benchmarks/evidence/scores.h"
+#include "benchmarks/statistics/estimates.h"
+
+namespace b4mrl {
+
+inline constexpr size_t kLeastBenchmarks = 8;
+
+struct Aggregate {
+  Series series;
+  double iqm = 0, median = 0, mean = 0;  // of scores
+  Interval iqm_interval;
+  std::optional<double> paper_iqm;  // of the paper's means on these benchmarks, if it has all
+  std::vector<double> profile;      // share of runs with a score above each threshold
+  std::vector<Interval> profile_intervals;
+};
+
+// How likely a run of `better` scores higher than one of `worse` on the same benchmark.
+struct Improvement {
+  Series better, worse;
+  double probability = 0.5;
+  Interval interval;
+};
+
+struct Aggregates {
+  std::vector<const Benchmark*> benchmarks;
+  std::vector<double> thresholds;         // of the profiles: 0, 5, ..., 100
+  std::vector<Aggregate> series;          // in the order of the table
+  std::vector<Improvement> improvements;  // every pair once, the likelier winner first
+};
+
+// Nothing while no two series share kLeastBenchmarks. Series with the fewest cells are left out
+// until the others do.
+std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores& paper);
+
+}  // namespace b4mrl

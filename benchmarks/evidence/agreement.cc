@@ -1,0 +1,204 @@
+#include "benchmarks/evidence/agreement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "algorithms/list.h"
+#include "benchmarks/statistics/rank_correlation.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kDraws = 200;
+constexpr size_t kLeastRanked = 3;  // algorithms in a benchmark, of which an order means something
+
+// A cell of the paper's that is compared.
+struct Item {
+  const Benchmark* benchmark = nullptr;
+  std::string algorithm;
+  std::string run;            // see SharedRun
+  std::string reference_run;  // what an effect is taken from; "": there is none
+};
+
+// CellScores of runs by SharedRun.
+using Table = std::map<std::string, double>;
+
+bool IsChosen(const AgreementOptions& options, const std::string& algorithm) {
+  const auto known = FindAlgorithm(algorithm);
+  const bool is_online = known.ok() && !(*known)->needs.dataset;
+  return (options.with_h2o || algorithm != "h2o") && (options.with_online || !is_online);
+}
+
+// The benchmark with the gravity error and, of this one, the dataset as recorded.
+const Benchmark* ReferenceOf(const Benchmark& benchmark, const std::vector<Benchmark>& all) {
+  const auto found = std::ranges::find_if(all, [&](const Benchmark& other) {
+    return other.environment == benchmark.environment && other.challenge == "modelling-error" &&
+           other.simulator == "gravity" && other.dataset == benchmark.dataset;
+  });
+  return found == all.end() ? nullptr : &*found;
+}
+
+class Comparer {
+ public:
+  Comparer(const CellScores& paper, const CellScores& ours,
+           const std::vector<Benchmark>& benchmarks, const AgreementOptions& options);
+  PaperAgreement Compare() const;
+
+ private:
+  // The paper's runs with other seeds.
+  Table Draw(uint64_t draw) const;
+  std::optional<double> ScoresBeside(const Table& table) const;
+  std::optional<double> EffectsBeside(const Table& table) const;
+  std::optional<double> RankingsBeside(const Table& table) const;
+  // The mean over draws of a figure of a table.
+  template <typename Figure>
+  std::optional<double> Ceiling(Figure figure) const;
+
+  std::vector<Item> cells_;    // all of the paper's that we have too
+  std::vector<Item> runs_;     // of them each run once
+  std::vector<Item> effects_;  // of the runs, those with another one as reference
+  Table ours_, means_;
+  std::map<std::string, double> deviations_;
+  Table floor_;
+};
+
+Comparer::Comparer(const CellScores& paper, const CellScores& ours,
+                   const std::vector<Benchmark>& benchmarks, const AgreementOptions& options) {
+  std::map<std::string, std::vector<double>> by_dataset;  // and algorithm
+  for (const Benchmark& benchmark : benchmarks) {
+    for (const auto& [algorithm, unused] : benchmark.paper) {
+      const CellScore& score = *Find(paper, benchmark.name, algorithm);
+      by_dataset[algorithm + " " + benchmark.dataset].push_back(score.mean);
+      if (benchmark.dataset.empty() || !IsChosen(options, algorithm)) continue;
+      const CellScore* own = Find(ours, benchmark.name, algorithm);
+      if (own == nullptr || (options.settled_only && !own->settled)) continue;
+      Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm), ""};
+      const Benchmark* reference = ReferenceOf(benchmark, benchmarks);
+      if (reference != nullptr) item.reference_run = SharedRun(*reference, algorithm);
+      if (ours_.emplace(item.run, own->mean).second) {
+        means_[item.run] = score.mean;
+        // Of one run from three: the paper's deviation is divided by the number of seeds.
+        deviations_[item.run] = score.std * std::sqrt(1.5);
+        runs_.push_back(item);
+      }
+      cells_.push_back(std::move(item));
+    }
+  }
+  for (const Item& item : cells_) {
+    const auto& scores = by_dataset[item.algorithm + " " + item.benchmark->dataset];
+    double sum = 0;
+    for (const double score : scores) sum += score;
+    floor_[item.run] = sum / static_cast<double>(scores.size());
+  }
+  for (const Item& item : runs_) {
+    if (item.run != item.reference_run && ours_.contains(item.reference_run)) {
+      effects_.push_back(item);
+    }
+  }
+}
+
+Table Comparer::Draw(uint64_t draw) const {
+  Rng random(0, "another seed of the paper's", draw);
+  Table table;
+  for (const auto& [run, mean] : means_) table[run] = mean + deviations_.at(run) * random.Normal();
+  return table;
+}
+
+std::optional<double> Comparer::ScoresBeside(const Table& table) const {
+  std::vector<double> paper, other;
+  for (const Item& item : runs_) {
+    paper.push_back(means_.at(item.run));
+    other.push_back(table.at(item.run));
+  }
+  return Spearman(paper, other);
+}
+
+std::optional<double> Comparer::EffectsBeside(const Table& table) const {
+  std::vector<double> paper, other;
+  for (const Item& item : effects_) {
+    paper.push_back(means_.at(item.run) - means_.at(item.reference_run));
+    other.push_back(table.at(item.run) - table.at(item.reference_run));
+  }
+  return Spearman(paper, other);
+}
+
+std::optional<double> Comparer::RankingsBeside(const Table& table) const {
+  std::map<const Benchmark*, std::pair<std::vector<double>, std::vector<double>>> rows;
+  for (const Item& item : cells_) {
+    rows[item.benchmark].first.push_back(means_.at(item.run));
+    rows[item.benchmark].second.push_back(table.at(item.run));
+  }
+  double sum = 0;
+  size_t count = 0;
+  for (const auto& [benchmark, row] : rows) {
+    if (row.first.size() < kLeastRanked) continue;
+    // A table that cannot tell the algorithms apart orders none of them.
+    sum += Kendall(row.first, row.second).value_or(0);
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  return sum / static_cast<double>(count);
+}
+
+template <typename Figure>
+std::optional<double> Comparer::Ceiling(Figure figure) const {
+  double sum = 0;
+  for (uint64_t draw = 0; draw < kDraws; ++draw) {
+    const auto each = (this->*figure)(Draw(draw));
+    if (!each) return std::nullopt;
+    sum += *each;
+  }
+  return sum / kDraws;
+}
+
+PaperAgreement Comparer::Compare() const {
+  PaperAgreement agreement;
+  const auto fill = [this](auto figure, size_t count, Agreement* out) {
+    out->ours = (this->*figure)(ours_);
+    out->floor = (this->*figure)(floor_);
+    out->ceiling = Ceiling(figure);
+    out->count = count;
+  };
+  fill(&Comparer::ScoresBeside, runs_.size(), &agreement.scores);
+  fill(&Comparer::EffectsBeside, effects_.size(), &agreement.effects);
+  // A table that does not know the flaw has effects that are all alike, and no order.
+  if (agreement.effects.ours) agreement.effects.floor = 0;
+  std::map<const Benchmark*, size_t> sizes;
+  for (const Item& item : cells_) ++sizes[item.benchmark];
+  const auto ranked =
+      std::ranges::count_if(sizes, [](const auto& each) { return each.second >= kLeastRanked; });
+  fill(&Comparer::RankingsBeside, static_cast<size_t>(ranked), &agreement.rankings);
+  return agreement;
+}
+
+}  // namespace
+
+PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
+                             const std::vector<Benchmark>& benchmarks,
+                             const AgreementOptions& options) {
+  return Comparer(paper, ours, benchmarks, options).Compare();
+}
+
+std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& ours,
+                                  const std::vector<Benchmark>& benchmarks, double points) {
+  std::vector<Deviation> deviations;
+  std::set<std::string> counted;
+  for (const Benchmark& benchmark : benchmarks) {
+    for (const auto& [algorithm, unused] : benchmark.paper) {
+      const CellScore* own = Find(ours, benchmark.name, algorithm);
+      if (own == nullptr || !own->settled) continue;
+      if (!counted.insert(SharedRun(benchmark, algorithm)).second) continue;
+      const double printed = Find(paper, benchmark.name, algorithm)->mean;
+      if (std::abs(own->mean - printed) <= points) continue;
+      deviations.push_back({benchmark.name, algorithm, own->mean, printed});
+    }
+  }
+  return deviations;
+}
+
+}  // namespace b4mrl

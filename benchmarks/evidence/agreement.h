@@ -1,0 +1,51 @@
+// How far our scores agree with the paper's, by rank: each run counts once, however many benchmarks
+// it fills. Each figure stands between two that need no training:
+//   floor    a table that knows algorithm and dataset alone: the mean of the paper's cells of the
+//            algorithm and the dataset
+//   ceiling  the paper's numbers with other seeds: the mean over 200 draws of each run's score from
+//            the normal distribution with its mean and its deviation
+// Pure functions; any thread; equal scores give equal numbers.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/evidence/scores.h"
+#include "data/suites/suites.h"
+
+namespace b4mrl {
+
+struct Agreement {
+  std::optional<double> ours, floor, ceiling;  // nothing where ranks are not defined
+  size_t count = 0;                            // of runs, effects or benchmarks
+};
+
+struct PaperAgreement {
+  Agreement scores;  // Spearman
+  // Spearman of what a flaw changes: the score minus that of the same algorithm and dataset where
+  // nothing else is wrong: with clean data, and in the simulator with the gravity error.
+  Agreement effects;
+  Agreement rankings;  // mean over benchmarks of Kendall's tau of the algorithms inside one
+};
+
+struct AgreementOptions {
+  bool settled_only = true;
+  bool with_h2o = true, with_online = true;
+};
+
+PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
+                             const std::vector<Benchmark>& benchmarks,
+                             const AgreementOptions& options);
+
+// A cell whose score and the paper's differ.
+struct Deviation {
+  std::string benchmark, algorithm;  // of the first benchmark that its run fills
+  double ours = 0, paper = 0;
+};
+// The settled cells that differ by more than `points`, a run once, in the order of the benchmarks.
+std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& ours,
+                                  const std::vector<Benchmark>& benchmarks, double points);
+
+}  // namespace b4mrl

@@ -1,0 +1,222 @@
+// How claims are tested (claims.h).
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "benchmarks/evidence/claims.h"
+#include "benchmarks/statistics/significance.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr double kLevel = 0.05;
+
+// Two cells of which the first is claimed to score higher.
+struct Comparison {
+  std::optional<CellScore> higher, lower;
+
+  bool IsThere() const { return higher && lower; }
+  bool IsSettled() const { return higher->settled && lower->settled; }
+  double Difference() const { return higher->mean - lower->mean; }
+};
+
+// What is counted: a benchmark, or a pair of them, with all comparisons between the two.
+using Unit = std::vector<Comparison>;
+
+std::optional<CellScore> ScoreIn(const CellScores& scores, const std::string& benchmark,
+                                 const std::string& algorithm) {
+  const CellScore* score = Find(scores, benchmark, algorithm);
+  return score == nullptr ? std::nullopt : std::optional(*score);
+}
+
+// The best of those that have a score, whose names are taken out of `lacking`. It has settled once
+// all of them have, for another could still become the best.
+std::optional<CellScore> BestOf(const CellScores& scores, const ClaimSide& side, size_t benchmark,
+                                std::set<std::string>* lacking) {
+  std::optional<CellScore> best;
+  bool all_settled = true;
+  for (const std::string& algorithm : side.algorithms) {
+    const auto score = ScoreIn(scores, side.benchmarks[benchmark], algorithm);
+    if (!score) continue;
+    lacking->erase(algorithm);
+    all_settled &= score->settled;
+    if (!best || score->mean > best->mean) best = score;
+  }
+  if (best) best->settled = all_settled;
+  return best;
+}
+
+Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark,
+            std::set<std::string>* lacking) {
+  if (claim.pairs == ClaimPairs::kBest) {
+    return {{BestOf(scores, claim.higher, benchmark, lacking),
+             BestOf(scores, claim.lower, benchmark, lacking)}};
+  }
+  Unit unit;
+  for (const std::string& one : claim.higher.algorithms) {
+    for (const std::string& other : claim.lower.algorithms) {
+      if (claim.pairs == ClaimPairs::kSame && one != other) continue;
+      unit.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
+                      ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
+    }
+  }
+  return unit;
+}
+
+// The probability of a difference above `difference` if the true one is `truth`.
+double ChanceAbove(const Comparison& comparison, double truth) {
+  const double one = std::pow(comparison.higher->standard_error, 2);
+  const double other = std::pow(comparison.lower->standard_error, 2);
+  if (std::isinf(one + other)) return 1;  // unknown errors decide nothing, in either direction
+  if (one + other == 0) return comparison.Difference() > truth ? 0 : 1;
+  // Welch and Satterthwaite's degrees of freedom.
+  const double degrees =
+      (one + other) * (one + other) /
+      (one * one / comparison.higher->degrees + other * other / comparison.lower->degrees);
+  const double t = (comparison.Difference() - truth) / std::sqrt(one + other);
+  // A whole number of degrees below the true one asks for a little more.
+  const double two_sided = std::isinf(degrees)
+                               ? NormalTwoSided(t)
+                               : StudentTwoSided(t, static_cast<size_t>(std::max(1.0, degrees)));
+  return t > 0 ? two_sided / 2 : 1 - two_sided / 2;
+}
+
+double ChanceBelow(const Comparison& comparison, double truth) {
+  return ChanceAbove({comparison.lower, comparison.higher}, -truth);
+}
+
+// One-sided probabilities of error of the claim and of its opposite.
+struct Chances {
+  double of_claim = 1, of_opposite = 1;
+};
+
+Chances ChancesOf(const Claim& claim, const Comparison& comparison) {
+  if (!claim.is_equality) {
+    return {ChanceAbove(comparison, claim.margin), ChanceBelow(comparison, claim.margin)};
+  }
+  // Two one-sided tests; the opposite is a difference beyond either margin.
+  return {std::max(ChanceAbove(comparison, -claim.margin), ChanceBelow(comparison, claim.margin)),
+          std::min(1.0, 2 * std::min(ChanceAbove(comparison, claim.margin),
+                                     ChanceBelow(comparison, -claim.margin)))};
+}
+
+bool Holds(const Claim& claim, const Comparison& comparison) {
+  const double difference = comparison.Difference();
+  return claim.is_equality ? std::abs(difference) <= claim.margin : difference > claim.margin;
+}
+
+// Counts the differences of a comparison among those of the claim.
+void CountDifference(const Comparison& comparison, ClaimResult* result) {
+  const double difference = comparison.Difference();
+  const bool is_first = result->least > result->most;
+  result->least = is_first ? difference : std::min(result->least, difference);
+  result->most = is_first ? difference : std::max(result->most, difference);
+}
+
+Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
+  Chances all = {0, 1};
+  for (const Unit& unit : units) {
+    for (const Comparison& comparison : unit) {
+      ++result->comparisons;
+      if (!comparison.IsThere()) continue;
+      if (!comparison.IsSettled()) {
+        ++result->unsettled;
+        continue;
+      }
+      ++result->decided;
+      result->holding += Holds(claim, comparison) ? 1 : 0;
+      CountDifference(comparison, result);
+      const Chances chances = ChancesOf(claim, comparison);
+      all.of_claim = std::max(all.of_claim, chances.of_claim);
+      all.of_opposite = std::min(all.of_opposite, chances.of_opposite);
+    }
+  }
+  // One comparison that fails contradicts a claim about all; there were that many chances for it.
+  all.of_opposite = std::min(1.0, all.of_opposite * static_cast<double>(result->decided));
+  if (result->decided < result->comparisons) all.of_claim = 1;
+  return all;
+}
+
+Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
+  size_t failing = 0;
+  for (const Unit& unit : units) {
+    ++result->comparisons;
+    if (!std::ranges::all_of(unit, &Comparison::IsThere)) continue;
+    if (!std::ranges::all_of(unit, &Comparison::IsSettled)) {
+      ++result->unsettled;
+      continue;
+    }
+    ++result->decided;
+    const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
+    result->holding += std::ranges::all_of(unit, holds) ? 1 : 0;
+    failing += std::ranges::none_of(unit, holds) ? 1 : 0;
+    for (const Comparison& comparison : unit) CountDifference(comparison, result);
+  }
+  return {SignTestGreater(result->holding, result->decided - result->holding),
+          SignTestGreater(failing, result->decided - failing)};
+}
+
+// Without those that the same runs fill as one before.
+std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores, ClaimResult* result) {
+  std::vector<Unit> units;
+  std::set<std::string> seen;
+  if (claim.pairs == ClaimPairs::kBest) {
+    for (const ClaimSide* side : {&claim.higher, &claim.lower}) {
+      result->lacking.insert(side->algorithms.begin(), side->algorithms.end());
+    }
+  }
+  for (size_t i = 0; i < claim.higher.benchmarks.size(); ++i) {
+    Unit unit = UnitOf(claim, scores, i, &result->lacking);
+    std::string runs;
+    for (const Comparison& comparison : unit) {
+      if (comparison.IsThere())
+        runs += comparison.higher->runs + "," + comparison.lower->runs + ";";
+    }
+    if (runs.empty() || seen.insert(runs).second) units.push_back(std::move(unit));
+  }
+  return units;
+}
+
+ClaimResult TestClaim(const Claim& claim, const CellScores& scores) {
+  ClaimResult result;
+  result.least = 1;
+  result.most = 0;  // no differences yet
+  const std::vector<Unit> units = UnitsOf(claim, scores, &result);
+  const bool by_benchmarks = claim.test == ClaimTest::kBenchmarks;
+  const Chances chances =
+      by_benchmarks ? TestUnits(claim, units, &result) : TestCells(claim, units, &result);
+  result.favours = chances.of_claim <= chances.of_opposite;
+  result.p = std::min(1.0, 2 * std::min(chances.of_claim, chances.of_opposite));
+  if (result.decided > 0) {
+    result.verdict = Verdict::kUndecided;
+  } else {
+    result.verdict = result.unsettled > 0 ? Verdict::kNotSettled : Verdict::kNotRun;
+    result.least = result.most = 0;
+  }
+  return result;
+}
+
+}  // namespace
+
+std::vector<ClaimResult> TestClaims(const std::vector<Claim>& claims, const CellScores& scores) {
+  std::vector<ClaimResult> results;
+  std::vector<double> p;  // of the claims that could be tested
+  for (const Claim& claim : claims) {
+    results.push_back(TestClaim(claim, scores));
+    if (results.back().decided > 0) p.push_back(results.back().p);
+  }
+  const std::vector<double> adjusted = HolmAdjusted(p);
+  size_t next = 0;
+  for (ClaimResult& result : results) {
+    if (result.decided == 0) continue;
+    result.adjusted_p = adjusted[next++];
+    if (result.adjusted_p > kLevel) continue;
+    result.verdict = result.favours ? Verdict::kSupported : Verdict::kContradicted;
+  }
+  return results;
+}
+
+}  // namespace b4mrl

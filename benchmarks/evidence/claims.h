@@ -1,0 +1,69 @@
+// Claims about scores (benchmarks/claims.toml), tested on any scores alike.
+//
+// A claim compares cells: `higher` is claimed to score above `lower`, by more than a margin. Its
+// units are pairs of benchmarks, each with one comparison or several. A cell that has not settled
+// decides nothing. How a claim is tested:
+//   "cells"       Every comparison must hold. A comparison is Welch's test of two means.
+//   "benchmarks"  Most units must hold. A unit holds if all its comparisons do, and fails if none
+//                 does; an exact sign test of either against chances of one half. Units that the
+//                 same runs fill count once.
+// A verdict needs a probability of error of at most 5% over all claims together, by Holm's method.
+// Pure functions; any thread.
+#pragma once
+
+#include <cstddef>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "benchmarks/evidence/scores.h"
+#include "data/suites/suites.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct ClaimSide {
+  std::vector<std::string> algorithms;
+  std::vector<std::string> benchmarks;  // names, {} and patterns spelled out
+};
+
+enum class ClaimTest { kBenchmarks, kCells };
+// Which of several algorithms are compared: every one with every one, each with itself on the other
+// benchmark, or the best of each side.
+enum class ClaimPairs { kAll, kSame, kBest };
+
+struct Claim {
+  std::string name;
+  int line = 0;  // of the paper's source; 0: ours
+  ClaimTest test = ClaimTest::kCells;
+  ClaimPairs pairs = ClaimPairs::kAll;
+  bool is_equality = false;  // claimed to differ by at most the margin
+  double margin = 0;         // points
+  ClaimSide higher, lower;   // with equally many benchmarks
+};
+
+// kInvalidArgument names the claim and what is allowed; kUnknownName a benchmark or an algorithm.
+Result<std::vector<Claim>> ReadClaims(const std::string& path,
+                                      const std::vector<Benchmark>& benchmarks);
+
+enum class Verdict { kSupported, kContradicted, kUndecided, kNotSettled, kNotRun };
+std::string TextOf(Verdict verdict);
+
+struct ClaimResult {
+  Verdict verdict = Verdict::kNotRun;
+  size_t comparisons = 0;  // or units, for "benchmarks", without those that the same runs fill
+  size_t decided = 0;      // of them with scores that have settled
+  size_t holding = 0;      // of the decided
+  size_t unsettled = 0;    // with scores that have not settled
+  // Of claims about the best: algorithms without any score there, which could not be it.
+  std::set<std::string> lacking;
+  double p = 1;                // two-sided
+  double adjusted_p = 1;       // by Holm, over all claims
+  bool favours = false;        // whether the scores point in the claim's direction
+  double least = 0, most = 0;  // of the decided differences, higher - lower
+};
+
+// In the order of the claims.
+std::vector<ClaimResult> TestClaims(const std::vector<Claim>& claims, const CellScores& scores);
+
+}  // namespace b4mrl

@@ -1,0 +1,52 @@
+#include "benchmarks/evidence/hybrid_gain.h"
+
+#include <algorithm>
+#include <tuple>
+
+namespace b4mrl {
+namespace {
+
+constexpr const char* kSingles[kSingleSourceAlgorithms] = {"td3",  "sac",    "bc",
+                                                           "mopo", "td3-bc", "iql"};
+
+}  // namespace
+
+std::vector<HybridGain> HybridGains(const CellScores& scores,
+                                    const std::vector<Benchmark>& benchmarks) {
+  std::vector<HybridGain> gains;
+  for (const Benchmark& benchmark : benchmarks) {
+    if (benchmark.dataset.empty() || benchmark.simulator.empty()) continue;
+    HybridGain common;
+    common.benchmark = benchmark.name;
+    const CellScore* best = nullptr;
+    bool all_settled = true;
+    for (const char* single : kSingles) {
+      const CellScore* score = Find(scores, benchmark.name, single);
+      if (score == nullptr) continue;
+      ++common.compared;
+      all_settled &= score->settled;
+      if (best != nullptr && best->mean >= score->mean) continue;
+      best = score;
+      common.best = single;
+    }
+    if (best == nullptr) continue;
+    std::vector<HybridGain> of_benchmark;
+    for (auto entry = scores.lower_bound({benchmark.name, ""});
+         entry != scores.end() && entry->first.first == benchmark.name; ++entry) {
+      const auto& [name, score] = *entry;
+      if (std::ranges::find(kSingles, name.second) != std::end(kSingles)) continue;
+      HybridGain gain = common;
+      gain.algorithm = name.second;
+      gain.gain = score.mean - best->mean;
+      gain.settled = all_settled && score.settled;
+      of_benchmark.push_back(std::move(gain));
+    }
+    std::ranges::stable_sort(of_benchmark, {}, [](const HybridGain& gain) {
+      return std::tuple(OrderOf(gain.algorithm), gain.algorithm);
+    });
+    std::ranges::move(of_benchmark, std::back_inserter(gains));
+  }
+  return gains;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,220 @@
+#include "benchmarks/evidence/score_table.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <iterator>
+#include <memory>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "benchmarks/records/json_file.h"
+#include "data/files/folder_listing.h"
+#include "proto/base/mean_and_std.h"
+
+namespace b4mrl {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Name {
+  std::string_view algorithm, shown;
+};
+constexpr Name kNames[] = {{"td3", "TD3"},   {"sac", "SAC"},       {"bc", "BC"},
+                           {"mopo", "MOPO"}, {"td3-bc", "TD3-BC"}, {"iql", "IQL"},
+                           {"h2o", "H2O"},   {"hymopo", "HyMOPO"}};
+
+void ReadScorings(const Json& scorings, ScoredRun* run) {
+  if (!scorings.is_object()) return;
+  for (const auto& [name, entry] : scorings.items()) {
+    const auto score = NumberOf(entry, run->is_return ? "return" : "score");
+    if (score) run->further[name] = *score;
+  }
+}
+
+void ReadOrigin(const Json& json, ScoredRun* run) {
+  const Json& ledger = EntryOf(json, "ledger");
+  run->simulator_steps = CountOf(ledger, "simulator_steps");
+  run->query_rows = CountOf(ledger, "query_rows");
+  run->dataset_rows = CountOf(ledger, "dataset_rows");
+  run->core_hours = NumberOf(json, "seconds").value_or(0) / 3600;
+  run->budget = TextOf(json, "budget");
+  run->precision = TextOf(json, "precision");
+  run->source = TextOf(json, "source");
+  run->version = TextOf(json, "version");
+  run->commit = TextOf(json, "commit");
+  run->processor = TextOf(json, "processor");
+  run->columns_sha256 = TextOf(EntryOf(json, "dataset"), "columns_sha256");
+  std::set<std::string> kernels;
+  for (const Json& session : EntryOf(json, "sessions")) {
+    kernels.insert(TextOf(session, "blas_kernel"));
+  }
+  run->kernel = fmt::format("{}", fmt::join(kernels, "+"));
+}
+
+// The run of a result; nothing if the JSON is none.
+std::optional<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
+  ScoredRun run;
+  run.id = TextOf(json, "id");
+  run.cell_id = TextOf(json, "cell");
+  run.series = {TextOf(json, "algorithm"), TextOf(json, "recipe")};
+  run.seed = CountOf(json, "seed").value_or(0);
+  run.simulator = TextOf(json, "simulator");
+  run.dataset = TextOf(EntryOf(json, "dataset"), "name");
+  // "HalfCheetah/medium-v0" is the dataset "HalfCheetah/medium" of its suite.
+  const size_t version = run.dataset.rfind("-" + TextOf(json, "suite"));
+  if (version != std::string::npos) run.dataset.resize(version);
+  for (const Json& name : EntryOf(json, "benchmarks")) {
+    if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
+  }
+  ReadOrigin(json, &run);
+  auto curve = ReadCurve(EntryOf(json, "curve"));
+  if (run.id.empty() || run.series.algorithm.empty() || !curve) return std::nullopt;
+  run.curve = *std::move(curve);
+  const uint64_t all = CountOf(json, "updates").value_or(0);
+  const uint64_t end = limit ? limit(run).value_or(all) : all;
+  std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
+  if (run.curve.empty()) return std::nullopt;
+  const CurvePoint& last = run.curve.back();
+  run.updates = last.updates;
+  run.is_return = !last.score;
+  run.score = last.score.value_or(last.mean_return);
+  const bool ended = IsTrue(json, "finished") || last.updates < all;
+  run.settled = ended && FifthsOf(run.curve).IsSettled().value_or(false);
+  // The agent's scores seen otherwise belong to the end of the run.
+  if (last.updates == all) ReadScorings(EntryOf(json, "scorings"), &run);
+  return run;
+}
+
+}  // namespace
+
+std::vector<double> Cell::Scores() const {
+  std::vector<double> scores;
+  for (const ScoredRun* run : runs) scores.push_back(run->score);
+  return scores;
+}
+
+double Cell::Mean() const { return MeanAndStdOf(Scores()).mean; }
+
+double Cell::Deviation() const { return MeanAndStdOf(Scores()).std; }
+
+bool Cell::IsSettled() const {
+  return std::ranges::all_of(runs, [](const ScoredRun* run) { return run->settled; });
+}
+
+Result<ScoreTable> ScoreTable::Read(const std::string& folder,
+                                    const std::vector<Benchmark>& benchmarks,
+                                    const ReadingLimit& limit) {
+  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(folder, ".json"));
+  ScoreTable table;
+  table.runs_ = std::make_shared<std::vector<ScoredRun>>();
+  for (const std::string& path : files) {
+    const std::string file = std::filesystem::path(path).filename();
+    const auto json = ReadJsonObject(path);
+    auto run = json.ok() ? RunOf(*json, limit) : std::nullopt;
+    if (!run) {
+      table.notes_.push_back(fmt::format("{} was left out: it is no result of a run", file));
+      continue;
+    }
+    run->file = file;
+    table.runs_->push_back(*std::move(run));
+  }
+  table.AddCells(benchmarks);
+  table.NoteMixedRuns();
+  return table;
+}
+
+void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
+  std::ranges::stable_sort(*runs_, {}, [](const ScoredRun& run) {
+    return std::tuple(run.cell_id, run.columns_sha256, run.seed, run.precision);
+  });
+  std::set<std::string> known;
+  for (const Benchmark& benchmark : benchmarks) known.insert(benchmark.name);
+  std::set<Series> used;
+  std::set<std::string> left_out;
+  for (const ScoredRun& run : *runs_) {
+    for (const std::string& name : run.benchmarks) {
+      if (!known.contains(name)) continue;
+      Cell& cell = cells_[name][run.series];
+      used.insert(run.series);
+      const ScoredRun* other = cell.runs.empty() ? nullptr : cell.runs.front();
+      if (other == nullptr ||
+          (other->cell_id == run.cell_id && other->columns_sha256 == run.columns_sha256 &&
+           cell.runs.back()->seed != run.seed)) {
+        cell.runs.push_back(&run);
+      } else {
+        left_out.insert(fmt::format(
+            "{} was left out: {} differs from it in hyperparameters, in the rows of the "
+            "dataset, or has its seed in another precision",
+            run.file, other->file));
+      }
+    }
+  }
+  notes_.insert(notes_.end(), left_out.begin(), left_out.end());
+  for (const Benchmark& benchmark : benchmarks) {
+    if (cells_.contains(benchmark.name)) benchmarks_.push_back(&benchmark);
+  }
+  series_.assign(used.begin(), used.end());
+  std::ranges::stable_sort(series_, {}, [](const Series& each) { return OrderOf(each.algorithm); });
+}
+
+void ScoreTable::NoteMixedRuns() {
+  std::set<std::string> noted;
+  for (const auto& [benchmark, row] : cells_) {
+    for (const auto& [series, cell] : row) {
+      std::set<std::string> machines, precisions;
+      std::set<uint64_t> updates;
+      for (const ScoredRun* run : cell.runs) {
+        machines.insert(run->processor + ", " + run->kernel);
+        precisions.insert(run->precision);
+        updates.insert(run->updates);
+      }
+      if (machines.size() <= 1 && precisions.size() <= 1 && updates.size() <= 1) continue;
+      std::string what = updates.size() > 1      ? "numbers of updates"
+                         : precisions.size() > 1 ? "precisions"
+                                                 : "processors or BLAS kernels";
+      std::string note = fmt::format("cell {} of {} is a mean over several {}",
+                                     cell.runs.front()->cell_id, DisplayName(series), what);
+      if (noted.insert(note).second) notes_.push_back(std::move(note));
+    }
+  }
+}
+
+const Cell* ScoreTable::Find(const std::string& benchmark, const Series& series) const {
+  const auto row = cells_.find(benchmark);
+  if (row == cells_.end()) return nullptr;
+  const auto cell = row->second.find(series);
+  return cell == row->second.end() ? nullptr : &cell->second;
+}
+
+std::optional<Series> ScoreTable::MainSeries(const std::string& algorithm) const {
+  std::optional<Series> best;
+  std::ptrdiff_t most = 0;
+  for (const Series& each : series_) {
+    if (each.algorithm != algorithm) continue;
+    const auto cells =
+        std::ranges::count_if(cells_, [&](const auto& row) { return row.second.contains(each); });
+    if (cells > most) best = each;
+    most = std::max(most, cells);
+  }
+  return best;
+}
+
+std::string DisplayName(const std::string& algorithm) {
+  const auto* found = std::ranges::find(kNames, std::string_view(algorithm), &Name::algorithm);
+  return found == std::end(kNames) ? algorithm : std::string(found->shown);
+}
+
+std::string DisplayName(const Series& series) {
+  const std::string name = DisplayName(series.algorithm);
+  return series.recipe.empty() ? name : fmt::format("{} ({})", name, series.recipe);
+}
+
+size_t OrderOf(const std::string& algorithm) {
+  return static_cast<size_t>(
+      std::ranges::find(kNames, std::string_view(algorithm), &Name::algorithm) - kNames);
+}
+
+}  // namespace b4mrl

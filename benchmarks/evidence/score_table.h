@@ -1,0 +1,99 @@
+// The scores of results as a table: which algorithm came how far on which benchmark.
+//
+// A result of a run fills the cells of all benchmarks that it names. Results of one cell, which
+// differ in seed or precision alone, are its runs; runs of other hyperparameters have another
+// recipe and are another series: "mopo (short)" beside "mopo (paper)". A series is what tables have
+// a column for. Value types; any thread; no clock: equal results make equal tables.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/records/curve.h"
+#include "data/suites/suites.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct Series {
+  std::string algorithm;  // "hymopo", or the name of a user's own learner
+  std::string recipe;     // "" for algorithms with a single one
+  auto operator<=>(const Series&) const = default;
+};
+
+// A run as its result tells of it, at its last evaluation that counts (see ReadingLimit).
+struct ScoredRun {
+  std::string id, cell_id, file;  // `file` without its folder
+  Series series;
+  std::string simulator, dataset;  // "": none
+  std::vector<std::string> benchmarks;
+  uint64_t seed = 0;
+  double score = 0;        // normalised; the return where the task has no reference returns
+  bool is_return = false;  // `score` is a return
+  uint64_t updates = 0;
+  // Training ended, and the mean score of its last fifth differs by at most 1.5 points from that of
+  // the fifth before.
+  bool settled = false;
+  Curve curve;                            // until then
+  std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
+  double core_hours = 0;                  // of the whole run
+  std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
+  std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
+};
+
+struct Cell {
+  std::vector<const ScoredRun*> runs;  // one a seed, ascending
+
+  std::vector<double> Scores() const;
+  double Mean() const;
+  double Deviation() const;  // over the seeds, divided by their number
+  bool IsSettled() const;    // every run is
+};
+
+// Until which update a run counts; nothing: all of it.
+using ReadingLimit = std::function<std::optional<uint64_t>(const ScoredRun& run)>;
+
+class ScoreTable {
+ public:
+  // All results ("*.json") of a folder. A file that is no result is named among the notes. The
+  // benchmarks, which the object refers to, give the order. kIoError.
+  static Result<ScoreTable> Read(const std::string& folder,
+                                 const std::vector<Benchmark>& benchmarks,
+                                 const ReadingLimit& limit);
+
+  // Those with a cell, in the order of the suites.
+  const std::vector<const Benchmark*>& benchmarks() const { return benchmarks_; }
+  // Algorithms in the field's order (online, offline, hybrid), then users' own by name.
+  const std::vector<Series>& series() const { return series_; }
+  const std::vector<ScoredRun>& runs() const { return *runs_; }
+  // Null if there is none.
+  const Cell* Find(const std::string& benchmark, const Series& series) const;
+  // The series that stands for an algorithm where only one can: that with the most cells.
+  std::optional<Series> MainSeries(const std::string& algorithm) const;
+  // What a reader of the tables must know: files that were left out, means over several processors.
+  const std::vector<std::string>& notes() const { return notes_; }
+
+ private:
+  void AddCells(const std::vector<Benchmark>& benchmarks);
+  void NoteMixedRuns();
+
+  std::vector<const Benchmark*> benchmarks_;
+  std::vector<Series> series_;
+  std::shared_ptr<std::vector<ScoredRun>> runs_;  // cells point at them, also after a move
+  std::map<std::string, std::map<Series, Cell>> cells_;
+  std::vector<std::string> notes_;
+};
+
+// "TD3", "HyMOPO"; a user's own name as it is.
+std::string DisplayName(const std::string& algorithm);
+// "HyMOPO (short)".
+std::string DisplayName(const Series& series);
+// The place of an algorithm in the field's order; users' own come last.
+size_t OrderOf(const std::string& algorithm);
+
+}  // namespace b4mrl

@@ -1,0 +1,165 @@
+#include "benchmarks/evidence/scores.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <set>
+
+#include "algorithms/list.h"
+#include "benchmarks/statistics/significance.h"
+#include "proto/base/rng.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr size_t kPaperSeeds = 3;
+constexpr size_t kSeedsForAnError = 3;
+constexpr size_t kCellsForOwnDeviation = 10;
+// The paper has no behaviour cloning; TD3-BC is the nearest that it has.
+constexpr char kInPlaceOfBc[] = "td3-bc";
+
+double RootMeanSquare(const std::vector<double>& values) {
+  double squares = 0;
+  for (const double value : values) squares += value * value;
+  return std::sqrt(squares / static_cast<double>(values.size()));
+}
+
+// From a deviation divided by the number of seeds to one divided by one less.
+double Unbiased(double std, size_t seeds) {
+  const auto count = static_cast<double>(seeds);
+  return std * std::sqrt(count / (count - 1));
+}
+
+void SetErrorOfMean(CellScore* score) {
+  score->standard_error =
+      Unbiased(score->std, score->seeds) / std::sqrt(static_cast<double>(score->seeds));
+  score->degrees = static_cast<double>(score->seeds - 1);
+}
+
+std::string EnvironmentOf(const std::string& benchmark) {
+  return benchmark.substr(0, benchmark.find('/'));
+}
+
+}  // namespace
+
+std::optional<Interval> CellScore::Interval95() const {
+  if (std::isinf(standard_error)) return std::nullopt;
+  const double quantile = std::isinf(degrees)
+                              ? NormalQuantile(0.975)
+                              : StudentQuantile(0.975, static_cast<size_t>(degrees));
+  return Interval{mean - quantile * standard_error, mean + quantile * standard_error};
+}
+
+const CellScore* Find(const CellScores& scores, const std::string& benchmark,
+                      const std::string& algorithm) {
+  const auto found = scores.find({benchmark, algorithm});
+  return found == scores.end() ? nullptr : &found->second;
+}
+
+std::string SharedRun(const Benchmark& benchmark, const std::string& algorithm) {
+  const auto known = FindAlgorithm(algorithm);
+  if (!known.ok()) return fmt::format("{} {}", algorithm, benchmark.name);
+  const bool has_simulator = (*known)->needs.simulator, has_dataset = (*known)->needs.dataset;
+  std::string hyperparameters;
+  for (const auto& [name, value] : benchmark.hyperparameters) {
+    hyperparameters += fmt::format(" {}={}", name, value);
+  }
+  return fmt::format("{} {} | {} | {} | {} |{}", benchmark.environment, algorithm, benchmark.world,
+                     has_simulator ? benchmark.simulator : "",
+                     has_dataset ? benchmark.dataset + " " + benchmark.corruption : "",
+                     hyperparameters);
+}
+
+CellScores PaperScores(const std::vector<Benchmark>& benchmarks) {
+  CellScores scores;
+  for (const Benchmark& benchmark : benchmarks) {
+    for (const auto& [algorithm, paper] : benchmark.paper) {
+      CellScore score;
+      score.mean = paper.mean;
+      score.std = paper.std;
+      score.seeds = kPaperSeeds;
+      score.runs = SharedRun(benchmark, algorithm);
+      SetErrorOfMean(&score);
+      scores[{benchmark.name, algorithm}] = std::move(score);
+    }
+  }
+  return scores;
+}
+
+std::optional<double> PooledPaperDeviation(const CellScores& paper, const std::string& environment,
+                                           const std::string& algorithm) {
+  std::vector<double> deviations;
+  std::set<std::string> counted;
+  for (const auto& [name, score] : paper) {
+    if (name.second == algorithm && EnvironmentOf(name.first) == environment &&
+        counted.insert(score.runs).second) {
+      deviations.push_back(score.std);
+    }
+  }
+  if (deviations.empty()) return std::nullopt;
+  return RootMeanSquare(deviations);
+}
+
+BorrowedDeviations::BorrowedDeviations(const ScoreTable& table, const CellScores& paper) {
+  std::map<Key, std::vector<double>> own;
+  std::set<std::string> counted;
+  for (const Benchmark* benchmark : table.benchmarks()) {
+    for (const Series& series : table.series()) {
+      const Cell* cell = table.Find(benchmark->name, series);
+      if (cell == nullptr) continue;
+      std::vector<double>& deviations = own[{benchmark->environment, series}];
+      if (cell->runs.size() < kSeedsForAnError) continue;
+      if (!counted.insert(cell->runs.front()->id).second) continue;
+      deviations.push_back(Unbiased(cell->Deviation(), cell->runs.size()));
+    }
+  }
+  for (const auto& [key, deviations] : own) {
+    if (deviations.size() >= kCellsForOwnDeviation) {
+      deviations_[key] = RootMeanSquare(deviations);
+      continue;
+    }
+    const auto& [environment, series] = key;
+    const std::string algorithm = series.algorithm == "bc" ? kInPlaceOfBc : series.algorithm;
+    const auto pooled = PooledPaperDeviation(paper, environment, algorithm);
+    if (pooled) deviations_[key] = *pooled;
+  }
+}
+
+std::optional<double> BorrowedDeviations::Of(const std::string& environment,
+                                             const Series& series) const {
+  const auto found = deviations_.find({environment, series});
+  return found == deviations_.end() ? std::nullopt : std::optional(found->second);
+}
+
+CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
+                  const BorrowedDeviations& deviations) {
+  CellScore score;
+  score.mean = cell.Mean();
+  score.std = cell.Deviation();
+  score.seeds = cell.runs.size();
+  score.settled = cell.IsSettled();
+  for (const ScoredRun* run : cell.runs) score.runs += run->id;
+  if (score.seeds >= kSeedsForAnError) {
+    SetErrorOfMean(&score);
+  } else if (const auto deviation =
+                 deviations.Of(benchmark.environment, cell.runs.front()->series)) {
+    score.standard_error = *deviation / std::sqrt(static_cast<double>(score.seeds));
+    score.is_borrowed = true;
+  }
+  return score;
+}
+
+CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations) {
+  CellScores scores;
+  for (const Series& series : table.series()) {
+    if (table.MainSeries(series.algorithm) != series) continue;
+    for (const Benchmark* benchmark : table.benchmarks()) {
+      const Cell* cell = table.Find(benchmark->name, series);
+      if (cell == nullptr) continue;
+      scores[{benchmark->name, series.algorithm}] = ScoreOf(*benchmark, *cell, deviations);
+    }
+  }
+  return scores;
+}
+
+}  // namespace b4mrl

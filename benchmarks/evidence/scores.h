@@ -1,0 +1,77 @@
+// The score of an algorithm on a benchmark with what is known of its error: from results, or as the
+// paper prints it. Claims and rank correlations are tested on either in the same way.
+//
+// The error of a cell with three seeds or more is that of a mean, by Student's t. A cell with fewer
+// seeds borrows the algorithm's deviation between seeds in that environment: pooled over our cells
+// with three seeds or more once there are ten of those, over the paper's cells before. The number
+// of evaluation episodes says nothing about an algorithm and enters nowhere. Value types; any
+// thread.
+#pragma once
+
+#include <cstddef>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "benchmarks/evidence/score_table.h"
+#include "benchmarks/statistics/estimates.h"
+#include "data/suites/suites.h"
+
+namespace b4mrl {
+
+struct CellScore {
+  double mean = 0;
+  double std = 0;  // between seeds, divided by their number; 0 with one seed
+  size_t seeds = 0;
+  bool settled = true;
+  // Of the mean; infinite where nothing is known: a user's algorithm with fewer than three seeds.
+  double standard_error = std::numeric_limits<double>::infinity();
+  double degrees = std::numeric_limits<double>::infinity();  // of freedom, of Student's t
+  bool is_borrowed = false;                                  // the error is that of other cells
+  std::string runs;  // equal for cells that the same runs fill
+
+  // In which the mean lies with 95% probability; nothing without a standard error.
+  std::optional<Interval> Interval95() const;
+};
+
+// By benchmark and algorithm.
+using CellName = std::pair<std::string, std::string>;
+using CellScores = std::map<CellName, CellScore>;
+
+// Null if there is none.
+const CellScore* Find(const CellScores& scores, const std::string& benchmark,
+                      const std::string& algorithm);
+
+// What a run of the algorithm on the benchmark depends on, as text: equal for benchmarks that one
+// run fills, since an online learner uses no dataset, and an offline one no simulator.
+std::string SharedRun(const Benchmark& benchmark, const std::string& algorithm);
+
+// As the paper prints them: three seeds each, all settled.
+CellScores PaperScores(const std::vector<Benchmark>& benchmarks);
+
+// The root of the mean square of the deviations that the paper prints, over its distinct runs in an
+// environment. Nothing for algorithms that it has not.
+std::optional<double> PooledPaperDeviation(const CellScores& paper, const std::string& environment,
+                                           const std::string& algorithm);
+
+// Deviations between seeds that cells with fewer than three seeds borrow.
+class BorrowedDeviations {
+ public:
+  BorrowedDeviations() = default;
+  BorrowedDeviations(const ScoreTable& table, const CellScores& paper);
+  std::optional<double> Of(const std::string& environment, const Series& series) const;
+
+ private:
+  using Key = std::pair<std::string, Series>;  // environment first
+  std::map<Key, double> deviations_;
+};
+
+CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
+                  const BorrowedDeviations& deviations);
+// Of results, each algorithm by its main series.
+CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations);
+
+}  // namespace b4mrl

@@ -1,0 +1,74 @@
+// What the algorithms are worth over many benchmarks.
+#include <fmt/format.h>
+
+#include "benchmarks/evidence/aggregates.h"
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+std::string IntervalEntry(const Interval& interval, int digits) {
+  return fmt::format("[{:.{}f}, {:.{}f}]", interval.low, digits, interval.high, digits);
+}
+
+Table EstimatesTable(const Aggregates& aggregates) {
+  Table table;
+  table.id = "aggregates";
+  table.title = "Interquartile mean, median and mean of the scores.";
+  table.caption =
+      "Intervals of 95%: percentile bootstrap, 2,000 resamples of benchmarks and of the runs "
+      "inside them.";
+  table.columns = {{"Algorithm"},          {"Interquartile mean", true},
+                   {"95% interval", true}, {"Median", true},
+                   {"Mean", true},         {"Interquartile mean of the paper's means", true}};
+  for (const Aggregate& each : aggregates.series) {
+    table.rows.push_back({DisplayName(each.series), Fixed(each.iqm, 1),
+                          IntervalEntry(each.iqm_interval, 1), Fixed(each.median, 1),
+                          Fixed(each.mean, 1), Fixed(each.paper_iqm, 1)});
+  }
+  return table;
+}
+
+Table ImprovementsTable(const Aggregates& aggregates) {
+  Table table;
+  table.id = "improvement";
+  table.title = "Probability of improvement.";
+  table.caption =
+      "How likely a run of the first algorithm scores higher than a run of the second on the same "
+      "benchmark, equal scores counted half.";
+  table.columns = {{"Algorithm"}, {"Over"}, {"Probability", true}, {"95% interval", true}};
+  for (const Improvement& each : aggregates.improvements) {
+    table.rows.push_back({DisplayName(each.better), DisplayName(each.worse),
+                          Fixed(each.probability, 2), IntervalEntry(each.interval, 2)});
+  }
+  return table;
+}
+
+}  // namespace
+
+Section AggregatesSection(const Evidence& evidence) {
+  Section section;
+  section.title = "Over many benchmarks";
+  const auto aggregates = AggregatesOf(evidence.table, evidence.paper);
+  if (!aggregates) {
+    section.blocks.emplace_back(Paragraph{fmt::format(
+        "No two algorithms have settled scores on {} of the same benchmarks yet, so nothing is "
+        "said about them on the whole.",
+        kLeastBenchmarks)});
+    return section;
+  }
+  std::string names;
+  for (const Benchmark* benchmark : aggregates->benchmarks) {
+    names += (names.empty() ? "" : ", ") + benchmark->name;
+  }
+  section.blocks.emplace_back(Paragraph{fmt::format(
+      "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
+      "same runs counted once: {}.",
+      aggregates->benchmarks.size(), names)});
+  section.blocks.emplace_back(EstimatesTable(*aggregates));
+  section.blocks.emplace_back(ImprovementsTable(*aggregates));
+  return section;
+}
+
+}  // namespace b4mrl

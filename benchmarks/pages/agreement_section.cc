@@ -1,0 +1,72 @@
+// How far our scores agree with the paper's.
+#include <fmt/format.h>
+
+#include "benchmarks/evidence/agreement.h"
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr double kExplainedPoints = 15;
+
+void AddRows(const std::string& which, const PaperAgreement& agreement, Table* table) {
+  const auto add = [&](const char* figure, const Agreement& each) {
+    table->rows.push_back({which, figure, fmt::format("{}", each.count), Fixed(each.ours, 2),
+                           Fixed(each.floor, 2), Fixed(each.ceiling, 2)});
+  };
+  add("scores (Spearman)", agreement.scores);
+  add("effects of flaws (Spearman)", agreement.effects);
+  add("algorithms inside a benchmark (mean Kendall)", agreement.rankings);
+}
+
+Table RanksTable(const Evidence& evidence) {
+  Table table;
+  table.id = "agreement";
+  table.title = "Rank correlations with the paper.";
+  table.caption =
+      "Each run counts once, however many benchmarks it fills. An effect is the score minus that "
+      "of the same algorithm and dataset with clean data and the gravity error alone. Floor: a "
+      "table that knows algorithm and dataset alone, as the means of the paper's cells. Ceiling: "
+      "the paper's own numbers with another seed, drawn from their means and deviations (mean of "
+      "200).";
+  table.columns = {{"Cells"},      {"Figure"},      {"n", true},
+                   {"Ours", true}, {"Floor", true}, {"Ceiling", true}};
+  const auto compare = [&](const CellScores& ours, AgreementOptions options) {
+    return AgreementWith(evidence.paper, ours, evidence.benchmarks, options);
+  };
+  AddRows("settled", compare(evidence.ours, {}), &table);
+  AddRows("settled, without H2O, TD3 and SAC",
+          compare(evidence.ours, {.settled_only = true, .with_h2o = false, .with_online = false}),
+          &table);
+  AddRows("all", compare(evidence.ours, {.settled_only = false}), &table);
+  AddRows("the paper beside itself", compare(evidence.paper, {}), &table);
+  return table;
+}
+
+}  // namespace
+
+Section AgreementSection(const Evidence& evidence) {
+  Section section;
+  section.title = "Agreement with the paper";
+  section.blocks.emplace_back(RanksTable(evidence));
+  const auto deviations =
+      Deviations(evidence.paper, evidence.ours, evidence.benchmarks, kExplainedPoints);
+  if (deviations.empty()) return section;
+  Table table;
+  table.id = "deviations";
+  table.title = fmt::format("Settled cells that differ from the paper's by more than {} points.",
+                            kExplainedPoints);
+  table.caption = "A run that fills several cells stands once.";
+  table.columns = {{"Benchmark"}, {"Algorithm"}, {"Ours", true}, {"Paper", true}, {"Why"}};
+  for (const Deviation& each : deviations) {
+    const auto reason = evidence.explanations.find({each.benchmark, each.algorithm});
+    const bool is_known = reason != evidence.explanations.end();
+    table.rows.push_back({each.benchmark, DisplayName(each.algorithm), Fixed(each.ours, 1),
+                          Fixed(each.paper, 1), is_known ? reason->second : "unexplained"});
+  }
+  section.blocks.emplace_back(std::move(table));
+  return section;
+}
+
+}  // namespace b4mrl

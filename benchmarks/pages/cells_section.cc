@@ -1,0 +1,170 @@
+// Every cell with its interval and its cost, and the same numbers for programs.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <set>
+
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+// Shortest text that reads back as the same number.
+std::string Exact(double value) { return fmt::format("{}", value); }
+
+double CoreHours(const Cell& cell) {
+  double hours = 0;
+  for (const ScoredRun* run : cell.runs) hours += run->core_hours;
+  return hours / static_cast<double>(cell.runs.size());
+}
+
+std::optional<uint64_t> MeanOf(const Cell& cell, std::optional<uint64_t> ScoredRun::*member) {
+  uint64_t sum = 0;
+  for (const ScoredRun* run : cell.runs) {
+    if (!(run->*member)) return std::nullopt;
+    sum += *(run->*member);
+  }
+  return sum / cell.runs.size();
+}
+
+uint64_t LeastUpdates(const Cell& cell) {
+  uint64_t least = cell.runs.front()->updates;
+  for (const ScoredRun* run : cell.runs) least = std::min(least, run->updates);
+  return least;
+}
+
+// Calls use(benchmark, series, cell) for every cell, benchmark by benchmark.
+template <typename Use>
+void ForEachCell(const ScoreTable& table, Use use) {
+  for (const Benchmark* benchmark : table.benchmarks()) {
+    for (const Series& series : table.series()) {
+      const Cell* cell = table.Find(benchmark->name, series);
+      if (cell != nullptr) use(*benchmark, series, *cell);
+    }
+  }
+}
+
+// What the paper's tables call a flaw and a dataset.
+struct PaperWord {
+  const char* challenge;  // of those of which the word is said
+  const char* ours;
+  const char* theirs;
+};
+constexpr PaperWord kPaperWords[] = {
+    {"partial-observability-simulator", "obs-noise-low", "sigma_low"},
+    {"partial-observability-simulator", "obs-noise-high", "sigma_high"},
+    {"partial-observability-simulator", "hidden-low", "h_low"},
+    {"partial-observability-simulator", "hidden-high", "h_high"},
+    {"confounding", "obs-noise-low", "sigma_low"},
+    {"confounding", "obs-noise-high", "sigma_high"},
+    {"confounding", "hidden-low", "h_low"},
+    {"confounding", "hidden-high", "h_high"},
+    {"action-discrepancy", "action-noise-low", "sigma_low"},
+    {"action-discrepancy", "action-noise-high", "sigma_high"},
+    {"partial-observability-dataset", "partial-low", "h_low"},
+    {"partial-observability-dataset", "partial-low-history", "h_low-history"},
+    {"partial-observability-dataset", "partial-high", "h_high"},
+    {"partial-observability-dataset", "partial-high-history", "h_high-history"},
+};
+
+std::string PaperWordOf(const std::string& challenge, const std::string& ours) {
+  for (const PaperWord& word : kPaperWords) {
+    if (challenge == word.challenge && ours == word.ours) return word.theirs;
+  }
+  return ours;
+}
+
+}  // namespace
+
+Section CellsSection(const Evidence& evidence) {
+  Section section;
+  section.title = "Every cell: interval, cost, interactions";
+  Table table;
+  table.id = "cells";
+  table.title = "Scores beside what they cost.";
+  table.caption =
+      "A run that fills the cells of several benchmarks stands once, at the first of them. "
+      "Intervals of 95%: by Student's t from three seeds on; * with fewer seeds, where the "
+      "deviation between seeds is the algorithm's, pooled over our cells with three seeds or, "
+      "while there are fewer than ten of those, over the paper's (of BC, which the paper has not, "
+      "TD3-BC's). Core-hours are those of one run, evaluations included; interactions are counted "
+      "by the daemon.";
+  table.columns = {
+      {"Benchmark"},        {"Algorithm"},         {"Score", true},      {"95% interval", true},
+      {"Seeds", true},      {"Updates", true},     {"Core-hours", true}, {"Simulator steps", true},
+      {"Query rows", true}, {"Dataset rows", true}};
+  std::set<std::string> shown;
+  ForEachCell(evidence.table,
+              [&](const Benchmark& benchmark, const Series& series, const Cell& cell) {
+                const CellScore score = ScoreOf(benchmark, cell, evidence.deviations);
+                if (!shown.insert(score.runs).second) return;
+                table.rows.push_back({benchmark.name, DisplayName(series), ScoreEntry(score),
+                                      IntervalEntry(score), fmt::format("{}", score.seeds),
+                                      Amount(LeastUpdates(cell)), Fixed(CoreHours(cell), 2),
+                                      Amount(MeanOf(cell, &ScoredRun::simulator_steps)),
+                                      Amount(MeanOf(cell, &ScoredRun::query_rows)),
+                                      Amount(MeanOf(cell, &ScoredRun::dataset_rows))});
+              });
+  section.blocks.emplace_back(std::move(table));
+  return section;
+}
+
+Table CellsAsNumbers(const Evidence& evidence) {
+  Table table;
+  table.id = "scores";
+  for (const char* name :
+       {"benchmark", "algorithm", "recipe", "mean", "std", "seeds", "updates", "settled", "low",
+        "high", "borrowed_deviation", "paper_mean", "paper_std", "core_hours", "simulator_steps",
+        "query_rows", "dataset_rows"}) {
+    table.columns.push_back({name});
+  }
+  const auto count = [](const std::optional<uint64_t>& number) {
+    return number ? fmt::format("{}", *number) : std::string();
+  };
+  ForEachCell(evidence.table,
+              [&](const Benchmark& benchmark, const Series& series, const Cell& cell) {
+                const CellScore score = ScoreOf(benchmark, cell, evidence.deviations);
+                const auto interval = score.Interval95();
+                const CellScore* paper = Find(evidence.paper, benchmark.name, series.algorithm);
+                table.rows.push_back(
+                    {benchmark.name, series.algorithm, series.recipe, Exact(score.mean),
+                     score.seeds > 1 ? Exact(score.std) : "", fmt::format("{}", score.seeds),
+                     fmt::format("{}", LeastUpdates(cell)), score.settled ? "yes" : "no",
+                     interval ? Exact(interval->low) : "", interval ? Exact(interval->high) : "",
+                     score.is_borrowed ? "yes" : "no", paper != nullptr ? Exact(paper->mean) : "",
+                     paper != nullptr ? Exact(paper->std) : "", Exact(CoreHours(cell)),
+                     count(MeanOf(cell, &ScoredRun::simulator_steps)),
+                     count(MeanOf(cell, &ScoredRun::query_rows)),
+                     count(MeanOf(cell, &ScoredRun::dataset_rows))});
+              });
+  return table;
+}
+
+Table CellsAsThePaper(const Evidence& evidence) {
+  Table table;
+  table.id = "halfcheetah_results";
+  for (const char* name :
+       {"table", "challenge", "dataset", "discrepancy", "algorithm", "mean", "std"}) {
+    table.columns.push_back({name});
+  }
+  for (const Benchmark& benchmark : evidence.benchmarks) {
+    const std::string of_paper = PaperTableOf(benchmark.challenge);
+    if (benchmark.environment != "HalfCheetah" || of_paper.empty() || benchmark.dataset.empty())
+      continue;
+    const std::string& flaw =
+        benchmark.corruption.empty() ? benchmark.simulator : benchmark.corruption;
+    for (auto entry = evidence.ours.lower_bound({benchmark.name, ""});
+         entry != evidence.ours.end() && entry->first.first == benchmark.name; ++entry) {
+      const CellScore& score = entry->second;
+      table.rows.push_back({of_paper, benchmark.challenge,
+                            PaperWordOf(benchmark.challenge, LevelOf(benchmark)),
+                            PaperWordOf(benchmark.challenge, flaw),
+                            DisplayName(entry->first.second), fmt::format("{:.1f}", score.mean),
+                            score.seeds > 1 ? fmt::format("{:.1f}", score.std) : ""});
+    }
+  }
+  return table;
+}
+
+}  // namespace b4mrl

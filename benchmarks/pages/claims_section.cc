@@ -1,0 +1,71 @@
+// The claims, tested on the paper's numbers and on ours.
+#include <fmt/format.h>
+
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+// "3 of 4 hold (of 7)".
+std::string CountsEntry(const ClaimResult& result) {
+  if (result.decided == 0) return kMissing;
+  std::string text = fmt::format("{} of {}", result.holding, result.decided);
+  if (result.decided < result.comparisons) text += fmt::format(" (of {})", result.comparisons);
+  return text;
+}
+
+std::string RangeEntry(const ClaimResult& result) {
+  if (result.decided == 0) return kMissing;
+  if (result.decided == 1) return Signed(result.least);
+  return fmt::format("{} to {}", Signed(result.least), Signed(result.most));
+}
+
+std::string VerdictEntry(const ClaimResult& result) {
+  std::string text = TextOf(result.verdict);
+  const bool has_verdict = result.decided > 0 && !result.lacking.empty();
+  if (has_verdict) text += fmt::format(" (without {})", fmt::join(result.lacking, ", "));
+  return text;
+}
+
+std::string ChanceEntry(const ClaimResult& result) {
+  if (result.decided == 0) return kMissing;
+  const auto shown = [](double p) { return p < 0.001 ? "<0.001" : fmt::format("{:.3f}", p); };
+  return fmt::format("{} ({})", shown(result.p), shown(result.adjusted_p));
+}
+
+}  // namespace
+
+Section ClaimsSection(const Evidence& evidence) {
+  const auto paper = TestClaims(evidence.claims, evidence.paper);
+  const auto ours = TestClaims(evidence.claims, evidence.ours);
+  Section section;
+  section.title = "Claims, tested";
+  Table table;
+  table.id = "claims";
+  table.title = "What the paper says, and what we ask beside it.";
+  table.caption =
+      "Written down before our results (benchmarks/claims.toml); each claim is that one side "
+      "scores higher than the other. A claim about many benchmarks counts those in which it "
+      "holds, and is tested by an exact sign test; a claim about cells must hold in each of them, "
+      "by Welch's test. p is two-sided; in brackets, adjusted by Holm's method over all claims "
+      "of its column, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
+      "scores have "
+      "settled (of how many there are). Differences: the least and the greatest, in points, of "
+      "the claimed direction.";
+  table.columns = {
+      {"Line", true}, {"Claim"},       {"On the paper's numbers"}, {"Holds", true}, {"p", true},
+      {"On ours"},    {"Holds", true}, {"Differences", true},      {"p", true}};
+  for (size_t i = 0; i < evidence.claims.size(); ++i) {
+    const Claim& claim = evidence.claims[i];
+    const bool is_theirs = paper[i].decided > 0;
+    table.rows.push_back({claim.line > 0 ? fmt::format("{}", claim.line) : "ours", claim.name,
+                          is_theirs ? VerdictEntry(paper[i]) : kMissing, CountsEntry(paper[i]),
+                          ChanceEntry(paper[i]), VerdictEntry(ours[i]), CountsEntry(ours[i]),
+                          RangeEntry(ours[i]), ChanceEntry(ours[i])});
+  }
+  section.blocks.emplace_back(std::move(table));
+  return section;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,89 @@
+#include "benchmarks/pages/entries.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/pictures/text.h"
+
+namespace b4mrl {
+namespace {
+
+struct PaperTable {
+  std::string_view challenge, label;
+};
+constexpr PaperTable kPaperTables[] = {
+    {"modelling-error", "trans_error"},
+    {"partial-observability-simulator", "obs_error"},
+    {"partial-observability-dataset", "partial_obs_new_ds"},
+    {"action-discrepancy", "action_error"},
+    {"confounding", "conf_error_full"},
+    {"simulators", "sim2real_res"},
+};
+
+}  // namespace
+
+std::string ScoreEntry(const CellScore& score) {
+  std::string text = fmt::format("{:.1f}", score.mean);
+  if (score.seeds > 1) text += fmt::format(" ± {:.1f}", score.std);
+  return score.settled ? text : fmt::format("{} {}", text, kUnsettledMark);
+}
+
+std::string CellEntry(const Cell& cell) {
+  std::string text = fmt::format("{:.1f}", cell.Mean());
+  if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
+  if (!cell.IsSettled()) text += fmt::format(" {}", kUnsettledMark);
+  uint64_t least = cell.runs.front()->updates;
+  for (const ScoredRun* run : cell.runs) least = std::min(least, run->updates);
+  return fmt::format("{} ({}×{})", text, cell.runs.size(), Amount(least));
+}
+
+std::string Amount(uint64_t count) {
+  if (count >= 1'000'000 && count % 1'000'000 == 0) return fmt::format("{}M", count / 1'000'000);
+  if (count >= 1'000 && count % 1'000 == 0) return fmt::format("{}k", count / 1'000);
+  return FormatFixed(static_cast<double>(count), 0);
+}
+
+std::string Amount(const std::optional<uint64_t>& count) {
+  return count ? FormatFixed(static_cast<double>(*count), 0) : kMissing;
+}
+
+std::string Signed(double points) { return fmt::format("{:+.1f}", points); }
+
+std::string Fixed(const std::optional<double>& value, int digits) {
+  return value ? fmt::format("{:.{}f}", *value, digits) : kMissing;
+}
+
+std::string IntervalEntry(const CellScore& score) {
+  const auto interval = score.Interval95();
+  if (!interval) return kMissing;
+  return fmt::format("[{:.1f}, {:.1f}]{}", interval->low, interval->high,
+                     score.is_borrowed ? "*" : "");
+}
+
+std::string PaperTableOf(const std::string& challenge) {
+  for (const PaperTable& table : kPaperTables) {
+    if (table.challenge == challenge) return std::string(table.label);
+  }
+  return "";
+}
+
+std::string LevelOf(const Benchmark& benchmark) {
+  if (benchmark.dataset.empty()) return kMissing;
+  return benchmark.dataset.substr(benchmark.dataset.find('/') + 1);
+}
+
+std::string FlawsOf(const Benchmark& benchmark) {
+  std::vector<std::string> flaws;
+  if (!benchmark.corruption.empty()) flaws.push_back("data: " + benchmark.corruption);
+  if (!benchmark.simulator.empty()) flaws.push_back("simulator: " + benchmark.simulator);
+  if (!benchmark.world.empty()) flaws.push_back("world: " + benchmark.world);
+  for (const auto& [name, value] : benchmark.hyperparameters) {
+    flaws.push_back(fmt::format("{} {}", name, value));
+  }
+  return flaws.empty() ? "nothing" : fmt::format("{}", fmt::join(flaws, "; "));
+}
+
+}  // namespace b4mrl

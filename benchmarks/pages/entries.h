@@ -1,0 +1,38 @@
+// How numbers of cells are written in tables. Pure functions; any thread; no locale.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "benchmarks/evidence/score_table.h"
+#include "benchmarks/evidence/scores.h"
+
+namespace b4mrl {
+
+inline constexpr char kMissing[] = "-";        // of a cell that nothing fills
+inline constexpr char kNotDefined[] = "n/a";   // of a cell that nothing can fill
+inline constexpr char kUnsettledMark[] = "↗";  // the score still moves, so it decides nothing
+
+// "46.4", "46.4 ± 0.3" from several seeds, "46.4 ↗" of a cell that has not settled.
+std::string ScoreEntry(const CellScore& score);
+// "46.4 ± 0.3 (3×100k)": seeds and updates as well.
+std::string CellEntry(const Cell& cell);
+// "100k", "1M", "1,250".
+std::string Amount(uint64_t count);
+std::string Amount(const std::optional<uint64_t>& count);  // kMissing for nothing
+// "+3.1", "-20.4".
+std::string Signed(double points);
+// With so many digits behind the point; kMissing for nothing.
+std::string Fixed(const std::optional<double>& value, int digits);
+// "[44.1, 48.7]", "[44.1, 48.7]*" where the deviation between seeds is borrowed.
+std::string IntervalEntry(const CellScore& score);
+
+// The label of the paper's table about a challenge, "trans_error"; "" if it has none.
+std::string PaperTableOf(const std::string& challenge);
+// The dataset's level, "medium-expert"; kMissing without one.
+std::string LevelOf(const Benchmark& benchmark);
+// What is wrong: "data: hidden-high; simulator: gravity"; "nothing".
+std::string FlawsOf(const Benchmark& benchmark);
+
+}  // namespace b4mrl

@@ -1,0 +1,81 @@
+// Whether hybrids are worth their two sources.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+
+#include "benchmarks/evidence/hybrid_gain.h"
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+// "HyMOPO: above 0 in 17 of 52 benchmarks" for each hybrid.
+std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const std::string& whose) {
+  struct Count {
+    size_t above = 0, settled = 0, all = 0;
+  };
+  std::map<std::string, Count> counts;
+  for (const HybridGain& gain : gains) {
+    Count& count = counts[gain.algorithm];
+    ++count.all;
+    count.settled += gain.settled ? 1 : 0;
+    count.above += gain.settled && gain.gain > 0 ? 1 : 0;
+  }
+  std::vector<std::string> lines;
+  for (const auto& [algorithm, count] : counts) {
+    std::string line = fmt::format("{} {}: above 0 in {} of {} benchmarks", whose,
+                                   DisplayName(algorithm), count.above, count.settled);
+    if (count.settled < count.all) {
+      line +=
+          fmt::format(" whose scores have settled ({} more have not)", count.all - count.settled);
+    }
+    lines.push_back(line + ".");
+  }
+  return lines;
+}
+
+Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridGain>& paper) {
+  Table table;
+  table.id = "hybrid-gain";
+  table.title = "Hybrid gain on each benchmark.";
+  table.caption = fmt::format(
+      "The best algorithm with one source is the best of those that have a score there: their "
+      "number stands behind it, {} would be all.",
+      kSingleSourceAlgorithms);
+  table.columns = {{"Benchmark"},          {"Hybrid"},  {"Gain", true}, {"Best with one source"},
+                   {"Paper's gain", true}, {"Its best"}};
+  std::map<CellName, const HybridGain*> theirs;
+  for (const HybridGain& gain : paper) theirs[{gain.benchmark, gain.algorithm}] = &gain;
+  for (const HybridGain& gain : gains) {
+    const auto found = theirs.find({gain.benchmark, gain.algorithm});
+    const HybridGain* printed = found == theirs.end() ? nullptr : found->second;
+    const std::string mark = gain.settled ? "" : fmt::format(" {}", kUnsettledMark);
+    table.rows.push_back({gain.benchmark, DisplayName(gain.algorithm), Signed(gain.gain) + mark,
+                          fmt::format("{} (of {})", DisplayName(gain.best), gain.compared),
+                          printed != nullptr ? Signed(printed->gain) : kMissing,
+                          printed != nullptr ? DisplayName(printed->best) : kMissing});
+  }
+  return table;
+}
+
+}  // namespace
+
+Section GainSection(const Evidence& evidence) {
+  const auto ours = HybridGains(evidence.ours, evidence.benchmarks);
+  const auto paper = HybridGains(evidence.paper, evidence.benchmarks);
+  Section section;
+  section.title = "Hybrid gain";
+  section.blocks.emplace_back(Paragraph{
+      "An algorithm that has a simulator and data should do no worse than the best algorithm that "
+      "has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, MOPO, "
+      "TD3-BC and IQL on the same benchmark, in points."});
+  List counts{CountsOf(paper, "Paper,")};
+  std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
+  section.blocks.emplace_back(std::move(counts));
+  if (!ours.empty()) section.blocks.emplace_back(GainsTable(ours, paper));
+  return section;
+}
+
+}  // namespace b4mrl

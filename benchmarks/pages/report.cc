@@ -1,0 +1,120 @@
+#include "benchmarks/pages/report.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "benchmarks/pages/writers.h"
+#include "benchmarks/plan/budget.h"
+#include "data/files/atomic_file.h"
+#include "data/files/toml_keys.h"
+#include "proto/base/folders.h"
+#include "proto/base/spec.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string OwnFile(const std::string& name) {
+  return SharedFolder("", B4MRL_BENCHMARKS_FOLDER) + "/" + name;
+}
+
+// [[explanation]] benchmark, algorithm, why: of scores that are far from the paper's.
+Result<std::map<CellName, std::string>> ReadExplanations(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const toml::table file, ReadTomlFile(path));
+  TomlKeys keys(file, path);
+  B4MRL_ASSIGN_OR_RETURN(const auto tables, keys.Tables("explanation"));
+  B4MRL_RETURN_IF_ERROR(keys.Finish());
+  std::map<CellName, std::string> explanations;
+  for (const toml::table* table : tables) {
+    TomlKeys entry(*table, fmt::format("{}, explanation {}", path, explanations.size() + 1));
+    B4MRL_ASSIGN_OR_RETURN(const std::string benchmark, entry.Text("benchmark", true));
+    B4MRL_ASSIGN_OR_RETURN(const std::string algorithm, entry.Text("algorithm", true));
+    B4MRL_ASSIGN_OR_RETURN(const std::string why, entry.Text("why", true));
+    B4MRL_RETURN_IF_ERROR(entry.Finish());
+    explanations[CellName(benchmark, algorithm)] = why;
+  }
+  return explanations;
+}
+
+Result<ReadingLimit> LimitOf(const std::string& at) {
+  if (at.empty()) return ReadingLimit();
+  if (at.find_first_not_of("0123456789") == std::string::npos) {
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t updates, ParseUnsigned("--at", at, 1, UINT64_MAX));
+    return ReadingLimit([updates](const ScoredRun&) { return std::optional(updates); });
+  }
+  B4MRL_ASSIGN_OR_RETURN(const Budget budget, FindBudget(at));
+  return ReadingLimit([budget](const ScoredRun& run) {
+    if (run.source != "own") return budget.learner_updates;
+    return budget.UpdatesOf(run.series.algorithm, run.simulator, run.dataset);
+  });
+}
+
+Status MakeFolders(const std::string& folder) {
+  std::error_code error;
+  for (const char* inside : {"/tables", "/figures"}) {
+    fs::create_directories(folder + inside, error);
+    if (error) return IoError("make", folder + inside, error.value());
+  }
+  return Status();
+}
+
+}  // namespace
+
+Result<Evidence> GatherEvidence(const ReportOptions& options) {
+  Evidence evidence;
+  B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadSuites({DefaultSuitesFolder(), options.suites}));
+  B4MRL_ASSIGN_OR_RETURN(const ReadingLimit limit, LimitOf(options.at));
+  std::error_code error;
+  const std::string inside = options.folder + "/results";
+  const std::string& folder = fs::is_directory(inside, error) ? inside : options.folder;
+  B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(folder, evidence.benchmarks, limit));
+  evidence.paper = PaperScores(evidence.benchmarks);
+  evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
+  evidence.ours = OwnScores(evidence.table, evidence.deviations);
+  B4MRL_ASSIGN_OR_RETURN(evidence.claims, ReadClaims(OwnFile("claims.toml"), evidence.benchmarks));
+  B4MRL_ASSIGN_OR_RETURN(evidence.explanations, ReadExplanations(OwnFile("explanations.toml")));
+  return evidence;
+}
+
+Document MakeReport(const Evidence& evidence) {
+  Document document;
+  document.title = "B4MRL: benchmarks with a wrong simulator and biased data";
+  document.opening.push_back(Paragraph{fmt::format(
+      "{} runs fill cells of {} benchmarks. Made by b4mrl report from the results alone, beside "
+      "the figures of \"Benchmarks for Reinforcement Learning with Biased Offline Data and "
+      "Imperfect Simulators\" (arXiv 2407.00806), of which this is an independent implementation.",
+      evidence.table.runs().size(), evidence.table.benchmarks().size())});
+  document.sections = {GainSection(evidence),       TablesSection(evidence),
+                       ClaimsSection(evidence),     AgreementSection(evidence),
+                       AggregatesSection(evidence), CellsSection(evidence),
+                       OriginSection(evidence)};
+  return document;
+}
+
+Status WriteReport(const Evidence& evidence, const std::string& folder) {
+  const Document document = MakeReport(evidence);
+  B4MRL_RETURN_IF_ERROR(MakeFolders(folder));
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(folder + "/report.md", ToMarkdown(document)));
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(folder + "/report.html", ToHtml(document)));
+  for (const Picture* picture : document.All<Picture>()) {
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(fmt::format("{}/figures/{}.svg", folder, picture->id),
+                                         RenderSvg(picture->figure)));
+  }
+  for (const Table* table : document.All<Table>()) {
+    const std::string path = fmt::format("{}/tables/{}", folder, table->id);
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(path + ".csv", ToCsv(*table)));
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(path + ".tex", ToLatex(*table)));
+  }
+  for (const Table& table : {CellsAsNumbers(evidence), CellsAsThePaper(evidence)}) {
+    B4MRL_RETURN_IF_ERROR(
+        WriteSmallFile(fmt::format("{}/tables/{}.csv", folder, table.id), ToCsv(table)));
+  }
+  return Status();
+}
+
+}  // namespace b4mrl

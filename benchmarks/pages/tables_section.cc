@@ -1,0 +1,194 @@
+// The paper's tables and those of the other challenges: every benchmark with all algorithms.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "benchmarks/evidence/hybrid_gain.h"
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/sections.h"
+
+namespace b4mrl {
+namespace {
+
+// Another way to see the agent of a cell: a key of ScoredRun::further.
+struct Seen {
+  const char* name;
+  const char* shown;
+};
+constexpr Seen kSeen[] = {{"full", "ours, nothing hidden"}, {"served", "ours, through its noise"}};
+
+using Gains = std::map<CellName, HybridGain>;
+
+Gains ByCell(const std::vector<HybridGain>& gains) {
+  Gains by_cell;
+  for (const HybridGain& gain : gains) by_cell[{gain.benchmark, gain.algorithm}] = gain;
+  return by_cell;
+}
+
+class ChallengeTable {
+ public:
+  ChallengeTable(const Evidence& evidence, std::vector<const Benchmark*> benchmarks);
+  Table Make(std::string id, std::string title, std::string caption) const;
+
+ private:
+  std::vector<std::string> Row(const Benchmark& benchmark, std::string whose) const;
+  std::string PaperEntry(const Benchmark& benchmark, const Series& series) const;
+  std::string OwnEntry(const Benchmark& benchmark, const Series& series) const;
+  // The mean over seeds of an agent's score when it is seen otherwise; "" if no cell has one.
+  std::string SeenEntry(const Cell* cell, const std::string& name) const;
+  void AddRows(const Benchmark& benchmark, Table* table) const;
+  void AddGains(const Benchmark& benchmark, const Gains& gains,
+                std::vector<std::string>* row) const;
+
+  const Evidence& evidence_;
+  std::vector<const Benchmark*> benchmarks_;
+  std::vector<Series> series_;        // the columns
+  std::vector<std::string> hybrids_;  // columns of their gains
+  Gains gains_, paper_gains_;
+};
+
+ChallengeTable::ChallengeTable(const Evidence& evidence, std::vector<const Benchmark*> benchmarks)
+    : evidence_(evidence), benchmarks_(std::move(benchmarks)) {
+  gains_ = ByCell(HybridGains(evidence.ours, evidence.benchmarks));
+  paper_gains_ = ByCell(HybridGains(evidence.paper, evidence.benchmarks));
+  std::set<Series> series;
+  std::set<std::string> hybrids;
+  for (const Benchmark* benchmark : benchmarks_) {
+    for (const Series& each : evidence_.table.series()) {
+      if (evidence_.table.Find(benchmark->name, each) != nullptr) series.insert(each);
+    }
+    for (const Gains* gains : {&gains_, &paper_gains_}) {
+      for (const auto& [name, gain] : *gains) {
+        if (name.first == benchmark->name) hybrids.insert(name.second);
+      }
+    }
+  }
+  for (const Benchmark* benchmark : benchmarks_) {
+    for (const auto& [algorithm, unused] : benchmark->paper) {
+      const bool has_column = std::ranges::any_of(
+          series, [&](const Series& each) { return each.algorithm == algorithm; });
+      if (!has_column) series.insert({algorithm, ""});
+    }
+  }
+  series_.assign(series.begin(), series.end());
+  std::ranges::stable_sort(series_, {}, [](const Series& each) { return OrderOf(each.algorithm); });
+  hybrids_.assign(hybrids.begin(), hybrids.end());
+  std::ranges::stable_sort(hybrids_, {}, OrderOf);
+}
+
+std::vector<std::string> ChallengeTable::Row(const Benchmark& benchmark, std::string whose) const {
+  return {LevelOf(benchmark), FlawsOf(benchmark), std::move(whose)};
+}
+
+std::string ChallengeTable::OwnEntry(const Benchmark& benchmark, const Series& series) const {
+  if (!benchmark.DefinedFor(series.algorithm)) return kNotDefined;
+  const Cell* cell = evidence_.table.Find(benchmark.name, series);
+  return cell == nullptr ? kMissing : CellEntry(*cell);
+}
+
+std::string ChallengeTable::PaperEntry(const Benchmark& benchmark, const Series& series) const {
+  // The paper's scores stand in the column of the algorithm's main series.
+  const auto main = evidence_.table.MainSeries(series.algorithm);
+  const bool has_column = main && std::ranges::count(series_, *main) > 0;
+  if (has_column && *main != series) return "";
+  const CellScore* score = b4mrl::Find(evidence_.paper, benchmark.name, series.algorithm);
+  return score == nullptr ? kMissing : ScoreEntry(*score);
+}
+
+std::string ChallengeTable::SeenEntry(const Cell* cell, const std::string& name) const {
+  if (cell == nullptr) return "";
+  double sum = 0;
+  for (const ScoredRun* run : cell->runs) {
+    const auto found = run->further.find(name);
+    if (found == run->further.end()) return "";
+    sum += found->second;
+  }
+  return fmt::format("{:.1f}", sum / static_cast<double>(cell->runs.size()));
+}
+
+void ChallengeTable::AddGains(const Benchmark& benchmark, const Gains& gains,
+                              std::vector<std::string>* row) const {
+  for (const std::string& hybrid : hybrids_) {
+    const auto found = gains.find({benchmark.name, hybrid});
+    if (found == gains.end()) {
+      row->emplace_back(kMissing);
+      continue;
+    }
+    std::string text = Signed(found->second.gain);
+    if (!found->second.settled) text += fmt::format(" {}", kUnsettledMark);
+    row->push_back(std::move(text));
+  }
+}
+
+void ChallengeTable::AddRows(const Benchmark& benchmark, Table* table) const {
+  std::vector<std::string> ours = Row(benchmark, "ours");
+  for (const Series& series : series_) ours.push_back(OwnEntry(benchmark, series));
+  AddGains(benchmark, gains_, &ours);
+  table->rows.push_back(std::move(ours));
+  for (const Seen& seen : kSeen) {
+    std::vector<std::string> row = Row(benchmark, seen.shown);
+    bool has_any = false;
+    for (const Series& series : series_) {
+      row.push_back(SeenEntry(evidence_.table.Find(benchmark.name, series), seen.name));
+      has_any |= !row.back().empty();
+    }
+    row.resize(row.size() + hybrids_.size());
+    if (has_any) table->rows.push_back(std::move(row));
+  }
+  if (benchmark.paper.empty()) return;
+  std::vector<std::string> paper = Row(benchmark, "paper");
+  for (const Series& series : series_) paper.push_back(PaperEntry(benchmark, series));
+  AddGains(benchmark, paper_gains_, &paper);
+  table->rows.push_back(std::move(paper));
+}
+
+Table ChallengeTable::Make(std::string id, std::string title, std::string caption) const {
+  Table table = {std::move(id), std::move(title), std::move(caption), {}, {}};
+  table.columns = {{"Dataset"}, {"What is wrong"}, {"Whose"}};
+  for (const Series& series : series_) table.columns.push_back({DisplayName(series), true});
+  for (const std::string& hybrid : hybrids_) {
+    table.columns.push_back({"Gain of " + DisplayName(hybrid), true});
+  }
+  for (const Benchmark* benchmark : benchmarks_) AddRows(*benchmark, &table);
+  return table;
+}
+
+}  // namespace
+
+Section TablesSection(const Evidence& evidence) {
+  Section section;
+  section.title = "Scores, beside the paper's";
+  section.blocks.emplace_back(Paragraph{fmt::format(
+      "Scores are normalised as in D4RL: 0 is a random policy, 100 the expert; Highway's are "
+      "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± "
+      "is the deviation over seeds (divided by their number), which a single seed has not. The "
+      "paper's have three seeds. {} marks a score that still moves by more than 1.5 points from "
+      "one fifth of its training to the next, and decides nothing below; {} a cell that nothing "
+      "has filled yet, {} one that is not defined. The gain of a hybrid is its score minus the "
+      "best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
+      kUnsettledMark, kMissing, kNotDefined)});
+  // One table for each environment's challenge, in the order of the suites.
+  std::vector<std::pair<std::string, std::vector<const Benchmark*>>> tables;
+  for (const Benchmark& benchmark : evidence.benchmarks) {
+    const bool has_own = std::ranges::count(evidence.table.benchmarks(), &benchmark) > 0;
+    if (!has_own && benchmark.paper.empty()) continue;
+    const std::string title = fmt::format("{}, {}", benchmark.environment, benchmark.challenge);
+    if (tables.empty() || tables.back().first != title) tables.push_back({title, {}});
+    tables.back().second.push_back(&benchmark);
+  }
+  for (const auto& [title, benchmarks] : tables) {
+    const Benchmark& first = *benchmarks.front();
+    const std::string label = first.paper.empty() ? "" : PaperTableOf(first.challenge);
+    const std::string caption =
+        label.empty() ? "Not in the paper." : fmt::format("The paper's table {}.", label);
+    section.blocks.emplace_back(
+        ChallengeTable(evidence, benchmarks)
+            .Make(fmt::format("{}-{}", first.environment, first.challenge), title + ".", caption));
+  }
+  return section;
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,69 @@
+#include "benchmarks/evidence/aggregates.h"
+
+#include <catch2/catch.hpp>
+
+#include "tests/benchmarks/evidence/made_results.h"
+
+namespace b4mrl {
+namespace {
+
+// Two algorithms on so many benchmarks, the second one 10 points better.
+std::vector<MadeResult> TwoAlgorithms(size_t benchmarks) {
+  std::vector<MadeResult> made;
+  for (size_t i = 0; i < benchmarks; ++i) {
+    const std::string& name = OwnBenchmarks()[i].name;
+    const auto score = static_cast<double>(10 * i);
+    made.push_back({.algorithm = "iql", .benchmarks = {name}, .score = score});
+    made.push_back({.algorithm = "hymopo", .benchmarks = {name}, .score = score + 10});
+  }
+  return made;
+}
+
+TEST_CASE("Algorithms with settled cells on eight benchmarks are compared over them") {
+  const MadeResults results(TwoAlgorithms(8));
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->benchmarks.size() == 8);
+  REQUIRE(aggregates->series.size() == 2);
+  const Aggregate& iql = aggregates->series[0];
+  CHECK(iql.iqm == 35);  // of 20, 30, 40, 50
+  CHECK(iql.mean == 35);
+  CHECK(iql.iqm_interval.low < 35);
+  CHECK(iql.iqm_interval.high > 35);
+  CHECK(iql.paper_iqm.has_value());
+  CHECK(iql.profile.front() == 7.0 / 8);  // above 0
+  CHECK(iql.profile.back() == 0);         // above 100
+  REQUIRE(aggregates->improvements.size() == 1);
+  CHECK(aggregates->improvements[0].better.algorithm == "hymopo");
+  CHECK(aggregates->improvements[0].probability == 1);
+}
+
+TEST_CASE("Seven benchmarks, unsettled cells and cells of one run are not enough") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  const MadeResults seven(TwoAlgorithms(7));
+  CHECK_FALSE(AggregatesOf(seven.Read(OwnBenchmarks()), paper));
+  auto made = TwoAlgorithms(8);
+  made[3].settled = false;
+  const MadeResults unsettled(made);
+  CHECK_FALSE(AggregatesOf(unsettled.Read(OwnBenchmarks()), paper));
+  std::vector<std::string> names;
+  for (size_t i = 0; i < 8; ++i) names.push_back(OwnBenchmarks()[i].name);
+  const MadeResults shared({{.algorithm = "iql", .benchmarks = names, .score = 1},
+                            {.algorithm = "bc", .benchmarks = names, .score = 2}});
+  CHECK_FALSE(AggregatesOf(shared.Read(OwnBenchmarks()), paper));
+}
+
+TEST_CASE("An algorithm with few cells does not keep the others from being compared") {
+  auto made = TwoAlgorithms(9);
+  made.push_back({.algorithm = "sac", .benchmarks = {OwnBenchmarks()[0].name}, .score = 5});
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->series.size() == 2);
+  CHECK(aggregates->benchmarks.size() == 9);
+}
+
+}  // namespace
+}  // namespace b4mrl

@@ -1,0 +1,72 @@
+#include "benchmarks/evidence/agreement.h"
+
+#include <catch2/catch.hpp>
+
+#include "tests/benchmarks/evidence/made_results.h"
+
+namespace b4mrl {
+namespace {
+
+TEST_CASE("The paper agrees with itself, on as many distinct runs as its tables have") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  const PaperAgreement agreement = AgreementWith(paper, paper, OwnBenchmarks(), {});
+  CHECK(agreement.scores.count == 192);
+  CHECK(agreement.rankings.count == 52);
+  CHECK(agreement.scores.ours.value() == Approx(1));
+  CHECK(agreement.effects.ours.value() == Approx(1));
+  CHECK(agreement.rankings.ours.value() == Approx(1));
+  // With scipy and 300 draws from numpy's generator: 0.971, 0.888, 0.828.
+  CHECK(agreement.scores.ceiling.value() == Approx(0.971).margin(0.01));
+  CHECK(agreement.effects.ceiling.value() == Approx(0.888).margin(0.02));
+  CHECK(agreement.rankings.ceiling.value() == Approx(0.828).margin(0.02));
+  CHECK(agreement.scores.floor.value() < 0.75);
+  CHECK(agreement.effects.floor == 0);
+  CHECK(agreement.rankings.floor.value() < 0.7);
+}
+
+TEST_CASE("Reversed scores disagree, and unsettled ones are left out") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours = paper;
+  for (auto& [name, score] : ours) {
+    score.mean = -score.mean;
+    score.settled = name.second != "iql";
+  }
+  const PaperAgreement all = AgreementWith(paper, ours, OwnBenchmarks(), {.settled_only = false});
+  CHECK(all.scores.ours.value() == Approx(-1));
+  CHECK(all.effects.ours.value() == Approx(-1));
+  CHECK(all.rankings.ours.value() == Approx(-1));
+  const PaperAgreement settled = AgreementWith(paper, ours, OwnBenchmarks(), {});
+  CHECK(settled.scores.count == 192 - 24);  // IQL on 24 datasets, corruptions counted
+  const PaperAgreement offline =
+      AgreementWith(paper, ours, OwnBenchmarks(),
+                    {.settled_only = false, .with_h2o = false, .with_online = false});
+  CHECK(offline.scores.count == 192 - 52 - 16);
+}
+
+TEST_CASE("Nothing to compare is no agreement") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  const PaperAgreement none = AgreementWith(paper, {}, OwnBenchmarks(), {});
+  CHECK_FALSE(none.scores.ours);
+  CHECK_FALSE(none.effects.ours);
+  CHECK_FALSE(none.rankings.ours);
+}
+
+TEST_CASE("Settled scores far from the paper's are listed once a run") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours = paper;
+  for (auto& [name, score] : ours) {
+    if (name.second == "sac" && name.first.starts_with("HalfCheetah")) score.mean += 16;
+    if (name.second == "td3") score.mean += 14;
+    if (name.second == "iql") {
+      score.mean += 20;
+      score.settled = false;
+    }
+  }
+  const auto far = Deviations(paper, ours, OwnBenchmarks(), 15);
+  CHECK(far.size() == 8);  // SAC in eight simulators
+  CHECK(far.front().algorithm == "sac");
+  CHECK(far.front().ours - far.front().paper == Approx(16));
+}
+
+}  // namespace
+}  // namespace b4mrl

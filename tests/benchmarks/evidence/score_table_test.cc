@@ -1,0 +1,85 @@
+#include "benchmarks/evidence/score_table.h"
+
+#include <catch2/catch.hpp>
+
+#include "tests/benchmarks/evidence/made_results.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr char kMedium[] = "HalfCheetah/modelling-error/gravity+medium";
+constexpr char kClean[] = "HalfCheetah/clean/medium";
+
+TEST_CASE("Runs that differ in their seed alone are one cell of all benchmarks that they name") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean, kMedium}, .score = 40},
+       {.algorithm = "iql", .benchmarks = {kClean, kMedium}, .score = 44, .seed = 1}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  for (const char* name : {kClean, kMedium}) {
+    const Cell* cell = table.Find(name, {"iql", ""});
+    REQUIRE(cell != nullptr);
+    CHECK(cell->Mean() == 42);
+    CHECK(cell->Deviation() == 2);
+    CHECK(cell->IsSettled());
+  }
+  CHECK(table.benchmarks().size() == 2);
+  CHECK(table.notes().empty());
+}
+
+TEST_CASE("Recipes are series of their own, and the one with the most cells is the main one") {
+  const MadeResults results(
+      {{.algorithm = "mopo", .benchmarks = {kMedium}, .score = 40, .recipe = "paper"},
+       {.algorithm = "mopo", .benchmarks = {kMedium, kClean}, .score = 30, .recipe = "short"},
+       {.algorithm = "mine", .benchmarks = {kMedium}, .score = 50},
+       {.algorithm = "td3", .benchmarks = {kMedium}, .score = 20}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const std::vector<Series> expected = {
+      {"td3", ""}, {"mopo", "paper"}, {"mopo", "short"}, {"mine", ""}};
+  CHECK(table.series() == expected);
+  CHECK(table.MainSeries("mopo") == Series{"mopo", "short"});
+  CHECK_FALSE(table.MainSeries("h2o"));
+  CHECK(DisplayName(Series{"mopo", "short"}) == "MOPO (short)");
+  CHECK(DisplayName("mine") == "mine");
+}
+
+TEST_CASE("Results of one cell on other rows of the data are not averaged but named") {
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .cell = "c"},
+                             {.algorithm = "iql",
+                              .benchmarks = {kClean},
+                              .score = 60,
+                              .seed = 1,
+                              .cell = "c",
+                              .rows = "bb"}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Mean() == 40);
+  REQUIRE(table.notes().size() == 1);
+  CHECK_THAT(table.notes()[0], Catch::Contains("result-1.json was left out"));
+}
+
+TEST_CASE("A file that is no result is named and the others are read") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
+  results.Add("no JSON");
+  results.Add("{}");
+  results.Add(R"({"id": 1, "curve": [[1, 2]], "benchmarks": {}, "sessions": 5, "algorithm": "x"})");
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.runs().size() == 1);
+  CHECK(table.notes().size() == 3);
+}
+
+TEST_CASE("Until a number of updates, a run counts as it was then") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .settled = false}});
+  const auto limit = [](const ScoredRun&) { return std::optional<uint64_t>(550); };
+  const ScoreTable half = results.Read(OwnBenchmarks(), limit);
+  REQUIRE(half.runs().size() == 1);
+  CHECK(half.runs()[0].updates == 500);
+  CHECK(half.runs()[0].score == 35);
+  CHECK(half.runs()[0].further.empty());  // the agent that was scored otherwise is a later one
+  const ScoreTable whole = results.Read(OwnBenchmarks());
+  CHECK(whole.runs()[0].updates == 1000);
+  CHECK_FALSE(whole.runs()[0].settled);
+  CHECK(whole.runs()[0].further.at("full") == 41);
+}
+
+}  // namespace
+}  // namespace b4mrl

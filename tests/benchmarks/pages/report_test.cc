@@ -1,0 +1,71 @@
+// A report says the same of equal results, and shows whatever the results hold.
+#include "benchmarks/pages/report.h"
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "benchmarks/pages/writers.h"
+#include "tests/benchmarks/evidence/made_results.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr char kConfounded[] = "HalfCheetah/confounding/hidden-high+medium";
+
+std::string MarkdownOf(const ReportOptions& options) {
+  return ToMarkdown(MakeReport(Take(GatherEvidence(options))));
+}
+
+TEST_CASE("The committed results make the same report twice, one page of at most 5 MB") {
+  const TemporaryFolder folder;
+  const Evidence evidence =
+      Take(GatherEvidence({.folder = B4MRL_SOURCE_DIR "/benchmarks/results"}));
+  RequireOk(WriteReport(evidence, folder.File("one")));
+  RequireOk(WriteReport(evidence, folder.File("two")));
+  size_t files = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.File("one"))) {
+    if (!entry.is_regular_file()) continue;
+    ++files;
+    const std::string name = std::filesystem::relative(entry.path(), folder.File("one"));
+    CAPTURE(name);
+    CHECK(ReadBytes(entry.path()) == ReadBytes(folder.File("two/" + name)));
+  }
+  CHECK(files > 20);
+  const std::string page = ReadBytes(folder.File("one/report.html"));
+  CHECK(page.size() <= 5'000'000);
+  CHECK(page.find("<script") == std::string::npos);
+  CHECK(page.find(folder.path()) == std::string::npos);
+}
+
+TEST_CASE("A user's own algorithm appears beside the others") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kConfounded}, .score = 40},
+       {.algorithm = "my-own", .benchmarks = {kConfounded}, .score = 45, .source = "user"}});
+  const std::string report = MarkdownOf({.folder = results.path()});
+  CHECK_THAT(report, Catch::Contains("| my-own |"));
+  CHECK_THAT(report, Catch::Contains("Gain of my-own"));
+  CHECK_THAT(report, Catch::Contains("| " + std::string(kConfounded) + " | my-own | +5.0 |"));
+  CHECK_THAT(report, Catch::Contains("ours, nothing hidden"));
+}
+
+TEST_CASE("Scores at a budget are those that the runs had then") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kConfounded}, .score = 40, .settled = false}});
+  CHECK_THAT(MarkdownOf({.folder = results.path()}), Catch::Contains("40.0 ↗ (1×1k)"));
+  CHECK_THAT(MarkdownOf({.folder = results.path(), .at = "200"}),
+             Catch::Contains("32.0 ↗ (1×200)"));
+  CHECK_THAT(MarkdownOf({.folder = results.path(), .at = "small"}), Catch::Contains("(1×1k)"));
+  const auto unknown = GatherEvidence({.folder = results.path(), .at = "smalll"});
+  REQUIRE_FALSE(unknown.ok());
+  CHECK_THAT(unknown.status().message(), Catch::Contains("smalll"));
+}
+
+TEST_CASE("A folder without results is a report without scores, and a missing one is refused") {
+  const TemporaryFolder folder;
+  CHECK_THAT(MarkdownOf({.folder = folder.path()}),
+             Catch::Contains("0 runs fill cells of 0 benchmarks"));
+  CHECK_FALSE(GatherEvidence({.folder = folder.File("none")}).ok());
+}
+
+}  // namespace
+}  // namespace b4mrl
