@@ -3,6 +3,7 @@
 
 #include "benchmarks/evidence/aggregates.h"
 #include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
 
 namespace b4mrl {
@@ -68,6 +69,7 @@ Section AggregatesSection(const Evidence& evidence) {
       aggregates->benchmarks.size(), names)});
   section.blocks.emplace_back(EstimatesTable(*aggregates));
   section.blocks.emplace_back(ImprovementsTable(*aggregates));
+  section.blocks.emplace_back(ProfilesPicture(evidence, *aggregates));
   return section;
 }
 

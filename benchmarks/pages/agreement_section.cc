@@ -3,6 +3,7 @@
 
 #include "benchmarks/evidence/agreement.h"
 #include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
 
 namespace b4mrl {
@@ -50,6 +51,7 @@ Section AgreementSection(const Evidence& evidence) {
   Section section;
   section.title = "Agreement with the paper";
   section.blocks.emplace_back(RanksTable(evidence));
+  section.blocks.emplace_back(BesideThePaperPicture(evidence));
   const auto deviations =
       Deviations(evidence.paper, evidence.ours, evidence.benchmarks, kExplainedPoints);
   if (deviations.empty()) return section;

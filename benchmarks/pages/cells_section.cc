@@ -10,8 +10,8 @@
 namespace b4mrl {
 namespace {
 
-// Shortest text that reads back as the same number.
-std::string Exact(double value) { return fmt::format("{}", value); }
+// For programs: more digits than any score has, fewer than processors could differ in.
+std::string Digits(double value) { return fmt::format("{:.6g}", value); }
 
 double CoreHours(const Cell& cell) {
   double hours = 0;
@@ -128,12 +128,12 @@ Table CellsAsNumbers(const Evidence& evidence) {
                 const auto interval = score.Interval95();
                 const CellScore* paper = Find(evidence.paper, benchmark.name, series.algorithm);
                 table.rows.push_back(
-                    {benchmark.name, series.algorithm, series.recipe, Exact(score.mean),
-                     score.seeds > 1 ? Exact(score.std) : "", fmt::format("{}", score.seeds),
+                    {benchmark.name, series.algorithm, series.recipe, Digits(score.mean),
+                     score.seeds > 1 ? Digits(score.std) : "", fmt::format("{}", score.seeds),
                      fmt::format("{}", LeastUpdates(cell)), score.settled ? "yes" : "no",
-                     interval ? Exact(interval->low) : "", interval ? Exact(interval->high) : "",
-                     score.is_borrowed ? "yes" : "no", paper != nullptr ? Exact(paper->mean) : "",
-                     paper != nullptr ? Exact(paper->std) : "", Exact(CoreHours(cell)),
+                     interval ? Digits(interval->low) : "", interval ? Digits(interval->high) : "",
+                     score.is_borrowed ? "yes" : "no", paper != nullptr ? Digits(paper->mean) : "",
+                     paper != nullptr ? Digits(paper->std) : "", Digits(CoreHours(cell)),
                      count(MeanOf(cell, &ScoredRun::simulator_steps)),
                      count(MeanOf(cell, &ScoredRun::query_rows)),
                      count(MeanOf(cell, &ScoredRun::dataset_rows))});

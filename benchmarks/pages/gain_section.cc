@@ -6,6 +6,7 @@
 
 #include "benchmarks/evidence/hybrid_gain.h"
 #include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
 
 namespace b4mrl {
@@ -74,6 +75,7 @@ Section GainSection(const Evidence& evidence) {
   List counts{CountsOf(paper, "Paper,")};
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
   section.blocks.emplace_back(std::move(counts));
+  section.blocks.emplace_back(GainPicture(ours, paper, evidence.benchmarks));
   if (!ours.empty()) section.blocks.emplace_back(GainsTable(ours, paper));
   return section;
 }

@@ -16,7 +16,7 @@ constexpr char kStyle[] = R"css(
     --link: #8ab8ec; }
 }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 76rem; padding: 1rem 1.25rem 4rem; background: var(--paper);
+body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 4rem; background: var(--paper);
   color: var(--text); font: 16px/1.5 system-ui, sans-serif; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 1rem 0; }
 h2 { font-size: 1.3rem; margin: 2.5rem 0 .75rem; padding-top: .5rem;
@@ -32,22 +32,22 @@ figcaption b { color: var(--text); }
 table { border-collapse: collapse; font-size: .85rem; line-height: 1.35;
   font-variant-numeric: tabular-nums; border-top: 2px solid var(--text);
   border-bottom: 2px solid var(--text); }
-th, td { padding: .25rem .6rem; text-align: left; vertical-align: top; }
-th { border-bottom: 1px solid var(--text); font-weight: 600; vertical-align: bottom; }
-td.number, th.number { text-align: right; white-space: nowrap; }
-td.words { min-width: 14rem; }
+th, td { padding: .25rem .6rem; text-align: left; vertical-align: top; white-space: nowrap; }
+th { border-bottom: 1px solid var(--text); font-weight: 600; vertical-align: bottom;
+  white-space: normal; }
+.number { text-align: right; }
+td.words { min-width: 14rem; white-space: normal; }
 tbody tr:nth-child(even) { background: var(--band); }
 @media print {
   :root { --text: #000; --faint: #444; --paper: #fff; --rule: #bbb; --band: #f2f2f2; --link: #000; }
   @page { size: A4 landscape; margin: 12mm; }
   body { max-width: none; padding: 0; font-size: 10pt; }
   figure > div { overflow: visible; }
-  figure svg { max-width: 100%; height: auto; }
+  figure svg { max-width: 100%; max-height: 175mm; width: auto; height: auto; }
   figure.picture { break-inside: avoid; }
   table { font-size: 6.5pt; width: 100%; }
   th, td { padding: .1rem .25rem; }
-  td.number, th.number { white-space: normal; }
-  td.words { min-width: 0; }
+  td, td.words { min-width: 0; white-space: normal; }
   tr, h2 { break-inside: avoid; break-after: auto; }
   h2 { break-after: avoid; }
   nav { display: none; }

@@ -89,10 +89,10 @@ Document MakeReport(const Evidence& evidence) {
       "the figures of \"Benchmarks for Reinforcement Learning with Biased Offline Data and "
       "Imperfect Simulators\" (arXiv 2407.00806), of which this is an independent implementation.",
       evidence.table.runs().size(), evidence.table.benchmarks().size())});
-  document.sections = {GainSection(evidence),       TablesSection(evidence),
-                       ClaimsSection(evidence),     AgreementSection(evidence),
-                       AggregatesSection(evidence), CellsSection(evidence),
-                       OriginSection(evidence)};
+  document.sections = {
+      GainSection(evidence),   TablesSection(evidence),    FiguresSection(evidence),
+      ClaimsSection(evidence), AgreementSection(evidence), AggregatesSection(evidence),
+      CurvesSection(evidence), CellsSection(evidence),     OriginSection(evidence)};
   return document;
 }
 

@@ -150,7 +150,7 @@ Table ChallengeTable::Make(std::string id, std::string title, std::string captio
   table.columns = {{"Dataset"}, {"What is wrong"}, {"Whose"}};
   for (const Series& series : series_) table.columns.push_back({DisplayName(series), true});
   for (const std::string& hybrid : hybrids_) {
-    table.columns.push_back({"Gain of " + DisplayName(hybrid), true});
+    table.columns.push_back({DisplayName(hybrid) + " gain", true});
   }
   for (const Benchmark* benchmark : benchmarks_) AddRows(*benchmark, &table);
   return table;

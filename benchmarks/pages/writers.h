@@ -19,7 +19,7 @@ std::string ToHtml(const Document& document);
 std::string ToCsv(const Table& table);
 
 // A `table` with booktabs' rules, to be \input; needs the packages booktabs and graphicx, whose
-// \resizebox narrows it to the text's width.
+// \resizebox narrows tables of many columns to the text's width.
 std::string ToLatex(const Table& table);
 
 }  // namespace b4mrl

@@ -1,0 +1,324 @@
+// Figures of scores: hybrid gain, and those that the paper has.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <set>
+#include <utility>
+
+#include "algorithms/pictures/fit.h"
+#include "benchmarks/pages/entries.h"
+#include "benchmarks/pages/figures.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr const char* kLevels[] = {"random", "medium", "medium-replay", "medium-expert"};
+constexpr double kBarShare = 0.85;  // of the distance between two places
+
+// In the order of the observation, with the paper's words where it names a dimension.
+constexpr const char* kDimensions[] = {"0 rootz (pos-root-z)",
+                                       "1 rooty",
+                                       "2 bthigh",
+                                       "3 bshin",
+                                       "4 bfoot",
+                                       "5 fthigh",
+                                       "6 fshin",
+                                       "7 ffoot",
+                                       "8 v-root-x",
+                                       "9 v-root-z (h high)",
+                                       "10 v-rooty",
+                                       "11 v-bthigh",
+                                       "12 v-bshin",
+                                       "13 v-bfoot",
+                                       "14 v-fthigh",
+                                       "15 v-fshin",
+                                       "16 v-ffoot (h low)"};
+
+std::optional<AxisRange> WhiskerOf(const CellScore& score) {
+  const auto interval = score.Interval95();
+  if (!interval) return std::nullopt;
+  return AxisRange{interval->low, interval->high};
+}
+
+std::string HintOf(const std::string& benchmark, const std::string& algorithm,
+                   const CellScore& score) {
+  return fmt::format("{}, {}: {}", benchmark, DisplayName(algorithm), ScoreEntry(score));
+}
+
+// "medium, hidden-high in the data"; the simulator's error is left out beside one of the data.
+std::string PlaceOf(const Benchmark& benchmark) {
+  const std::string what = benchmark.corruption.empty()
+                               ? fmt::format("{} in the simulator", benchmark.simulator)
+                               : fmt::format("{} in the data", benchmark.corruption);
+  const std::string place = fmt::format("{}, {}", LevelOf(benchmark), what);
+  return benchmark.environment == "HalfCheetah"
+             ? place
+             : fmt::format("{}: {}", benchmark.environment, place);
+}
+
+Axis ScoreAxis() { return {.name = "normalised score", .unit = ""}; }
+
+// All algorithms on benchmarks that differ in their dataset; `pattern` holds {}.
+Panel BarsPanel(const std::string& title, const std::string& pattern, const CellScores& scores,
+                const std::vector<std::string>& algorithms) {
+  Panel panel;
+  panel.title = title;
+  panel.x = Axis::OfPlaces("", {std::begin(kLevels), std::end(kLevels)});
+  panel.y = ScoreAxis();
+  for (size_t i = 0; i < algorithms.size(); ++i) {
+    Bars bars = {
+        .series = i, .width = kBarShare / static_cast<double>(algorithms.size()), .bars = {}};
+    for (size_t level = 0; level < std::size(kLevels); ++level) {
+      const std::string name = fmt::format(fmt::runtime(pattern), kLevels[level]);
+      const CellScore* score = Find(scores, name, algorithms[i]);
+      if (score == nullptr) continue;
+      bars.bars.push_back(
+          {.at = static_cast<double>(level) + Dodge(i, algorithms.size(), kBarShare),
+           .value = score->mean,
+           .interval = WhiskerOf(*score),
+           .open = !score->settled,
+           .hint = HintOf(name, algorithms[i], *score)});
+    }
+    if (!bars.bars.empty()) panel.marks.emplace_back(std::move(bars));
+  }
+  return panel;
+}
+
+// The three conditions of fig:conf_line_plots for a flaw.
+std::array<std::string, 3> ConditionsOf(const std::string& flaw, const std::string& level) {
+  return {fmt::format("HalfCheetah/modelling-error/gravity+{}", level),
+          fmt::format("HalfCheetah/partial-observability-simulator/{}+{}", flaw, level),
+          fmt::format("HalfCheetah/confounding/{}+{}", flaw, level)};
+}
+
+struct HybridLine {
+  const char* algorithm;
+  const char* level;
+  const char* shown;
+};
+constexpr HybridLine kHybridLines[] = {{"h2o", "medium", "H2O, medium"},
+                                       {"h2o", "medium-replay", "H2O, medium-replay"},
+                                       {"h2o", "medium-expert", "H2O, medium-expert"},
+                                       {"hymopo", "medium", "HyMOPO, medium"},
+                                       {"hymopo", "medium-replay", "HyMOPO, medium-replay"},
+                                       {"hymopo", "medium-expert", "HyMOPO, medium-expert"}};
+
+Panel ConditionsPanel(const std::string& title, const std::string& flaw, const CellScores& scores) {
+  Panel panel;
+  panel.title = title;
+  panel.x = Axis::OfPlaces("", {"gravity in the simulator", flaw + " in the simulator",
+                                flaw + " in the data, gravity in the simulator"});
+  panel.y = ScoreAxis();
+  for (size_t i = 0; i < std::size(kHybridLines); ++i) {
+    const HybridLine& each = kHybridLines[i];
+    Line line = {.series = i, .dashed = true, .x = {}, .y = {}};
+    Dots dots = {.series = i, .dots = {}};
+    const auto conditions = ConditionsOf(flaw, each.level);
+    for (size_t place = 0; place < conditions.size(); ++place) {
+      const CellScore* score = Find(scores, conditions[place], each.algorithm);
+      if (score == nullptr) continue;
+      line.x.push_back(static_cast<double>(place));
+      line.y.push_back(score->mean);
+      dots.dots.push_back({.x = line.x.back(),
+                           .y = score->mean,
+                           .open = !score->settled,
+                           .hint = HintOf(conditions[place], each.algorithm, *score)});
+    }
+    if (dots.dots.empty()) continue;
+    if (line.x.size() > 1) panel.marks.emplace_back(std::move(line));
+    panel.marks.emplace_back(std::move(dots));
+  }
+  return panel;
+}
+
+// One algorithm without each single dimension, and with all of them.
+Dots DimensionDots(size_t series, const CellScores& scores, const std::string& algorithm,
+                   const std::string& ending, const std::string& clean) {
+  Dots dots = {.series = series, .dots = {}};
+  const double shift = Dodge(series, 2, 0.4);
+  const auto add = [&](const std::string& benchmark, size_t place) {
+    const CellScore* score = Find(scores, benchmark, algorithm);
+    if (score == nullptr) return;
+    dots.dots.push_back({.x = score->mean,
+                         .y = static_cast<double>(place) + shift,
+                         .x_interval = WhiskerOf(*score),
+                         .open = !score->settled,
+                         .hint = HintOf(benchmark, algorithm, *score)});
+  };
+  for (size_t i = 0; i < std::size(kDimensions); ++i) {
+    add(fmt::format("HalfCheetah/dimensions/hidden={}{}", i, ending), i);
+  }
+  add(clean, std::size(kDimensions));
+  return dots;
+}
+
+}  // namespace
+
+std::vector<std::string> AlgorithmsOf(const Evidence& evidence) {
+  std::set<std::string> algorithms;
+  for (const CellScores* scores : {&evidence.paper, &evidence.ours}) {
+    for (const auto& [name, score] : *scores) algorithms.insert(name.second);
+  }
+  std::vector<std::string> ordered(algorithms.begin(), algorithms.end());
+  std::ranges::stable_sort(ordered, {}, OrderOf);
+  return ordered;
+}
+
+std::vector<std::string> SeriesNames(const std::vector<std::string>& algorithms) {
+  std::vector<std::string> names;
+  for (const std::string& algorithm : algorithms) names.push_back(DisplayName(algorithm));
+  return names;
+}
+
+Picture GainPicture(const std::vector<HybridGain>& ours, const std::vector<HybridGain>& paper,
+                    const std::vector<Benchmark>& all) {
+  std::vector<std::string> benchmarks, hybrids, places;
+  for (const auto* gains : {&paper, &ours}) {
+    for (const HybridGain& gain : *gains) {
+      if (std::ranges::count(benchmarks, gain.benchmark) == 0) benchmarks.push_back(gain.benchmark);
+      if (std::ranges::count(hybrids, gain.algorithm) == 0) hybrids.push_back(gain.algorithm);
+    }
+  }
+  Picture picture;
+  picture.id = "hybrid-gain";
+  picture.figure.title = "Hybrid gain: a hybrid's score minus the best with one source";
+  picture.figure.sentences = {
+      "Right of 0, simulator and data together are worth more than either alone. With an error in "
+      "the data "
+      "the simulator has the gravity error.",
+      "Open: a score that it rests on still moves."};
+  Panel panel;
+  for (const std::string& benchmark : benchmarks) {
+    places.push_back(PlaceOf(*std::ranges::find(all, benchmark, &Benchmark::name)));
+  }
+  panel.y = Axis::OfPlaces("", places);
+  panel.x = {.name = "gain", .unit = "points"};
+  panel.marks.emplace_back(Rule{0, ""});
+  for (const auto* gains : {&paper, &ours}) {
+    for (const std::string& hybrid : hybrids) {
+      const size_t series = picture.figure.series.size();
+      Dots dots = {.series = series, .dots = {}};
+      for (const HybridGain& gain : *gains) {
+        if (gain.algorithm != hybrid) continue;
+        const auto place = std::ranges::find(benchmarks, gain.benchmark) - benchmarks.begin();
+        dots.dots.push_back({.x = gain.gain,
+                             .y = static_cast<double>(place),
+                             .open = !gain.settled,
+                             .hint = fmt::format("{}: {}", gain.benchmark, Signed(gain.gain))});
+      }
+      if (dots.dots.empty()) continue;
+      picture.figure.series.push_back(
+          fmt::format("{}, {}", DisplayName(hybrid), gains == &ours ? "ours" : "paper"));
+      panel.marks.emplace_back(std::move(dots));
+    }
+  }
+  picture.figure.panels = {std::move(panel)};
+  FitX(picture.figure.panels);
+  return picture;
+}
+
+Picture ScoresPicture(const Evidence& evidence) {
+  Picture picture;
+  picture.id = "scores-by-dataset";
+  Figure& figure = picture.figure;
+  figure.title = "Scores by dataset";
+  figure.sentences = {
+      "The paper's fig:res_fig, whose choice of algorithms is not in its source: all of them.",
+      "Open: the score still moves. Whiskers: intervals of 95%."};
+  const auto algorithms = AlgorithmsOf(evidence);
+  figure.series = SeriesNames(algorithms);
+  figure.columns = 2;
+  figure.panel_width = 560;
+  figure.plot_height = 240;
+  const char* gravity = "HalfCheetah/modelling-error/gravity+{}";
+  const char* noise = "HalfCheetah/partial-observability-simulator/obs-noise-high+{}";
+  figure.panels = {
+      BarsPanel("Ours, gravity in the simulator", gravity, evidence.ours, algorithms),
+      BarsPanel("Ours, observation noise in the simulator", noise, evidence.ours, algorithms),
+      BarsPanel("Paper, gravity in the simulator", gravity, evidence.paper, algorithms),
+      BarsPanel("Paper, observation noise in the simulator", noise, evidence.paper, algorithms)};
+  FitY(figure.panels);
+  return picture;
+}
+
+Picture ConditionsPicture(const Evidence& evidence) {
+  Picture picture;
+  picture.id = "hybrids-across-challenges";
+  Figure& figure = picture.figure;
+  figure.title = "Hybrids, as the error moves from the simulator into the data";
+  figure.sentences = {"The paper's fig:conf_line_plots. Open: the score still moves."};
+  for (const HybridLine& line : kHybridLines) figure.series.emplace_back(line.shown);
+  figure.columns = 2;
+  figure.panel_width = 560;
+  figure.plot_height = 240;
+  figure.panels = {ConditionsPanel("Ours, noise", "obs-noise-high", evidence.ours),
+                   ConditionsPanel("Ours, a hidden dimension", "hidden-high", evidence.ours),
+                   ConditionsPanel("Paper, noise", "obs-noise-high", evidence.paper),
+                   ConditionsPanel("Paper, a hidden dimension", "hidden-high", evidence.paper)};
+  FitY(figure.panels);
+  return picture;
+}
+
+Picture DimensionsPicture(const Evidence& evidence) {
+  Picture picture;
+  picture.id = "hidden-dimensions";
+  Figure& figure = picture.figure;
+  figure.title = "One dimension hidden: from SAC in the simulator, from TD3-BC in the data";
+  figure.sentences = {
+      "The paper's fig:conf, of which it prints no numbers. TD3-BC learns from medium-expert; the "
+      "policy that recorded it saw all dimensions."};
+  figure.series = {"SAC", "TD3-BC"};
+  Panel panel;
+  std::vector<std::string> places(std::begin(kDimensions), std::end(kDimensions));
+  places.emplace_back("nothing hidden");
+  panel.y = Axis::OfPlaces("hidden dimension", places);
+  panel.x = ScoreAxis();
+  for (Dots& dots :
+       std::array{DimensionDots(0, evidence.ours, "sac", "", "HalfCheetah/clean/medium"),
+                  DimensionDots(1, evidence.ours, "td3-bc", "+medium-expert",
+                                "HalfCheetah/clean/medium-expert")}) {
+    if (!dots.dots.empty()) panel.marks.emplace_back(std::move(dots));
+  }
+  if (panel.marks.empty()) panel.notes = {"Nothing has run yet."};
+  figure.panels = {std::move(panel)};
+  FitX(figure.panels);
+  return picture;
+}
+
+Picture BesideThePaperPicture(const Evidence& evidence) {
+  Picture picture;
+  picture.id = "beside-the-paper";
+  Figure& figure = picture.figure;
+  figure.title = "Our scores over the paper's";
+  figure.sentences = {"Each run once. On the line both are equal. Open: ours still moves."};
+  const auto algorithms = AlgorithmsOf(evidence);
+  figure.series = SeriesNames(algorithms);
+  figure.plot_height = 480;
+  Panel panel;
+  panel.x = {.name = "the paper's score", .unit = ""};
+  panel.y = {.name = "our score", .unit = ""};
+  panel.marks.emplace_back(Line{.dashed = true, .x = {0, 100}, .y = {0, 100}});
+  std::set<std::string> counted;
+  for (size_t i = 0; i < algorithms.size(); ++i) {
+    Dots dots = {.series = i, .dots = {}};
+    for (const auto& [name, score] : evidence.ours) {
+      const CellScore* paper = Find(evidence.paper, name.first, algorithms[i]);
+      if (name.second != algorithms[i] || paper == nullptr) continue;
+      if (!name.first.starts_with("HalfCheetah/") || !counted.insert(score.runs).second) continue;
+      dots.dots.push_back({.x = paper->mean,
+                           .y = score.mean,
+                           .x_interval = WhiskerOf(*paper),
+                           .y_interval = WhiskerOf(score),
+                           .open = !score.settled,
+                           .hint = HintOf(name.first, algorithms[i], score)});
+    }
+    if (!dots.dots.empty()) panel.marks.emplace_back(std::move(dots));
+  }
+  figure.panels = {std::move(panel)};
+  FitX(figure.panels);
+  FitY(figure.panels);
+  return picture;
+}
+
+}  // namespace b4mrl
