@@ -6,6 +6,7 @@ install(TARGETS b4mrl b4mrl-serve b4mrl-render b4mrl-tools b4mrl-perf b4mrl-benc
 install(DIRECTORY data/models data/agents DESTINATION share/b4mrl)
 install(DIRECTORY data/replays DESTINATION share/b4mrl FILES_MATCHING PATTERN *.h5)
 install(FILES data/datasets.toml benchmarks/budgets.toml benchmarks/claims.toml benchmarks/explanations.toml
+        benchmarks/paper_parameters.csv
         DESTINATION share/b4mrl)
 install(DIRECTORY benchmarks/suites DESTINATION share/b4mrl)
 # The documents keep their places to each other, for they link to each other.

@@ -26,6 +26,8 @@ struct Evidence {
   CellScores ours;  // each algorithm by its main series
   std::vector<Claim> claims;
   std::map<CellName, std::string> explanations;  // why a score is far from the paper's
+  // The paper's table of errors: environment, error, our perturbation, its parameter, its value.
+  std::vector<std::vector<std::string>> parameters;
 };
 
 Section GainSection(const Evidence& evidence);        // whether hybrids are worth their two sources
@@ -36,6 +38,7 @@ Section AgreementSection(const Evidence& evidence);   // rank correlations with 
 Section AggregatesSection(const Evidence& evidence);  // over many benchmarks
 Section CurvesSection(const Evidence& evidence);      // learning curves
 Section CellsSection(const Evidence& evidence);       // every cell with its interval and its cost
+Section ErrorsSection(const Evidence& evidence);  // what is wrong in which environment
 Section OriginSection(const Evidence& evidence);      // what ran where, and what to beware of
 
 // Every cell of ours as numbers, for programs.

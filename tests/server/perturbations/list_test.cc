@@ -1,8 +1,11 @@
 #include "server/perturbations/list.h"
 
 #include <set>
+#include <sstream>
 
+#include "data/files/csv_lines.h"
 #include "server/environments/list.h"
+#include "tests/data/temporary_folder.h"
 #include "tests/server/environments/simulation.h"
 
 namespace b4mrl {
@@ -45,6 +48,22 @@ TEST_CASE("Presets have the paper's values, and the delay ours") {
         "cars=15,obs-noise=0.5,obs-noise=1,hidden=3+4+8+9+13+14+18+19+23+24,"
         "hidden=2+3+4+7+8+9+12+13+14+17+18+19+22+23+24,"
         "action-noise=0.5,action-noise=1,action-delay=2");
+}
+
+TEST_CASE("The report's table of the paper's errors says what the presets are") {
+  std::istringstream lines(ReadBytes(B4MRL_SOURCE_DIR "/benchmarks/paper_parameters.csv"));
+  std::string line;
+  std::getline(lines, line);  // the columns' names
+  size_t count = 0;
+  for (; std::getline(lines, line); ++count) {
+    CAPTURE(line);
+    const auto cells = CellsOf(line);
+    REQUIRE(cells.size() == 5);
+    const std::string environment(cells[0]);
+    CHECK(Resolved(std::string(cells[1]), environment) ==
+          Resolved(std::string(cells[2]), environment));
+  }
+  CHECK(count == 31);
 }
 
 TEST_CASE("Every preset of the table builds in its environment") {
