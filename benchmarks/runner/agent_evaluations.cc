@@ -8,7 +8,7 @@
 #include <deque>
 #include <filesystem>
 #include <list>
-#include <map>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -26,8 +26,8 @@ namespace fs = std::filesystem;
 
 constexpr size_t kHashDigits = 16;
 
-// Paths of agents by the beginning of their hashes.
-Result<std::map<std::string, std::string>> AgentsIn(const std::string& folder) {
+// Paths of the agents of a folder.
+Result<std::vector<std::string>> AgentsIn(const std::string& folder) {
   std::vector<std::string> paths;
   std::error_code error;
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
@@ -39,12 +39,7 @@ Result<std::map<std::string, std::string>> AgentsIn(const std::string& folder) {
   }
   if (error) return IoError("list", folder, error.value());
   std::ranges::sort(paths);
-  std::map<std::string, std::string> agents;
-  for (const std::string& path : paths) {
-    B4MRL_ASSIGN_OR_RETURN(const std::string hash, Sha256OfFile(path));
-    agents.emplace(hash.substr(0, kHashDigits), path);
-  }
-  return agents;
+  return paths;
 }
 
 class Evaluations {
@@ -77,14 +72,19 @@ class Evaluations {
 };
 
 Result<AgentEvaluationSummary> Evaluations::Work() {
-  B4MRL_ASSIGN_OR_RETURN(const auto agents, AgentsIn(options_.folder));
+  B4MRL_ASSIGN_OR_RETURN(const auto paths, AgentsIn(options_.folder));
   const std::string folder = options_.folder + "/evaluations";
   B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
-  for (const auto& [hash, path] : agents) {
+  std::set<std::string> hashes;
+  for (const std::string& path : paths) {
+    const auto hash = Sha256OfFile(path);
+    if (!hash.ok()) Fail({path, ""}, hash.status().message());
+    if (!hash.ok() || !hashes.insert(hash->substr(0, kHashDigits)).second) continue;
     waiting_.push_back(
-        {path, fmt::format("{}/{}-e{}-s{}.json", folder, hash, options_.episodes, options_.seed)});
+        {path, fmt::format("{}/{}-e{}-s{}.json", folder, hash->substr(0, kHashDigits),
+                           options_.episodes, options_.seed)});
   }
-  summary_.agents = agents.size();
+  summary_.agents = waiting_.size() + summary_.failed.size();
   while (!Interrupted() && !(active_.empty() && waiting_.empty())) {
     BeginWaiting(
         waiting_, [this] { return active_.size() < options_.jobs; },

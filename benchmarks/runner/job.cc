@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
 #include <sys/file.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -15,6 +16,8 @@
 
 namespace b4mrl {
 namespace {
+
+constexpr int kPollMs = 10;
 
 UniqueFd OpenClaim(const std::string& path) {
   return UniqueFd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666));
@@ -92,22 +95,24 @@ Result<Job> Job::Start(const JobOrder& order, UniqueFd claim) {
   const int error = errno;
   sigprocmask(SIG_SETMASK, &before, nullptr);
   if (child < 0) return IoError("start", order.words.front(), error);
-  return Job(child, order.stops_group, std::move(claim));
+  return Job(child, order, std::move(claim));
 }
 
 Job::Job(Job&& other) noexcept
     : process_id_(std::exchange(other.process_id_, -1)),
       stops_group_(other.stops_group_),
+      grace_ms_(other.grace_ms_),
+      kill_at_(other.kill_at_),
       claim_(std::move(other.claim_)) {}
 
 Job::~Job() {
   if (process_id_ <= 0) return;
   Stop();
-  waitid(P_PID, process_id_, nullptr, WEXITED | WNOWAIT);
-  Poll();
+  while (!Poll()) poll(nullptr, 0, kPollMs);
 }
 
 std::optional<int> Job::Poll() {
+  if (kill_at_ && kill_at_->expired()) kill(-process_id_, SIGKILL);
   siginfo_t ended{};
   if (waitid(P_PID, process_id_, &ended, WEXITED | WNOHANG | WNOWAIT) != 0) return std::nullopt;
   if (ended.si_pid != process_id_) return std::nullopt;
@@ -119,6 +124,9 @@ std::optional<int> Job::Poll() {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-void Job::Stop() { kill(stops_group_ ? -process_id_ : process_id_, SIGTERM); }
+void Job::Stop() {
+  kill(stops_group_ ? -process_id_ : process_id_, SIGTERM);
+  if (stops_group_ && !kill_at_) kill_at_ = Deadline::AfterMs(grace_ms_);
+}
 
 }  // namespace b4mrl

@@ -10,10 +10,12 @@
 
 #include <sys/types.h>
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "proto/base/clock.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
 
@@ -31,6 +33,8 @@ struct JobOrder {
   // The processes that it has started belong to it: Stop reaches them too, those that are left when
   // it ends are killed, and if it is killed with its runner they keep the claim until they end.
   bool stops_group = false;
+  // How long such processes may take to save their work after Stop; then they are killed.
+  int64_t grace_ms = 30'000;
 };
 // `b4mrl` with these words: the program beside this one that knows them.
 JobOrder ToolOrder(std::vector<std::string> words, const std::string& log);
@@ -46,15 +50,21 @@ class Job {
 
   // The exit code if the process has ended, 128 + its number if a signal ended it. The claim stays.
   std::optional<int> Poll();
-  // Tells the process to stop; it ends by itself.
+  // Tells the process to stop; it ends by itself. With stops_group, Poll kills what is left of its
+  // processes after the order's grace.
   void Stop();
 
  private:
-  Job(pid_t process_id, bool stops_group, UniqueFd claim)
-      : process_id_(process_id), stops_group_(stops_group), claim_(std::move(claim)) {}
+  Job(pid_t process_id, const JobOrder& order, UniqueFd claim)
+      : process_id_(process_id),
+        stops_group_(order.stops_group),
+        grace_ms_(order.grace_ms),
+        claim_(std::move(claim)) {}
 
   pid_t process_id_ = -1;
   bool stops_group_ = false;
+  int64_t grace_ms_ = 0;
+  std::optional<Deadline> kill_at_;
   UniqueFd claim_;
 };
 

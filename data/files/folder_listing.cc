@@ -11,7 +11,10 @@ Result<std::vector<std::string>> FilesIn(const std::string& folder, std::string_
   std::error_code error;
   for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (entry->path().extension() == extension) paths.push_back(entry->path());
+    // Opening a pipe would wait for whoever writes into it.
+    std::error_code gone;
+    const bool is_file = entry->is_regular_file(gone);
+    if (is_file && entry->path().extension() == extension) paths.push_back(entry->path());
   }
   if (error) return IoError("list", folder, error.value());
   std::ranges::sort(paths);

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <csignal>
 #include <filesystem>
 
 #include "proto/base/clock.h"
@@ -88,6 +89,21 @@ TEST_CASE("What a learner of the user's own leaves running ends with it") {
     CHECK(ExitCodeOf(job) == 0);
   }
   CHECK(IsFreeSoon(folder.File("claim")));  // which all of its processes hold
+}
+
+TEST_CASE("A learner of the user's own that does not stop when it is told to is killed") {
+  const TemporaryFolder folder;
+  const std::string begun = folder.File("begun");
+  Job job =
+      Take(Job::Start({.words = {"/bin/sh", "-c", "trap '' TERM; : > " + begun + "; sleep 600"},
+                       .log = folder.File("log"),
+                       .stops_group = true,
+                       .grace_ms = 50},
+                      UniqueFd()));
+  const Deadline deadline = Deadline::AfterMs(60'000);
+  while (!std::filesystem::exists(begun) && !deadline.expired()) sched_yield();
+  job.Stop();
+  CHECK(ExitCodeOf(job) == 128 + SIGKILL);
 }
 
 TEST_CASE("A learner of the user's own that outlives its runner keeps its claim") {

@@ -1,4 +1,6 @@
 // Files that are not what a runner has left fail their run alone, and no run is begun for ever.
+#include <sys/stat.h>
+
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -54,6 +56,19 @@ TEST_CASE("A result that cannot be read fails its run and keeps no other back") 
     CHECK(outcome.out.find(suite.HiddenResult().string() + " holds no JSON object") !=
           std::string::npos);
   }
+}
+
+TEST_CASE("A pipe in a result's place fails its run, and nothing waits for its writer") {
+  const EndedSuite suite;
+  const fs::path result = suite.HiddenResult();
+  fs::remove(result);
+  REQUIRE(mkfifo(result.c_str(), 0600) == 0);
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("is no regular file") != std::string::npos);
+  const Outcome board = Run({"benchmark", "leaderboard", result.parent_path().string()});
+  CHECK(board.exit_code == 0);
 }
 
 TEST_CASE("A run whose folder cannot be made has failed and keeps no other back") {
