@@ -58,6 +58,7 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
        {std::pair{"serve", "run the daemon (b4mrl serve --help)"},
         std::pair{"benchmark",
                   "train what fills the tables of benchmarks (b4mrl benchmark --help)"},
+        {"report", "tables, figures and claims from results (b4mrl report --help)"},
         std::pair{"perf", "measure the daemon against the machine's limits (b4mrl perf --help)"},
         std::pair{"help", "show a command's help: b4mrl help train"}}) {
     const Status status(StatusCode::kUnsupported,
