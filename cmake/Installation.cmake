@@ -16,3 +16,5 @@ foreach(document proto/PROTOCOL.md data/README.md data/DATASHEET.md benchmarks/R
   cmake_path(GET document PARENT_PATH folder)
   install(FILES ${document} DESTINATION share/doc/b4mrl/${folder})
 endforeach()
+install(DIRECTORY benchmarks/report DESTINATION share/doc/b4mrl/benchmarks)
+install(DIRECTORY benchmarks/pictures DESTINATION share/doc/b4mrl/benchmarks FILES_MATCHING PATTERN *.png PATTERN *.svg)
