@@ -15,6 +15,7 @@ set(CMAKE_CXX_FLAGS_DEBUG "-O1 -g")
 
 option(B4MRL_WERROR "Treat warnings as errors" ON)
 set(B4MRL_SANITIZE "" CACHE STRING "Sanitizers to build with, as for -fsanitize=")
+option(B4MRL_COVERAGE "Count the executed lines, for gcov" OFF)
 # algorithms/ alone is built for one processor type; everything else stays baseline x86-64, so that
 # simulation, corruption and file bytes do not depend on the machine that compiled them.
 set(B4MRL_ARCH "native" CACHE STRING "-march= for algorithms/ (learners); use x86-64-v3 on clusters")
@@ -31,6 +32,11 @@ if(B4MRL_SANITIZE)
   add_compile_options(-fsanitize=${B4MRL_SANITIZE} -fno-omit-frame-pointer
                       -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${B4MRL_SANITIZE})
+endif()
+if(B4MRL_COVERAGE)
+  # Threads of one process share the counters.
+  add_compile_options(--coverage -fprofile-update=atomic)
+  add_link_options(--coverage)
 endif()
 
 find_program(B4MRL_CCACHE ccache)
