@@ -11,7 +11,7 @@ install(FILES data/datasets.toml benchmarks/budgets.toml benchmarks/claims.toml 
 install(DIRECTORY benchmarks/suites DESTINATION share/b4mrl)
 # The documents keep their places to each other, for they link to each other.
 install(FILES LICENSE NOTICE CITATION.cff README.md ARCHITECTURE.md CHANGELOG.md CODE_OF_CONDUCT.md CONTRIBUTING.md
-        SECURITY.md TUTORIAL.md DESTINATION share/doc/b4mrl)
+        REPRODUCIBILITY.md SECURITY.md TUTORIAL.md DESTINATION share/doc/b4mrl)
 foreach(document proto/PROTOCOL.md data/README.md data/DATASHEET.md benchmarks/RESULTS.md benchmarks/RULES.md client/python/README.md)
   cmake_path(GET document PARENT_PATH folder)
   install(FILES ${document} DESTINATION share/doc/b4mrl/${folder})
