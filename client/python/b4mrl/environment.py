@@ -15,7 +15,7 @@ from b4mrl.origin import Origin
 from b4mrl.states import State, read_states, write_states
 from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
-from b4mrl.wire.outcomes import Outcome, StepOutcome
+from b4mrl.wire.outcomes import LaneStep, Outcome
 from b4mrl.wire.session import Session
 
 
@@ -70,7 +70,7 @@ class Environment(Hosted, gym.Env[Array, Array]):
     def step(self, action: ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step. FailedPreconditionError: the environment was never reset."""
         rows = checks.action_row(action, self.session.spec.action.shape)
-        return self.session.step(rows, None, self._result)
+        return self.session.step_lane(rows, self._result)
 
     def get_state(self) -> State:
         """The state as a dictionary (b4mrl.states)."""
@@ -98,26 +98,18 @@ class Environment(Hosted, gym.Env[Array, Array]):
 
     def _begin_episode(self, outcome: Outcome) -> tuple[Array, dict[str, Any]]:
         self._has_ended = False
-        return self._observation(outcome), self._info(outcome, is_reset=True)
-
-    def _result(self, outcome: StepOutcome) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        self._has_ended = bool(outcome.terminated[0] or outcome.truncated[0])
-        info = self._info(outcome, is_reset=False)
-        if outcome.causes[0]:
-            info["cause"] = infos.cause_name(outcome.causes[0])
-        return (
-            self._observation(outcome),
-            float(outcome.rewards[0]),
-            bool(outcome.terminated[0]),
-            bool(outcome.truncated[0]),
-            info,
-        )
-
-    def _observation(self, outcome: Outcome) -> Array:
         self.digest = int(outcome.digests[0])
         observation: Array = outcome.observations[0]
-        return observation.reshape(self._shape)
+        row = None if outcome.infos is None else outcome.infos[0].tolist()
+        return observation.reshape(self._shape), self._infos.single(row, is_reset=True)
 
-    def _info(self, outcome: Outcome, is_reset: bool) -> dict[str, Any]:
-        row = None if outcome.infos is None else outcome.infos[0]
-        return self._infos.single(row, is_reset)
+    def _result(self, step: LaneStep) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        self.digest = step.digest
+        self._has_ended = step.terminated or step.truncated
+        info = self._infos.single(step.infos, is_reset=False)
+        if step.cause:
+            info["cause"] = infos.cause_name(step.cause)
+        observation = step.observation
+        if len(self._shape) != 1:
+            observation = observation.reshape(self._shape)
+        return observation, step.reward, step.terminated, step.truncated, info

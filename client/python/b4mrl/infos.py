@@ -9,7 +9,7 @@ one entry for each environment, and a boolean mask `_k` of the environments that
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ class InfoLayout:
         self._step = _tree(columns)
         self._reset = _tree([(i, name) for i, name in columns if name in reported])
 
-    def single(self, row: NDArray[np.float64] | None, is_reset: bool) -> dict[str, Any]:
+    def single(self, row: Sequence[float] | None, is_reset: bool) -> dict[str, Any]:
         """The dictionary of one environment from its (columns,) numbers."""
         return {} if row is None else _read(self._reset if is_reset else self._step, row)
 
@@ -117,13 +117,15 @@ def _tree(columns: list[tuple[int, str]]) -> _Items:
     return tree
 
 
-def _read(items: _Items, row: NDArray[np.float64]) -> dict[str, Any]:
+def _read(items: _Items, row: Sequence[float]) -> dict[str, Any]:
     infos: dict[str, Any] = {}
     for key, place in items.items():
-        if isinstance(place, dict):
+        if isinstance(place, int):
+            infos[key] = row[place]
+        elif isinstance(place, dict):
             infos[key] = _read(place, row)
         else:
-            infos[key] = float(row[place]) if isinstance(place, int) else row[place]
+            infos[key] = np.array([row[column] for column in place])
     return infos
 
 

@@ -22,7 +22,9 @@ def gymnasium_batch(singles: list[dict]) -> dict:
 
 
 def test_a_name_says_where_its_number_belongs() -> None:
-    single = infos.InfoLayout(NAMES, RESET_NAMES).single(np.arange(6.0), is_reset=False)
+    single = infos.InfoLayout(NAMES, RESET_NAMES).single(
+        [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], is_reset=False
+    )
     assert_same(
         single,
         {
@@ -39,7 +41,7 @@ def test_a_batch_is_what_gymnasium_makes_of_single_dictionaries() -> None:
     for resets in ([0, 0, 0, 0], [0, 1, 0, 1], [1, 1, 1, 1]):
         is_reset = np.array(resets, bool)
         rows_of_resets = np.where(is_reset[:, None] & ~np.isin(NAMES, RESET_NAMES), 0, rows)
-        singles = [layout.single(row, flag) for row, flag in zip(rows, is_reset)]
+        singles = [layout.single(row.tolist(), flag) for row, flag in zip(rows, is_reset)]
         assert_same(layout.batch(rows_of_resets, is_reset), gymnasium_batch(singles))
 
 
@@ -56,7 +58,7 @@ def test_scattering_leaves_the_others_out() -> None:
     rows = np.random.default_rng(0).normal(size=(2, len(NAMES)))
     batch = layout.batch(rows, np.zeros(2, bool))
     infos.add_causes(batch, np.array([2, 1], np.uint8))
-    singles = [layout.single(row, is_reset=False) for row in rows]
+    singles = [layout.single(row.tolist(), is_reset=False) for row in rows]
     singles[0]["cause"], singles[1]["cause"] = "limit", "unhealthy"
     wanted = gymnasium_batch([{}, singles[1], {}, singles[0]])
     assert_same(infos.scatter(batch, np.array([3, 1], np.uint32), 4), wanted)
@@ -69,5 +71,5 @@ def test_a_row_of_a_batch_is_the_single_dictionary() -> None:
     batch = layout.batch(rows, is_reset)
     infos.add_causes(batch, np.array([0, 0, 2], np.uint8))
     for i in range(2):
-        assert_same(infos.row_of(batch, i), layout.single(rows[i], is_reset[i]))
-    assert_same(infos.row_of(batch, 2), layout.single(rows[2], False) | {"cause": "limit"})
+        assert_same(infos.row_of(batch, i), layout.single(rows[i].tolist(), is_reset[i]))
+    assert_same(infos.row_of(batch, 2), layout.single(rows[2].tolist(), False) | {"cause": "limit"})

@@ -34,7 +34,8 @@ from google.protobuf.message import DecodeError
 from b4mrl import errors
 from b4mrl.wire import limits, sockets
 from b4mrl.wire.deliveries import Delivery, Pending, read_reply
-from b4mrl.wire.messages import Reply, Request
+from b4mrl.wire.messages import Request
+from b4mrl.wire.tables import Tables
 
 # A request's default deadline: long, so that a busy machine does not end a training of hours.
 DEADLINE_MS = 120_000
@@ -68,6 +69,7 @@ class Connection:
         self._half_sent = False  # perhaps: an interrupt came while a message was being sent
         self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
+        self._tables = Tables()
         self._link = sockets.open_link(address)
         self._socket = self._link.socket
         self._close_link = weakref.finalize(self, self._link.close)  # also when self is collected
@@ -337,19 +339,18 @@ class Connection:
     def _accept(self, frames: list[zmq.Frame]) -> bool:
         """Keeps a message as the reply to its request; False if it answers no pending request."""
         try:
-            reply = Reply.FromString(frames[0].bytes)
+            delivery = read_reply(self._tables, frames)
         except DecodeError:
             return False
-        pending = self._pending.pop(reply.request_id, None)
+        pending = self._pending.pop(delivery.request_id, None)
         if pending is None or len(frames) > 2:
             return False
         self._last_reply = time.monotonic()
-        delivery = read_reply(reply, frames)
         error = delivery.error
         if error is not None and error.recoverable and pending.resent:
             # The daemon refused one copy of the request; another copy may still be executed.
             delivery.executed, delivery.unsettled = None, pending
-        self._arrived[reply.request_id] = delivery
+        self._arrived[delivery.request_id] = delivery
         return True
 
     def _resend(self) -> None:

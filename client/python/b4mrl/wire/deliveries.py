@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import zmq
 
 from b4mrl import errors
-from b4mrl.wire import arrays
+from b4mrl.wire.arrays import Array
+from b4mrl.wire.tables import Table, Tables
 
 _PATIENCE_FRACTION = 8  # a request is sent again after 1/8 of its deadline without any reply
 
@@ -19,8 +20,9 @@ class Delivery:
     """The outcome of one request: a reply, or an error.
 
     Attributes:
-        reply: the Reply, whose status is OK; None with an error.
-        arrays: the reply's arrays, writable.
+        reply: the Reply, whose status is OK; None with an error. `table` stands for its arrays.
+        table: where the reply's arrays are in `payload`; None with an error.
+        payload: the bytes of the reply's arrays.
         error: the daemon's error, or one of this client; None with a reply.
         executed: whether the daemon executed the request; None if that is not known.
         unsettled: the request, if sending it again can tell whether it was executed.
@@ -28,10 +30,18 @@ class Delivery:
 
     request_id: int
     reply: Any = None
-    arrays: dict[str, arrays.Array] = field(default_factory=dict)
+    table: Table | None = None
+    payload: bytearray | None = None
     error: errors.B4mrlError | None = None
     executed: bool | None = True
     unsettled: Pending | None = None
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """The reply's arrays, as new writable views of `payload`."""
+        if self.table is None or self.payload is None:
+            return {}
+        return self.table.unpack(self.payload)
 
 
 @dataclass(slots=True)
@@ -56,15 +66,18 @@ class Pending:
         self.renewed = False
 
 
-def read_reply(reply: Any, frames: list[zmq.Frame]) -> Delivery:
-    """The outcome in a Reply; `frames` are the one or two frames of its message."""
-    status = reply.status
+def read_reply(tables: Tables, frames: list[zmq.Frame]) -> Delivery:
+    """The outcome in a message of one or two frames. DecodeError: the first one is no Reply."""
+    envelope = frames[0].bytes
+    payload = bytearray(frames[1].buffer) if len(frames) > 1 else bytearray()
+    reply, table = tables.read(envelope, payload)
+    request_id, status = reply.request_id, reply.status
     if status.code != 0:
         error = errors.error_of(status.code, status.message, status.recoverable)
         executed = None if error.executed_unknown else False
-        return Delivery(reply.request_id, error=error, executed=executed)
-    payload = bytearray(frames[1].buffer) if len(frames) > 1 else bytearray()
+        return Delivery(request_id, error=error, executed=executed)
     try:
-        return Delivery(reply.request_id, reply, arrays.unpack(reply.arrays, payload))
+        table = table or tables.learn(envelope, reply, payload)
     except errors.InternalError as error:
-        return Delivery(reply.request_id, error=error, executed=None)
+        return Delivery(request_id, error=error, executed=None)
+    return Delivery(request_id, reply, table, payload)

@@ -32,7 +32,7 @@ from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
 from b4mrl.wire.messages import Request
 
 T = TypeVar("T")
-Read = Callable[[Mapping[str, Array], "Lanes | None"], T]  # from a reply's arrays and its lanes
+Read = Callable[[Delivery, "Lanes | None"], T]  # from a reply and the lanes of its request
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ class Operations:
         deadline_ms: float,
         read: Read[T],
     ) -> T:
-        """Executes a Step, Reset or Restore and returns `read(reply's arrays, lanes)`.
+        """Executes a Step, Reset or Restore and returns `read(reply, lanes)`.
 
         If Ctrl-C comes before `read` is done, the operation counts as interrupted.
         """
@@ -178,7 +178,7 @@ class Operations:
                 self._end(delivery)
             raise delivery.error
         try:
-            result = read(delivery.arrays, operation.lanes)
+            result = read(delivery, operation.lanes)
         except Exception:
             self._end(delivery)
             raise

@@ -21,11 +21,12 @@ from b4mrl import errors
 from b4mrl.wire import arrays, checks, limits
 from b4mrl.wire.arrays import Array, require
 from b4mrl.wire.connection import Connection
+from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.farewells import Farewell
 from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
 from b4mrl.wire.messages import Request
 from b4mrl.wire.operations import Operations
-from b4mrl.wire.outcomes import Outcome, OutcomeReader, StepOutcome
+from b4mrl.wire.outcomes import LaneStep, Outcome, OutcomeReader, StepOutcome
 
 if TYPE_CHECKING:  # kept for whoever holds the session, who read them from the reply to Open
     from b4mrl.descriptions import SessionInForce
@@ -91,6 +92,11 @@ class Session:
         columns = {"actions": actions}
         return self._call("step", lanes, columns, lambda *it: read(self._step_outcome(*it)))
 
+    def step_lane(self, actions: Array, read: Callable[[LaneStep], T]) -> T:
+        """One step of the only lane of a session: actions (1, action size), as in `step`."""
+        columns = {"actions": actions}
+        return self._call("step", None, columns, lambda it, _: read(self._reader.lane_step(it)))
+
     def send_step(self, actions: Array, lanes: Lanes | None = None) -> None:
         """The first half of step; several may be under way for different lanes."""
         self._refuse_closed()
@@ -121,7 +127,7 @@ class Session:
         """Sets the lanes' states, from `snapshot` or readable parts; returns the observations."""
         count = self._numbers.count_of(lanes)
         return self._call(
-            "restore", lanes, parts, lambda found, _: self._reader.observations(found, count)
+            "restore", lanes, parts, lambda it, _: self._reader.observations(it.arrays, count)
         )
 
     def render(
@@ -214,7 +220,7 @@ class Session:
         kind: str,
         lanes: Lanes | None,
         columns: Mapping[str, Array],
-        read: Callable[[Mapping[str, Array], Lanes | None], T],
+        read: Callable[[Delivery, Lanes | None], T],
     ) -> T:
         self._refuse_closed()
         return self._operations.call(kind, lanes, columns, self.deadline_ms, read)
@@ -223,8 +229,8 @@ class Session:
         if not self._farewell.is_due:
             raise errors.FailedPreconditionError("the environment is closed")
 
-    def _outcome(self, found: Mapping[str, Array], lanes: Lanes | None) -> Outcome:
-        return self._reader.outcome(found, lanes, self._numbers.count_of(lanes))
+    def _outcome(self, delivery: Delivery, lanes: Lanes | None) -> Outcome:
+        return self._reader.outcome(delivery.arrays, lanes, self._numbers.count_of(lanes))
 
-    def _step_outcome(self, found: Mapping[str, Array], lanes: Lanes | None) -> StepOutcome:
-        return self._reader.step(found, lanes, self._numbers.count_of(lanes))
+    def _step_outcome(self, delivery: Delivery, lanes: Lanes | None) -> StepOutcome:
+        return self._reader.step(delivery, lanes, self._numbers.count_of(lanes))

@@ -37,7 +37,7 @@ INTERRUPTIONS = [
     ("b4mrl.wire.connection.Connection._read", "after", True),  # a message is lost
     ("b4mrl.wire.connection.Connection._accept", "after", True),
     ("b4mrl.wire.connection.Connection.await_any", "after", True),
-    ("b4mrl.wire.outcomes.OutcomeReader.step", "after", True),
+    ("b4mrl.wire.outcomes.OutcomeReader.lane_step", "after", True),
     ("b4mrl.infos.InfoLayout.single", "after", True),
     ("b4mrl.wire.lane_numbers.LaneNumbers.end", "before", True),
     ("b4mrl.wire.lane_numbers.LaneNumbers.end", "after", True),
@@ -114,8 +114,8 @@ def test_a_reset_needs_to_know_nothing_of_it(pair, place, when, happens, seed) -
 
 @everywhere
 def test_so_it_is_with_a_reset(pair, place, when, happens) -> None:
-    if place.endswith("OutcomeReader.step"):
-        place = place.replace("step", "outcome")
+    if place.endswith("OutcomeReader.lane_step"):
+        place = place.replace("lane_step", "outcome")
     env, twin = pair
     for _ in range(2):  # an unseeded reset must not begin two episodes
         interrupt(lambda: env.reset(), place, when)
