@@ -12,10 +12,15 @@
 #include "data/files/atomic_file.h"
 
 namespace b4mrl {
+namespace {
+
+std::string PlanPath(const std::string& folder) { return folder + "/plan.json"; }
+
+}  // namespace
 
 Result<std::vector<std::string>> FreezePlan(const std::string& folder,
                                             const std::vector<PlannedRun>& plan) {
-  const std::string path = folder + "/plan.json";
+  const std::string path = PlanPath(folder);
   B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   std::error_code error;
   if (!std::filesystem::exists(path, error)) {
@@ -25,8 +30,15 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
     // Of several that write it at once, one succeeds, and equal commands write equal lists.
     if (!written.ok() && !std::filesystem::exists(path, error)) return written;
   }
-  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
+  return ReadFrozenPlan(folder);
+}
+
+Result<std::vector<std::string>> ReadFrozenPlan(const std::string& folder) {
+  const std::string path = PlanPath(folder);
   std::vector<std::string> ids;
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return ids;
+  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
   for (const auto& run : EntryOf(json, "runs")) {
     ids.push_back(TextOf(run, "id"));
     if (ids.back().empty()) {
@@ -34,6 +46,23 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
     }
   }
   return ids;
+}
+
+Result<std::vector<uint64_t>> IndicesOf(const std::vector<PlannedRun>& plan,
+                                        const std::vector<std::string>& frozen) {
+  std::vector<uint64_t> indices;
+  for (const PlannedRun& run : plan) {
+    const auto found = std::ranges::find(frozen, run.id);
+    if (found == frozen.end()) {
+      return Status(
+          StatusCode::kFailedPrecondition,
+          fmt::format("plan.json, in --out, lacks the run {}: the list belongs to another "
+                      "command; choose another folder for --out (--results may stay)",
+                      run.name));
+    }
+    indices.push_back(static_cast<uint64_t>(found - frozen.begin()));
+  }
+  return indices;
 }
 
 Result<PlannedRun> FindByIndex(const std::vector<std::string>& frozen, uint64_t index,

@@ -74,6 +74,11 @@ Result<UniqueFd> Claim(const std::string& path) {
                 fmt::format("{} is on a file system that grants a lock twice", path));
 }
 
+bool IsClaimed(const std::string& path) {
+  const UniqueFd claim(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  return claim.valid() && flock(claim.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
 JobOrder ToolOrder(std::vector<std::string> words, const std::string& log) {
   words.insert(words.begin(), ProgramBesideThisOne("b4mrl-tools"));
   return {.words = std::move(words), .log = log};

@@ -24,6 +24,9 @@ namespace b4mrl {
 // Locks the file, which is made if it is missing. An invalid descriptor: another process holds it.
 // kUnsupported if the file system grants a lock twice or none; kIoError.
 Result<UniqueFd> Claim(const std::string& path);
+// Whether a process holds the claim. A process that claims it at the same moment may be told that
+// it is held.
+bool IsClaimed(const std::string& path);
 
 // What a job's process is to be.
 struct JobOrder {

@@ -1,12 +1,15 @@
-// b4mrl benchmark run|status|evaluate|check|leaderboard: trains what fills the cells of benchmarks,
-// says how far that is, evaluates agents side by side, checks results and ranks them.
+// b4mrl benchmark run|slurm|status|evaluate|check|leaderboard: trains what fills the cells of
+// benchmarks, here or on a cluster, says how far that is, evaluates agents side by side, checks
+// results and ranks them.
 #include <commit.h>  // which the build writes
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -20,14 +23,20 @@
 #include "benchmarks/runner/result_checks.h"
 #include "benchmarks/runner/run_folder.h"
 #include "benchmarks/runner/runner.h"
+#include "benchmarks/runner/slurm.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
+#include "data/files/atomic_file.h"
+#include "proto/base/child_program.h"
 #include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
+
+// What is to be done with the runs that the words of a command choose.
+enum class PlanWork { kTrain, kSubmit, kShow };
 
 struct BenchmarkCommand {
   std::string budget = "small";
@@ -37,12 +46,18 @@ struct BenchmarkCommand {
   std::optional<uint64_t> index;
   bool dry_run = false;
   bool json = false;  // of a dry run and of the status
+  SlurmJob slurm;
 
   void AddTo(CLI::App& app);
   void AddRunOptions(CLI::App& app);
-  Result<int> Run(bool status_only);
+  void AddSlurmOptions(CLI::App& app);
+  Result<int> Run(PlanWork work);
   // What --index leaves of the plan.
   Result<std::vector<PlannedRun>> Chosen(std::vector<PlannedRun> plan) const;
+  // The words by which each task of a cluster trains its run, but for its number.
+  std::vector<std::string> TaskWords() const;
+  // Submits one task for each run that is neither done nor in Slurm's queue.
+  Result<int> Submit(const std::vector<PlannedRun>& plan);
   int Report(const RunnerSummary& summary, size_t runs) const;
 };
 
@@ -74,7 +89,6 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
                  "address of a daemon that all processes are to use, with its datasets "
                  "[$B4MRL_ENDPOINT, else each starts its own]")
       ->envname("B4MRL_ENDPOINT");
-  app.add_flag("--json", json, "list the runs as one JSON array");
 }
 
 void BenchmarkCommand::AddRunOptions(CLI::App& app) {
@@ -91,7 +105,23 @@ void BenchmarkCommand::AddRunOptions(CLI::App& app) {
                  "missing; waits while another process has the run");
   app.add_flag("--retry", options.retry, "begin diverged runs anew");
   app.add_flag("--dry-run", dry_run, "list the runs and train nothing");
+  app.add_flag("--json", json, "list the runs of a dry run as one JSON array");
   app.add_flag("--quiet", options.quiet, "show no progress on stderr");
+}
+
+void BenchmarkCommand::AddSlurmOptions(CLI::App& app) {
+  app.add_option("--time", slurm.time,
+                 "time limit of a task, as sbatch reads it; a run that needs longer is saved and "
+                 "queued again [4:00:00]");
+  app.add_option("--array-parallelism", slurm.parallel_tasks, "tasks at a time [no limit]")
+      ->check(CLI::Range(1, 1'000'000));
+  app.add_option("--sbatch-option", slurm.sbatch_options,
+                 "a further option of sbatch, as in --sbatch-option=--partition=long; may be "
+                 "repeated, and comes after the script's own")
+      ->allow_extra_args(false);
+  app.add_flag("--retry", options.retry, "begin diverged runs anew");
+  app.add_flag("--dry-run", dry_run,
+               "write plan.json and the batch script, print the script and submit nothing");
 }
 
 Result<std::vector<PlannedRun>> BenchmarkCommand::Chosen(std::vector<PlannedRun> plan) const {
@@ -99,6 +129,68 @@ Result<std::vector<PlannedRun>> BenchmarkCommand::Chosen(std::vector<PlannedRun>
   B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
   B4MRL_ASSIGN_OR_RETURN(PlannedRun run, FindByIndex(frozen, *index, plan));
   return std::vector{std::move(run)};
+}
+
+std::vector<std::string> BenchmarkCommand::TaskWords() const {
+  std::vector<std::string> words = {ProgramBesideThisOne("b4mrl"), "benchmark", "run"};
+  words.insert(words.end(), choice.patterns.begin(), choice.patterns.end());
+  const auto add = [&](const char* name, const std::string& value) {
+    if (!value.empty()) words.insert(words.end(), {name, value});
+  };
+  add("--budget", budget);
+  add("--algorithms", fmt::format("{}", fmt::join(choice.algorithms, ",")));
+  add("--seeds", choice.seeds);
+  add("--suites", choice.suites);
+  add("--data", choice.source);
+  add("--learner", learner.command);
+  add("--name", learner.name);
+  add("--out", options.folder);
+  add("--results", options.results);
+  add("--endpoint", options.endpoint);
+  if (options.endpoint.empty()) add("--data-folder", options.data_folder);
+  if (options.retry) words.push_back("--retry");
+  words.insert(words.end(), {"--jobs", "1", "--quiet"});
+  return words;
+}
+
+Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
+  B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
+  B4MRL_ASSIGN_OR_RETURN(const auto indices, IndicesOf(plan, frozen));
+  std::set<uint64_t> queued;
+  if (!dry_run) {
+    B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(options.folder));
+  }
+  // Behind the look at the queue: what has left it by now is done, or is submitted.
+  const PlanStatus status = StatusOf(plan, options.folder, options.results);
+  std::vector<uint64_t> left;
+  size_t in_queue = 0;
+  for (size_t i = 0; i < plan.size(); ++i) {
+    const RunProgress progress = status.runs[i].progress;
+    if (progress == RunProgress::kDone) continue;
+    if (progress == RunProgress::kDiverged && !options.retry) continue;
+    if (queued.contains(indices[i])) {
+      ++in_queue;
+    } else {
+      left.push_back(indices[i]);
+    }
+  }
+  std::ranges::sort(left);
+  fmt::print(stderr, "{} of {} runs done, {} in the queue, {} to be submitted\n",
+             status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size());
+  if (left.empty()) return kExitDone;
+  slurm.folder = options.folder;
+  slurm.command = TaskWords();
+  B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(slurm, left));
+  const std::string path = options.folder + "/slurm.sh";
+  B4MRL_RETURN_IF_ERROR(MakeFolder(options.folder + "/logs"));
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));
+  if (dry_run) {
+    fmt::print("{}", script);
+    return kExitDone;
+  }
+  B4MRL_ASSIGN_OR_RETURN(const std::string job, SubmitScript(path));
+  fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", job, left.size(), options.folder);
+  return kExitDone;
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
@@ -111,7 +203,7 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
   return summary.failed.empty() && !lacks_result ? kExitDone : kExitFailed;
 }
 
-Result<int> BenchmarkCommand::Run(bool status_only) {
+Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
   if (options.results.empty()) options.results = options.folder + "/results";
@@ -138,9 +230,10 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   options.data_folder = daemon_status.data_folder();
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
+  if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
-  if (status_only || dry_run) {
-    const PlanStatus status = StatusOf(plan, options.results);
+  if (work == PlanWork::kShow || dry_run) {
+    const PlanStatus status = StatusOf(plan, options.folder, options.results);
     for (const std::string& problem : status.unreadable) fmt::print(stderr, "{}\n", problem);
     fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
     return kExitDone;
@@ -148,6 +241,20 @@ Result<int> BenchmarkCommand::Run(bool status_only) {
   Runner runner(options, chosen, plan, client);
   B4MRL_ASSIGN_OR_RETURN(const RunnerSummary summary, runner.Work());
   return Report(summary, plan.size());
+}
+
+void AddEvaluationOptions(CLI::App& app, AgentEvaluationOptions& options) {
+  app.add_option("folder", options.folder, "folder with agents")->required();
+  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->check(CLI::Range(1, 1024));
+  app.add_option("--episodes", options.episodes, "episodes of each agent [100]")
+      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
+  app.add_option("--seed", options.seed,
+                 "seed of the starts; 0 has those of training's evaluations [1]");
+  app.add_option("--endpoint", options.endpoint,
+                 "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
+                 "starts its own]")
+      ->envname("B4MRL_ENDPOINT");
+  app.add_flag("--quiet", options.quiet, "show no progress on stderr");
 }
 
 Result<int> EvaluateFolder(const AgentEvaluationOptions& options) {
@@ -198,30 +305,26 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
 int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
   app.require_subcommand(1);
-  BenchmarkCommand run, status;
+  BenchmarkCommand run, cluster, status;
   run.options.jobs = std::max(1u, std::thread::hardware_concurrency());
   CLI::App* run_app = app.add_subcommand("run", "train the runs that have no result yet");
   run.AddTo(*run_app);
   run.AddRunOptions(*run_app);
-  CLI::App* status_app = app.add_subcommand("status", "list the runs and how far they have come");
+  CLI::App* slurm_app = app.add_subcommand(
+      "slurm", "submit the runs that have no result yet to Slurm, as one array job");
+  cluster.AddTo(*slurm_app);
+  cluster.AddSlurmOptions(*slurm_app);
+  CLI::App* status_app = app.add_subcommand(
+      "status",
+      "list the runs, how far they have come and where the messages of those are that "
+      "have not ended well");
   status.AddTo(*status_app);
+  status_app->add_flag("--json", status.json, "list the runs as one JSON array");
   AgentEvaluationOptions evaluation;
   evaluation.jobs = run.options.jobs;
   CLI::App* evaluate_app = app.add_subcommand(
       "evaluate", "evaluate all agents of a folder, each once, several at a time");
-  evaluate_app->add_option("folder", evaluation.folder, "folder with agents")->required();
-  evaluate_app->add_option("--jobs", evaluation.jobs, "processes at a time [cores]")
-      ->check(CLI::Range(1, 1024));
-  evaluate_app->add_option("--episodes", evaluation.episodes, "episodes of each agent [100]")
-      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
-  evaluate_app->add_option("--seed", evaluation.seed,
-                           "seed of the starts; 0 has those of training's evaluations [1]");
-  evaluate_app
-      ->add_option("--endpoint", evaluation.endpoint,
-                   "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
-                   "starts its own]")
-      ->envname("B4MRL_ENDPOINT");
-  evaluate_app->add_flag("--quiet", evaluation.quiet, "show no progress on stderr");
+  AddEvaluationOptions(*evaluate_app, evaluation);
   RecordsCommand records;
   records.check.jobs = run.options.jobs;
   CLI::App* check_app = app.add_subcommand(
@@ -244,8 +347,9 @@ int Main(int argc, char** argv) {
   const Result<int> code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
                            : check_app->parsed()       ? records.Check()
                            : leaderboard_app->parsed() ? records.PrintLeaderboard()
-                           : run_app->parsed()         ? run.Run(false)
-                                                       : status.Run(true);
+                           : run_app->parsed()         ? run.Run(PlanWork::kTrain)
+                           : slurm_app->parsed()       ? cluster.Run(PlanWork::kSubmit)
+                                                       : status.Run(PlanWork::kShow);
   if (code.ok()) return *code;
   if (Interrupted()) return InterruptExitCode();
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());

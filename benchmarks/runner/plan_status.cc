@@ -3,33 +3,109 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
+#include "algorithms/run/run_result.h"
 #include "benchmarks/runner/cost.h"
+#include "benchmarks/runner/frozen_plan.h"
+#include "benchmarks/runner/job.h"
+#include "benchmarks/runner/run_folder.h"
+#include "data/files/file_hash.h"
 
 namespace b4mrl {
+namespace {
 
-PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& results_folder) {
+bool Exists(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::exists(path, error);
+}
+
+// Whether an evaluation of the run's agent is missing that can still be made.
+bool LacksScoring(const PlannedRun& run, const RunResult& result, const std::string& run_folder) {
+  const auto is_missing = [&](const Scoring& scoring) {
+    return scoring.name != kOwnScoring && !result.scorings.contains(scoring.name);
+  };
+  if (std::ranges::none_of(run.scorings, is_missing)) return false;
+  const auto agent = Sha256OfFile(run_folder + "/agent.h5");
+  return agent.ok() && *agent == result.agent_sha256;
+}
+
+RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& result,
+                       const std::string& run_folder) {
+  if (result && result->IsDone(run, run.updates) && !LacksScoring(run, *result, run_folder)) {
+    return RunProgress::kDone;
+  }
+  if (IsClaimed(run_folder + "/claim")) return RunProgress::kRunning;
+  if (IsMarkedDiverged(run_folder)) return RunProgress::kDiverged;
+  const auto state = ReadRunStatus(run_folder);
+  if (state.ok() && state->state == RunState::kFailed) return RunProgress::kFailed;
+  return result || Exists(run_folder + "/log") ? RunProgress::kBegun : RunProgress::kWaiting;
+}
+
+// The numbers of runs in the folder's plan.json by id.
+std::map<std::string, uint64_t> FrozenIndices(const std::string& folder,
+                                              std::vector<std::string>* unreadable) {
+  std::map<std::string, uint64_t> indices;
+  const auto frozen = ReadFrozenPlan(folder);
+  if (!frozen.ok()) unreadable->push_back(frozen.status().message());
+  for (size_t i = 0; frozen.ok() && i < frozen->size(); ++i) indices[(*frozen)[i]] = i;
+  return indices;
+}
+
+}  // namespace
+
+std::string_view RunProgressName(RunProgress progress) {
+  switch (progress) {
+    case RunProgress::kDone:
+      return "done";
+    case RunProgress::kRunning:
+      return "running";
+    case RunProgress::kDiverged:
+      return "diverged";
+    case RunProgress::kFailed:
+      return "failed";
+    case RunProgress::kBegun:
+      return "begun";
+    case RunProgress::kWaiting:
+      break;
+  }
+  return "waiting";
+}
+
+size_t PlanStatus::CountOf(RunProgress progress) const {
+  const auto found = counts.find(progress);
+  return found == counts.end() ? 0 : found->second;
+}
+
+PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,
+                    const std::string& results_folder) {
   PlanStatus status;
+  const auto indices = FrozenIndices(folder, &status.unreadable);
   CostModel costs;
   for (const PlannedRun& run : plan) {
     const auto read = ReadResult(ResultPath(results_folder, run));
-    status.results.push_back(read.ok() ? *read : std::nullopt);
     if (!read.ok()) status.unreadable.push_back(read.status().message());
-    if (status.results.back()) costs.Learn(run, *status.results.back());
+    const std::string run_folder = RunFolder(folder, run);
+    PlannedRunStatus each = {.result = read.ok() ? *read : std::nullopt};
+    each.progress = ProgressOf(run, each.result, run_folder);
+    if (const auto found = indices.find(run.id); found != indices.end()) each.index = found->second;
+    if (Exists(run_folder + "/log")) each.log = run_folder + "/log";
+    if (each.result) costs.Learn(run, *each.result);
+    status.runs.push_back(std::move(each));
   }
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const std::optional<RunResult>& result = status.results[i];
-    const bool is_done = result && result->IsDone(run, run.updates);
-    status.done += is_done ? 1 : 0;
-    status.begun += result && !is_done ? 1 : 0;
+    const auto& [progress, result, index, log] = status.runs[i];
+    ++status.counts[progress];
     status.cells += run.benchmarks.size();
-    status.filled += is_done ? run.benchmarks.size() : 0;
     status.seconds += result ? result->seconds : 0;
+    if (progress == RunProgress::kDone) {
+      status.filled += run.benchmarks.size();
+      continue;
+    }
     const uint64_t updates = result ? std::min(result->updates, run.updates) : 0;
-    if (is_done) continue;
     status.seconds_left += costs.SecondsOf(run, static_cast<double>(run.updates - updates));
   }
   return status;
@@ -39,16 +115,21 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   std::string text;
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const std::optional<RunResult>& result = status.results[i];
-    const std::string score =
-        !result ? "" : fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
-    text += fmt::format("{} {:>9}/{} {}{}\n", run.id, result ? result->updates : 0, run.updates,
-                        run.name, score);
+    const auto& [progress, result, index, log] = status.runs[i];
+    text +=
+        fmt::format("{} {:>4} {:<8} {:>9}/{} {}", run.id, index ? fmt::format("{}", *index) : "-",
+                    RunProgressName(progress), result ? result->updates : 0, run.updates, run.name);
+    if (result) text += fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
+    if (!log.empty() && progress != RunProgress::kDone) text += ", " + log;
+    text += '\n';
   }
   return text + fmt::format(
-                    "{} runs: {} done, {} begun; {} of {} cells filled; {:.1f} core-hours trained, "
-                    "about {:.1f} left\n",
-                    plan.size(), status.done, status.begun, status.filled, status.cells,
+                    "{} runs: {} done, {} running, {} begun, {} waiting, {} failed, {} diverged; "
+                    "{} of {} cells filled; {:.1f} core-hours trained, about {:.1f} left\n",
+                    plan.size(), status.CountOf(RunProgress::kDone),
+                    status.CountOf(RunProgress::kRunning), status.CountOf(RunProgress::kBegun),
+                    status.CountOf(RunProgress::kWaiting), status.CountOf(RunProgress::kFailed),
+                    status.CountOf(RunProgress::kDiverged), status.filled, status.cells,
                     status.seconds / 3600, status.seconds_left / 3600);
 }
 
@@ -57,7 +138,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const std::optional<RunResult>& result = status.results[i];
+    const auto& [progress, result, index, log] = status.runs[i];
     runs.push_back({{"name", run.name},
                     {"id", run.id},
                     {"cell", run.cell_id},
@@ -74,7 +155,10 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"benchmarks", run.benchmarks},
                     {"planned_updates", run.updates},
                     {"updates", result ? result->updates : 0},
-                    {"done", result && result->IsDone(run, run.updates)},
+                    {"state", RunProgressName(progress)},
+                    {"done", progress == RunProgress::kDone},
+                    {"index", index ? Json(*index) : Json()},
+                    {"log", log.empty() ? Json() : Json(log)},
                     {"score", result && result->score ? Json(*result->score) : Json()},
                     {"return", result ? Json(result->mean_return) : Json()},
                     {"seconds", result ? result->seconds : 0}});

@@ -1,8 +1,11 @@
 // How far the runs of a plan have come, and what the rest will cost. One thread.
 #pragma once
 
+#include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "benchmarks/plan/plan.h"
@@ -10,16 +13,37 @@
 
 namespace b4mrl {
 
+enum class RunProgress {
+  kDone,      // trained and scored
+  kRunning,   // a runner holds its claim, on this machine or another one
+  kDiverged,  // to be trained again only with --retry
+  kFailed,    // its learner ended with an error; it is tried again when it is next begun
+  kBegun,     // stopped or killed; goes on from its last checkpoint
+  kWaiting,   // nothing was done yet
+};
+std::string_view RunProgressName(RunProgress progress);  // "done", "running", ...
+
+struct PlannedRunStatus {
+  RunProgress progress = RunProgress::kWaiting;
+  std::optional<RunResult> result;
+  std::optional<uint64_t> index;  // in plan.json
+  std::string log;                // file of the learner's messages; "": there is none
+};
+
 struct PlanStatus {
-  std::vector<std::optional<RunResult>> results;  // of each run of the plan
-  std::vector<std::string> unreadable;            // what is wrong with results, one line each
-  size_t done = 0, begun = 0;                     // runs
+  std::vector<PlannedRunStatus> runs;   // of the plan
+  std::vector<std::string> unreadable;  // what is wrong with files, one line each
+  std::map<RunProgress, size_t> counts;
   size_t cells = 0, filled = 0;
   double seconds = 0;       // that the results say
   double seconds_left = 0;  // about, of one core
+
+  size_t CountOf(RunProgress progress) const;
 };
 
-PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& results_folder);
+// `folder`: of the runs, with plan.json if there is one.
+PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,
+                    const std::string& results_folder);
 
 // A line for each run and one for all.
 std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status);

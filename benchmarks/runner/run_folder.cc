@@ -1,5 +1,7 @@
 #include "benchmarks/runner/run_folder.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -17,6 +19,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 constexpr std::string_view kMark = "failed.json";
+constexpr size_t kShortId = 8;  // digits of the id in the name of a run's folder
 
 // Removes the folder's entries whose names `chooses` accepts.
 template <typename Chooses>
@@ -31,6 +34,10 @@ void RemoveFrom(const std::string& folder, Chooses chooses) {
 std::string MarkPath(const std::string& folder) { return folder + "/" + std::string(kMark); }
 
 }  // namespace
+
+std::string RunFolder(const std::string& folder, const PlannedRun& run) {
+  return fmt::format("{}/runs/{}-{}", folder, run.name, run.id.substr(0, kShortId));
+}
 
 Status MakeFolder(const std::string& path) {
   std::error_code error;

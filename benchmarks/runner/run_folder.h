@@ -10,6 +10,8 @@
 
 namespace b4mrl {
 
+// DIR/runs/<name>-<first 8 digits of the id>.
+std::string RunFolder(const std::string& folder, const PlannedRun& run);
 // Makes the folder and those around it. kIoError.
 Status MakeFolder(const std::string& path);
 // The name of a dataset as that of a file: "HalfCheetah-medium".

@@ -25,7 +25,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMostAttempts = 2;  // of a run that ends with an error
-constexpr size_t kShortId = 8;    // digits of the id in the name of a run's folder
 
 }  // namespace
 
@@ -38,10 +37,8 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
       line_(options.quiet) {
   for (const PlannedRun& run : plan) {
     waiting_.push_back(tasks_.size());
-    tasks_.push_back({.run = &run,
-                      .folder = fmt::format("{}/runs/{}-{}", options.folder, run.name,
-                                            run.id.substr(0, kShortId)),
-                      .target = run.updates});
+    tasks_.push_back(
+        {.run = &run, .folder = RunFolder(options.folder, run), .target = run.updates});
   }
 }
 

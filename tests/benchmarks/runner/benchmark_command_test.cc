@@ -1,6 +1,7 @@
 // b4mrl benchmark trains each run once, whatever ends on the way.
 #include <catch2/catch.hpp>
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -20,12 +21,17 @@ size_t Count(const std::string& text, const std::string& words) {
   return count;
 }
 
+// Runs a command of the shell; its outputs are this program's.
+int ExitCodeOf(const std::string& command) {
+  return WEXITSTATUS(std::system(command.c_str()));  // NOLINT
+}
+
 TEST_CASE("A suite makes its data, trains each distinct run once and keeps the results") {
   const Suite suite;
   const Outcome listed = Run(suite.Command({"--dry-run"}));
   INFO(listed.err);
   CHECK(listed.exit_code == 0);
-  CHECK(listed.out.find("2 runs: 0 done, 0 begun; 0 of 4 cells filled") != std::string::npos);
+  CHECK(listed.out.find("0 of 4 cells filled") != std::string::npos);
 
   const Outcome first = Run(suite.Command());
   INFO(first.out << first.err);
@@ -143,14 +149,46 @@ TEST_CASE("All processes of a suite use the daemon at an address") {
   CHECK(both.err.find("exclude each other") != std::string::npos);
 }
 
-TEST_CASE("A runner that is told to stop leaves everything to be resumed") {
+TEST_CASE("A runner that is told to stop leaves everything to be resumed, and the status says so") {
   const Suite suite("td3-bc = 1_000_000");
+  const auto state = [&] {
+    const Outcome status = Run(suite.Command({"--dry-run", "--json"}));
+    return nlohmann::json::parse(status.out, nullptr, false)[0];
+  };
+  CHECK(state()["state"] == "waiting");
   Tool runner(suite.Command());
   CHECK(runner.WaitForMessage("start "));
+  CHECK(state()["state"] == "running");
   runner.Signal(SIGTERM);
   const Outcome stopped = runner.Wait();
   CHECK(stopped.exit_code == 143);
   CHECK(stopped.out.find("1 left") != std::string::npos);
+  const auto left = state();
+  CHECK(left["state"] == "begun");
+  CHECK(fs::exists(left["log"].get<std::string>()));
+  CHECK(left["index"].is_null());
+}
+
+TEST_CASE("Only runs that are not done are submitted, each under its number in plan.json") {
+  const Suite suite("td3-bc = 20, bc = 20, iql = 20");
+  REQUIRE(Run(suite.Command({"--index", "1"})).exit_code == 0);
+  Words words = suite.Command({"--dry-run", "--sbatch-option=--partition=long"});
+  words[1] = "slurm";
+  const Outcome script = Run(words);
+  INFO(script.out << script.err);
+  CHECK(script.exit_code == 0);
+  CHECK(script.err.find("1 of 3 runs done, 0 in the queue, 2 to be submitted") !=
+        std::string::npos);
+  CHECK(script.out.find("\n#SBATCH --array=0,2\n") != std::string::npos);
+  CHECK(script.out.find("\n#SBATCH --partition=long\n") != std::string::npos);
+  CHECK(script.out == ReadBytes(suite.Out() + "/slurm.sh"));
+  // A task by the script's own words.
+  CHECK(ExitCodeOf("SLURM_ARRAY_TASK_ID=2 bash " + suite.Out() + "/slurm.sh") == 0);
+  CHECK(suite.Results().size() == 2);
+  words.insert(words.end(), {"--seeds", "7"});
+  const Outcome foreign = Run(words);
+  CHECK(foreign.exit_code == 3);
+  CHECK(foreign.err.find("belongs to another command") != std::string::npos);
 }
 
 TEST_CASE("A run goes on until its score has settled, as often as is allowed") {

@@ -1,0 +1,168 @@
+#include "benchmarks/runner/slurm.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <charconv>
+#include <cstring>
+#include <filesystem>
+#include <string_view>
+#include <system_error>
+
+#include "data/files/file_hash.h"
+#include "proto/base/child_program.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Seconds before the time limit at which a task is told to save. Saving takes seconds; Slurm looks
+// at time limits every 30 s.
+constexpr int kSecondsToSave = 120;
+constexpr int64_t kSlurmDeadlineMs = 120'000;  // for answers of a busy controller
+
+// {0}: lines of #SBATCH, {1}: folder in which the command was given, {2}: the task's command.
+constexpr char kScript[] = R"(#!/bin/bash
+{0}
+# A task trains the run of plan.json that has the task's number. Shortly before the task's time
+# limit (signal USR2) the run is saved and the task is queued again. After a node has failed, Slurm
+# itself queues the task again. In both cases the run goes on from its last checkpoint.
+set -u
+cd {1} || exit 1
+child= time_is_up=no stops=no
+stop() {{
+  stops=yes
+  [ -z "$child" ] || kill -TERM "$child"
+}}
+trap 'time_is_up=yes; stop' USR2
+trap stop TERM
+{2} --index "$SLURM_ARRAY_TASK_ID" &
+child=$!
+[ $stops = no ] || stop  # the signal came before the child's id was known
+while kill -0 "$child" 2>/dev/null; do wait "$child"; done  # a signal ends a wait early
+wait "$child"
+code=$?
+trap - TERM
+if [ $time_is_up = yes ] && [ $code -ge 128 ]; then
+  # Slurm ends this script, which must not end by itself: the task would count as failed.
+  scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID" && sleep 600
+fi
+exit $code
+)";
+
+// The word as the shell reads it back.
+std::string Quoted(std::string_view word) {
+  constexpr std::string_view kPlain =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+./:,@";
+  if (!word.empty() && word.find_first_not_of(kPlain) == word.npos) return std::string(word);
+  std::string quoted = "'";
+  for (const char letter : word) quoted += letter == '\'' ? "'\\''" : std::string(1, letter);
+  return quoted + "'";
+}
+
+// What a program of Slurm prints. Its messages go to our stderr.
+Result<std::string> OutputOf(const std::vector<std::string>& words) {
+  ProgramWithOutput program;
+  const int error = StartWithOutput(words.front(), words, &program);
+  if (error != 0) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("cannot start Slurm's {}: {}; submit from a machine of the cluster",
+                              words.front(), std::strerror(error)));
+  }
+  const Deadline deadline = Deadline::AfterMs(kSlurmDeadlineMs);
+  std::string output;
+  std::array<char, 4096> bytes{};
+  while (WaitUntilReady(program.output.get(), POLLIN, deadline).ok()) {
+    const ssize_t count = read(program.output.get(), bytes.data(), bytes.size());
+    if (count <= 0) break;
+    output.append(bytes.data(), static_cast<size_t>(count));
+  }
+  if (WaitForExit(program.process_id, deadline) == 0) return output;
+  return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", words.front()));
+}
+
+}  // namespace
+
+Result<std::string> SlurmJobName(const std::string& folder) {
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(folder, error);
+  if (error) return IoError("find", folder, error.value());
+  return "b4mrl-" + Sha256OfText(whole.string()).substr(0, 16);
+}
+
+std::string CompactList(const std::vector<uint64_t>& indices) {
+  std::string list;
+  for (size_t i = 0; i < indices.size();) {
+    size_t last = i;
+    while (last + 1 < indices.size() && indices[last + 1] == indices[last] + 1) ++last;
+    list += fmt::format("{}{}", list.empty() ? "" : ",", indices[i]);
+    if (last > i) list += fmt::format("-{}", indices[last]);
+    i = last + 1;
+  }
+  return list;
+}
+
+Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>& indices) {
+  std::error_code error;
+  const std::string here = fs::current_path(error).string();
+  if (error) return IoError("find", "the working folder", error.value());
+  B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(job.folder));
+  const std::string logs = fs::weakly_canonical(job.folder).string() + "/logs";
+  // Slurm gives these characters a meaning of its own, with quotes or without.
+  if (logs.find_first_of("%\"\\\n") != std::string::npos) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("--out {}: the path of a folder for Slurm's logs must have no %, \", "
+                              "\\ or line break",
+                              job.folder));
+  }
+  std::string limit = job.parallel_tasks > 0 ? fmt::format("%{}", job.parallel_tasks) : "";
+  std::vector<std::string> options = {"--job-name=" + name,
+                                      "--array=" + CompactList(indices) + limit,
+                                      "--time=" + job.time,
+                                      "--ntasks=1",
+                                      "--cpus-per-task=1",
+                                      "--mem=4G",
+                                      "--requeue",
+                                      "--open-mode=append",
+                                      fmt::format("--output=\"{}/%a.log\"", logs),
+                                      fmt::format("--signal=B:USR2@{}", kSecondsToSave)};
+  options.insert(options.end(), job.sbatch_options.begin(), job.sbatch_options.end());
+  std::string lines, command;
+  for (const std::string& option : options) {
+    if (!option.starts_with('-') || option.find('\n') != std::string::npos) {
+      return Status(StatusCode::kInvalidArgument,
+                    fmt::format("--sbatch-option {}: must be one line that begins with '-', as in "
+                                "--sbatch-option=--partition=long",
+                                option));
+    }
+    lines += "#SBATCH " + option + "\n";
+  }
+  for (const std::string& word : job.command)
+    command += (command.empty() ? "" : " ") + Quoted(word);
+  return fmt::format(kScript, lines, Quoted(here), command);
+}
+
+Result<std::set<uint64_t>> QueuedIndices(const std::string& folder) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(folder));
+  B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"squeue", "--array", "--noheader",
+                                                             "--format=%K", "--name=" + name}));
+  std::set<uint64_t> indices;
+  const char* const end = output.data() + output.size();
+  for (const char* at = output.data(); at < end; ++at) {
+    uint64_t index = 0;
+    const auto [next, error] = std::from_chars(at, end, index);
+    if (error == std::errc()) indices.insert(index);
+    at = next;
+  }
+  return indices;
+}
+
+Result<std::string> SubmitScript(const std::string& path) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"sbatch", "--parsable", path}));
+  return output.substr(0, output.find_first_of(";\n"));
+}
+
+}  // namespace b4mrl
