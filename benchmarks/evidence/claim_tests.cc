@@ -77,10 +77,7 @@ double ChanceAbove(const Comparison& comparison, double truth) {
       (one + other) * (one + other) /
       (one * one / comparison.higher->degrees + other * other / comparison.lower->degrees);
   const double t = (comparison.Difference() - truth) / std::sqrt(one + other);
-  // A whole number of degrees below the true one asks for a little more.
-  const double two_sided = std::isinf(degrees)
-                               ? NormalTwoSided(t)
-                               : StudentTwoSided(t, static_cast<size_t>(std::max(1.0, degrees)));
+  const double two_sided = std::isinf(degrees) ? NormalTwoSided(t) : StudentTwoSided(t, degrees);
   return t > 0 ? two_sided / 2 : 1 - two_sided / 2;
 }
 

@@ -10,18 +10,29 @@
 namespace b4mrl {
 namespace {
 
-// The probability that a Student t lies within (-t, t), t >= 0, by the finite sums of Abramowitz
-// and Stegun, "Handbook of mathematical functions", 26.7.3 and 26.7.4.
-double StudentWithin(double t, size_t degrees) {
-  const double angle = std::atan(t / std::sqrt(static_cast<double>(degrees)));
-  const double sine = std::sin(angle), cosine = std::cos(angle);
-  const bool odd = degrees % 2 == 1;
-  double term = odd ? cosine : 1, sum = 0;
-  for (size_t i = odd ? 1 : 0; i + 1 < degrees; i += 2) {
-    sum += term;
-    term *= cosine * cosine * static_cast<double>(i + 1) / static_cast<double>(i + 2);
+// The regularised incomplete beta function of x in [0, 1], given with y = 1 - x, which rounding
+// would spoil; by the continued fraction of the "NIST digital library of mathematical functions",
+// 8.17.22, from its innermost term outwards.
+double IncompleteBeta(double x, double y, double a, double b) {
+  if (x <= 0 || y <= 0) return x <= 0 ? 0 : 1;
+  // The fraction converges fast up to about the mean of the beta distribution.
+  if (x > (a + 1) / (a + b + 2)) return 1 - IncompleteBeta(y, x, b, a);
+  constexpr int kPairs = 200;
+  double fraction = 1;
+  for (int m = kPairs; m >= 0; --m) {
+    const double odd = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1));
+    fraction = 1 + odd / fraction;
+    if (m == 0) break;
+    fraction = 1 + m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)) / fraction;
   }
-  return odd ? 2 / std::numbers::pi * (angle + sine * sum) : sine * sum;
+  const double logarithm =
+      a * std::log(x) + b * std::log(y) + std::lgamma(a + b) - std::lgamma(a) - std::lgamma(b);
+  return std::exp(logarithm) / (a * fraction);
+}
+
+// The probability that a Student t lies within (-t, t), t >= 0.
+double StudentWithin(double t, size_t degrees) {
+  return 1 - StudentTwoSided(t, static_cast<double>(degrees));
 }
 
 }  // namespace
@@ -42,8 +53,10 @@ double SignTestTwoSided(size_t positive, size_t negative) {
   return std::min(1.0, 2 * SignTestGreater(more, fewer));
 }
 
-double StudentTwoSided(double t, size_t degrees) {
-  return std::max(0.0, 1 - StudentWithin(std::abs(t), degrees));
+double StudentTwoSided(double t, double degrees) {
+  if (std::isinf(t)) return 0;
+  const double sum = degrees + t * t;
+  return IncompleteBeta(degrees / sum, t * t / sum, degrees / 2, 0.5);
 }
 
 double StudentQuantile(double p, size_t degrees) {

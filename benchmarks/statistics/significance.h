@@ -17,10 +17,11 @@ namespace b4mrl {
 double SignTestGreater(size_t positive, size_t negative);
 double SignTestTwoSided(size_t positive, size_t negative);
 
-// Student's t distribution with a whole number of degrees of freedom, at least 1. The p-value is
-// the probability of a value at least as far from 0 as `t`, with an absolute error of about 1e-15;
-// the quantile of p in (0, 1) is the value that the distribution stays below with probability p.
-double StudentTwoSided(double t, size_t degrees);
+// Student's t distribution with a number of degrees of freedom of at least 1. The p-value is the
+// probability of a value at least as far from 0 as `t`, for Welch's test with degrees that are no
+// whole number; the quantile of p in (0, 1) is the value that the distribution stays below with
+// probability p.
+double StudentTwoSided(double t, double degrees);
 double StudentQuantile(double p, size_t degrees);
 
 // The probability that a standard normal value is at least as far from 0 as `z`. Its quantile is

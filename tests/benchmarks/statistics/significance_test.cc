@@ -36,7 +36,7 @@ TEST_CASE("The sign test holds at its ends: no difference, none positive, and 90
   CHECK(SignTestTwoSided(400, 500) == Near(0.0009564441369189373));
 }
 
-TEST_CASE("Student's p-values are scipy's, for odd and even degrees of freedom") {
+TEST_CASE("Student's p-values are scipy's, also for degrees of freedom between whole numbers") {
   CHECK(StudentTwoSided(12.706, 1) == Near(0.05000080235813319));
   CHECK(StudentTwoSided(-4.303, 2) == Near(0.0499925249852145));
   CHECK(StudentTwoSided(2.5, 3) == Near(0.08770664700806556));
@@ -44,7 +44,9 @@ TEST_CASE("Student's p-values are scipy's, for odd and even degrees of freedom")
   CHECK(StudentTwoSided(1.96, 30) == Near(0.05934231289605049));
   CHECK(StudentTwoSided(3.1, 101) == Near(0.0025077908596832254));
   CHECK(StudentTwoSided(7, 10) == Near(3.715592281685689e-05));
-  CHECK(StudentTwoSided(INFINITY, 3) == Near(0));
+  CHECK(StudentTwoSided(3.5, 2.4) == Near(0.05567931850370521));
+  CHECK(StudentTwoSided(0.02, 3.99) == Near(0.9850035336128877));
+  CHECK(StudentTwoSided(INFINITY, 3) == 0);
 }
 
 TEST_CASE("Student's quantiles are scipy's") {
