@@ -9,6 +9,7 @@
 
 #include "algorithms/list.h"
 #include "benchmarks/statistics/rank_correlation.h"
+#include "proto/base/mean_and_std.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {
@@ -28,10 +29,18 @@ struct Item {
 // CellScores of runs by SharedRun.
 using Table = std::map<std::string, double>;
 
-bool IsChosen(const AgreementOptions& options, const std::string& algorithm) {
+bool IsOnline(const std::string& algorithm) {
   const auto known = FindAlgorithm(algorithm);
-  const bool is_online = known.ok() && !(*known)->needs.dataset;
-  return (options.with_h2o || algorithm != "h2o") && (options.with_online || !is_online);
+  return known.ok() && !(*known)->needs.dataset;
+}
+
+// All that the floor knows of a cell: the algorithm, and the dataset if it uses one.
+std::string KnownToFloor(const Benchmark& benchmark, const std::string& algorithm) {
+  return IsOnline(algorithm) ? algorithm : algorithm + " " + benchmark.dataset;
+}
+
+bool IsChosen(const AgreementOptions& options, const std::string& algorithm) {
+  return (options.with_h2o || algorithm != "h2o") && (options.with_online || !IsOnline(algorithm));
 }
 
 // The benchmark with the gravity error and, of this one, the dataset as recorded.
@@ -69,12 +78,13 @@ class Comparer {
 
 Comparer::Comparer(const CellScores& paper, const CellScores& ours,
                    const std::vector<Benchmark>& benchmarks, const AgreementOptions& options) {
-  std::map<std::string, std::vector<double>> by_dataset;  // and algorithm
+  std::map<std::string, std::vector<double>> known;  // by KnownToFloor
   for (const Benchmark& benchmark : benchmarks) {
     for (const auto& [algorithm, unused] : benchmark.paper) {
       const CellScore& score = *Find(paper, benchmark.name, algorithm);
-      by_dataset[algorithm + " " + benchmark.dataset].push_back(score.mean);
-      if (benchmark.dataset.empty() || !IsChosen(options, algorithm)) continue;
+      if (benchmark.dataset.empty()) continue;
+      known[KnownToFloor(benchmark, algorithm)].push_back(score.mean);
+      if (!IsChosen(options, algorithm)) continue;
       const CellScore* own = Find(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;
       Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm), ""};
@@ -90,10 +100,7 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
     }
   }
   for (const Item& item : cells_) {
-    const auto& scores = by_dataset[item.algorithm + " " + item.benchmark->dataset];
-    double sum = 0;
-    for (const double score : scores) sum += score;
-    floor_[item.run] = sum / static_cast<double>(scores.size());
+    floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
   for (const Item& item : runs_) {
     if (item.run != item.reference_run && ours_.contains(item.reference_run)) {

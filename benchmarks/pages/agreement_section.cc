@@ -28,7 +28,8 @@ Table RanksTable(const Evidence& evidence) {
   table.caption =
       "Each run counts once, however many benchmarks it fills. An effect is the score minus that "
       "of the same algorithm and dataset with clean data and the gravity error alone. Floor: a "
-      "table that knows algorithm and dataset alone, as the means of the paper's cells. Ceiling: "
+      "table that knows algorithm and dataset alone, as the means of the paper's cells (of SAC and "
+      "TD3, which use no dataset, over all of them). Ceiling: "
       "the paper's own numbers with another seed, drawn from their means and deviations (mean of "
       "200).";
   table.columns = {{"Cells"},      {"Figure"},      {"n", true},
