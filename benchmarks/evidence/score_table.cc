@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <iterator>
 #include <memory>
@@ -19,6 +21,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// No score or return is as large: figures would have no scale, and sums would be infinite.
+constexpr double kMostPoints = 1e9;
+
 struct Name {
   std::string_view algorithm, shown;
 };
@@ -30,7 +35,7 @@ void ReadScorings(const Json& scorings, ScoredRun* run) {
   if (!scorings.is_object()) return;
   for (const auto& [name, entry] : scorings.items()) {
     const auto score = NumberOf(entry, run->is_return ? "return" : "score");
-    if (score) run->further[name] = *score;
+    if (score && std::abs(*score) <= kMostPoints) run->further[name] = *score;
   }
 }
 
@@ -54,8 +59,13 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
   run->kernel = fmt::format("{}", fmt::join(kernels, "+"));
 }
 
-// The run of a result; nothing if the JSON is none.
-std::optional<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
+bool HasScale(const CurvePoint& point) {
+  return std::abs(point.mean_return) <= kMostPoints &&
+         std::abs(point.score.value_or(0)) <= kMostPoints;
+}
+
+// The run of a result. The error says why the JSON is none that counts.
+Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
   ScoredRun run;
   run.id = TextOf(json, "id");
   run.cell_id = TextOf(json, "cell");
@@ -64,24 +74,32 @@ std::optional<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
   run.simulator = TextOf(json, "simulator");
   run.dataset = TextOf(EntryOf(json, "dataset"), "name");
   // "HalfCheetah/medium-v0" is the dataset "HalfCheetah/medium" of its suite.
-  const size_t version = run.dataset.rfind("-" + TextOf(json, "suite"));
-  if (version != std::string::npos) run.dataset.resize(version);
+  const std::string version = "-" + TextOf(json, "suite");
+  if (run.dataset.ends_with(version)) run.dataset.resize(run.dataset.size() - version.size());
   for (const Json& name : EntryOf(json, "benchmarks")) {
     if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
   }
   ReadOrigin(json, &run);
   auto curve = ReadCurve(EntryOf(json, "curve"));
-  if (run.id.empty() || run.series.algorithm.empty() || !curve) return std::nullopt;
+  if (run.id.empty() || run.series.algorithm.empty() || !curve) {
+    return Status(StatusCode::kDataLoss, "it is no result of a run");
+  }
+  if (!std::ranges::all_of(*curve, HasScale)) {
+    return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kMostPoints));
+  }
   run.curve = *std::move(curve);
   const uint64_t all = CountOf(json, "updates").value_or(0);
   const uint64_t end = limit ? limit(run).value_or(all) : all;
   std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
-  if (run.curve.empty()) return std::nullopt;
+  if (run.curve.empty()) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("it has no evaluation within {} updates", end));
+  }
   const CurvePoint& last = run.curve.back();
   run.updates = last.updates;
   run.is_return = !last.score;
   run.score = last.score.value_or(last.mean_return);
-  const bool ended = IsTrue(json, "finished") || last.updates < all;
+  const bool ended = IsTrue(json, "finished") || end < all;
   run.settled = ended && FifthsOf(run.curve).IsSettled().value_or(false);
   // The agent's scores seen otherwise belong to the end of the run.
   if (last.updates == all) ReadScorings(EntryOf(json, "scorings"), &run);
@@ -113,42 +131,57 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   for (const std::string& path : files) {
     const std::string file = std::filesystem::path(path).filename();
     const auto json = ReadJsonObject(path);
-    auto run = json.ok() ? RunOf(*json, limit) : std::nullopt;
-    if (!run) {
-      table.notes_.push_back(fmt::format("{} was left out: it is no result of a run", file));
+    if (!json.ok()) {
+      table.notes_.push_back(fmt::format("{} was left out: no JSON object can be read", file));
+      continue;
+    }
+    auto run = RunOf(*json, limit);
+    if (!run.ok()) {
+      table.notes_.push_back(fmt::format("{} was left out: {}", file, run.status().message()));
       continue;
     }
     run->file = file;
     table.runs_->push_back(*std::move(run));
   }
+  table.SortRuns();
   table.AddCells(benchmarks);
   table.NoteMixedRuns();
   return table;
 }
 
-void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
-  std::ranges::stable_sort(*runs_, {}, [](const ScoredRun& run) {
-    return std::tuple(run.cell_id, run.columns_sha256, run.seed, run.precision);
+void ScoreTable::SortRuns() {
+  std::map<std::pair<std::string, std::string>, size_t> sizes;
+  for (const ScoredRun& run : *runs_) ++sizes[{run.cell_id, run.columns_sha256}];
+  std::ranges::stable_sort(*runs_, {}, [&](const ScoredRun& run) {
+    const size_t others = runs_->size() - sizes.at({run.cell_id, run.columns_sha256});
+    return std::tuple(others, run.cell_id, run.columns_sha256, run.seed, UINT64_MAX - run.updates,
+                      run.precision);
   });
+}
+
+void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
   std::set<std::string> known;
   for (const Benchmark& benchmark : benchmarks) known.insert(benchmark.name);
   std::set<Series> used;
   std::set<std::string> left_out;
   for (const ScoredRun& run : *runs_) {
-    for (const std::string& name : run.benchmarks) {
+    const std::set<std::string> names(run.benchmarks.begin(), run.benchmarks.end());
+    for (const std::string& name : names) {
       if (!known.contains(name)) continue;
       Cell& cell = cells_[name][run.series];
       used.insert(run.series);
-      const ScoredRun* other = cell.runs.empty() ? nullptr : cell.runs.front();
-      if (other == nullptr ||
-          (other->cell_id == run.cell_id && other->columns_sha256 == run.columns_sha256 &&
-           cell.runs.back()->seed != run.seed)) {
+      const ScoredRun* other = cell.runs.empty() ? nullptr : cell.runs.back();
+      if (other == nullptr) {
         cell.runs.push_back(&run);
-      } else {
+      } else if (other->cell_id != run.cell_id || other->columns_sha256 != run.columns_sha256) {
         left_out.insert(fmt::format(
-            "{} was left out: {} differs from it in hyperparameters, in the rows of the "
-            "dataset, or has its seed in another precision",
+            "{} was left out: {} fills its cell with other hyperparameters or rows of the dataset",
             run.file, other->file));
+      } else if (other->seed == run.seed) {
+        left_out.insert(
+            fmt::format("{} was left out: {} is of the same cell and seed", run.file, other->file));
+      } else {
+        cell.runs.push_back(&run);
       }
     }
   }

@@ -79,6 +79,9 @@ class ScoreTable {
   const std::vector<std::string>& notes() const { return notes_; }
 
  private:
+  // Where results compete for a cell, the first counts: of hyperparameters and rows those with the
+  // most runs, of one seed's results that with the most updates.
+  void SortRuns();
   void AddCells(const std::vector<Benchmark>& benchmarks);
   void NoteMixedRuns();
 

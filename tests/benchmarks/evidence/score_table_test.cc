@@ -56,6 +56,33 @@ TEST_CASE("Results of one cell on other rows of the data are not averaged but na
   CHECK_THAT(table.notes()[0], Catch::Contains("result-1.json was left out"));
 }
 
+TEST_CASE("Of several hyperparameters those with the most runs count, of copies the longest") {
+  MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .cell = "a"},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .cell = "b"},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 42, .seed = 1, .cell = "b"}});
+  auto shorter = JsonOf({.algorithm = "iql", .benchmarks = {kClean}, .score = 70, .cell = "b"});
+  shorter["curve"].erase(9);
+  results.Add(shorter.dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Scores() == std::vector<double>{40, 42});
+  REQUIRE(table.notes().size() == 2);
+  CHECK_THAT(table.notes()[0], Catch::Contains("result-0.json was left out") &&
+                                   Catch::Contains("other hyperparameters"));
+  CHECK_THAT(table.notes()[1], Catch::Contains("result-3.json was left out: result-1.json"));
+}
+
+TEST_CASE("Scores without a scale and runs without an evaluation are named") {
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 1e300},
+                             {.algorithm = "mopo", .benchmarks = {kClean}, .score = 40}});
+  const auto limit = [](const ScoredRun&) { return std::optional<uint64_t>(50); };
+  const ScoreTable table = results.Read(OwnBenchmarks(), limit);
+  CHECK(table.runs().empty());
+  REQUIRE(table.notes().size() == 2);
+  CHECK_THAT(table.notes()[0], Catch::Contains("scores beyond 1e+09"));
+  CHECK_THAT(table.notes()[1], Catch::Contains("no evaluation within 50 updates"));
+}
+
 TEST_CASE("A file that is no result is named and the others are read") {
   MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
   results.Add("no JSON");
