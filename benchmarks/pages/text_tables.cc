@@ -25,12 +25,10 @@ std::string Replaced(std::string_view text,
   return out;
 }
 
-// LaTeX tables of more columns are narrowed to the text's width.
-constexpr size_t kPlainColumns = 6;
-
 std::string Markdown(std::string_view text) {
   static constexpr std::pair<std::string_view, std::string_view> kRules[] = {
-      {"|", "\\|"}, {"*", "\\*"}, {"_", "\\_"}, {"<", "&lt;"}, {"\n", " "}, {"`", "\\`"}};
+      {"\\", "\\\\"}, {"&", "&amp;"}, {"<", "&lt;"}, {"|", "\\|"},   {"*", "\\*"},
+      {"_", "\\_"},   {"`", "\\`"},   {"$", "\\$"},  {"](", "]\\("}, {"\n", " "}};
   return Replaced(text, kRules);
 }
 
@@ -49,6 +47,7 @@ std::string Latex(std::string_view text) {
       {"<", "\\textless{}"},
       {">", "\\textgreater{}"},
       {"|", "\\textbar{}"},
+      {"[", "{[}"},  // behind \\ it would begin an option
       {"±", "$\\pm$"},
       {"×", "$\\times$"},
       {"↗", "$\\nearrow$"},
@@ -129,19 +128,17 @@ std::string ToCsv(const Table& table) {
 }
 
 std::string ToLatex(const Table& table) {
-  const bool is_wide = table.columns.size() > kPlainColumns;
   std::string alignment;
   for (const Column& column : table.columns) alignment += column.is_number ? 'r' : 'l';
   std::string text = fmt::format(
       "\\begin{{table}}[t]\n  \\centering\n  \\caption{{{} {}}}\n  \\label{{tab:{}}}\n"
-      "  {}\\begin{{tabular}}{{{}}}\n    \\toprule\n    ",
-      Latex(table.title), Latex(table.caption), table.id,
-      is_wide ? "\\resizebox{\\textwidth}{!}{%\n  " : "", alignment);
+      "  \\resizebox{{\\ifdim\\width>\\textwidth\\textwidth\\else\\width\\fi}}{{!}}{{%\n"
+      "  \\begin{{tabular}}{{{}}}\n    \\toprule\n    ",
+      Latex(table.title), Latex(table.caption), table.id, alignment);
   text += Joined(table.columns, " & ", [](const Column& column) { return Latex(column.name); });
   text += " \\\\\n    \\midrule\n";
   for (const auto& row : table.rows) text += "    " + Joined(row, " & ", Latex) + " \\\\\n";
-  return text + fmt::format("    \\bottomrule\n  \\end{{tabular}}{}\n\\end{{table}}\n",
-                            is_wide ? "}" : "");
+  return text + "    \\bottomrule\n  \\end{tabular}}\n\\end{table}\n";
 }
 
 }  // namespace b4mrl

@@ -19,7 +19,8 @@ std::string ToHtml(const Document& document);
 std::string ToCsv(const Table& table);
 
 // A `table` with booktabs' rules, to be \input; needs the packages booktabs and graphicx, whose
-// \resizebox narrows tables of many columns to the text's width.
+// \resizebox narrows wider tables to the text's width. pdflatex knows Latin letters; names in other
+// scripts need lualatex or xelatex and a font that has them.
 std::string ToLatex(const Table& table);
 
 }  // namespace b4mrl

@@ -38,9 +38,17 @@ TEST_CASE("LaTeX escapes its special characters and draws booktabs' rules") {
 
 TEST_CASE("Markdown tables keep their columns whatever the entries hold") {
   const std::string text = ToMarkdown(DocumentOf(HostileTable()));
-  CHECK_THAT(text, Contains("# T &lt;1>\n\np & q\n"));
+  CHECK_THAT(text, Contains("# T &lt;1>\n\np &amp; q\n"));
   CHECK_THAT(text, Contains("- first\n- second\n"));
   CHECK_THAT(text, Contains("| Name | Value |\n| --- | ---: |\n| a\\|b\\*c | 1 ± 2 ↗ |\n"));
+}
+
+TEST_CASE("Backslashes, formulas and links of a name stay text") {
+  const Table table = {"t", "T.", "", {{"Name"}}, {{"a\\|b"}, {"[x](y)"}, {"$x$"}}};
+  const std::string text = ToMarkdown(DocumentOf(table));
+  CHECK_THAT(text, Contains("| a\\\\\\|b |") && Contains("| [x]\\(y) |"));
+  CHECK_THAT(text, Contains("| \\$x\\$ |"));
+  CHECK_THAT(ToLatex(table), Contains("\n    {[}x](y) \\\\"));
 }
 
 TEST_CASE("The page escapes texts, names its sections and needs no other file") {
