@@ -48,11 +48,11 @@ Section ClaimsSection(const Evidence& evidence) {
       "Written down before our results (benchmarks/claims.toml); each claim is that one side "
       "scores higher than the other. A claim about many benchmarks counts those in which it "
       "holds, and is tested by an exact sign test; a claim about cells must hold in each of them, "
-      "by Welch's test. p is two-sided; in brackets, adjusted by Holm's method over all claims "
-      "of its column, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
-      "scores have "
-      "settled (of how many there are). Differences: the least and the greatest, in points, of "
-      "the claimed direction.";
+      "by Welch's test. p is two-sided, and takes runs that several benchmarks share for "
+      "independent ones; in brackets, adjusted by Holm's method over all claims of its column "
+      "that have a p, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
+      "scores have settled (of how many there are). Differences: the least and the greatest, in "
+      "points, of the claimed direction.";
   table.columns = {
       {"Line", true}, {"Claim"},       {"On the paper's numbers"}, {"Holds", true}, {"p", true},
       {"On ours"},    {"Holds", true}, {"Differences", true},      {"p", true}};

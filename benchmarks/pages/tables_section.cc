@@ -176,8 +176,9 @@ Section TablesSection(const Evidence& evidence) {
     const bool has_own = std::ranges::count(evidence.table.benchmarks(), &benchmark) > 0;
     if (!has_own && benchmark.paper.empty()) continue;
     const std::string title = fmt::format("{}, {}", benchmark.environment, benchmark.challenge);
-    if (tables.empty() || tables.back().first != title) tables.push_back({title, {}});
-    tables.back().second.push_back(&benchmark);
+    auto table = std::ranges::find(tables, title, [](const auto& each) { return each.first; });
+    if (table == tables.end()) table = tables.insert(table, {title, {}});
+    table->second.push_back(&benchmark);
   }
   for (const auto& [title, benchmarks] : tables) {
     const Benchmark& first = *benchmarks.front();

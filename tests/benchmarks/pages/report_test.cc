@@ -67,6 +67,29 @@ TEST_CASE("Scores at a budget are those that the runs had then") {
   CHECK_THAT(unknown.status().message(), Catch::Contains("smalll"));
 }
 
+TEST_CASE("A user's benchmarks join the table of their challenge and change no claim") {
+  const TemporaryFolder suites;
+  WriteBytes(suites.File("mine.toml"),
+             "version = \"v0\"\nenvironment = \"HalfCheetah\"\n[[challenge]]\n"
+             "name = \"confounding\"\nsimulators = [\"gravity\"]\n"
+             "corruptions = [\"hidden=3\"]\ndatasets = [\"medium\"]\n");
+  const MadeResults results({{.algorithm = "iql",
+                              .benchmarks = {"HalfCheetah/confounding/hidden=3+medium"},
+                              .score = 40}});
+  const Evidence alone = Take(GatherEvidence({.folder = results.path()}));
+  const Evidence both = Take(GatherEvidence({.folder = results.path(), .suites = suites.path()}));
+  REQUIRE(both.claims.size() == alone.claims.size());
+  for (size_t i = 0; i < both.claims.size(); ++i) {
+    CHECK(both.claims[i].higher.benchmarks == alone.claims[i].higher.benchmarks);
+  }
+  size_t tables = 0;
+  const Document report = MakeReport(both);
+  for (const Table* table : report.All<Table>()) {
+    tables += table->id == "HalfCheetah-confounding" ? 1 : 0;
+  }
+  CHECK(tables == 1);
+}
+
 TEST_CASE("A folder without results is a report without scores, and a missing one is refused") {
   const TemporaryFolder folder;
   CHECK_THAT(MarkdownOf({.folder = folder.path()}),
