@@ -49,10 +49,11 @@ class InfoLayout:
         infos: dict[str, Any] = {}
         if rows is None:
             return infos
+        if not is_reset.any():
+            return _columns(self._step, rows)
         if not is_reset.all():
             _merge(infos, self._step, rows, ~is_reset)
-        if is_reset.any():
-            _merge(infos, self._reset, rows, is_reset)
+        _merge(infos, self._reset, rows, is_reset)
         return infos
 
 
@@ -126,6 +127,15 @@ def _read(items: _Items, row: Sequence[float]) -> dict[str, Any]:
             infos[key] = _read(place, row)
         else:
             infos[key] = np.array([row[column] for column in place])
+    return infos
+
+
+def _columns(items: _Items, rows: NDArray[np.float64]) -> dict[str, Any]:
+    """The dictionary of a batch of which every environment reported `items`."""
+    infos: dict[str, Any] = {}
+    for key, place in items.items():
+        infos[key] = _columns(place, rows) if isinstance(place, dict) else rows[:, place].copy()
+        infos["_" + key] = np.ones(len(rows), np.bool_)
     return infos
 
 

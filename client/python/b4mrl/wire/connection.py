@@ -138,8 +138,8 @@ class Connection:
         """Sends a request and returns its id.
 
         Args:
-            request: a Request with one of the requests in `payload`, and its table of arrays; send
-                adds version, token, id and deadline.
+            request: a Request, or its bytes, with one of the requests in `payload` and the table of
+                its arrays; send adds version, token, id and deadline.
             payload: the arrays' bytes; empty without arrays. The connection keeps this object, so
                 the caller must not change it.
             deadline_ms: time limit for the reply, in milliseconds.
@@ -160,7 +160,7 @@ class Connection:
             raise errors.LimitExceededError(
                 f"allowed: at most {limits.MAX_REQUESTS_IN_FLIGHT} requests in flight"
             )
-        envelope = request.SerializeToString()
+        envelope = request if isinstance(request, bytes) else request.SerializeToString()
         if len(envelope) + 64 > limits.MAX_ENVELOPE_BYTES:
             raise errors.LimitExceededError(
                 f"the request has {len(envelope)} bytes beside its arrays, "

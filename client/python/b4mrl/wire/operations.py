@@ -17,19 +17,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from b4mrl import errors
-from b4mrl.wire import arrays
+from b4mrl.wire import plans
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
-from b4mrl.wire.messages import Request
 
 T = TypeVar("T")
 Read = Callable[[Delivery, "Lanes | None"], T]  # from a reply and the lanes of its request
@@ -38,10 +37,10 @@ Read = Callable[[Delivery, "Lanes | None"], T]  # from a reply and the lanes of 
 @dataclass(slots=True)
 class _Operation:
     kind: str  # "step", "reset" or "restore"
-    request: Any
     lanes: Lanes | None
     numbers: NDArray[np.uint64]
-    payload: bytearray
+    envelope: bytes = b""
+    payload: bytearray = field(default_factory=bytearray)
     is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
 
 
@@ -128,13 +127,13 @@ class Operations:
                     return request_id
             self._pass_over(kind, lanes, deadline_ms)
         numbers = self._numbers.next_of(lanes)
-        operation = _Operation(kind, _request_of(kind), lanes, numbers, bytearray())
+        operation = _Operation(kind, lanes, numbers)
         request_id = self._connection.next_id
         self._under_way[request_id] = operation
         self._numbers.begin(lanes)
         try:
-            operation.payload = _pack(operation, columns, operation.request)
-            self._connection.send(operation.request, operation.payload, deadline_ms)
+            operation.envelope, operation.payload = _pack(operation, columns)
+            self._connection.send(operation.envelope, operation.payload, deadline_ms)
         except Exception:
             self._end(Delivery(request_id, executed=False))
             raise
@@ -146,12 +145,10 @@ class Operations:
         operation = self._under_way[request_id]
         if operation.kind != kind or not self._connection.is_in_flight(request_id):
             return False
-        request = _request_of(kind)
-        again = _Operation(kind, request, lanes, operation.numbers, bytearray())
         if self._numbers.count_of(lanes) != len(operation.numbers):
             return False
-        payload = _pack(again, columns, request)
-        return bool(request == operation.request and payload == operation.payload)
+        again = _pack(_Operation(kind, lanes, operation.numbers), columns)
+        return again == (operation.envelope, operation.payload)
 
     def _pass_over(self, kind: str, lanes: Lanes | None, deadline_ms: float) -> None:
         """Ends the interrupted operations of `lanes`, before another operation of `kind`."""
@@ -193,17 +190,12 @@ class Operations:
         self._connection.abandon(request_id)
 
 
-def _request_of(kind: str) -> Any:
-    request = Request()
-    getattr(request, kind).SetInParent()
-    return request
-
-
-def _pack(operation: _Operation, columns: Mapping[str, Array], request: Any) -> bytearray:
+def _pack(operation: _Operation, columns: Mapping[str, Array]) -> tuple[bytes, bytearray]:
+    """The envelope and the payload of an operation."""
     message: dict[str, Array] = {"numbers": operation.numbers}
     if operation.lanes is not None:
         message["lanes"] = operation.lanes
-    return arrays.pack(message | dict(columns), request.arrays)
+    return plans.pack(operation.kind, message | dict(columns))
 
 
 def _overlap(one: Lanes | None, other: Lanes | None) -> bool:

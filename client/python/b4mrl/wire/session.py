@@ -118,10 +118,11 @@ class Session:
         payload = arrays.pack({} if lanes is None else {"lanes": lanes}, request.arrays)
         delivery = self._connection.call(request, payload, self.deadline_ms)
         count = self._numbers.count_of(lanes)
-        for name in delivery.arrays:
+        found = delivery.arrays
+        for name in found:
             dtype = "uint8" if name == "snapshot" else "float64"
-            require(delivery.arrays, name, dtype, (count, None))
-        return delivery.arrays
+            require(found, name, dtype, (count, None))
+        return found
 
     def restore(self, parts: Mapping[str, Array], lanes: Lanes | None = None) -> Array:
         """Sets the lanes' states, from `snapshot` or readable parts; returns the observations."""

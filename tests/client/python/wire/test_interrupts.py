@@ -26,8 +26,8 @@ from equality import assert_same
 INTERRUPTIONS = [
     ("b4mrl.wire.lane_numbers.LaneNumbers.begin", "before", False),
     ("b4mrl.wire.lane_numbers.LaneNumbers.begin", "after", False),
-    ("b4mrl.wire.arrays.pack", "before", False),
-    ("b4mrl.wire.arrays.pack", "after", False),
+    ("b4mrl.wire.plans.pack", "before", False),
+    ("b4mrl.wire.plans.pack", "after", False),
     ("b4mrl.wire.connection.Connection.send", "before", False),
     ("b4mrl.wire.connection.Connection._transmit", "before", True),
     ("zmq.Socket.send", "after", True),  # half a message is sent
