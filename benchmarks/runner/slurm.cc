@@ -140,8 +140,9 @@ Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>
     }
     lines += "#SBATCH " + option + "\n";
   }
-  for (const std::string& word : job.command)
+  for (const std::string& word : job.command) {
     command += (command.empty() ? "" : " ") + Quoted(word);
+  }
   return fmt::format(kScript, lines, Quoted(here), command);
 }
 

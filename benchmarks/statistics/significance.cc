@@ -5,8 +5,6 @@
 #include <numbers>
 #include <numeric>
 
-#include "proto/base/mean_and_std.h"
-
 namespace b4mrl {
 namespace {
 
@@ -48,11 +46,6 @@ double SignTestGreater(size_t positive, size_t negative) {
   }
 }
 
-double SignTestTwoSided(size_t positive, size_t negative) {
-  const auto [fewer, more] = std::minmax(positive, negative);
-  return std::min(1.0, 2 * SignTestGreater(more, fewer));
-}
-
 double StudentTwoSided(double t, double degrees) {
   if (std::isinf(t)) return 0;
   const double sum = degrees + t * t;
@@ -71,13 +64,6 @@ double StudentQuantile(double p, size_t degrees) {
 }
 
 double NormalTwoSided(double z) { return std::erfc(std::abs(z) / std::numbers::sqrt2); }
-
-Interval StudentInterval(std::span<const double> values, double confidence) {
-  const auto [mean, std] = MeanAndStdOf(values);
-  const double error = std / std::sqrt(static_cast<double>(values.size() - 1));
-  const double half = StudentQuantile((1 + confidence) / 2, values.size() - 1) * error;
-  return {mean - half, mean + half};
-}
 
 std::vector<double> HolmAdjusted(std::span<const double> p_values) {
   std::vector<size_t> order(p_values.size());

@@ -1,4 +1,4 @@
-// p-values, intervals of a mean, and the correction for testing many claims. Pure functions; any
+// p-values and quantiles, and the correction for testing many claims. Pure functions; any
 // thread.
 #pragma once
 
@@ -6,16 +6,12 @@
 #include <span>
 #include <vector>
 
-#include "benchmarks/statistics/estimates.h"
-
 namespace b4mrl {
 
-// The exact sign test of "positive and negative differences are equally likely"; differences of
-// zero are left out of both counts. Greater: the probability of at least `positive` positive
-// differences. TwoSided: of a count at least as uneven, in either direction. Both are 1 where no
-// difference is left. Together at most 1,000 differences, for their terms are powers of 1/2.
+// The exact sign test of "positive and negative differences are equally likely": the probability of
+// at least `positive` positive differences. Together at most 1,000, for their terms are powers of
+// 1/2.
 double SignTestGreater(size_t positive, size_t negative);
-double SignTestTwoSided(size_t positive, size_t negative);
 
 // Student's t distribution with a number of degrees of freedom of at least 1. The p-value is the
 // probability of a value at least as far from 0 as `t`, for Welch's test with degrees that are no
@@ -27,10 +23,6 @@ double StudentQuantile(double p, size_t degrees);
 // The probability that a standard normal value is at least as far from 0 as `z`. Its quantile is
 // NormalQuantile of proto/base/rng.h.
 double NormalTwoSided(double z);
-
-// Student's confidence interval of the mean of at least two independent values, with the deviation
-// of the sample (divided by the number of values less one).
-Interval StudentInterval(std::span<const double> values, double confidence);
 
 // Holm's step-down adjustment: a claim is rejected at level a, with a family-wise error of at most
 // a over all claims, where its adjusted value is at most a. In the order of `p_values`.

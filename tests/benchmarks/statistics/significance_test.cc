@@ -17,23 +17,15 @@ Approx Near(double value) { return Approx(value).epsilon(1e-12).margin(1e-14); }
 
 TEST_CASE("The sign test is the exact binomial one") {
   CHECK(SignTestGreater(17, 35) == Near(0.9961062818471282));
-  CHECK(SignTestTwoSided(17, 35) == Near(0.017533235299084904));
-  CHECK(SignTestTwoSided(35, 17) == SignTestTwoSided(17, 35));
   CHECK(SignTestGreater(3, 8) == Near(0.96728515625));
-  CHECK(SignTestTwoSided(3, 8) == Near(0.2265625));
   CHECK(SignTestGreater(8, 0) == Near(0.00390625));
-  CHECK(SignTestTwoSided(8, 0) == Near(0.0078125));
   CHECK(SignTestGreater(5, 5) == Near(0.623046875));
-  CHECK(SignTestTwoSided(5, 5) == 1);
-  CHECK(SignTestTwoSided(1, 0) == 1);
 }
 
 TEST_CASE("The sign test holds at its ends: no difference, none positive, and 900 differences") {
   CHECK(SignTestGreater(0, 0) == 1);
-  CHECK(SignTestTwoSided(0, 0) == 1);
   CHECK(SignTestGreater(0, 20) == Near(1));
   CHECK(SignTestGreater(400, 500) == Near(0.9996240265322618));
-  CHECK(SignTestTwoSided(400, 500) == Near(0.0009564441369189373));
 }
 
 TEST_CASE("Student's p-values are scipy's, also for degrees of freedom between whole numbers") {
@@ -65,13 +57,6 @@ TEST_CASE("Normal p-values are scipy's") {
   CHECK(NormalTwoSided(1.96) == Near(0.04999579029644087));
   CHECK(NormalTwoSided(-5) == Near(5.733031437583866e-07));
   CHECK(NormalTwoSided(0) == 1);
-}
-
-TEST_CASE("Student's interval of a mean is scipy's") {
-  const std::vector<double> values = {44.2, 42.3, 48.1, 47.0, 43.3};
-  const Interval interval = StudentInterval(values, 0.95);
-  CHECK(interval.low == Near(41.91155707867219));
-  CHECK(interval.high == Near(48.048442921327805));
 }
 
 TEST_CASE("Holm's adjustment never falls with a larger p-value and keeps the order of the claims") {
