@@ -15,6 +15,7 @@ namespace b4mrl {
 namespace {
 
 constexpr double kThousand = 1000;
+constexpr size_t kPanelsOfAPicture = 6;  // which a printed page has room for
 
 // A curve's mean over the runs of a cell after each evaluation that all of them have.
 struct MeanCurve {
@@ -68,54 +69,63 @@ std::vector<const Benchmark*> Telling(const ScoreTable& table) {
   return telling;
 }
 
+Panel CurvesPanel(const ScoreTable& table, const Benchmark& benchmark,
+                  const std::map<Series, size_t>& numbers) {
+  Panel panel;
+  panel.title = benchmark.name;
+  panel.x = {.name = "updates", .unit = "thousands"};
+  panel.y = {.name = "score", .unit = ""};
+  for (const auto& [series, number] : numbers) {
+    const Cell* cell = table.Find(benchmark.name, series);
+    if (cell == nullptr) continue;
+    MeanCurve curve = MeanCurveOf(*cell);
+    if (curve.updates.empty()) continue;
+    if (cell->runs.size() > 1) {
+      panel.marks.emplace_back(Band{number, curve.updates, curve.low, curve.high});
+    }
+    panel.marks.emplace_back(Line{number, false, curve.updates, curve.mean});
+  }
+  FitX({&panel, 1});
+  return panel;
+}
+
 }  // namespace
 
-Picture CurvesPicture(const Evidence& evidence) {
-  Picture picture;
-  picture.id = "learning-curves";
-  Figure& figure = picture.figure;
-  figure.title = "Learning curves";
-  figure.sentences = {
-      "Scores after each evaluation; with several seeds their mean, and a band of one deviation. "
-      "Benchmarks whose runs are all shown by another one are left out. MOPO and HyMOPO learn "
-      "their "
-      "models before the first update."};
+std::vector<Picture> CurvesPictures(const Evidence& evidence) {
   // One series for each of ours, in the colour of its algorithm; further recipes come behind.
   const auto algorithms = AlgorithmsOf(evidence);
-  figure.series = SeriesNames(algorithms);
+  std::vector<std::string> names = SeriesNames(algorithms);
   std::map<Series, size_t> numbers;
   for (const Series& series : evidence.table.series()) {
     if (evidence.table.MainSeries(series.algorithm) == series) {
       numbers[series] =
           static_cast<size_t>(std::ranges::find(algorithms, series.algorithm) - algorithms.begin());
     } else {
-      numbers[series] = figure.series.size();
-      figure.series.push_back(DisplayName(series));
+      numbers[series] = names.size();
+      names.push_back(DisplayName(series));
     }
   }
-  figure.columns = 2;
-  figure.panel_width = 560;
-  figure.plot_height = 220;
+  std::vector<Panel> panels;
   for (const Benchmark* benchmark : Telling(evidence.table)) {
-    Panel panel;
-    panel.title = benchmark->name;
-    panel.x = {.name = "updates", .unit = "thousands"};
-    panel.y = {.name = "score", .unit = ""};
-    for (const auto& [series, number] : numbers) {
-      const Cell* cell = evidence.table.Find(benchmark->name, series);
-      if (cell == nullptr) continue;
-      MeanCurve curve = MeanCurveOf(*cell);
-      if (curve.updates.empty()) continue;
-      if (cell->runs.size() > 1) {
-        panel.marks.emplace_back(Band{number, curve.updates, curve.low, curve.high});
-      }
-      panel.marks.emplace_back(Line{number, false, curve.updates, curve.mean});
-    }
-    FitX({&panel, 1});
-    figure.panels.push_back(std::move(panel));
+    panels.push_back(CurvesPanel(evidence.table, *benchmark, numbers));
   }
-  FitY(figure.panels);
-  return picture;
+  FitY(panels);
+  std::vector<Picture> pictures;
+  for (size_t i = 0; i < panels.size(); ++i) {
+    if (i % kPanelsOfAPicture == 0) {
+      Picture picture;
+      picture.id = "learning-curves";
+      if (i > 0) picture.id += fmt::format("-{}", pictures.size() + 1);
+      picture.figure = {.title = i == 0 ? "Learning curves" : "Learning curves, continued",
+                        .series = names,
+                        .columns = 2,
+                        .panel_width = 560,
+                        .plot_height = 220};
+      pictures.push_back(std::move(picture));
+    }
+    pictures.back().figure.panels.push_back(std::move(panels[i]));
+  }
+  return pictures;
 }
 
 Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates) {

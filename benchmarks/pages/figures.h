@@ -33,6 +33,7 @@ Picture BesideThePaperPicture(const Evidence& evidence);
 // Share of runs above each score.
 Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates);
 // Scores over updates on the benchmarks, without those whose runs are all shown by another.
-Picture CurvesPicture(const Evidence& evidence);
+// Several pictures, each of which fits a printed page.
+std::vector<Picture> CurvesPictures(const Evidence& evidence);
 
 }  // namespace b4mrl

@@ -1,4 +1,6 @@
 // The paper's figures, learning curves.
+#include <utility>
+
 #include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
 
@@ -18,9 +20,14 @@ Section CurvesSection(const Evidence& evidence) {
   section.title = "Learning curves";
   if (evidence.table.runs().empty()) {
     section.blocks.emplace_back(Paragraph{"Nothing has run yet."});
-  } else {
-    section.blocks.emplace_back(CurvesPicture(evidence));
+    return section;
   }
+  section.blocks.emplace_back(Paragraph{
+      "Scores after each evaluation; with several seeds their mean, and a band of one deviation. "
+      "Benchmarks whose runs are all shown by another one are left out. MOPO and HyMOPO learn "
+      "their "
+      "models before the first update."});
+  for (Picture& picture : CurvesPictures(evidence)) section.blocks.emplace_back(std::move(picture));
   return section;
 }
 
