@@ -133,9 +133,10 @@ def _read(items: _Items, row: Sequence[float]) -> dict[str, Any]:
 def _columns(items: _Items, rows: NDArray[np.float64]) -> dict[str, Any]:
     """The dictionary of a batch of which every environment reported `items`."""
     infos: dict[str, Any] = {}
+    everyone = np.ones(len(rows), np.bool_)
     for key, place in items.items():
         infos[key] = _columns(place, rows) if isinstance(place, dict) else rows[:, place].copy()
-        infos["_" + key] = np.ones(len(rows), np.bool_)
+        infos["_" + key] = everyone.copy()
     return infos
 
 

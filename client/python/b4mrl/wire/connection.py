@@ -28,12 +28,13 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-import zmq
 from google.protobuf.message import DecodeError
 
 from b4mrl import errors
 from b4mrl.wire import limits, sockets
 from b4mrl.wire.deliveries import Delivery, Pending, read_reply
+from b4mrl.wire.heads import Heads
+from b4mrl.wire.link import Link, Message
 from b4mrl.wire.messages import Request
 from b4mrl.wire.tables import Tables
 
@@ -62,16 +63,14 @@ class Connection:
     def __init__(self, address: str, token: bytes = b"") -> None:
         self.address = address
         self._user = 0  # the thread that sent the last request
-        self._token = token
+        self._heads = Heads(token)
         self._next_id = 1
         self._handshakes = 0
         self._last_reply = 0.0
-        self._half_sent = False  # perhaps: an interrupt came while a message was being sent
         self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
         self._tables = Tables()
-        self._link = sockets.open_link(address)
-        self._socket = self._link.socket
+        self._link: Link = sockets.open_link(address)
         self._close_link = weakref.finalize(self, self._link.close)  # also when self is collected
         self._close_link.atexit = False  # close_all closes the link when the program ends
         _all.add(self)
@@ -122,7 +121,7 @@ class Connection:
             wait_ms = math.ceil((finish - time.monotonic()) * 1000)
             if wait_ms <= 0:
                 return False
-            self._link.monitor.poll(wait_ms)
+            self._link.await_handshake(wait_ms)
         return True
 
     @property
@@ -203,7 +202,7 @@ class Connection:
             for request_id in request_ids:
                 if request_id in self._arrived:
                     return self._arrived[request_id]
-            if not any(request_id in self._pending for request_id in request_ids):
+            if self._pending.keys().isdisjoint(request_ids):
                 raise errors.FailedPreconditionError("no such request is in flight")
             self._pump()
 
@@ -272,78 +271,46 @@ class Connection:
     def _transmit(self, request_id: int, pending: Pending) -> bool:
         now = time.monotonic()
         remaining_ms = math.ceil((pending.deadline - now) * 1000)
-        head = Request(
-            protocol_version=limits.PROTOCOL_VERSION,
-            session_token=self._token,
-            request_id=request_id,
-            deadline_ms=min(max(remaining_ms, 1), limits.MAX_DEADLINE_MS),
-        )
+        head = self._heads.of(request_id, min(max(remaining_ms, 1), limits.MAX_DEADLINE_MS))
         # A message that is sent before the first handshake goes over connection 1.
         pending.connection = max(self._handshakes, 1)
-        # Protobuf reads two concatenated messages as one message with the fields of both.
-        frames = [head.SerializeToString() + pending.envelope]
-        if pending.payload:
-            frames.append(pending.payload)
-        try:
-            if self._half_sent:
-                # An interrupt came between two frames of a message, and the next frame would count
-                # as its rest. With two empty frames it becomes a message that the server drops.
-                self._socket.send_multipart([b"", b""], zmq.NOBLOCK)
-            self._half_sent = True
-            self._socket.send_multipart(frames, zmq.NOBLOCK)
-            self._half_sent = False
-        except zmq.Again:
-            self._half_sent = False  # a queue that is full refuses a message's first frame
-            pending.sent = now
-            return False
-        except zmq.ZMQError as error:
-            raise self._broken(error) from error
+        is_sent = self._link.send(head + pending.envelope, pending.payload)
         pending.sent = now
-        return True
+        return is_sent
 
     def _pump(self) -> None:
         """Waits for one message and accepts it, or resends and gives up requests that are due."""
-        frames = self._read()
-        if frames is None:
+        message = self._read()
+        if message is None:
             self._resend()
         # No request expires while the queue may still hold its reply: only when the queue is empty,
         # or held a message that answers no request.
-        if frames is None or not self._accept(frames):
+        if message is None or not self._accept(message):
             self._expire()
 
-    def _read(self) -> list[zmq.Frame] | None:
-        wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
-        try:
-            if wait_ms < sockets.LONGEST_BLOCK_MS and not self._socket.poll(max(wait_ms, 0)):
-                return None
-            return self._socket.recv_multipart(copy=False)
-        except zmq.Again:
-            return None
-        except zmq.ZMQError as error:
-            raise self._broken(error) from error
-
-    def _broken(self, error: zmq.ZMQError) -> errors.B4mrlError:
-        return errors.UnavailableError(f"the socket towards {self.address} failed: {error}")
+    def _read(self) -> Message | None:
+        return self._link.receive(math.ceil((self._next_wake() - time.monotonic()) * 1000))
 
     def _next_wake(self) -> float:
         """The time at which the first pending request is sent again or given up."""
-        return min(
-            min(pending.deadline, self._resend_time(pending)) for pending in self._pending.values()
-        )
+        wake = math.inf
+        for pending in self._pending.values():
+            wake = min(wake, pending.deadline, self._resend_time(pending))
+        return wake
 
     def _resend_time(self, pending: Pending) -> float:
         if pending.sent == 0:
             return 0
         return max(pending.sent, self._last_reply) + pending.patience
 
-    def _accept(self, frames: list[zmq.Frame]) -> bool:
+    def _accept(self, message: Message) -> bool:
         """Keeps a message as the reply to its request; False if it answers no pending request."""
         try:
-            delivery = read_reply(self._tables, frames)
+            delivery = read_reply(self._tables, message)
         except DecodeError:
             return False
         pending = self._pending.pop(delivery.request_id, None)
-        if pending is None or len(frames) > 2:
+        if pending is None:
             return False
         self._last_reply = time.monotonic()
         error = delivery.error

@@ -6,10 +6,9 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-import zmq
-
 from b4mrl import errors
 from b4mrl.wire.arrays import Array
+from b4mrl.wire.link import Message
 from b4mrl.wire.tables import Table, Tables
 
 _PATIENCE_FRACTION = 8  # a request is sent again after 1/8 of its deadline without any reply
@@ -66,10 +65,9 @@ class Pending:
         self.renewed = False
 
 
-def read_reply(tables: Tables, frames: list[zmq.Frame]) -> Delivery:
-    """The outcome in a message of one or two frames. DecodeError: the first one is no Reply."""
-    envelope = frames[0].bytes
-    payload = bytearray(frames[1].buffer) if len(frames) > 1 else bytearray()
+def read_reply(tables: Tables, message: Message) -> Delivery:
+    """The outcome in a message. DecodeError: its envelope is no Reply."""
+    envelope, payload = message
     reply, table = tables.read(envelope, payload)
     request_id, status = reply.request_id, reply.status
     if status.code != 0:

@@ -14,11 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl.errors import BusyError, FailedPreconditionError, InvalidArgumentError
+from b4mrl.errors import B4mrlError, BusyError, FailedPreconditionError, InvalidArgumentError
 
 Lanes = NDArray[np.uint32]
 
 _FREE, _BUSY, _LOST = 0, 1, 2
+_EVERY = slice(None)
+_ONE = np.uint64(1)
 
 
 class LaneNumbers:
@@ -26,7 +28,10 @@ class LaneNumbers:
 
     def __init__(self, count: int) -> None:
         self._last = np.zeros(count, np.uint64)  # number of the last executed operation
+        # A lane is busy or lost by an operation of all lanes, or by one of some lanes.
+        self._state_of_all = _FREE
         self._state = np.zeros(count, np.uint8)
+        self._were_apart = False  # some lanes ever had an operation without the others
 
     @property
     def count(self) -> int:
@@ -58,30 +63,43 @@ class LaneNumbers:
         raises the errors of check_range.
         """
         self.check_range(lanes)
-        chosen = slice(None) if lanes is None else lanes
-        state = self._state[chosen]
-        if state.any():
-            position = int(np.flatnonzero(state)[0])
-            lane = position if lanes is None else lanes[position]
-            if state[position] == _BUSY:
-                raise BusyError(f"lane {lane} has a request under way, allowed: one at a time")
-            raise FailedPreconditionError(
-                f"the state of lane {lane} is unknown since a request about it was not answered; "
-                "make the environment anew"
-            )
-        numbers: NDArray[np.uint64] = self._last[chosen] + np.uint64(1)
+        chosen = _EVERY if lanes is None else lanes
+        if self._state_of_all != _FREE:
+            raise _refusal(0 if lanes is None else int(lanes[0]), self._state_of_all)
+        if self._were_apart:
+            state = self._state[chosen]
+            if state.any():
+                position = int(np.flatnonzero(state)[0])
+                lane = position if lanes is None else int(lanes[position])
+                raise _refusal(lane, int(state[position]))
+        numbers: NDArray[np.uint64] = self._last[chosen] + _ONE
         return numbers
 
     def begin(self, lanes: Lanes | None) -> None:
         """Marks lanes as busy, after next_of returned their numbers."""
-        self._state[slice(None) if lanes is None else lanes] = _BUSY
+        self._mark(lanes, _BUSY)
 
     def end(self, lanes: Lanes | None, numbers: NDArray[np.uint64], executed: bool | None) -> None:
         """Ends the operation `numbers` of `lanes`. `executed` is None if that is not known.
 
         A second call with the same arguments has no effect, as Ctrl-C may interrupt the first one.
         """
-        chosen = slice(None) if lanes is None else lanes
         if executed:
-            self._last[chosen] = numbers
-        self._state[chosen] = _LOST if executed is None else _FREE
+            self._last[_EVERY if lanes is None else lanes] = numbers
+        self._mark(lanes, _LOST if executed is None else _FREE)
+
+    def _mark(self, lanes: Lanes | None, state: int) -> None:
+        if lanes is None:
+            self._state_of_all = state
+        else:
+            self._were_apart = True
+            self._state[lanes] = state
+
+
+def _refusal(lane: int, state: int) -> B4mrlError:
+    if state == _BUSY:
+        return BusyError(f"lane {lane} has a request under way, allowed: one at a time")
+    return FailedPreconditionError(
+        f"the state of lane {lane} is unknown since a request about it was not answered; "
+        "make the environment anew"
+    )

@@ -23,19 +23,21 @@ def pack(kind: str, columns: Mapping[str, Array]) -> tuple[bytes, bytearray]:
         columns: the request's arrays.
     """
     described = tuple((name, array.dtype, array.shape) for name, array in columns.items())
-    envelope, offsets, size = _plan(kind, described)
-    payload = bytearray(size)
-    for offset, array in zip(offsets, columns.values()):
-        np.ndarray(array.shape, array.dtype, payload, offset)[...] = array
+    envelope, gaps = _plan(kind, described)
+    payload = bytearray()
+    for gap, array in zip(gaps, columns.values()):
+        payload += gap
+        payload += array.tobytes()
     return envelope, payload
 
 
 @functools.lru_cache(maxsize=64)
-def _plan(kind: str, columns: tuple[_Column, ...]) -> tuple[bytes, tuple[int, ...], int]:
-    """The envelope, each array's offset in the payload, and the payload's size in bytes."""
+def _plan(kind: str, columns: tuple[_Column, ...]) -> tuple[bytes, tuple[bytes, ...]]:
+    """The envelope, and the zeros before each array in the payload, which align it."""
     request = Request()
     getattr(request, kind).SetInParent()
     empty = {name: np.broadcast_to(np.zeros((), dtype), shape) for name, dtype, shape in columns}
-    payload = arrays.pack(empty, request.arrays)
-    offsets = tuple(entry.offset for entry in request.arrays)
-    return request.SerializeToString(), offsets, len(payload)
+    arrays.pack(empty, request.arrays)
+    ends = [0, *(entry.offset + empty[entry.name].nbytes for entry in request.arrays)]
+    gaps = tuple(bytes(entry.offset - end) for entry, end in zip(request.arrays, ends))
+    return request.SerializeToString(), gaps

@@ -1,23 +1,22 @@
-"""Pairs of ZeroMQ sockets: one to a server, and a monitor that reports its connections."""
+"""Links through ZeroMQ."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import os
-from dataclasses import dataclass
-
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from b4mrl import errors
 from b4mrl.wire import limits
-
-LONGEST_BLOCK_MS = 20  # longest wait for a message before the monitor is read
+from b4mrl.wire.link import LONGEST_BLOCK_MS, NOISE, Message
 
 # Numbers in the monitors' addresses. pyzmq's own choice, the socket's file descriptor, may belong
 # to a new socket before the address of the closed one is free again.
 _numbers = itertools.count()
+
+_MORE = zmq.NOBLOCK | zmq.SNDMORE
 
 
 @functools.cache
@@ -28,34 +27,101 @@ def _context_of(process_id: int) -> zmq.Context[zmq.Socket[bytes]]:
     return context
 
 
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A socket and its monitor, which reports every handshake; closed by the owner.
+class SocketLink:
+    """A Link through a ZeroMQ socket, whose monitor reports every handshake; made by open_link.
 
-    Thread rule: one thread at a time. A forked child cannot use it, and close does nothing there.
+    Messages that are sent before the first handshake are queued.
+
+    Args:
+        socket, monitor: owned by the link.
     """
 
-    socket: zmq.Socket[bytes]
-    monitor: zmq.Socket[bytes]
-    process_id: int
+    def __init__(self, address: str, socket: zmq.Socket[bytes], monitor: zmq.Socket[bytes]) -> None:
+        self.transport = address.partition("://")[0]
+        self.process_id = os.getpid()
+        self._address = address
+        self._socket = socket
+        self._monitor = monitor
+        # Perhaps half a message, as an interrupt may come between two of its frames.
+        self._half_sent = False
+        self._half_received = False
 
-    def close(self, linger_ms: int = 0) -> None:
-        """Closes both sockets; ZeroMQ goes on sending queued messages for up to `linger_ms`."""
-        if self.process_id == os.getpid() and not self.socket.closed:
-            self.socket.disable_monitor()
-            self.monitor.close(linger=0)
-            self.socket.close(linger=linger_ms)
+    def send(self, envelope: bytes, payload: bytearray) -> bool:
+        """Of Link; returns at once. ZeroMQ's threads send the message."""
+        socket = self._socket
+        try:
+            if self._half_sent:
+                # The next frame would count as the message's rest. With two empty frames it becomes
+                # a message that the server drops.
+                socket.send_multipart([b"", b""], zmq.NOBLOCK)
+            self._half_sent = True
+            if payload:
+                socket.send(envelope, _MORE)
+                socket.send(payload, zmq.NOBLOCK)
+            else:
+                socket.send(envelope, zmq.NOBLOCK)
+            self._half_sent = False
+        except zmq.Again:
+            self._half_sent = False  # a queue that is full refuses a message's first frame
+            return False
+        except zmq.ZMQError as error:
+            raise self._broken(error) from error
+        return True
+
+    def receive(self, wait_ms: int) -> Message | None:
+        """Of Link; releases the interpreter's lock while it waits."""
+        socket = self._socket
+        try:
+            if wait_ms < LONGEST_BLOCK_MS and not socket.poll(max(wait_ms, 0)):
+                return None
+            if self._half_received:
+                self._skip_frames()
+            self._half_received = True
+            envelope = socket.recv(copy=False)
+            payload = socket.recv(copy=False) if envelope.more else None
+            if payload is None:
+                message = envelope.bytes, bytearray()
+            elif not payload.more:
+                message = envelope.bytes, bytearray(payload.buffer)
+            else:
+                self._skip_frames()
+                message = NOISE
+            self._half_received = False
+            return message
+        except zmq.Again:
+            return None
+        except zmq.ZMQError as error:
+            raise self._broken(error) from error
 
     def take_handshakes(self) -> int:
-        """The number of handshakes since the last call."""
+        """Of Link."""
         count = 0
-        while self.monitor.poll(0):
-            recv_monitor_message(self.monitor)
+        while self._monitor.poll(0):
+            recv_monitor_message(self._monitor)
             count += 1
         return count
 
+    def await_handshake(self, wait_ms: int) -> None:
+        """Of Link."""
+        self._monitor.poll(wait_ms)
 
-def open_link(address: str) -> Link:
+    def close(self, linger_ms: int = 0) -> None:
+        """Of Link; does nothing in a forked child, where ZeroMQ's threads do not run."""
+        if self.process_id == os.getpid() and not self._socket.closed:
+            self._socket.disable_monitor()
+            self._monitor.close(linger=0)
+            self._socket.close(linger=linger_ms)
+
+    def _skip_frames(self) -> None:
+        """Receives the rest of a message of which a frame was received."""
+        while self._socket.get(zmq.RCVMORE):
+            self._socket.recv()
+
+    def _broken(self, error: zmq.ZMQError) -> errors.B4mrlError:
+        return errors.UnavailableError(f"the socket towards {self._address} failed: {error}")
+
+
+def open_link(address: str) -> SocketLink:
     """A link to the server that listens on `address`; does not wait for the connection.
 
     InvalidArgumentError: `address` is malformed. UnavailableError: the system has no more sockets.
@@ -75,7 +141,7 @@ def open_link(address: str) -> Link:
     except zmq.ZMQError as error:
         socket.close(linger=0)
         raise _no_socket(address, error) from error
-    link = Link(socket, monitor, os.getpid())
+    link = SocketLink(address, socket, monitor)
     try:
         socket.connect(address)
     except zmq.ZMQError as error:

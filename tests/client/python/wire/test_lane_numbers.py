@@ -68,3 +68,13 @@ def test_lanes_that_cannot_be_are_refused(wrong: np.ndarray) -> None:
 def test_a_session_for_queries_has_no_lanes() -> None:
     with pytest.raises(FailedPreconditionError):
         LaneNumbers(0).next_of(None)
+
+
+def test_an_operation_of_all_lanes_makes_each_of_them_busy_or_lost() -> None:
+    numbers = LaneNumbers(3)
+    first = begin(numbers, None)
+    with pytest.raises(BusyError, match="lane 2"):
+        numbers.next_of(lanes(2))
+    numbers.end(None, first, executed=None)
+    with pytest.raises(FailedPreconditionError, match="lane 1"):
+        numbers.next_of(lanes(1))

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 import b4mrl
 import numpy as np
 import pytest
-import zmq
 from b4mrl.errors import InternalError
 from b4mrl.wire import arrays, connection, outcomes
 from b4mrl.wire.deliveries import Delivery, read_reply
+from b4mrl.wire.link import Message
 from b4mrl.wire.messages import Reply
 from b4mrl.wire.tables import Tables
 from google.protobuf.message import DecodeError
@@ -18,7 +18,6 @@ from google.protobuf.message import DecodeError
 from equality import assert_same
 
 SIZE, INFOS = 3, 2
-Message = tuple[bytes, bytearray]
 
 
 def step_reply(
@@ -50,7 +49,7 @@ def message(reply: Reply, payload: bytearray) -> Message:
 
 
 def read(tables: Tables, it: Message) -> Delivery:
-    return read_reply(tables, [zmq.Frame(it[0]), zmq.Frame(bytes(it[1]))])
+    return read_reply(tables, (it[0], bytearray(it[1])))
 
 
 def assert_read_in_full(tables: Tables, it: Message) -> None:
@@ -181,9 +180,9 @@ def record(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Message]]:
     """The messages of a daemon that arrive during a test."""
     recorded: list[Message] = []
 
-    def keep(tables: Tables, frames: list[zmq.Frame]) -> Delivery:
-        recorded.append((frames[0].bytes, bytearray(b"".join(it.bytes for it in frames[1:]))))
-        return read_reply(tables, frames)
+    def keep(tables: Tables, message: Message) -> Delivery:
+        recorded.append((message[0], bytearray(message[1])))
+        return read_reply(tables, message)
 
     monkeypatch.setattr(connection, "read_reply", keep)
     yield recorded
