@@ -26,7 +26,7 @@ struct Item {
   std::string reference_run;  // what an effect is taken from; "": there is none
 };
 
-// CellScores of runs by SharedRun.
+// Scores by the run that they are of (SharedRun).
 using Table = std::map<std::string, double>;
 
 bool IsOnline(const std::string& algorithm) {

@@ -66,7 +66,8 @@ Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark,
   return unit;
 }
 
-// The probability of a difference above `difference` if the true one is `truth`.
+// The one-sided P value: the probability that the measured difference of the two scores would be as
+// large as it is, or larger, if the true difference were `truth`.
 double ChanceAbove(const Comparison& comparison, double truth) {
   const double one = std::pow(comparison.higher->standard_error, 2);
   const double other = std::pow(comparison.lower->standard_error, 2);
@@ -156,7 +157,7 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
           SignTestGreater(failing, result->decided - failing)};
 }
 
-// Without those that the same runs fill as one before.
+// The claim's units, without those whose cells the same runs fill as those of an earlier unit.
 std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores, ClaimResult* result) {
   std::vector<Unit> units;
   std::set<std::string> seen;
@@ -169,8 +170,9 @@ std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores, ClaimRes
     Unit unit = UnitOf(claim, scores, i, &result->lacking);
     std::string runs;
     for (const Comparison& comparison : unit) {
-      if (comparison.IsThere())
+      if (comparison.IsThere()) {
         runs += comparison.higher->runs + "," + comparison.lower->runs + ";";
+      }
     }
     if (runs.empty() || seen.insert(runs).second) units.push_back(std::move(unit));
   }

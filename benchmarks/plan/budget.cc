@@ -1,8 +1,8 @@
 #include "benchmarks/plan/budget.h"
 
-#include <algorithm>
-
 #include <fmt/format.h>
+
+#include <algorithm>
 
 #include "algorithms/nn/products/precision.h"
 #include "data/files/toml_keys.h"

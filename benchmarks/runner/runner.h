@@ -101,7 +101,6 @@ class Runner {
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   // Updates for which the run of this result is to be trained.
   uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
-  // Whether the result says that nothing is left to train.
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;
