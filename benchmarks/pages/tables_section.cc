@@ -30,7 +30,9 @@ Gains ByCell(const std::vector<HybridGain>& gains) {
 
 class ChallengeTable {
  public:
-  ChallengeTable(const Evidence& evidence, std::vector<const Benchmark*> benchmarks);
+  // All references outlive the object.
+  ChallengeTable(const Evidence& evidence, const Gains& gains, const Gains& paper_gains,
+                 std::vector<const Benchmark*> benchmarks);
   Table Make(std::string id, std::string title, std::string caption) const;
 
  private:
@@ -44,24 +46,27 @@ class ChallengeTable {
                 std::vector<std::string>* row) const;
 
   const Evidence& evidence_;
+  const Gains& gains_;
+  const Gains& paper_gains_;
   std::vector<const Benchmark*> benchmarks_;
   std::vector<Series> series_;        // the columns
   std::vector<std::string> hybrids_;  // columns of their gains
-  Gains gains_, paper_gains_;
 };
 
-ChallengeTable::ChallengeTable(const Evidence& evidence, std::vector<const Benchmark*> benchmarks)
-    : evidence_(evidence), benchmarks_(std::move(benchmarks)) {
-  gains_ = ByCell(HybridGains(evidence.ours, evidence.benchmarks));
-  paper_gains_ = ByCell(HybridGains(evidence.paper, evidence.benchmarks));
+ChallengeTable::ChallengeTable(const Evidence& evidence, const Gains& gains,
+                               const Gains& paper_gains, std::vector<const Benchmark*> benchmarks)
+    : evidence_(evidence),
+      gains_(gains),
+      paper_gains_(paper_gains),
+      benchmarks_(std::move(benchmarks)) {
   std::set<Series> series;
   std::set<std::string> hybrids;
   for (const Benchmark* benchmark : benchmarks_) {
     for (const Series& each : evidence_.table.series()) {
       if (evidence_.table.Find(benchmark->name, each) != nullptr) series.insert(each);
     }
-    for (const Gains* gains : {&gains_, &paper_gains_}) {
-      for (const auto& [name, gain] : *gains) {
+    for (const Gains* all : {&gains_, &paper_gains_}) {
+      for (const auto& [name, gain] : *all) {
         if (name.first == benchmark->name) hybrids.insert(name.second);
       }
     }
@@ -180,13 +185,15 @@ Section TablesSection(const Evidence& evidence) {
     if (table == tables.end()) table = tables.insert(table, {title, {}});
     table->second.push_back(&benchmark);
   }
+  const Gains gains = ByCell(HybridGains(evidence.ours, evidence.benchmarks));
+  const Gains paper_gains = ByCell(HybridGains(evidence.paper, evidence.benchmarks));
   for (const auto& [title, benchmarks] : tables) {
     const Benchmark& first = *benchmarks.front();
     const std::string label = first.paper.empty() ? "" : PaperTableOf(first.challenge);
     const std::string caption =
         label.empty() ? "Not in the paper." : fmt::format("The paper's table {}.", label);
     section.blocks.emplace_back(
-        ChallengeTable(evidence, benchmarks)
+        ChallengeTable(evidence, gains, paper_gains, benchmarks)
             .Make(fmt::format("{}-{}", first.environment, first.challenge), title + ".", caption));
   }
   return section;
