@@ -14,6 +14,7 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "data/files/file_hash.h"
+#include "data/files/make_folder.h"
 #include "proto/base/version.h"
 
 namespace b4mrl {
@@ -169,8 +170,8 @@ void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<f
           Progress& progress) {
   std::error_code error;
   if (files.cache_folder.empty() || fs::exists(CachePath(files, key), error)) return;
-  fs::create_directories(CacheFolder(files), error);
-  const Status status = Save(CachePath(files, key), key, ensemble);
+  Status status = MakeFolder(CacheFolder(files));
+  if (status.ok()) status = Save(CachePath(files, key), key, ensemble);
   // kBusy is no failure: another run is writing the same ensemble.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));

@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -22,6 +20,7 @@
 #include "client/client.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
+#include "data/files/make_folder.h"
 
 namespace b4mrl {
 namespace {
@@ -84,9 +83,7 @@ class TrainRun {
 };
 
 Status TrainRun::TakeFolder() {
-  std::error_code error;
-  std::filesystem::create_directories(options_.folder, error);
-  if (error) return IoError("create", options_.folder, error.value());
+  B4MRL_RETURN_IF_ERROR(MakeFolder(options_.folder));
   B4MRL_ASSIGN_OR_RETURN(lock_, LockRunFolder(options_.folder));
   B4MRL_RETURN_IF_ERROR(CheckNoEarlierRun(options_));
   resumes_ = options_.resume && !ListCheckpoints(options_.folder).empty();

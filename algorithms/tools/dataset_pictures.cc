@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <optional>
 #include <utility>
 
@@ -12,6 +11,7 @@
 #include "algorithms/pictures/dataset_tally.h"
 #include "algorithms/tools/dataset_source.h"
 #include "data/files/atomic_file.h"
+#include "data/files/make_folder.h"
 
 namespace b4mrl {
 namespace {
@@ -76,12 +76,7 @@ Status WriteFigures(const std::vector<Figure>& figures, const std::string& folde
 
 Result<std::vector<std::string>> WriteDatasetPictures(Client& client, RemoteDataset& dataset,
                                                       const std::string& folder, bool quiet) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) {
-    return Status(StatusCode::kIoError,
-                  fmt::format("cannot make the folder {}: {}", folder, error.message()));
-  }
+  B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   const pb::OpenDatasetReply& opened = dataset.in_force();
   DatasetDescription description;
   description.name = opened.info().name();

@@ -20,6 +20,7 @@
 #include "data/columns/gather.h"
 #include "data/columns/sampler.h"
 #include "data/d4rl/dataset_file_writer.h"
+#include "data/files/make_folder.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
@@ -61,9 +62,7 @@ LocalColumns MakeColumns() {
 
 // Writes `columns` as FOLDER/HalfCheetah/perf.h5.
 Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder + "/HalfCheetah", error);
-  if (error) return IoError("make", folder, error.value());
+  B4MRL_RETURN_IF_ERROR(MakeFolder(folder + "/HalfCheetah"));
   std::vector<uint8_t> timeouts(kDatasetRows);
   for (size_t row = kEpisodeRows - 1; row < kDatasetRows; row += kEpisodeRows) timeouts[row] = 1;
   B4MRL_ASSIGN_OR_RETURN(DatasetWriter writer,

@@ -31,14 +31,12 @@ struct Evaluations {
 };
 
 Result<Evaluations> ReadEvaluations(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(path, kMaxFileBytes));
+  text.resize(text.rfind('\n') + 1);  // without a line that is being written
   Evaluations read;
   std::map<std::string, size_t, std::less<>> columns;
-  for (size_t at = 0; at < text.size();) {
-    const size_t end = text.find('\n', at);
-    if (end == std::string::npos) break;  // a line that is being written
-    const auto cells = CellsOf(std::string_view(text).substr(at, end - at));
-    at = end + 1;
+  for (const std::string_view line : LinesOf(text)) {
+    const auto cells = CellsOf(line);
     if (columns.empty()) {
       for (size_t i = 0; i < cells.size(); ++i) columns.emplace(cells[i], i);
       continue;

@@ -14,10 +14,10 @@
 
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
-#include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
+#include "data/files/make_folder.h"
 
 namespace b4mrl {
 namespace {

@@ -8,8 +8,8 @@
 #include <system_error>
 
 #include "benchmarks/records/json_file.h"
-#include "benchmarks/runner/run_folder.h"
 #include "data/files/atomic_file.h"
+#include "data/files/make_folder.h"
 
 namespace b4mrl {
 namespace {

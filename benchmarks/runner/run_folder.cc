@@ -39,12 +39,6 @@ std::string RunFolder(const std::string& folder, const PlannedRun& run) {
   return fmt::format("{}/runs/{}-{}", folder, run.name, run.id.substr(0, kShortId));
 }
 
-Status MakeFolder(const std::string& path) {
-  std::error_code error;
-  fs::create_directories(path, error);
-  return error ? IoError("make", path, error.value()) : Status();
-}
-
 std::string FileNameOf(std::string dataset) {
   std::ranges::replace(dataset, '/', '-');
   return dataset;

@@ -12,8 +12,6 @@ namespace b4mrl {
 
 // DIR/runs/<name>-<first 8 digits of the id>.
 std::string RunFolder(const std::string& folder, const PlannedRun& run);
-// Makes the folder and those around it. kIoError.
-Status MakeFolder(const std::string& path);
 // The name of a dataset as that of a file: "HalfCheetah-medium".
 std::string FileNameOf(std::string dataset);
 

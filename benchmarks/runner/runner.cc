@@ -18,6 +18,7 @@
 #include "benchmarks/runner/training_order.h"
 #include "client/interrupt.h"
 #include "data/files/file_hash.h"
+#include "data/files/make_folder.h"
 
 namespace b4mrl {
 namespace {

@@ -103,19 +103,15 @@ Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
   B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
   std::map<std::string_view, Benchmark*> by_name;
   for (Benchmark& benchmark : *benchmarks) by_name.emplace(benchmark.name, &benchmark);
-  size_t number = 0;
-  for (size_t at = 0; at < text.size(); ++number) {
-    const size_t end = std::min(text.find('\n', at), text.size());
-    const std::string_view line = std::string_view(text).substr(at, end - at);
-    at = end + 1;
-    if (number == 0 || line.empty()) continue;  // the columns' names
-    const std::vector<std::string_view> cells = CellsOf(line);
+  const std::vector<std::string_view> lines = LinesOf(text);
+  for (size_t i = 1; i < lines.size(); ++i) {  // behind the columns' names
+    if (lines[i].empty()) continue;
+    const std::vector<std::string_view> cells = CellsOf(lines[i]);
     const auto mean = cells.size() == 4 ? NumberOf(cells[2]) : std::nullopt;
     const auto std = cells.size() == 4 ? NumberOf(cells[3]) : std::nullopt;
     if (!mean || !std) {
-      return Status(
-          StatusCode::kInvalidArgument,
-          fmt::format("{} line {} is not benchmark,algorithm,mean,std", path, number + 1));
+      return Status(StatusCode::kInvalidArgument,
+                    fmt::format("{} line {} is not benchmark,algorithm,mean,std", path, i + 1));
     }
     const auto found = by_name.find(cells[0]);
     if (found != by_name.end()) found->second->paper[std::string(cells[1])] = {*mean, *std};

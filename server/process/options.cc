@@ -8,9 +8,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <filesystem>
 #include <thread>
 
+#include "data/files/make_folder.h"
 #include "data/files/toml_file.h"
 #include "proto/base/count.h"
 #include "proto/base/exit_codes.h"
@@ -103,15 +103,6 @@ Status CheckFolder(const char* flag, const std::string& path) {
   return Status();
 }
 
-// The default data folder, made on first use.
-Result<std::string> MakeDefaultDataFolder() {
-  const std::string folder = DefaultDataFolder();
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) return IoError("make the data folder", folder, error.value());
-  return folder;
-}
-
 Status Complete(Flags* flags) {
   ServeOptions& serve = flags->serve;
   if (!flags->config_file.empty()) {
@@ -121,7 +112,8 @@ Status Complete(Flags* flags) {
   if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
   if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
   if (serve.data_folder.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(serve.data_folder, MakeDefaultDataFolder());
+    serve.data_folder = DefaultDataFolder();
+    B4MRL_RETURN_IF_ERROR(MakeFolder(serve.data_folder).WithContext("the default of --data"));
   }
   B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
   if (!serve.models_folder.empty()) {

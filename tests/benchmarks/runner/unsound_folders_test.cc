@@ -81,7 +81,7 @@ TEST_CASE("A run whose folder cannot be made has failed and keeps no other back"
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 1);
   CHECK(outcome.out.find("1 of 2 runs done, 1 failed") != std::string::npos);
-  CHECK(outcome.out.find("make " + folder.string()) != std::string::npos);
+  CHECK(outcome.out.find("make the folder " + folder.string()) != std::string::npos);
 }
 
 TEST_CASE("A run whose result does not take what was made for it is tried again and has failed") {
