@@ -23,6 +23,7 @@ class Extent {
     Add(range->low);
     Add(range->high);
   }
+  // Adds the 0 at which bars and columns begin.
   void AddBase() {
     Add(0);
     has_base_ = true;
@@ -31,7 +32,7 @@ class Extent {
   AxisRange WithMargin() const {
     const AxisRange range = AxisRange::Around(low_, high_);
     const double margin = kMargin * (range.high - range.low);
-    // What stands on 0 stands on the axis' end.
+    // Bars that all point the same way begin at the axis' end, without a margin.
     return {has_base_ && low_ == 0 ? 0 : range.low - margin,
             has_base_ && high_ == 0 ? 0 : range.high + margin};
   }
@@ -39,7 +40,7 @@ class Extent {
  private:
   double low_ = std::numeric_limits<double>::infinity();
   double high_ = -std::numeric_limits<double>::infinity();
-  bool has_base_ = false;  // bars or columns, which begin at 0
+  bool has_base_ = false;
 };
 
 struct Extents {

@@ -17,7 +17,7 @@ constexpr double kSwatchWidth = 22, kSwatchHeight = 10;
 // By which kinds of marks a series is shown.
 struct Look {
   bool box = false, area = false, bar = false, band = false, line = false, dot = false;
-  bool solid = false;  // some of its lines
+  bool solid = false;  // not all of its lines are dashed
 };
 
 class Looks {

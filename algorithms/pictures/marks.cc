@@ -20,7 +20,7 @@ using Anchor = TextStyle::Anchor;
 
 std::string Pair(double x, double y) { return SvgWriter::Number(x) + " " + SvgWriter::Number(y); }
 
-// A closed or open line through points.
+// An open line through points; "Z" behind it closes it.
 std::string PathThrough(const std::vector<Point>& points) {
   std::string path;
   for (const Point& point : points) path += (path.empty() ? "M" : "L") + Pair(point.x, point.y);

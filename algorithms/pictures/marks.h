@@ -23,6 +23,7 @@ struct Plot {
   SvgWriter* svg;
 };
 
+// The mark lies within the plot's axes.
 void DrawMark(const Plot& plot, const Mark& mark);
 
 // The path of a series' symbol around `centre`. Symbols repeat later than colours do, so that two

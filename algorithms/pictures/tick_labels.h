@@ -33,7 +33,8 @@ TickLabels LabelsBelow(const Axis& axis, double width);
 // The labels of a vertical axis of `height` pixels, where names have lines of at most `most`
 // pixels.
 TickLabels LabelsBeside(const Axis& axis, double height, double most);
-// The least height for that: 0 for an axis of numbers.
+// The least height of a vertical axis at which these labels do not overlap; 0 for an axis of
+// numbers, which has as many labels as there is room for.
 double LeastHeight(const Axis& axis, double most);
 
 }  // namespace b4mrl
