@@ -1,6 +1,6 @@
 """Compares a suite's results with those of another one that was trained in one go.
 
-    compare.py RESULTS UNDISTURBED COUNT
+    compare_results.py RESULTS UNDISTURBED COUNT
 
 COUNT: how many runs there are.
 """

@@ -6,18 +6,7 @@
 #   start_node n2          starts the node's slurmd, again after it was killed
 #   stop_cluster
 #
-# After start_cluster, `slurmd_n1` and `slurmd_n2` are the ids of the nodes' processes.
-
-# wait_for SECONDS WHAT COMMAND...: until the command succeeds. If it does not in time, calls `fail` of the script
-# that sources this file.
-wait_for() {
-  local end=$((SECONDS + $1)) what=$2
-  shift 2
-  until "$@" >/dev/null 2>&1; do
-    [ $SECONDS -lt $end ] || fail "no sign in time that $what"
-    sleep 0.2
-  done
-}
+# After start_cluster, `slurmd_n1` and `slurmd_n2` are the ids of the nodes' processes. Needs ../wait_for.sh.
 
 start_cluster() {
   cluster=$1
