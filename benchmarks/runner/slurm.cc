@@ -11,6 +11,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"
 #include "proto/base/child_program.h"
 
@@ -63,6 +64,14 @@ std::string Quoted(std::string_view word) {
   return quoted + "'";
 }
 
+// The folder's path from the root, without links.
+Result<std::string> WholePath(const std::string& folder) {
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(folder, error);
+  if (error) return IoError("find", folder, error.value());
+  return whole.string();
+}
+
 // What a program of Slurm prints. Its messages go to our stderr.
 Result<std::string> OutputOf(const std::vector<std::string>& words) {
   ProgramWithOutput program;
@@ -87,10 +96,8 @@ Result<std::string> OutputOf(const std::vector<std::string>& words) {
 }  // namespace
 
 Result<std::string> SlurmJobName(const std::string& folder) {
-  std::error_code error;
-  const fs::path whole = fs::weakly_canonical(folder, error);
-  if (error) return IoError("find", folder, error.value());
-  return "b4mrl-" + Sha256OfText(whole.string()).substr(0, 16);
+  B4MRL_ASSIGN_OR_RETURN(const std::string whole, WholePath(folder));
+  return "b4mrl-" + Sha256OfText(whole).substr(0, 16);
 }
 
 std::string CompactList(const std::vector<uint64_t>& indices) {
@@ -110,7 +117,8 @@ Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>
   const std::string here = fs::current_path(error).string();
   if (error) return IoError("find", "the working folder", error.value());
   B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(job.folder));
-  const std::string logs = fs::weakly_canonical(job.folder).string() + "/logs";
+  B4MRL_ASSIGN_OR_RETURN(const std::string folder, WholePath(job.folder));
+  const std::string logs = folder + "/logs";
   // Slurm gives these characters a meaning of its own, with quotes or without.
   if (logs.find_first_of("%\"\\\n") != std::string::npos) {
     return Status(StatusCode::kInvalidArgument,
@@ -151,12 +159,10 @@ Result<std::set<uint64_t>> QueuedIndices(const std::string& folder) {
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"squeue", "--array", "--noheader",
                                                              "--format=%K", "--name=" + name}));
   std::set<uint64_t> indices;
-  const char* const end = output.data() + output.size();
-  for (const char* at = output.data(); at < end; ++at) {
+  for (const std::string_view line : LinesOf(output)) {
     uint64_t index = 0;
-    const auto [next, error] = std::from_chars(at, end, index);
+    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), index);
     if (error == std::errc()) indices.insert(index);
-    at = next;
   }
   return indices;
 }
