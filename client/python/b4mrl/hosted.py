@@ -77,6 +77,15 @@ class Hosted(Shown):
         if self._spec is not None:
             self._spec.max_episode_steps = self.session.spec.max_episode_steps or None
 
+    @property
+    def transport(self) -> str:
+        """How messages travel to the daemon: "door", "ipc", "tcp" or "relay".
+
+        "door" is shared memory, which clients on the daemon's machine use by themselves; "relay"
+        means that only the gateway's port can be reached.
+        """
+        return self.session.transport
+
     def normalised_score(self, episode_return: float) -> float | None:
         """D4RL's score of a return, 0 to 100 between the references; None where there are none."""
         return self.session.spec.normalised_score(episode_return)

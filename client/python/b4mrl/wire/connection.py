@@ -51,6 +51,9 @@ class Connection:
     Args:
         address: "tcp://HOST:PORT" or "ipc://PATH". Requests wait until the connection is made.
         token: the session's 16 bytes, or b"" for requests that belong to no session.
+        link: a faster way to the process that listens there; owned by the connection, which goes on
+            at `address` when the link is refused. None: there is none.
+        is_relayed: whether the process at `address` hands messages on to another one.
 
     Raises:
         InvalidArgumentError: `address` is malformed.
@@ -60,8 +63,11 @@ class Connection:
         address: as given.
     """
 
-    def __init__(self, address: str, token: bytes = b"") -> None:
+    def __init__(
+        self, address: str, token: bytes = b"", link: Link | None = None, is_relayed: bool = False
+    ) -> None:
         self.address = address
+        self._is_relayed = is_relayed
         self._user = 0  # the thread that sent the last request
         self._heads = Heads(token)
         self._next_id = 1
@@ -70,10 +76,13 @@ class Connection:
         self._pending: dict[int, Pending] = {}
         self._arrived: dict[int, Delivery] = {}
         self._tables = Tables()
-        self._link: Link = sockets.open_link(address)
-        self._close_link = weakref.finalize(self, self._link.close)  # also when self is collected
-        self._close_link.atexit = False  # close_all closes the link when the program ends
+        self._take_link(link or sockets.open_link(address))
         _all.add(self)
+
+    @property
+    def transport(self) -> str:
+        """How messages travel now: "door", "ipc", "tcp" or "relay"."""
+        return "relay" if self._is_relayed else self._link.transport
 
     @property
     def is_usable(self) -> bool:
@@ -289,7 +298,18 @@ class Connection:
             self._expire()
 
     def _read(self) -> Message | None:
-        return self._link.receive(math.ceil((self._next_wake() - time.monotonic()) * 1000))
+        wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
+        message = self._link.receive(wait_ms)
+        if message is None and self._link.is_refused:
+            refused = self._close_link
+            self._take_link(sockets.open_link(self.address))
+            refused()
+        return message
+
+    def _take_link(self, link: Link) -> None:
+        self._link: Link = link
+        self._close_link = weakref.finalize(self, link.close)  # also when self is collected
+        self._close_link.atexit = False  # close_all closes the link when the program ends
 
     def _next_wake(self) -> float:
         """The time at which the first pending request is sent again or given up."""

@@ -24,11 +24,15 @@ class Link(Protocol):
 
     @property
     def transport(self) -> str:
-        """How messages travel: "tcp" or "ipc"."""
+        """How messages travel: "door", "ipc" or "tcp"."""
 
     @property
     def process_id(self) -> int:
         """The process that opened the link."""
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the link has given up, so that no message will come through it any more."""
 
     def send(self, envelope: bytes, payload: bytearray) -> bool:
         """Sends a message without waiting for the peer; False if the queue towards it is full.

@@ -46,7 +46,7 @@ class Routes:
                 "the daemon offers no port for this request; is its dataset worker running?"
             )
         self._warn(address)
-        return Connection(self._endpoint, token)
+        return Connection(self._endpoint, token, is_relayed=True)
 
     def _address_of(self, port: Any) -> str:
         """The address of a Port, on the gateway's host; "" if the process does not listen there."""

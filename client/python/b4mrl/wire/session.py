@@ -73,6 +73,16 @@ class Session:
         """The number of lanes; 0 in a session for queries alone."""
         return self.in_force.num_envs
 
+    @property
+    def transport(self) -> str:
+        """How messages travel between this process and the worker now.
+
+        "door": through shared memory; "ipc" and "tcp": through sockets; "relay": through the
+        gateway's socket. A session that began with "door" goes on over sockets if the daemon ends
+        the door.
+        """
+        return self._connection.transport
+
     def reset(
         self,
         lanes: Lanes | None,

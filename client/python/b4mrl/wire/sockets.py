@@ -36,6 +36,8 @@ class SocketLink:
         socket, monitor: owned by the link.
     """
 
+    is_refused = False  # ZeroMQ goes on connecting
+
     def __init__(self, address: str, socket: zmq.Socket[bytes], monitor: zmq.Socket[bytes]) -> None:
         self.transport = address.partition("://")[0]
         self.process_id = os.getpid()

@@ -5,52 +5,27 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import zmq
 from b4mrl import errors
 from b4mrl.wire.connection import Connection
+from b4mrl.wire.door import open_door
 from b4mrl.wire.messages import Reply, Request
 
-
-class FakeServer:
-    """Answers each request with the messages that `answer(request, count)` returns."""
-
-    def __init__(self, answer: Callable[[Request, int], list[Reply]], port: int = 0) -> None:
-        self._answer = answer
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.ROUTER)
-        self._socket.linger = 0
-        self.port = self._socket.bind_to_random_port("tcp://127.0.0.1") if port == 0 else port
-        if port:
-            self._socket.bind(f"tcp://127.0.0.1:{port}")
-        self.address = f"tcp://127.0.0.1:{self.port}"
-        self.requests: list[Request] = []
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stopping.is_set():
-            if not self._socket.poll(5):
-                continue
-            sender, envelope, *_ = self._socket.recv_multipart()
-            self.requests.append(Request.FromString(envelope))
-            for reply in self._answer(self.requests[-1], len(self.requests)):
-                self._socket.send_multipart([sender, reply.SerializeToString()])
-
-    def stop(self) -> None:
-        self._stopping.set()
-        self._thread.join()
-        self._context.destroy(linger=0)
+from servers import DoorServer, SocketServer
 
 
-@pytest.fixture
-def start() -> Iterator[Callable[..., FakeServer]]:
-    servers: list[FakeServer] = []
+Server = SocketServer | DoorServer
 
-    def start_server(*arguments: object) -> FakeServer:
-        servers.append(FakeServer(*arguments))
+
+@pytest.fixture(params=[SocketServer, DoorServer])
+def start(request: pytest.FixtureRequest) -> Iterator[Callable[..., Server]]:
+    servers: list[Server] = []
+
+    def start_server(*arguments: Any) -> Server:
+        servers.append(request.param(*arguments))
         return servers[-1]
 
     yield start_server
@@ -62,8 +37,11 @@ def start() -> Iterator[Callable[..., FakeServer]]:
 def connect() -> Iterator[Callable[..., Connection]]:
     connections: list[Connection] = []
 
-    def open_connection(*arguments: object) -> Connection:
-        connections.append(Connection(*arguments))
+    def open_connection(server: Server | str, token: bytes = b"") -> Connection:
+        address = server if isinstance(server, str) else server.address
+        link = open_door(server.name, 10_000) if isinstance(server, DoorServer) else None
+        connections.append(Connection(address, token, link))
+        assert isinstance(server, DoorServer) == (connections[-1].transport == "door")
         return connections[-1]
 
     yield open_connection
@@ -89,7 +67,7 @@ def hello() -> Request:
 
 def test_a_request_carries_version_token_id_and_remaining_time(start, connect) -> None:
     server = start(lambda request, count: [done(request)])
-    connection = connect(server.address, b"0123456789abcdef")
+    connection = connect(server, b"0123456789abcdef")
     connection.call(hello(), bytearray(), 5000)
     connection.call(hello(), bytearray(), 5000)
     first, second = server.requests
@@ -103,7 +81,7 @@ def test_a_request_carries_version_token_id_and_remaining_time(start, connect) -
 def test_silence_makes_it_ask_again_with_the_same_id_and_less_time(start, connect) -> None:
     server = start(lambda request, count: [done(request)] if count == 2 else [])
     # Asked again after one second; a busy machine may take some of the others.
-    connect(server.address).call(hello(), bytearray(), 8000)
+    connect(server).call(hello(), bytearray(), 8000)
     first, second = server.requests[:2]  # a slow machine may have asked once more
     assert second.request_id == first.request_id
     assert second.deadline_ms < first.deadline_ms
@@ -120,7 +98,7 @@ def test_a_slow_request_is_not_sent_again_while_others_are_answered(start, conne
             return []
         return [done(slow[0])] if request.hello.client == "last" else [done(request)]
 
-    connection = connect(start(answer).address)
+    connection = connect(start(answer))
     request = hello()
     request.hello.client = "slow"
     request_id = connection.send(request, bytearray(), deadline_ms)
@@ -141,7 +119,7 @@ def test_a_slow_request_is_not_sent_again_while_others_are_answered(start, conne
 
 def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
     server = start(lambda request, count: [])
-    connection = connect(server.address)
+    connection = connect(server)
     # An eighth of it is longer than `receive` may take: the handshake alone can trigger the copy.
     request_id = connection.send(hello(), bytearray(), 600_000)
     waited = threading.Event()
@@ -150,7 +128,7 @@ def test_a_reconnection_makes_it_ask_again(start, connect) -> None:
         while not server.requests:
             waited.wait(0.005)
         server.stop()
-        start(lambda request, count: [done(request)], server.port)
+        start(lambda request, count: [done(request)], server.place)
 
     replacement = threading.Thread(target=replace)
     replacement.start()
@@ -168,7 +146,7 @@ def test_replies_that_nobody_waits_for_are_dropped(start, connect) -> None:
         stranger.request_id += 1000
         return [stranger, done(request), done(request)]
 
-    connection = connect(start(answer).address)
+    connection = connect(start(answer))
     for _ in range(3):
         request_id = connection.next_id
         delivery = connection.call(hello(), bytearray(), 60_000)
@@ -184,7 +162,7 @@ def test_replies_come_in_any_order(start, connect) -> None:
         held.append(request)
         return [done(item) for item in reversed(held)] if count == 3 else []
 
-    connection = connect(start(answer).address)
+    connection = connect(start(answer))
     ids = [connection.send(hello(), bytearray(), 60_000) for _ in range(3)]
     assert connection.receive_any(ids).request_id == ids[2]
     assert connection.receive(ids[0]).request_id == ids[0]
@@ -193,7 +171,7 @@ def test_replies_come_in_any_order(start, connect) -> None:
 
 def test_no_answer_leaves_open_what_was_executed(start, connect) -> None:
     # The first answer shows that the server was reached, however busy the machine is.
-    connection = connect(start(lambda request, count: [done(request)][count - 1 :]).address)
+    connection = connect(start(lambda request, count: [done(request)][count - 1 :]))
     connection.call(hello(), bytearray(), 20_000)
     delivery = connection.receive(connection.send(hello(), bytearray(), 200))
     assert isinstance(delivery.error, errors.DeadlineExceededError)
@@ -205,7 +183,7 @@ def test_no_answer_leaves_open_what_was_executed(start, connect) -> None:
 def test_a_request_that_got_no_answer_is_asked_for_again_by_its_old_id(start, connect) -> None:
     silent = threading.Event()
     server = start(lambda request, count: [] if silent.is_set() else [done(request)])
-    connection = connect(server.address)
+    connection = connect(server)
     connection.call(hello(), bytearray(), 60_000)
     silent.set()
     request_id = connection.send(hello(), bytearray(), 1)
@@ -244,7 +222,7 @@ def test_a_server_that_is_not_there_is_unavailable(connect) -> None:
 def test_a_refusal_is_its_exception_and_says_what_was_executed(
     start, connect, code, kind, executed
 ) -> None:
-    connection = connect(start(lambda request, count: [refusal(request, code)]).address)
+    connection = connect(start(lambda request, count: [refusal(request, code)]))
     delivery = connection.receive(connection.send(hello(), bytearray(), 5000))
     assert type(delivery.error) is kind
     assert delivery.executed is executed
@@ -254,7 +232,7 @@ def test_a_passing_refusal_of_one_copy_leaves_the_other_open(start, connect) -> 
     server = start(
         lambda request, count: [refusal(request, 4, recoverable=True)] if count == 2 else []
     )
-    connection = connect(server.address)
+    connection = connect(server)
     delivery = connection.receive(connection.send(hello(), bytearray(), 8000))
     assert isinstance(delivery.error, errors.BusyError)
     assert delivery.executed is None
@@ -266,7 +244,7 @@ def test_noise_is_not_taken_for_an_answer(start, connect) -> None:
             return b"\xff\xff\xff"
 
     server = start(lambda request, count: [Noise(), done(request)])
-    connection = connect(server.address)
+    connection = connect(server)
     request_id = connection.next_id
     delivery = connection.call(hello(), bytearray(), 60_000)
     assert (delivery.request_id, delivery.error, delivery.executed) == (request_id, None, True)
@@ -274,7 +252,7 @@ def test_noise_is_not_taken_for_an_answer(start, connect) -> None:
 
 
 def test_requests_in_flight_are_bounded(start, connect) -> None:
-    connection = connect(start(lambda request, count: []).address)
+    connection = connect(start(lambda request, count: []))
     for _ in range(64):
         connection.send(hello(), bytearray(), 60_000)
     with pytest.raises(errors.LimitExceededError):
@@ -282,7 +260,7 @@ def test_requests_in_flight_are_bounded(start, connect) -> None:
 
 
 def test_an_endless_envelope_is_refused_here(start, connect) -> None:
-    connection = connect(start(lambda request, count: []).address)
+    connection = connect(start(lambda request, count: []))
     request = hello()
     request.hello.client = "x" * 65536
     with pytest.raises(errors.LimitExceededError):

@@ -1,0 +1,308 @@
+"""The local door: a link through shared memory, to a worker on the same machine (x86-64 Linux).
+
+The daemon listens on a Unix socket. A client connects, and the worker makes the connection's memory
+and sends its greeting with the memory's descriptor. From then on messages travel in two rings in
+that memory (b4mrl.wire.ring), one in each direction. The socket carries bells, single bytes that
+wake a sleeping peer, and its end says that the peer has died: the supervisor holds the listening
+socket, so the next connection is to the worker's replacement, with new memory.
+
+A side that falls asleep says for what in its word of the memory, looks once more, and sleeps. The
+other side publishes or takes bytes, looks at the word, and if it was waited for, clears the word
+and rings. Between the two steps of each side stands a fence, so at least one sees what the other
+has written. A bell that is lost all the same costs LONGEST_BLOCK_MS.
+
+PROTOCOL.md, section 13, has the layout.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import mmap
+import os
+import platform
+import select
+import socket
+import struct
+import sys
+import threading
+import time
+
+from b4mrl.wire import limits
+from b4mrl.wire.link import LONGEST_BLOCK_MS, Message
+from b4mrl.wire.ring import BrokenRingError, Positions, RingReader, RingWriter
+from b4mrl.wire.spinning import Spinner
+
+_GREETING = struct.Struct("<5I12x")  # magic, version, bytes of the rings up and down, spin_us
+_MAGIC, _VERSION = 0x44523442, 1
+_MEMORY_START = 4096  # of the ring up; the ring down follows
+_RING_BYTES = [1 << bits for bits in range(16, 21)]
+_MOST_SPIN_US = 10_000
+
+# Words of 64 bits: up.head, up.tail, down.head, down.tail. Words of 32 bits: who sleeps for what.
+_UP, _DOWN = (8, 16), (24, 32)
+_WORKER_SLEEPS, _CLIENT_SLEEPS = 80, 96
+_FOR_BYTES, _FOR_SPACE = 1, 2
+
+_MOST_REFUSALS = 3
+_BLOCK_TIME = struct.pack("ll", 0, LONGEST_BLOCK_MS * 1000)  # a timeval
+
+_fence = threading.Lock()
+
+
+class _Memory:
+    """The memory of one connection, with this side's ends of its rings."""
+
+    def __init__(self, descriptor: int, up_bytes: int, down_bytes: int) -> None:
+        self.mapped = memoryview(mmap.mmap(descriptor, _MEMORY_START + up_bytes + down_bytes))
+        words = self.mapped.cast("Q")
+        down = _MEMORY_START + up_bytes
+        self.sleeps = self.mapped.cast("I")
+        self.writer = RingWriter(Positions(words, *_UP), self.mapped[_MEMORY_START:down])
+        self.reader = RingReader(Positions(words, *_DOWN), self.mapped[down:])
+
+
+class Door:
+    """A Link through the door of that name; made by open_door.
+
+    Messages that are sent while the worker is being replaced are lost, as take_handshakes tells.
+    """
+
+    transport = "door"
+
+    def __init__(self, name: str) -> None:
+        self.process_id = os.getpid()
+        self._name = name
+        self._socket: socket.socket | None = None
+        self._memory: _Memory | None = None
+        self._asked = 0.0  # when the latest connection was asked for
+        self._handshakes = 0
+        self._refusals = 0  # since the last greeting
+        self._spinner = Spinner(0.0)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a connection whose greeting has come."""
+        return self._memory is not None
+
+    @property
+    def is_refused(self) -> bool:
+        """Of Link: nobody listens, or several connections in a row were ended by the daemon."""
+        return self._refusals >= _MOST_REFUSALS
+
+    def send(self, envelope: bytes, payload: bytearray) -> bool:
+        """Of Link. A message that is longer than the ring is sent on in later calls.
+
+        Waits for LONGEST_BLOCK_MS at most, if the worker has not yet read what came before.
+        """
+        memory = self._memory
+        if memory is None:
+            return True
+        if memory.writer.queued >= limits.HIGH_WATER_MARK:
+            return False
+        memory.writer.push(envelope, payload)
+        finish = 0.0
+        try:
+            while self._write(memory):
+                now = time.monotonic()
+                finish = finish or now + LONGEST_BLOCK_MS / 1000
+                if now >= finish or self._memory is not memory:
+                    break
+                self._sleep(memory, _FOR_SPACE, LONGEST_BLOCK_MS)
+        except BrokenRingError:
+            self._leave()
+        return True
+
+    def receive(self, wait_ms: int) -> Message | None:
+        """Of Link; looks for a message without sleeping where one probably comes soon."""
+        memory = self._memory
+        if memory is None:
+            self.connect(min(wait_ms, LONGEST_BLOCK_MS))
+            return None
+        try:
+            if not memory.reader.has_bytes() and not self._await_bytes(memory, wait_ms):
+                return None
+            message = memory.reader.take()
+            self._wake(memory, _FOR_SPACE)
+            return message
+        except BrokenRingError:
+            self._leave()
+            return None
+
+    def take_handshakes(self) -> int:
+        """Of Link."""
+        count, self._handshakes = self._handshakes, 0
+        return count
+
+    def await_handshake(self, wait_ms: int) -> None:
+        """Of Link."""
+        if self._memory is None:
+            self.connect(wait_ms)
+
+    def close(self, linger_ms: int = 0) -> None:
+        """Of Link; what is in the ring is still read by the worker."""
+        self._leave()
+
+    def connect(self, wait_ms: int) -> None:
+        """Connects, or goes on connecting: waits for the greeting, at most `wait_ms`."""
+        if self._socket is None:
+            self._socket = self._ask()
+            self._asked = time.monotonic()
+        if self._socket is None:
+            return
+        if _is_readable(self._socket, wait_ms):
+            self._memory = self._greet(self._socket)
+        elif time.monotonic() < self._asked + limits.HANDSHAKE_MS / 1000:
+            return
+        if self._memory is None:
+            self._refusals += 1
+            self._leave()
+        else:
+            self._refusals = 0
+            self._handshakes += 1
+
+    def _ask(self) -> socket.socket | None:
+        """A connection, whose greeting may come later; None if there is none to have."""
+        link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            link.setblocking(False)
+            link.connect("\0" + self._name)  # a name without a file
+            link.setblocking(True)
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _BLOCK_TIME)
+            if _is_trusted(link):
+                return link
+            self._refusals = _MOST_REFUSALS
+        except BlockingIOError:
+            self._refusals += 1  # too many wait to be accepted
+        except OSError:
+            self._refusals = _MOST_REFUSALS
+        link.close()
+        return None
+
+    def _greet(self, link: socket.socket) -> _Memory | None:
+        """The memory that a greeting comes with; None if it is not what this client speaks."""
+        descriptors: list[int] = []
+        try:
+            greeting, descriptors, *_ = socket.recv_fds(
+                link, _GREETING.size + 1, 1, socket.MSG_CMSG_CLOEXEC
+            )
+            if len(greeting) != _GREETING.size or len(descriptors) != 1:
+                return None
+            magic, version, up, down, spin_us = _GREETING.unpack(greeting)
+            is_known = (magic, version) == (_MAGIC, _VERSION)
+            if not is_known or up not in _RING_BYTES or down not in _RING_BYTES:
+                return None
+            is_whole = os.fstat(descriptors[0]).st_size == _MEMORY_START + up + down
+            if not is_whole or _can_shrink(descriptors[0]):
+                return None
+            self._spinner = Spinner(min(spin_us, _MOST_SPIN_US) / 1e6)
+            return _Memory(descriptors[0], up, down)
+        except OSError:
+            return None
+        finally:
+            for descriptor in descriptors:
+                os.close(descriptor)
+
+    def _leave(self) -> None:
+        """Ends the connection."""
+        self._memory = None
+        if self._socket is None:
+            return
+        if self.process_id == os.getpid():
+            # A forked child may have a copy of the socket, which would keep the connection.
+            with contextlib.suppress(OSError):
+                self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        self._socket = None
+
+    def _write(self, memory: _Memory) -> bool:
+        """Puts queued messages into the ring; whether some did not fit. Raises BrokenRingError."""
+        if memory.writer.write():
+            self._wake(memory, _FOR_BYTES)
+        return memory.writer.queued > 0
+
+    def _wake(self, memory: _Memory, reason: int) -> None:
+        """Wakes the worker if it sleeps for that reason; called when the reason has ended."""
+        _fence.acquire()
+        _fence.release()
+        if not memory.sleeps[_WORKER_SLEEPS] & reason or self._socket is None:
+            return
+        memory.sleeps[_WORKER_SLEEPS] = 0
+        with contextlib.suppress(OSError):  # bells enough, or nobody to wake
+            self._socket.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+
+    def _await_bytes(self, memory: _Memory, wait_ms: int) -> bool:
+        """Waits until bytes are here, at most `wait_ms` or LONGEST_BLOCK_MS; whether they are."""
+        begin = time.perf_counter()
+        finish = begin + min(wait_ms, LONGEST_BLOCK_MS) / 1000
+        reader = memory.reader
+        while True:
+            is_writing = memory.writer.queued > 0 and self._write(memory)
+            if wait_ms <= 0:
+                return reader.has_bytes()
+            if not is_writing and self._spinner.spin(reader.watch):
+                break
+            self._sleep(memory, _FOR_BYTES | (_FOR_SPACE if is_writing else 0), wait_ms)
+            if reader.has_bytes() or self._memory is not memory or time.perf_counter() >= finish:
+                break
+        self._spinner.learn(time.perf_counter() - begin)
+        return reader.has_bytes()
+
+    def _sleep(self, memory: _Memory, reasons: int, wait_ms: int) -> None:
+        """Sleeps until the worker rings for a reason, at most `wait_ms` or LONGEST_BLOCK_MS."""
+        link, reader, sleeps = self._socket, memory.reader, memory.sleeps
+        assert link is not None  # there is memory
+        reader.publish()
+        sleeps[_CLIENT_SLEEPS] = reasons
+        _fence.acquire()
+        _fence.release()
+        try:
+            if reasons & _FOR_BYTES and reader.has_bytes():
+                return
+            if reasons & _FOR_SPACE and memory.writer.has_space():
+                return
+            if wait_ms < LONGEST_BLOCK_MS and not _is_readable(link, wait_ms):
+                return
+            has_ended = not link.recv(64)
+        except BlockingIOError:  # nobody rang
+            return
+        except OSError:
+            has_ended = True
+        finally:
+            sleeps[_CLIENT_SLEEPS] = 0
+        if has_ended and not reader.has_bytes():  # what the worker published before is taken first
+            self._leave()
+
+
+def open_door(name: str, wait_ms: int) -> Door | None:
+    """A link through the door `name`; None where it does not open within `wait_ms`."""
+    if sys.platform != "linux" or platform.machine() != "x86_64":
+        return None
+    door = Door(name)
+    finish = time.monotonic() + wait_ms / 1000
+    while not door.is_open and not door.is_refused and time.monotonic() < finish:
+        door.connect(math.ceil((finish - time.monotonic()) * 1000))
+    if door.is_open:
+        return door
+    door.close()
+    return None
+
+
+def _is_trusted(link: socket.socket) -> bool:
+    """Whether the peer's process belongs to this user, or to root."""
+    _, user, _ = struct.unpack("iII", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return user in (0, os.geteuid())
+
+
+def _is_readable(link: socket.socket, wait_ms: int) -> bool:
+    poll = select.poll()
+    poll.register(link, select.POLLIN)
+    return bool(poll.poll(max(wait_ms, 0)))
+
+
+def _can_shrink(descriptor: int) -> bool:
+    """Whether the peer can still take away memory, so that reading it would end this process."""
+    import fcntl  # not on Windows, where this module is imported all the same
+
+    sealed = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW
+    return fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & sealed != sealed

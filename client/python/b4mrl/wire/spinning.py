@@ -1,0 +1,63 @@
+"""Decides whether a wait for another process is spent looking again and again, before a sleep.
+
+Waking a sleeping thread of an idle core takes about 60 us, as long as two steps of a simulation. So
+a wait that will probably end within the budget is spent looking, and a longer one asleep.
+
+Thread rule: one thread at a time.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+
+_WAKE_UP = 60e-6  # seconds, as all times here
+_LOOKS = 64  # between two looks at the clock: about 2 us
+# A longer time between two looks at the clock: the core was given to another thread, which may be
+# the one that is waited for.
+_INTERRUPTION = 30e-6
+_SHORTEST_REST, _LONGEST_REST = 1e-3, 1.0
+_LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
+_MEMORY = 8  # waits
+
+
+class Spinner:
+    """What one connection has learnt about its waits.
+
+    Does not look again while the process has other Python threads, which need the interpreter's
+    lock, nor where it may use one core only, which its peer needs.
+
+    Args:
+        budget: the longest time that one wait is spent looking, in seconds; 0: none is.
+    """
+
+    def __init__(self, budget: float) -> None:
+        self._budget = budget if len(os.sched_getaffinity(0)) > 1 else 0.0
+        self._usual_wait = 0.0
+        self._rest = _SHORTEST_REST
+        self._rests_until = 0.0
+
+    def spin(self, watch: Callable[[int], bool]) -> bool:
+        """Calls `watch(looks)` until it is true or the budget is spent; returns its last value."""
+        if self._usual_wait - _WAKE_UP > self._budget or threading.active_count() > 1:
+            return False
+        now = time.perf_counter()
+        finish = now + self._budget
+        if now < self._rests_until:
+            return False
+        while now < finish:
+            if watch(_LOOKS):
+                self._rest = max(self._rest / 2, _SHORTEST_REST)
+                return True
+            last, now = now, time.perf_counter()
+            if now - last > _INTERRUPTION:
+                self._rests_until = now + self._rest
+                self._rest = min(2 * self._rest, _LONGEST_REST)
+                return False
+        return False
+
+    def learn(self, wait: float) -> None:
+        """To be called with the length of each wait, however it was spent."""
+        self._usual_wait += (min(wait, _LONGEST_LEARNT) - self._usual_wait) / _MEMORY

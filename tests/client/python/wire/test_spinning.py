@@ -1,0 +1,84 @@
+"""When a wait is spent looking, and when asleep."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+from b4mrl.wire import spinning
+from b4mrl.wire.spinning import Spinner
+
+
+class Clock:
+    """A clock that a test moves on; each look at it takes a microsecond."""
+
+    def __init__(self) -> None:
+        self.now = 1.0
+
+    def perf_counter(self) -> float:
+        self.now += 1e-6
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(spinning.time, "perf_counter", clock.perf_counter)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    return clock
+
+
+def never(_: int) -> bool:
+    return False
+
+
+def test_a_short_wait_is_spent_looking(clock: Clock) -> None:
+    looks = iter([False] * 20 + [True])
+    assert Spinner(100e-6).spin(lambda _: next(looks))
+    assert clock.now < 1 + 50e-6
+
+
+def test_a_wait_ends_with_its_budget(clock: Clock) -> None:
+    assert not Spinner(100e-6).spin(never)
+    assert 1 + 99e-6 < clock.now < 1 + 110e-6
+
+
+def test_long_waits_are_slept_through_until_short_ones_come_again(clock: Clock) -> None:
+    spinner = Spinner(100e-6)
+    for _ in range(30):
+        spinner.learn(1.0)
+    began = clock.now
+    assert not spinner.spin(lambda _: True) and clock.now - began < 5e-6
+    for _ in range(30):
+        spinner.learn(20e-6)
+    assert spinner.spin(lambda _: True)
+
+
+def test_a_core_that_was_taken_away_is_left_to_the_other_for_longer_and_longer(
+    clock: Clock,
+) -> None:
+    def lose_the_core(_: int) -> bool:
+        clock.now += 40e-6
+        return False
+
+    spinner = Spinner(100e-6)
+    for rest in (1e-3, 2e-3, 4e-3):
+        began = clock.now
+        assert not spinner.spin(lose_the_core)
+        assert clock.now - began < 60e-6
+        clock.now = began + 0.9 * rest
+        assert not spinner.spin(lambda _: True)
+        clock.now = began + rest + 100e-6
+
+
+@pytest.mark.parametrize("what", ["no budget", "one core", "other threads"])
+def test_where_looking_would_hold_others_up_it_never_looks(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    if what == "one core":
+        monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    if what == "other threads":
+        monkeypatch.setattr(threading, "active_count", lambda: 2)
+    assert not Spinner(0.0 if what == "no budget" else 100e-6).spin(lambda _: True)
