@@ -22,12 +22,24 @@ _SHORTEST_REST, _LONGEST_REST = 1e-3, 1.0
 _LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
 _MEMORY = 8  # waits
 
+_asleep: set[int] = set()  # threads in sleep_until
+
+
+def sleep_until(event: threading.Event) -> None:
+    """Waits for an event in a thread that does nothing else: it does not keep others from looking.
+
+    A program with a private daemon has such a thread (b4mrl.serve).
+    """
+    _asleep.add(threading.get_ident())
+    event.wait()
+    _asleep.discard(threading.get_ident())
+
 
 class Spinner:
     """What one connection has learnt about its waits.
 
-    Does not look again while the process has other Python threads, which need the interpreter's
-    lock, nor where it may use one core only, which its peer needs.
+    Does not look while the process has other Python threads, which may need the interpreter's lock,
+    nor where it may use one core only, which its peer needs.
 
     Args:
         budget: the longest time that one wait is spent looking, in seconds; 0: none is.
@@ -41,7 +53,8 @@ class Spinner:
 
     def spin(self, watch: Callable[[int], bool]) -> bool:
         """Calls `watch(looks)` until it is true or the budget is spent; returns its last value."""
-        if self._usual_wait - _WAKE_UP > self._budget or threading.active_count() > 1:
+        others = threading.active_count() - 1 - len(_asleep)
+        if others > 0 or self._usual_wait - _WAKE_UP > self._budget:
             return False
         now = time.perf_counter()
         finish = now + self._budget

@@ -82,3 +82,20 @@ def test_where_looking_would_hold_others_up_it_never_looks(
     if what == "other threads":
         monkeypatch.setattr(threading, "active_count", lambda: 2)
     assert not Spinner(0.0 if what == "no budget" else 100e-6).spin(lambda _: True)
+
+
+def test_a_thread_that_only_waits_keeps_nobody_from_looking(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spinning, "_asleep", set())  # the test's own daemon has such a thread
+    monkeypatch.setattr(threading, "active_count", lambda: 2)
+    event, pause = threading.Event(), threading.Event()
+    thread = threading.Thread(target=spinning.sleep_until, args=(event,))
+    assert not Spinner(100e-6).spin(lambda _: True)
+    thread.start()
+    while thread.ident not in spinning._asleep:
+        pause.wait(0.001)
+    assert Spinner(100e-6).spin(lambda _: True)
+    event.set()
+    thread.join()
+    assert not Spinner(100e-6).spin(lambda _: True)
