@@ -58,6 +58,16 @@ inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
 inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;       // towards one peer
 inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;  // towards all peers
 
+// The local door: rings of shared memory between a client and a worker of one machine. A connection
+// takes 516 KiB.
+inline constexpr uint32_t kMaxDoors = 256;  // connections of one worker; further ones use ZeroMQ
+inline constexpr uint32_t kRingBytes = 256 * 1024;    // of each of a connection's two rings
+inline constexpr uint32_t kMinRingBytes = 64 * 1024;  // that a client accepts
+inline constexpr uint32_t kMaxRingBytes = 1024 * 1024;
+inline constexpr uint32_t kMaxDoorBells = 10'000;  // without a byte in the ring
+inline constexpr uint32_t kDefaultSpinUs = 100;    // longest spin before a sleep
+inline constexpr uint32_t kMaxSpinUs = 10'000;
+
 // Opens that wait in the gateway for a worker or a model.
 inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;  // of one connection
 inline constexpr uint32_t kMaxPendingOpens = 16'384;     // of all connections
