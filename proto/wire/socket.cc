@@ -1,6 +1,9 @@
 #include "proto/wire/socket.h"
 
+#include <arpa/inet.h>
 #include <fmt/format.h>
+#include <ifaddrs.h>
+#include <netinet/in.h>
 #include <sys/un.h>
 #include <zmq.h>
 
@@ -89,10 +92,33 @@ Status ZmqError(std::string_view action, std::string_view address) {
                 fmt::format("cannot {} {}: {}", action, address, zmq_strerror(zmq_errno())));
 }
 
+// Whether a network interface of this machine has the address.
+bool IsOwnAddress(in_addr address) {
+  ifaddrs* all = nullptr;
+  if (getifaddrs(&all) != 0) return false;
+  bool found = false;
+  for (const ifaddrs* entry = all; entry != nullptr; entry = entry->ifa_next) {
+    if (entry->ifa_addr == nullptr || entry->ifa_addr->sa_family != AF_INET) continue;
+    found |=
+        reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr.s_addr == address.s_addr;
+  }
+  freeifaddrs(all);
+  return found;
+}
+
 }  // namespace
 
 Context::Context() : handle_(zmq_ctx_new()) { zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, 65535); }
 Context::~Context() { zmq_ctx_term(handle_); }
+
+bool CameFromThisMachine(Message& message) {
+  // Over ipc, ZeroMQ gives no address, or ":user:group:process".
+  const char* const peer = zmq_msg_gets(AsZmq(message.envelope), "Peer-Address");
+  if (peer == nullptr || peer[0] == '\0' || peer[0] == ':') return true;
+  in_addr address{};
+  if (inet_pton(AF_INET, peer, &address) != 1) return false;
+  return ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET || IsOwnAddress(address);
+}
 
 Result<RouterSocket> RouterSocket::Bind(Context& context,
                                         std::span<const ListeningEndpoint> endpoints) {

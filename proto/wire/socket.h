@@ -49,6 +49,10 @@ struct IncomingMessage {
   Message message;
 };
 
+// Whether the peer that sent a message connected from this machine, as far as the socket can see: a
+// tunnel that ends here looks local, too. For messages of a RouterSocket.
+bool CameFromThisMachine(Message& message);
+
 class RouterSocket {
  public:
   static Result<RouterSocket> Bind(Context& context, std::span<const ListeningEndpoint> endpoints);

@@ -5,7 +5,7 @@
 #include "server/environments/mujoco/engine_version.h"
 
 namespace b4mrl {
-void DescribeServer(int64_t lease_ms, pb::HelloReply* out) {
+void DescribeServer(int64_t lease_ms, bool has_doors, pb::HelloReply* out) {
   out->set_protocol_version(limits::kProtocolVersion);
   out->set_server_version(std::string(ProjectVersion()));
   out->set_engine_version(EngineVersion());
@@ -14,6 +14,7 @@ void DescribeServer(int64_t lease_ms, pb::HelloReply* out) {
        {"step", "query", "snapshot", "render", "datasets", "status", "relay", "ledger"}) {
     out->add_capabilities(capability);
   }
+  if (has_doors) out->add_capabilities("door");
   pb::Limits* bounds = out->mutable_limits();
   bounds->set_max_envelope_bytes(limits::kMaxEnvelopeBytes);
   bounds->set_max_payload_bytes(limits::kMaxPayloadBytes);

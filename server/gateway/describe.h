@@ -6,7 +6,8 @@
 namespace b4mrl {
 
 // Fills in versions, capabilities and limits: all of a HelloReply but the dataset worker's port.
-void DescribeServer(int64_t lease_ms, pb::HelloReply* out);
+// `has_doors`: clients of this machine can share memory with the workers.
+void DescribeServer(int64_t lease_ms, bool has_doors, pb::HelloReply* out);
 // Fills in all of an OpenReply but the worker's port, from the completed request and the worker's
 // reply to Attach.
 void DescribeOpen(const pb::OpenRequest& request, const pb::AttachReply& session,

@@ -62,12 +62,11 @@ class Gateway {
         status_(context.shared(), context.options().data_folder),
         catalogue_(ModelsFolder(context.options()),
                    [options = context.options()] { return BenchmarksOf(options); }),
-        openings_(context.shared(), std::move(workers),
-                  {{ModelsFolder(context.options()), context.options().data_folder},
-                   context.options().worker_ports},
-                  [this](const Asker& to, const Result<pb::Reply>& opened) {
-                    replies_.Reply(to, opened);
-                  }),
+        openings_(
+            context.shared(), std::move(workers),
+            {{ModelsFolder(context.options()), context.options().data_folder},
+             context.options().worker_ports},
+            [this](const Asker& to, const Result<pb::Reply>& opened) { ReplyToOpen(to, opened); }),
         relay_(sockets, context.shared(),
                {context.options().worker_addresses, context.options().dataset_address},
                [this](const RoutingId& client, Message reply) {
@@ -83,6 +82,7 @@ class Gateway {
   void HandleCatalogue(const Asker& from);
   void HandleStatus(const Asker& from);
   void HandleOpen(const Asker& from);
+  void ReplyToOpen(const Asker& to, Result<pb::Reply> opened);
   void HandleLedger(const Asker& from);
   Result<pb::Reply> AnswerLedger();
   // Relays a request that another process answers.
@@ -117,7 +117,8 @@ void Gateway::Handle(IncomingMessage incoming) {
   static_assert(HandlesAll(Server::kGateway, kHandlers));
   const std::optional<Asker> asker = replies_.Read(incoming, &request_);
   if (!asker) return;
-  const Asker& from = *asker;
+  Asker from = *asker;
+  from.is_local = request_.has_open() && CameFromThisMachine(incoming.message);
   const Handler* handler = FindRow(kHandlers, request_.payload_case());
   if (handler != nullptr) return (this->*handler->handle)(from);
   const RequestKind* kind = FindRow(kRequestKinds, request_.payload_case());
@@ -144,7 +145,9 @@ void Gateway::HandleForeign(const Asker& from, Message message) {
 void Gateway::HandleHello(const Asker& from) {
   pb::Reply reply;
   pb::HelloReply* hello = reply.mutable_hello();
-  DescribeServer(context_.shared().header().lease_ms, hello);
+  const auto& ports = context_.options().worker_ports;
+  const bool has_doors = !ports.empty() && !ports.front().door.empty();
+  DescribeServer(context_.shared().header().lease_ms, has_doors, hello);
   hello->mutable_dataset_port()->set_tcp(context_.options().dataset_port.tcp);
   hello->mutable_dataset_port()->set_ipc(context_.options().dataset_port.ipc);
   replies_.Reply(from, std::move(reply));
@@ -168,6 +171,12 @@ void Gateway::HandleOpen(const Asker& from) {
   }
   request_.mutable_open()->clear_compiled_model();  // which only the gateway itself may set
   openings_.Open(from, request_);
+}
+
+void Gateway::ReplyToOpen(const Asker& to, Result<pb::Reply> opened) {
+  // Clients of other machines cannot share memory with a worker.
+  if (opened.ok() && !to.is_local) opened->mutable_open()->mutable_port()->clear_door();
+  replies_.Reply(to, std::move(opened));
 }
 
 void Gateway::HandleLedger(const Asker& from) { replies_.Reply(from, AnswerLedger()); }

@@ -229,6 +229,7 @@ Result<pb::Reply> Openings::Conclude(uint64_t generation, const Attach& attach,
   DescribeOpen(request, answer.attach(), opened);
   opened->mutable_port()->set_tcp(worker_ports_[attach.worker].tcp);
   opened->mutable_port()->set_ipc(worker_ports_[attach.worker].ipc);
+  opened->mutable_port()->set_door(worker_ports_[attach.worker].door);
   return reply;
 }
 

@@ -71,6 +71,15 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   if (key == "insecure") return flag(&options->insecure);
   if (key == "pin") return flag(&options->pin);
   if (key == "single-port") return flag(&options->single_port);
+  if (key == "no-door") return flag(&options->no_door);
+  if (key == "spin") {
+    const std::optional<int64_t> value = node.value<int64_t>();
+    if (!value || *value < 0 || *value > limits::kMaxSpinUs) {
+      return Complain(fmt::format("spin must be a number in 0..{}", limits::kMaxSpinUs));
+    }
+    if (!options->spin_us) options->spin_us = static_cast<uint32_t>(*value);
+    return Status();
+  }
   if (key == "bind") {
     const toml::array* list = node.as_array();
     std::vector<std::string> binds;
@@ -82,9 +91,10 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
     if (options->binds.empty()) options->binds = std::move(binds);
     return Status();
   }
-  return UnknownName("key", key,
-                     std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data",
-                                              "models", "suites", "insecure", "single-port"});
+  return UnknownName(
+      "key", key,
+      std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data", "models",
+                               "suites", "insecure", "single-port", "no-door", "spin"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
@@ -110,6 +120,7 @@ Status Complete(Flags* flags) {
   }
   if (serve.binds.empty()) serve.binds = {"tcp://127.0.0.1:7700"};
   if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
+  if (!serve.spin_us) serve.spin_us = limits::kDefaultSpinUs;
   if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
   if (serve.data_folder.empty()) {
     serve.data_folder = DefaultDataFolder();
@@ -125,15 +136,17 @@ Status Complete(Flags* flags) {
   return Status();
 }
 
-// "7701,/run/b4mrl.sock.worker-0"
+// "7701,b4mrl-2f9c.worker-0,/run/b4mrl.sock.worker-0"; a door's name holds no comma.
 std::string FormatPort(const ChildOptions::Port& port) {
-  return fmt::format("{},{}", port.tcp, port.ipc);
+  return fmt::format("{},{},{}", port.tcp, port.door, port.ipc);
 }
 ChildOptions::Port ParsePort(const std::string& text) {
-  const size_t comma = std::min(text.find(','), text.size());
-  const Result<uint64_t> tcp = ParseUnsigned("port", text.substr(0, comma), 0, 65535);
-  return {tcp.ok() ? static_cast<uint32_t>(*tcp) : 0,
-          comma < text.size() ? text.substr(comma + 1) : ""};
+  const size_t first = std::min(text.find(','), text.size());
+  const size_t second = std::min(text.find(',', first + 1), text.size());
+  const Result<uint64_t> tcp = ParseUnsigned("port", text.substr(0, first), 0, 65535);
+  if (second == text.size()) return {};
+  return {tcp.ok() ? static_cast<uint32_t>(*tcp) : 0, text.substr(second + 1),
+          text.substr(first + 1, second - first - 1)};
 }
 
 // "5=tcp://127.0.0.1:7701"
@@ -157,6 +170,7 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
   hidden(app.add_option("--index", line->child.index));
   hidden(app.add_option("--shared-memory", line->shared_memory_fd));
   hidden(app.add_option("--listen", flags->listeners));
+  hidden(app.add_option("--door", line->child.door_listener));
   hidden(app.add_option("--worker-port", flags->worker_ports));
   hidden(app.add_option("--worker-address", line->child.worker_addresses));
   hidden(app.add_option("--dataset-port", flags->dataset_port));
@@ -175,6 +189,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
   child.data_folder = serve.data_folder;
   child.models_folder = serve.models_folder;
   child.suites_folder = serve.suites_folder;
+  child.spin_us = serve.spin_us.value_or(0);
   for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
   for (const std::string& text : flags.worker_ports) child.worker_ports.push_back(ParsePort(text));
   child.dataset_port = ParsePort(flags.dataset_port);
@@ -215,6 +230,15 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
   app.add_flag("--single-port", serve.single_port,
                "listen on the addresses of --bind alone and relay to the workers: slower, for "
                "clients behind a tunnel, a firewall or a container's one port");
+  app.add_flag("--no-door", serve.no_door,
+               "offer no shared memory to clients of this machine: they use sockets, too");
+  app.add_option(
+         "--spin", serve.spin_us,
+         fmt::format("microseconds that a worker, or a client with shared memory, looks for "
+                     "the other's message before it sleeps; 0 never (default {})",
+                     limits::kDefaultSpinUs))
+      ->transform(CLI::Validator(CountText(0, limits::kMaxSpinUs),
+                                 fmt::format("0..{}", limits::kMaxSpinUs)));
   ChildFlags child_flags;
   AddChildFlags(app, &line, &child_flags);
   try {
@@ -253,6 +277,8 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
     arguments.push_back(std::move(value));
   };
   if (child.pin) arguments.push_back("--pin");
+  if (child.door_listener >= 0) add("--door", std::to_string(child.door_listener));
+  add("--spin", std::to_string(child.spin_us));
   if (!child.models_folder.empty()) add("--models", child.models_folder);
   if (!child.suites_folder.empty()) add("--suites", child.suites_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {

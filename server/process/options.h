@@ -22,6 +22,9 @@ struct ServeOptions {
   std::string suites_folder;   // exists, or "": the project's suites alone
   bool insecure = false;       // allow addresses that other machines can reach
   bool single_port = false;    // clients reach the gateway alone, which relays
+  bool no_door = false;        // clients of this machine use sockets, too
+  std::optional<uint32_t>
+      spin_us;  // longest spin of workers and clients with a local door; 0: none
 };
 
 struct CommandLine {

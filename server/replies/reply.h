@@ -19,6 +19,7 @@ namespace b4mrl {
 struct Asker {
   RoutingId peer;
   uint64_t request_id = 0;
+  bool is_local = false;  // on this machine; the gateway sets it for an Open
 };
 
 // The request's own deadline, or the default, plus `grace_ms`, all counted from now. Any thread.

@@ -58,6 +58,7 @@ Status ChildProcess::Start() {
   pointers.push_back(nullptr);
   std::vector<int> kept_fds = {shared_->fd()};
   for (const ListeningEndpoint& endpoint : options_.endpoints) kept_fds.push_back(endpoint.fd);
+  if (options_.door_listener >= 0) kept_fds.push_back(options_.door_listener);
 
   ChildRecord& record = shared_->child(child_);
   const pid_t supervisor = getpid();

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <sys/random.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -18,12 +19,13 @@
 #include "proto/base/child_program.h"
 #include "proto/base/spec.h"
 #include "proto/base/unique_fd.h"
+#include "proto/wire/door.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr int kBacklog = 1024;
-constexpr int kSocketFlags = SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK;
+constexpr int kSocketFlags = SOCK_CLOEXEC | SOCK_NONBLOCK;
 
 Result<in_addr> ResolveHost(const std::string& host) {
   in_addr address{};
@@ -49,9 +51,10 @@ std::string FormatHost(in_addr address) {
   return text;
 }
 
-// A socket that listens on `address`, which `name` names in errors.
-Result<UniqueFd> Listen(const sockaddr* address, socklen_t size, const std::string& name) {
-  UniqueFd fd(socket(address->sa_family, kSocketFlags, 0));
+// A socket of `type` that listens on `address`, which `name` names in errors.
+Result<UniqueFd> Listen(int type, const sockaddr* address, socklen_t size,
+                        const std::string& name) {
+  UniqueFd fd(socket(address->sa_family, type | kSocketFlags, 0));
   if (!fd.valid()) return IoError("open a socket for", name, errno);
   const int on = 1;  // has an effect on TCP alone
   setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
@@ -110,7 +113,7 @@ Status AddTcp(in_addr host, uint16_t port, std::vector<ListeningEndpoint>* to, u
   address.sin_port = htons(port);
   socklen_t size = sizeof(address);
   auto* generic = reinterpret_cast<sockaddr*>(&address);
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(generic, size, name));
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_STREAM, generic, size, name));
   if (getsockname(fd.get(), generic, &size) != 0) return IoError("listen on", name, errno);
   const uint16_t bound = ntohs(address.sin_port);
   to->push_back({fmt::format("tcp://{}:{}", FormatHost(host), bound), fd.Release()});
@@ -126,7 +129,7 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
   std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
   if (IsStaleSocketFile(address)) unlink(address.sun_path);
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(generic, sizeof(address), name));
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_STREAM, generic, sizeof(address), name));
   to->push_back({name, fd.Release()});
   return Status();
 }
@@ -167,6 +170,22 @@ Status FillWorkers(const Plan& plan, uint32_t workers, Listeners* listeners) {
   return AddWorker(plan, workers + 1, ".dataset", &listeners->dataset, &listeners->dataset_port);
 }
 
+// Opens the local doors of all workers.
+Status FillDoors(Listeners* listeners) {
+  uint64_t drawn[2] = {};
+  (void)!getrandom(drawn, sizeof(drawn), 0);  // never shortened (getrandom(2))
+  for (size_t i = 0; i < listeners->workers.size(); ++i) {
+    const std::string name = fmt::format("b4mrl-{:016x}{:016x}.worker-{}", drawn[0], drawn[1], i);
+    sockaddr_un address;
+    const socklen_t size = DoorAddress(name, &address);
+    const auto* generic = reinterpret_cast<const sockaddr*>(&address);
+    B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_SEQPACKET, generic, size, "door " + name));
+    listeners->doors.push_back(fd.Release());
+    listeners->worker_ports[i].door = name;
+  }
+  return Status();
+}
+
 Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   for (const Plan::Tcp& tcp : plan.tcp) {
     B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
@@ -175,7 +194,10 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   for (const std::string& path : plan.ipc) {
     B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
   }
-  if (!options.single_port) return FillWorkers(plan, options.workers, listeners);
+  if (!options.single_port) {
+    B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
+    return options.no_door ? Status() : FillDoors(listeners);
+  }
   plan.tcp.clear();
   if (plan.ipc.empty()) {
     B4MRL_ASSIGN_OR_RETURN(listeners->private_folder, MakeTemporaryFolder("b4mrl-gateway"));

@@ -6,6 +6,9 @@
 // after the last worker's; if P is 0, they all get free ports. Beside the first ipc PATH they
 // listen on PATH.worker-i and PATH.dataset. With --single-port, workers have only such ipc sockets,
 // in a private folder if --bind names no ipc PATH, and clients are not told of them.
+//
+// Each environment worker also has a local door (proto/wire/door.h), under a name that no other
+// daemon has. With --single-port or --no-door there are none.
 #pragma once
 
 #include <string>
@@ -21,6 +24,7 @@ struct Listeners {
   std::vector<ListeningEndpoint> gateway;
   std::vector<std::vector<ListeningEndpoint>> workers;
   std::vector<ListeningEndpoint> dataset;
+  std::vector<int> doors;  // the listening socket of each worker's local door; empty without doors
   // The ports that clients are told.
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;

@@ -58,6 +58,7 @@ void Supervisor::AddChildren(const ServeOptions& options) {
   ChildOptions common;
   common.threads = options.threads;
   common.pin = options.pin;
+  common.spin_us = options.spin_us.value_or(0);
   common.data_folder = options.data_folder;
   common.models_folder = options.models_folder;
   common.suites_folder = options.suites_folder;
@@ -74,6 +75,8 @@ void Supervisor::AddChildren(const ServeOptions& options) {
     child_options.role = std::move(role);
     child_options.index = index;
     child_options.endpoints = endpoints;
+    const bool has_door = child >= kFirstWorkerChild && !listeners_.doors.empty();
+    if (has_door) child_options.door_listener = listeners_.doors[index];
     children_.emplace_back(child, std::move(child_options), &shared_);
   };
   for (uint32_t i = 0; i < listeners_.workers.size(); ++i) {

@@ -47,6 +47,8 @@ class Executor {
   // Executes a bite of the queue; false if there is none.
   bool RunBite();
 
+  // Whether TakeCompleted would return a job.
+  bool has_completed() const { return any_completed_.load(std::memory_order_relaxed); }
   // Jobs completed since the last call.
   std::vector<RequestJob*> TakeCompleted();
   // Between BeginWait and EndWait the caller may wait for completion_fd, which becomes readable

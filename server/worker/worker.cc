@@ -1,5 +1,5 @@
-// An environment worker's main loop, in the thread that owns the socket and simulates between two
-// messages. The threads of the executor's pool only simulate.
+// An environment worker's main loop, in the thread that owns the socket and the local doors, and
+// simulates between two messages. The threads of the executor's pool only simulate.
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -7,6 +7,8 @@
 #include "proto/base/clock.h"
 #include "proto/base/cores.h"
 #include "proto/base/limits.h"
+#include "proto/base/spin.h"
+#include "server/door/doors.h"
 #include "server/process/child.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/dispatcher.h"
@@ -21,12 +23,19 @@ constexpr int kReceiveBurst = 64;
 constexpr double kReceiveBurstSeconds = 1e-4;
 // Interval between two calls of AdoptNext, so that all records are looked at within a second.
 constexpr int64_t kAdoptIntervalMs = 60;
+// Interval at which a worker that has clients with local doors looks at its socket, which costs a
+// system call, and at the doors' own sockets.
+constexpr std::chrono::microseconds kSocketLookInterval(20);
+constexpr std::chrono::microseconds kDoorLookInterval(1000);
 
 class Worker {
  public:
-  Worker(ChildContext& context, RouterSocket socket, std::vector<int> cores)
+  Worker(ChildContext& context, RouterSocket socket, Doors doors, Spinner spinner,
+         std::vector<int> cores)
       : context_(context),
         socket_(std::move(socket)),
+        doors_(std::move(doors)),
+        spinner_(spinner),
         executor_(context.options().threads, context.shared().marks(context.options().index),
                   std::move(cores)),
         dispatcher_(context.shared(), context.options().index, executor_,
@@ -39,31 +48,89 @@ class Worker {
  private:
   void Send(const RoutingId& receiver, Message reply);
   void ReceiveBurst();
+  // The next message of a door or of the socket, which have their turns.
+  std::optional<IncomingMessage> TryReceive();
+  // Looks at the doors for a while instead of sleeping. Returns whether the loop should go round
+  // once more.
+  bool Spin();
+  void Sleep();
 
   ChildContext& context_;
   RouterSocket socket_;
+  Doors doors_;
+  Spinner spinner_;
+  bool doors_turn_ = false;
+  bool socket_is_due_ = true;  // to be looked at
+  Clock::time_point socket_look_{}, door_look_{};
+  // Since when no door has had a message; nothing while a message is being answered.
+  std::optional<Clock::time_point> doors_quiet_since_;
   Executor executor_;
   Dispatcher dispatcher_;
 };
 
 void Worker::Send(const RoutingId& receiver, Message reply) {
-  const Status status = socket_.Send(receiver, std::move(reply));
+  const Status status = Doors::IsDoor(receiver) ? doors_.Send(receiver, std::move(reply))
+                                                : socket_.Send(receiver, std::move(reply));
   // A client that is gone asks again when it is back, and is answered from the slots.
   if (status.ok() || status.code() == StatusCode::kUnavailable) return;
   context_.record().errors.fetch_add(1, std::memory_order_relaxed);
 }
 
+std::optional<IncomingMessage> Worker::TryReceive() {
+  doors_turn_ = !doors_turn_;
+  for (const bool from_doors : {doors_turn_, !doors_turn_}) {
+    std::optional<IncomingMessage> message;
+    if (from_doors) {
+      message = doors_.TryReceive();
+      if (message && doors_quiet_since_) spinner_.Learn(Clock::now() - *doors_quiet_since_);
+      if (message) doors_quiet_since_.reset();
+    } else if (socket_is_due_) {
+      message = socket_.TryReceive();
+      socket_is_due_ = message.has_value();
+    }
+    if (message) return message;
+  }
+  return std::nullopt;
+}
+
 void Worker::ReceiveBurst() {
-  std::optional<IncomingMessage> next = socket_.TryReceive();
-  if (!next) return;
   const Clock::time_point start = Clock::now();
+  if (!doors_.any() || start - socket_look_ > kSocketLookInterval) socket_is_due_ = true;
+  if (socket_is_due_) socket_look_ = start;
+  if (start - door_look_ > kDoorLookInterval) {
+    doors_.Attend();
+    door_look_ = start;
+  }
+  std::optional<IncomingMessage> next = TryReceive();
   for (int i = 0; next; ++i) {
     IncomingMessage current = std::move(*next);
     const bool goes_on = i + 1 < kReceiveBurst && SecondsSince(start) < kReceiveBurstSeconds;
-    next = goes_on ? socket_.TryReceive() : std::nullopt;
+    next = goes_on ? TryReceive() : std::nullopt;
     dispatcher_.Handle(std::move(current), next.has_value());
     context_.Beat();  // a burst may build many sessions
   }
+}
+
+bool Worker::Spin() {
+  if (!doors_.any()) return false;
+  if (!doors_quiet_since_) doors_quiet_since_ = Clock::now();
+  const auto is_over = [this] { return doors_.HasWork() || executor_.has_completed(); };
+  return spinner_.Spin(*doors_quiet_since_, kSocketLookInterval, is_over) ||
+         spinner_.MaySpin(*doors_quiet_since_, Clock::now());
+}
+
+void Worker::Sleep() {
+  if (executor_.BeginWait() && doors_.BeginSleep()) {
+    void* const socket = socket_.handle();
+    const int readable[] = {executor_.completion_fd(), doors_.epoll_fd()};
+    WaitAnyReadable({&socket, 1}, std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()),
+                    std::span(readable).first(doors_.epoll_fd() < 0 ? 1 : 2));
+  }
+  doors_.EndSleep();
+  executor_.EndWait();
+  socket_is_due_ = true;
+  // Bells are taken off at once; otherwise the next sleep would end at once.
+  if (doors_.any()) door_look_ = {};
 }
 
 Status Worker::Run() {
@@ -71,7 +138,6 @@ Status Worker::Run() {
   // The first beat reports that the worker is ready, so a crash at the first message counts as a
   // crash at a message, not at the start.
   context_.Beat();
-  const int completion_fd = executor_.completion_fd();
   int64_t next_reap_ms = 0, next_adopt_ms = 0;
   while (true) {
     ReceiveBurst();
@@ -90,14 +156,9 @@ Status Worker::Run() {
       dispatcher_.AdoptNext();
       next_adopt_ms = now + kAdoptIntervalMs;
     }
-    if (executor_.RunBite()) continue;
-    if (executor_.BeginWait()) {
-      void* const socket = socket_.handle();
-      WaitAnyReadable({&socket, 1}, std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()),
-                      {&completion_fd, 1});
-    }
-    executor_.EndWait();
+    if (!executor_.RunBite() && !Spin()) Sleep();
   }
+  doors_.Drain(kFlushMs);
   socket_.LingerOnClose(kFlushMs);
   return Status();
 }
@@ -122,13 +183,16 @@ Status RunWorker(ChildContext& context) {
     return InvalidNumber("--index", context.options().index, "below the number of workers");
   }
   const std::vector<int> cores = CoresOf(context.options());
+  const bool spins = AvailableCores().size() > 1;
+  const std::chrono::microseconds spin(spins ? context.options().spin_us : 0);
   // Pinned before ZeroMQ's thread for input and output starts, which then shares the core: waking a
   // thread of another core costs several microseconds more.
   if (!cores.empty()) PinThisThread({cores[0]});
   Context sockets;
   B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
                          RouterSocket::Bind(sockets, context.options().endpoints));
-  Worker worker(context, std::move(socket), cores);
+  Doors doors(context.options().door_listener, context.options().spin_us);
+  Worker worker(context, std::move(socket), std::move(doors), Spinner(spin), cores);
   return worker.Run();
 }
 

@@ -1,0 +1,93 @@
+#include "server/door/door.h"
+
+#include <sys/socket.h>
+
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <utility>
+
+#include "proto/base/limits.h"
+
+namespace b4mrl {
+namespace {
+
+// Bells that are read before the other doors have their turn.
+constexpr int kBellBurst = 64;
+
+Status SendGreeting(int socket, const DoorGreeting& greeting, int memory_fd) {
+  iovec bytes{const_cast<DoorGreeting*>(&greeting), sizeof(greeting)};
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
+  msghdr message{};
+  message.msg_iov = &bytes;
+  message.msg_iovlen = 1;
+  message.msg_control = control;
+  message.msg_controllen = sizeof(control);
+  cmsghdr* const header = CMSG_FIRSTHDR(&message);
+  header->cmsg_level = SOL_SOCKET;
+  header->cmsg_type = SCM_RIGHTS;
+  header->cmsg_len = CMSG_LEN(sizeof(int));
+  std::memcpy(CMSG_DATA(header), &memory_fd, sizeof(int));
+  if (sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL) == sizeof(greeting)) return Status();
+  return IoError("greet", "the client of a door", errno);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Door>> Door::Greet(UniqueFd socket, uint64_t number, uint32_t spin_us) {
+  DoorGreeting greeting;
+  greeting.up_bytes = greeting.down_bytes = limits::kRingBytes;
+  greeting.spin_us = spin_us;
+  B4MRL_ASSIGN_OR_RETURN(DoorMemory memory,
+                         DoorMemory::Create(greeting.up_bytes, greeting.down_bytes));
+  B4MRL_RETURN_IF_ERROR(SendGreeting(socket.get(), greeting, memory.fd()));
+  memory.CloseFd();
+  return std::unique_ptr<Door>(new Door(std::move(socket), std::move(memory), number));
+}
+
+std::optional<Message> Door::Receive(size_t largest_payload) {
+  if (is_dead_) return std::nullopt;
+  Message message;
+  bool is_whole = false;
+  const RingResult result = reader_.Take(&message, &is_whole, largest_payload);
+  if (result == RingResult::kBroken) is_dead_ = true;
+  if (result == RingResult::kMoved) {
+    idle_bells_ = 0;
+    WakePeer(socket(), &words().client_sleeps, kSleepsForSpace);
+  }
+  if (!is_whole) return std::nullopt;
+  return message;
+}
+
+void Door::Send(Message message) {
+  writer_.Push(std::move(message));
+  Write();
+}
+
+void Door::Write() {
+  if (is_dead_) return;
+  const RingResult result = writer_.Write();
+  if (result == RingResult::kBroken) is_dead_ = true;
+  if (result == RingResult::kMoved) WakePeer(socket(), &words().client_sleeps, kSleepsForBytes);
+}
+
+void Door::BeginSleep() {
+  words().worker_sleeps.store(kSleepsForBytes | (writer_.queued() > 0 ? kSleepsForSpace : 0),
+                              std::memory_order_relaxed);
+}
+
+void Door::EndSleep() { words().worker_sleeps.store(0, std::memory_order_relaxed); }
+
+void Door::ReadBells() {
+  char bell = 0;
+  for (int i = 0; i < kBellBurst; ++i) {
+    const ssize_t received = recv(socket(), &bell, sizeof(bell), MSG_DONTWAIT);
+    if (received < 0 && (errno == EAGAIN || errno == EINTR)) return;
+    if (received <= 0 || ++idle_bells_ > limits::kMaxDoorBells) {
+      is_dead_ = true;
+      return;
+    }
+  }
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,220 @@
+#include "server/door/doors.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <thread>
+
+#include "proto/base/limits.h"
+#include "proto/wire/client_door.h"
+#include "proto/wire/door.h"
+
+namespace b4mrl {
+namespace {
+
+std::string NewName() {
+  static std::atomic<int> number{0};
+  return fmt::format("b4mrl-doors-test-{}-{}", getpid(), number++);
+}
+
+UniqueFd Listen(const std::string& name) {
+  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  sockaddr_un address;
+  const socklen_t size = DoorAddress(name, &address);
+  REQUIRE(bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) == 0);
+  REQUIRE(listen(fd.get(), 1024) == 0);
+  return fd;
+}
+
+// A connection to a door's socket, without the memory's rules.
+UniqueFd ConnectRaw(const std::string& name) {
+  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
+  sockaddr_un address;
+  const socklen_t size = DoorAddress(name, &address);
+  REQUIRE(connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) == 0);
+  return fd;
+}
+
+// A worker's loop in a thread of its own, which sends every message back.
+class EchoWorker {
+ public:
+  explicit EchoWorker(int listener, uint32_t spin_us = 0)
+      : doors_(listener, spin_us), thread_([this] { Run(); }) {}
+  ~EchoWorker() { Stop(); }
+  void Stop() {
+    stop_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+  size_t echoed() const { return echoed_; }
+
+ private:
+  void Run() {
+    while (!stop_) {
+      doors_.Attend();
+      while (std::optional<IncomingMessage> incoming = doors_.TryReceive()) {
+        if (doors_.Send(incoming->sender, std::move(incoming->message)).ok()) ++echoed_;
+      }
+      pollfd waited{doors_.epoll_fd(), POLLIN, 0};
+      if (doors_.BeginSleep()) poll(&waited, 1, 10);
+      doors_.EndSleep();
+    }
+    doors_.Drain(1000);
+  }
+
+  Doors doors_;
+  std::atomic<bool> stop_{false};
+  std::atomic<size_t> echoed_{0};
+  std::thread thread_;
+};
+
+ClientDoor Connect(const std::string& name) {
+  Result<ClientDoor> door = ClientDoor::Connect(name, Deadline::AfterMs(10'000));
+  INFO(door.status().ToString());
+  REQUIRE(door.ok());
+  return std::move(*door);
+}
+
+Message MessageOf(size_t payload, char letter) {
+  return {Frame::Copy("envelope"), Frame::Copy(std::string(payload, letter))};
+}
+
+std::optional<Message> ReceiveFrom(ClientDoor& door) {
+  const Deadline deadline = Deadline::AfterMs(30'000);
+  std::optional<Message> message;
+  while (!message && !deadline.expired()) message = door.Receive(deadline);
+  return message;
+}
+
+size_t OpenDescriptors() {
+  const std::filesystem::directory_iterator all("/proc/self/fd");
+  return static_cast<size_t>(std::distance(begin(all), end(all)));
+}
+
+TEST_CASE("A door carries messages of any size there and back") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  EchoWorker worker(listener.get(), GENERATE(0u, 100u));
+  ClientDoor door = Connect(name);
+  for (const size_t size : {0ul, 1ul, 100ul, 70'000ul, 300'000ul, 5'000'000ul}) {
+    REQUIRE(door.Send(MessageOf(size, 'x')).ok());
+    const std::optional<Message> reply = ReceiveFrom(door);
+    REQUIRE(reply.has_value());
+    CHECK(reply->envelope.view() == "envelope");
+    CHECK(reply->payload.view() == std::string(size, 'x'));
+  }
+}
+
+TEST_CASE("Several clients of a door get their own replies") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  EchoWorker worker(listener.get());
+  ClientDoor first = Connect(name), second = Connect(name);
+  for (int i = 0; i < 100; ++i) {
+    REQUIRE(first.Send(MessageOf(64, 'a')).ok());
+    REQUIRE(second.Send(MessageOf(200'000, 'b')).ok());
+    const std::optional<Message> to_second = ReceiveFrom(second), to_first = ReceiveFrom(first);
+    REQUIRE((to_first && to_second));
+    CHECK(to_first->payload.view() == std::string(64, 'a'));
+    CHECK(to_second->payload.view() == std::string(200'000, 'b'));
+  }
+}
+
+TEST_CASE("A client finds the replacement of its worker and counts the connection") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  auto worker = std::make_unique<EchoWorker>(listener.get());
+  ClientDoor door = Connect(name);
+  CHECK(door.connections() == 1);
+  worker.reset();
+  worker = std::make_unique<EchoWorker>(listener.get());
+  const Deadline deadline = Deadline::AfterMs(30'000);
+  while (door.connections() == 1 && !deadline.expired()) door.Receive(deadline);
+  REQUIRE(door.connections() == 2);
+  REQUIRE(door.Send(MessageOf(10, 'z')).ok());
+  CHECK(ReceiveFrom(door).has_value());
+}
+
+TEST_CASE("A door that nobody holds open any more is refused") {
+  const std::string name = NewName();
+  ClientDoor door = [&] {
+    const UniqueFd listener = Listen(name);
+    EchoWorker worker(listener.get());
+    return Connect(name);
+  }();
+  const Deadline deadline = Deadline::AfterMs(30'000);
+  while (!door.is_refused() && !deadline.expired()) door.Receive(deadline);
+  CHECK(door.is_refused());
+  CHECK(ClientDoor::Connect(name, deadline).status().code() == StatusCode::kUnavailable);
+}
+
+TEST_CASE("A client that cannot be served is closed at once, and the others go on") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  std::vector<UniqueFd> clients;
+  for (uint32_t i = 0; i <= limits::kMaxDoors; ++i) {
+    clients.push_back(ConnectRaw(name));
+    doors.Attend();
+  }
+  DoorGreeting greeting;
+  CHECK(recv(clients[limits::kMaxDoors - 1].get(), &greeting, sizeof(greeting), 0) ==
+        sizeof(greeting));
+  CHECK(recv(clients[limits::kMaxDoors].get(), &greeting, sizeof(greeting), 0) == 0);
+}
+
+TEST_CASE("A client that rings without end is dropped") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  const UniqueFd client = ConnectRaw(name);
+  doors.Attend();
+  REQUIRE(doors.any());
+  const char bell = 0;
+  for (uint32_t i = 0; i <= limits::kMaxDoorBells; ++i) {
+    while (send(client.get(), &bell, 1, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && doors.any()) {
+      doors.Attend();
+    }
+  }
+  for (int i = 0; i < 1000 && doors.any(); ++i) doors.Attend();
+  CHECK_FALSE(doors.any());
+}
+
+TEST_CASE("A client that goes leaves no descriptor and no door behind") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  const size_t before = OpenDescriptors();
+  for (int i = 0; i < 50; ++i) {
+    const UniqueFd client = ConnectRaw(name);
+    doors.Attend();
+    CHECK(doors.any());
+  }
+  doors.Attend();
+  CHECK_FALSE(doors.any());
+  CHECK(OpenDescriptors() == before);
+}
+
+TEST_CASE("A door's memory can be neither shrunk nor grown, and other memory is not accepted") {
+  const Result<DoorMemory> memory = DoorMemory::Create(limits::kRingBytes, limits::kRingBytes);
+  REQUIRE(memory.ok());
+  CHECK(ftruncate(memory->fd(), 4096) != 0);
+  CHECK(ftruncate(memory->fd(), 1 << 30) != 0);
+
+  DoorGreeting greeting;
+  greeting.up_bytes = greeting.down_bytes = limits::kRingBytes;
+  CHECK(DoorMemory::Map(UniqueFd(dup(memory->fd())), greeting).ok());
+  SECTION("of another version") { greeting.version = 2; }
+  SECTION("of another magic") { greeting.magic = 1; }
+  SECTION("of other sizes") { greeting.down_bytes *= 2; }
+  SECTION("of sizes that no ring has") { greeting.up_bytes = limits::kRingBytes + 64; }
+  CHECK_FALSE(DoorMemory::Map(UniqueFd(dup(memory->fd())), greeting).ok());
+}
+
+}  // namespace
+}  // namespace b4mrl
