@@ -226,8 +226,8 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(port));
   const bool exists = !address.empty();
   if (exists && !unreachable_.contains(address)) {
-    B4MRL_ASSIGN_OR_RETURN(Connection direct,
-                           Connection::Open(*context_, address, token, cancelled_));
+    B4MRL_ASSIGN_OR_RETURN(Connection direct, Connection::OpenDoor(*context_, address, port.door(),
+                                                                   token, cancelled_));
     // Without a relay, the first request waits for the connection until its deadline.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
@@ -240,7 +240,10 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   ReportRelay(
       exists ? fmt::format("{} does not answer within {} ms", address, limits::kDirectConnectMs)
              : "the server has no port of its own for this");
-  return Connection::Open(*context_, endpoint_, token, cancelled_);
+  B4MRL_ASSIGN_OR_RETURN(Connection relay,
+                         Connection::Open(*context_, endpoint_, token, cancelled_));
+  relay.set_is_relay();
+  return relay;
 }
 
 Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {

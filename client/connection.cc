@@ -30,16 +30,18 @@ Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
 
 }  // namespace
 
-Result<Connection> Connection::Open(Context& context, const std::string& address, std::string token,
-                                    const std::atomic<bool>* cancelled) {
-  B4MRL_ASSIGN_OR_RETURN(DealerSocket socket, DealerSocket::Connect(context, address));
-  return Connection(std::move(socket), std::move(token), cancelled);
+Result<Connection> Connection::OpenDoor(Context& context, const std::string& address,
+                                        const std::string& door, std::string token,
+                                        const std::atomic<bool>* cancelled) {
+  B4MRL_ASSIGN_OR_RETURN(
+      Link link, Link::Open(context, address, door, Deadline::AfterMs(limits::kDirectConnectMs)));
+  return Connection(std::move(link), std::move(token), cancelled);
 }
 
 bool Connection::AwaitHandshake(const Deadline& deadline) {
-  while (socket_.connections() == 0) {
+  while (link_.connections() == 0) {
     if (deadline.expired() || IsCancelled()) return false;
-    socket_.Wait(deadline);
+    link_.Wait(deadline);
   }
   return true;
 }
@@ -72,7 +74,7 @@ Status Connection::Transmit(Pending& pending) {
   pending.connection = std::max(connections_seen_, 1u);
   pending.sent = Clock::now();
   B4MRL_ASSIGN_OR_RETURN(Frame envelope, SerializeEnvelope(pending.request));
-  return socket_.Send({std::move(envelope), pending.payload.Share()});
+  return link_.Send({std::move(envelope), pending.payload.Share()});
 }
 
 Result<ReceivedReply> Connection::Receive(uint64_t id) {
@@ -137,7 +139,7 @@ Deadline Connection::NextWake() const {
 }
 
 void Connection::Pump() {
-  std::optional<Message> message = socket_.Receive(NextWake());
+  std::optional<Message> message = link_.Receive(NextWake());
   if (!message) Resend();
   // No request expires while the queue may still hold its reply: only when the queue is empty, or
   // held a message that answers no request.
@@ -163,7 +165,7 @@ bool Connection::Accept(Message message) {
 }
 
 void Connection::Resend() {
-  connections_seen_ = socket_.connections();
+  connections_seen_ = link_.connections();
   if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   const Clock::time_point now = Clock::now();
   for (Pending& pending : pending_) {
@@ -187,7 +189,7 @@ void Connection::ExpirePending() {
       ++it;
       continue;
     }
-    const bool connected = socket_.connections() > 0;
+    const bool connected = link_.connections() > 0;
     arrived_.push_back({it->id, Delivery::Kind::kNoAnswer,
                         connected
                             ? Status(StatusCode::kDeadlineExceeded, "no answer within the deadline")

@@ -21,6 +21,7 @@
 #include <string_view>
 #include <vector>
 
+#include "client/link.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
@@ -65,7 +66,14 @@ class Connection {
   // handshake. `cancelled`, if given, outlives the connection: once it is true, calls that wait
   // return kUnavailable within 20 ms. Any thread or signal handler may set it.
   static Result<Connection> Open(Context& context, const std::string& address, std::string token,
-                                 const std::atomic<bool>* cancelled = nullptr);
+                                 const std::atomic<bool>* cancelled = nullptr) {
+    return OpenDoor(context, address, "", std::move(token), cancelled);
+  }
+  // As Open, to a process that also has the local door `door`, if the name is not "". Waits for the
+  // door at most limits::kDirectConnectMs; without it, the connection uses `address`.
+  static Result<Connection> OpenDoor(Context& context, const std::string& address,
+                                     const std::string& door, std::string token,
+                                     const std::atomic<bool>* cancelled = nullptr);
 
   // Queues a request and returns its id. The caller has set the payload and the array table of
   // `request`; Send adds version, token, id and deadline. kLimitExceeded while
@@ -95,7 +103,11 @@ class Connection {
   // The number of requests that were sent and not received.
   size_t in_flight() const { return pending_.size() + arrived_.size(); }
   // How often the connection was made; more than once if the process was replaced.
-  uint32_t connections() { return socket_.connections(); }
+  uint32_t connections() { return link_.connections(); }
+  // The way that messages go: "door", "ipc", "tcp" or "relay".
+  std::string_view transport() const { return is_relay_ ? "relay" : link_.transport(); }
+  // Says that the process at the other end passes the requests on.
+  void set_is_relay() { is_relay_ = true; }
 
  private:
   struct Pending {
@@ -110,8 +122,8 @@ class Connection {
     bool renewed = false;      // whether its deadline was extended after a reconnection
   };
 
-  Connection(DealerSocket socket, std::string token, const std::atomic<bool>* cancelled)
-      : socket_(std::move(socket)), token_(std::move(token)), cancelled_(cancelled) {}
+  Connection(Link link, std::string token, const std::atomic<bool>* cancelled)
+      : link_(std::move(link)), token_(std::move(token)), cancelled_(cancelled) {}
   bool IsCancelled() const { return cancelled_ != nullptr && *cancelled_; }
   Status Transmit(Pending& pending);
   // Waits for one message and accepts it, or resends and gives up requests that are due.
@@ -124,7 +136,8 @@ class Connection {
   // The time at which the first pending request is sent again or given up.
   Deadline NextWake() const;
 
-  DealerSocket socket_;
+  Link link_;
+  bool is_relay_ = false;
   std::string token_;
   const std::atomic<bool>* cancelled_;
   uint64_t next_id_ = 1;

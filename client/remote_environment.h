@@ -110,6 +110,9 @@ class RemoteEnvironment {
   const pb::OpenReply& in_force() const { return in_force_; }
   const std::string& experiment_id() const { return in_force_.experiment_id(); }
   uint32_t num_envs() const { return in_force_.num_envs(); }
+  // The way that requests go: "door" (shared memory, on the daemon's own machine), "ipc", "tcp" or
+  // "relay" (through the gateway). Changes to a socket's if the door fails.
+  std::string_view transport() const { return connection_->transport(); }
 
   // Starts episode 0 of `seeds`, one seed for each lane; without seeds, each lane's next episode.
   Result<StepOutcome> Reset(std::span<const uint32_t> lanes = {},
