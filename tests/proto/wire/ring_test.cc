@@ -1,156 +1,399 @@
 #include "proto/wire/ring.h"
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <cstring>
-#include <numeric>
+#include <deque>
+#include <fstream>
+#include <limits>
+#include <optional>
+#include <thread>
 #include <vector>
 
 #include "proto/base/limits.h"
+#include "proto/base/rng.h"
+#include "tests/proto/wire/numbered_message.h"
 
 namespace b4mrl {
 namespace {
 
-constexpr size_t kSize = 1024;  // small, so that messages wrap and exceed it
+constexpr size_t kSmallRing = 1024;
+constexpr size_t kPrefixBytes = 16;
 constexpr size_t kAnyPayload = limits::kMaxPayloadBytes;
 
-// A ring in this process's own memory, with both ends.
-struct Fixture {
+// A ring in ordinary memory, between two areas that nobody may touch.
+class GuardedRing {
+ public:
+  explicit GuardedRing(size_t size) : size_(size), memory_(size + 2 * kGuard, kUntouched) {}
+
+  Ring ring() { return {&head, &tail, bytes(), size_}; }
+  std::byte* bytes() { return memory_.data() + kGuard; }
+  bool GuardsAreIntact() const {
+    const auto is_untouched = [](std::byte byte) { return byte == kUntouched; };
+    return std::all_of(memory_.begin(), memory_.begin() + kGuard, is_untouched) &&
+           std::all_of(memory_.end() - kGuard, memory_.end(), is_untouched);
+  }
+
   std::atomic<uint64_t> head{0}, tail{0};
-  std::vector<std::byte> bytes = std::vector<std::byte>(kSize);
-  Ring ring{&head, &tail, bytes.data(), kSize};
-  RingWriter writer{ring};
-  RingReader reader{ring};
+
+ private:
+  static constexpr size_t kGuard = 4096;
+  static constexpr std::byte kUntouched{0xA5};
+
+  size_t size_;
+  std::vector<std::byte> memory_;
 };
 
-Frame FrameOf(size_t size, uint8_t first) {
-  Frame frame = Frame::OfSize(size);
-  auto* const bytes = reinterpret_cast<uint8_t*>(frame.data());
-  std::iota(bytes, bytes + size, first);
-  return frame;
-}
-
-Message MessageOf(size_t envelope, size_t payload, uint8_t first = 1) {
-  return {FrameOf(envelope, first), FrameOf(payload, static_cast<uint8_t>(first + 100))};
-}
-
-bool AreEqual(const Message& a, const Message& b) {
-  return a.envelope.view() == b.envelope.view() && a.payload.view() == b.payload.view();
-}
-
-// Moves one message through the ring, piece by piece.
-Message Carry(Fixture& fixture, Message message) {
-  fixture.writer.Push(std::move(message));
-  Message taken;
-  for (bool is_whole = false; !is_whole;) {
-    REQUIRE(fixture.writer.Write() != RingResult::kBroken);
-    REQUIRE(fixture.reader.Take(&taken, &is_whole, kAnyPayload) == RingResult::kMoved);
-  }
-  return taken;
-}
-
-void Publish(Fixture& fixture, uint32_t envelope, uint32_t payload, uint64_t zero) {
-  std::memcpy(fixture.bytes.data(), &envelope, 4);
-  std::memcpy(fixture.bytes.data() + 4, &payload, 4);
-  std::memcpy(fixture.bytes.data() + 8, &zero, 8);
-  fixture.head = 64;
-}
-
-RingResult TakeOnce(Fixture& fixture, size_t largest_payload = kAnyPayload) {
+// Writes and takes by turns until a message has come; none if either end says that it cannot.
+std::optional<Message> Carry(RingWriter& writer, RingReader& reader) {
   Message message;
   bool is_whole = false;
-  return fixture.reader.Take(&message, &is_whole, largest_payload);
-}
-
-TEST_CASE("A ring returns each message as it was put in, whatever its sizes and place") {
-  Fixture fixture;
-  // 37 messages of 64 to 2,560 bytes begin at every multiple of 64 of the ring.
-  for (size_t i = 0; i < 600; ++i) {
-    const size_t envelope = 1 + i * 7 % 300, payload = i * 31 % 2200;
-    const auto first = static_cast<uint8_t>(i);
-    const Message taken = Carry(fixture, MessageOf(envelope, payload, first));
-    CHECK(AreEqual(taken, MessageOf(envelope, payload, first)));
+  while (!is_whole) {
+    if (writer.Write() == RingResult::kBroken) return std::nullopt;
+    if (reader.Take(&message, &is_whole, kAnyPayload) != RingResult::kMoved) return std::nullopt;
   }
-  CHECK(fixture.head == fixture.tail);
-  CHECK(fixture.head % kRingLine == 0);
+  return message;
 }
 
-TEST_CASE("A ring keeps the order of messages that are queued together") {
-  Fixture fixture;
-  for (uint8_t i = 0; i < 20; ++i) fixture.writer.Push(MessageOf(40, 200, i));
-  for (uint8_t i = 0; i < 20;) {
-    fixture.writer.Write();
-    Message taken;
+struct Words {
+  uint32_t envelope = 0, payload = 0;
+  uint64_t zero = 0;
+};
+
+// Writes a prefix and lets the head say that `published` bytes are there, as a peer may.
+RingResult TakeAfter(GuardedRing* memory, const Words& prefix, uint64_t published,
+                     size_t largest_payload = kAnyPayload) {
+  std::memcpy(memory->bytes(), &prefix, sizeof(prefix));
+  memory->head = published;
+  RingReader reader(memory->ring());
+  Message message;
+  bool is_whole = false;
+  return reader.Take(&message, &is_whole, largest_payload);
+}
+
+TEST_CASE("A message lies in the ring as the protocol says") {
+  GuardedRing memory(kSmallRing);
+  RingWriter writer(memory.ring());
+  writer.Push({Frame::Copy("abc"), Frame::Copy("de")});
+  CHECK(memory.head == 0);
+  CHECK(writer.Write() == RingResult::kMoved);
+  CHECK(memory.head == 64);
+  const std::string_view bytes(reinterpret_cast<const char*>(memory.bytes()), 21);
+  using namespace std::string_view_literals;
+  CHECK(bytes == "\3\0\0\0\2\0\0\0\0\0\0\0\0\0\0\0abcde"sv);
+  // With its prefix, a message of 48 bytes fills a line, and a message of 49 begins another one.
+  writer.Push(NumberedMessage(48, 0, 1));
+  writer.Push(NumberedMessage(0, 49, 2));
+  CHECK(writer.Write() == RingResult::kMoved);
+  CHECK(memory.head == 64 + 64 + 128);
+  CHECK(writer.queued() == 0);
+}
+
+TEST_CASE("A message of any size arrives whole from any position of the ring") {
+  const size_t lines = kSmallRing / kRingLine;
+  for (size_t start = 0; start < lines; ++start) {
+    for (size_t bytes = 0; bytes <= 2 * kSmallRing + kRingLine; ++bytes) {
+      GuardedRing memory(kSmallRing);
+      RingWriter writer(memory.ring());
+      RingReader reader(memory.ring());
+      for (size_t line = 0; line < start; ++line) {
+        writer.Push(NumberedMessage(kRingLine - kPrefixBytes, 0, line));
+        REQUIRE(Carry(writer, reader));
+      }
+      REQUIRE(memory.tail == start * kRingLine);
+      const size_t envelope = bytes / 3, payload = bytes - envelope;
+      writer.Push(NumberedMessage(envelope, payload, bytes));
+      const std::optional<Message> message = Carry(writer, reader);
+      INFO(bytes << " bytes from line " << start);
+      REQUIRE(message);
+      REQUIRE(IsNumberedMessage(*message, envelope, payload, bytes));
+      REQUIRE(memory.head == memory.tail);
+      REQUIRE(writer.queued() == 0);
+      REQUIRE(reader.unfinished_bytes() == 0);
+      REQUIRE(memory.GuardsAreIntact());
+    }
+  }
+}
+
+TEST_CASE("Messages of 1 B to 64 MiB arrive through the smallest ring of a door") {
+  GuardedRing memory(limits::kMinRingBytes);
+  RingWriter writer(memory.ring());
+  RingReader reader(memory.ring());
+  for (size_t power = 1; power <= limits::kMaxPayloadBytes; power *= 2) {
+    for (const size_t bytes : {power - 1, power, power + 1}) {
+      if (bytes > limits::kMaxPayloadBytes) continue;
+      const size_t envelope = std::min(bytes, limits::kMaxEnvelopeBytes);
+      writer.Push(NumberedMessage(envelope, bytes, bytes));
+      const std::optional<Message> message = Carry(writer, reader);
+      INFO(bytes << " bytes");
+      REQUIRE(message);
+      REQUIRE(IsNumberedMessage(*message, envelope, bytes, bytes));
+    }
+  }
+  CHECK(memory.GuardsAreIntact());
+}
+
+TEST_CASE("Whatever the order of writing and taking, messages arrive once and in order") {
+  constexpr size_t kRing = 4096;
+  constexpr int kRounds = 200'000;
+  GuardedRing memory(kRing);
+  RingWriter writer(memory.ring());
+  RingReader reader(memory.ring());
+  Rng rng(1, "ring test");
+  std::deque<std::array<size_t, 2>> sizes;  // of the messages on their way
+  uint64_t pushed = 0, taken = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    if (sizes.size() < 20 && rng.Below(3) == 0) {
+      const auto bytes = static_cast<size_t>(std::pow(20'000, rng.Uniform()));
+      sizes.push_back({rng.Below(bytes + 1), bytes});
+      writer.Push(NumberedMessage(sizes.back()[0], sizes.back()[1], pushed++));
+    }
+    if (rng.Below(2) == 0) {
+      const RingResult result = writer.Write();
+      REQUIRE(result != RingResult::kBroken);
+      // What is left waits for space, and HasSpace tells when there is some.
+      if (writer.queued() > 0) {
+        REQUIRE(memory.head - memory.tail == kRing);
+        REQUIRE_FALSE(writer.HasSpace());
+      }
+    }
+    if (rng.Below(2) == 0) {
+      const bool had_bytes = reader.HasBytes();
+      REQUIRE(had_bytes == (memory.head != memory.tail));
+      Message message;
+      bool is_whole = false;
+      const RingResult result = reader.Take(&message, &is_whole, kAnyPayload);
+      REQUIRE(result == (had_bytes ? RingResult::kMoved : RingResult::kNothing));
+      if (had_bytes && writer.queued() > 0) REQUIRE(writer.HasSpace());
+      if (!is_whole) continue;
+      REQUIRE(IsNumberedMessage(message, sizes.front()[0], sizes.front()[1], taken++));
+      sizes.pop_front();
+    }
+  }
+  CHECK(taken > kRounds / 20);
+  CHECK(memory.GuardsAreIntact());
+}
+
+// A writer and a reader on threads of their own.
+void ExchangeOnThreads(uint64_t messages, double largest_bytes) {
+  GuardedRing memory(limits::kMinRingBytes);
+  const auto size_of = [&](uint64_t number) {
+    return static_cast<size_t>(std::pow(largest_bytes, Rng(7, "sizes", number).Uniform()));
+  };
+  std::thread writing([&] {
+    RingWriter writer(memory.ring());
+    for (uint64_t number = 0; number < messages; ++number) {
+      writer.Push(NumberedMessage(number % 50, size_of(number), number));
+      while (writer.queued() > 0) {
+        if (writer.Write() != RingResult::kMoved) std::this_thread::yield();
+      }
+    }
+  });
+  RingReader reader(memory.ring());
+  uint64_t wrong = 0;
+  for (uint64_t number = 0; number < messages;) {
+    Message message;
     bool is_whole = false;
-    REQUIRE(fixture.reader.Take(&taken, &is_whole, kAnyPayload) == RingResult::kMoved);
-    if (is_whole) CHECK(AreEqual(taken, MessageOf(40, 200, i++)));
+    if (reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing) {
+      std::this_thread::yield();
+    }
+    if (!is_whole) continue;
+    wrong += IsNumberedMessage(message, number % 50, size_of(number), number) ? 0 : 1;
+    ++number;
   }
-  CHECK(fixture.writer.queued() == 0);
+  writing.join();
+  CHECK(wrong == 0);
+  CHECK(memory.GuardsAreIntact());
+}
+
+TEST_CASE("Two threads exchange messages of 1 B to 64 KiB and a few of up to 16 MiB") {
+  ExchangeOnThreads(10'000, 65'536);
+  ExchangeOnThreads(10, 16 << 20);
+}
+
+TEST_CASE("Two threads exchange a million messages and a hundred of up to 64 MiB", "[.][long]") {
+  ExchangeOnThreads(1'000'000, 65'536);
+  ExchangeOnThreads(100, 64 << 20);
 }
 
 TEST_CASE("A writer stops at a full ring and goes on when the reader has made space") {
-  Fixture fixture;
-  fixture.writer.Push(MessageOf(10, 3 * kSize));
-  CHECK(fixture.writer.Write() == RingResult::kMoved);
-  CHECK(fixture.head == kSize);
-  CHECK(fixture.writer.Write() == RingResult::kNothing);
-  CHECK_FALSE(fixture.writer.HasSpace());
-  CHECK(fixture.writer.queued() == 1);
-  CHECK(TakeOnce(fixture) == RingResult::kMoved);
-  CHECK(fixture.writer.HasSpace());
-  CHECK(fixture.writer.Write() == RingResult::kMoved);
+  GuardedRing memory(kSmallRing);
+  RingWriter writer(memory.ring());
+  RingReader reader(memory.ring());
+  writer.Push(NumberedMessage(10, 3 * kSmallRing, 1));
+  CHECK(writer.Write() == RingResult::kMoved);
+  CHECK(memory.head == kSmallRing);
+  CHECK(writer.Write() == RingResult::kNothing);
+  CHECK_FALSE(writer.HasSpace());
+  CHECK(writer.queued() == 1);
+  Message message;
+  bool is_whole = true;
+  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  CHECK_FALSE(is_whole);
+  CHECK(writer.HasSpace());
+  CHECK(writer.Write() == RingResult::kMoved);
 }
 
-TEST_CASE("An empty ring has nothing to take") {
-  Fixture fixture;
-  CHECK_FALSE(fixture.reader.HasBytes());
-  CHECK(TakeOnce(fixture) == RingResult::kNothing);
+TEST_CASE("An empty ring gives nothing") {
+  GuardedRing memory(kSmallRing);
+  RingReader reader(memory.ring());
+  RingWriter writer(memory.ring());
+  Message message;
+  bool is_whole = true;
+  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing);
+  CHECK_FALSE(is_whole);
+  CHECK(writer.Write() == RingResult::kNothing);
 }
 
-TEST_CASE("A reader gives up a head that is no head") {
-  const uint64_t head = GENERATE(uint64_t{1}, uint64_t{63}, uint64_t{kSize + 64}, uint64_t{1} << 63,
-                                 UINT64_MAX, UINT64_MAX - 63);
-  Fixture fixture;
-  fixture.head = head;
-  CHECK(TakeOnce(fixture) == RingResult::kBroken);
-  CHECK(fixture.tail == 0);
+TEST_CASE("A head that no writer can have breaks the ring") {
+  GuardedRing memory(kSmallRing);
+  RingWriter writer(memory.ring());
+  RingReader reader(memory.ring());
+  for (int i = 0; i < 20; ++i) {  // more than once round
+    writer.Push(NumberedMessage(10, 20, 1));
+    REQUIRE(Carry(writer, reader));
+  }
+  const uint64_t tail = memory.tail;
+  const uint64_t head = GENERATE_COPY(tail + 1, tail + 63, tail + 65, tail + kSmallRing + 64,
+                                      tail + kSmallRing + 1, tail - 1, tail - 64, uint64_t{0},
+                                      uint64_t{1} << 63, std::numeric_limits<uint64_t>::max());
+  CAPTURE(tail, head);
+  memory.head = head;
+  Message message;
+  bool is_whole = true;
+  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kBroken);
+  CHECK_FALSE(is_whole);
+  CHECK(memory.tail == tail);
 }
 
-TEST_CASE("A writer gives up a tail that is no tail") {
+TEST_CASE("A tail that no reader can have breaks the ring") {
+  GuardedRing memory(kSmallRing);
+  RingWriter writer(memory.ring());
+  writer.Push(NumberedMessage(0, 3 * kSmallRing, 1));
+  REQUIRE(writer.Write() == RingResult::kMoved);
+  REQUIRE(memory.head == kSmallRing);
   const uint64_t tail =
-      GENERATE(uint64_t{1}, uint64_t{63}, uint64_t{kSize + 64}, uint64_t{1} << 63, UINT64_MAX);
-  Fixture fixture;
-  fixture.tail = tail;
-  fixture.writer.Push(MessageOf(10, 3 * kSize));
-  CHECK(fixture.writer.Write() == RingResult::kBroken);
+      GENERATE(uint64_t{1}, uint64_t{63}, uint64_t{kSmallRing + 64}, uint64_t{kSmallRing + 1},
+               uint64_t{1} << 63, std::numeric_limits<uint64_t>::max() - 63);
+  CAPTURE(tail);
+  memory.tail = tail;
+  CHECK(writer.Write() == RingResult::kBroken);
+  CHECK(memory.head == kSmallRing);
 }
 
-TEST_CASE("A reader gives up a prefix that no message has") {
-  Fixture fixture;
-  SECTION("an envelope that is too long") {
-    Publish(fixture, limits::kMaxEnvelopeBytes + 1, 0, 0);
-    CHECK(TakeOnce(fixture) == RingResult::kBroken);
+TEST_CASE("Lengths beyond the limits break the ring, and the limits themselves do not") {
+  constexpr auto kEnvelope = static_cast<uint32_t>(limits::kMaxEnvelopeBytes);
+  constexpr auto kPayload = static_cast<uint32_t>(limits::kMaxPayloadBytes);
+  GuardedRing memory(kSmallRing);
+  CHECK(TakeAfter(&memory, {kEnvelope, kPayload, 0}, 64) == RingResult::kMoved);
+  for (const Words& prefix : {Words{kEnvelope + 1, 0, 0},
+                              {0, kPayload + 1, 0},
+                              {UINT32_MAX, UINT32_MAX, 0},
+                              {1, 1, 1},
+                              {1, 1, uint64_t{1} << 63}}) {
+    CAPTURE(prefix.envelope, prefix.payload, prefix.zero);
+    CHECK(TakeAfter(&memory, prefix, 64) == RingResult::kBroken);
   }
-  SECTION("a payload that is too long") {
-    Publish(fixture, 10, limits::kMaxPayloadBytes + 1, 0);
-    CHECK(TakeOnce(fixture) == RingResult::kBroken);
-  }
-  SECTION("a payload that is longer than the caller allows") {
-    Publish(fixture, 10, 2000, 0);
-    CHECK(TakeOnce(fixture, 1999) == RingResult::kBroken);
-  }
-  SECTION("words that are not zero") {
-    Publish(fixture, 10, 10, 1);
-    CHECK(TakeOnce(fixture) == RingResult::kBroken);
-  }
+  CHECK(TakeAfter(&memory, {0, 1000, 0}, 64, 1000) == RingResult::kMoved);
+  CHECK(TakeAfter(&memory, {0, 1001, 0}, 64, 1000) == RingResult::kBroken);
 }
 
-TEST_CASE("A message that stops in the middle takes what was announced and is never whole") {
-  Fixture fixture;
-  Publish(fixture, 10, 2000, 0);
-  CHECK(TakeOnce(fixture) == RingResult::kMoved);
-  CHECK(fixture.reader.unfinished_bytes() == 2048);
-  CHECK(TakeOnce(fixture) == RingResult::kNothing);
+TEST_CASE("A length that is announced and not sent is counted, and takes no memory") {
+  const auto resident_pages = [] {
+    size_t all = 0, resident = 0;
+    std::ifstream("/proc/self/statm") >> all >> resident;
+    return resident;
+  };
+  GuardedRing memory(kSmallRing);
+  const Words prefix{0, static_cast<uint32_t>(limits::kMaxPayloadBytes), 0};
+  std::memcpy(memory.bytes(), &prefix, sizeof(prefix));
+  memory.head = 64;
+  RingReader reader(memory.ring());
+  Message message;
+  bool is_whole = true;
+  const size_t before = resident_pages();
+  REQUIRE(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  CHECK_FALSE(is_whole);
+  CHECK(reader.unfinished_bytes() >= limits::kMaxPayloadBytes);
+  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing);
+  CHECK_FALSE(is_whole);
+  // AddressSanitizer's notes about memory take an eighth of it.
+  const size_t grown = resident_pages() - std::min(resident_pages(), before);
+  CHECK(grown * static_cast<size_t>(getpagesize()) < limits::kMaxPayloadBytes / 2);
+}
+
+TEST_CASE("Bytes that change after they were read change no length") {
+  GuardedRing memory(kSmallRing);
+  RingWriter writer(memory.ring());
+  RingReader reader(memory.ring());
+  writer.Push(NumberedMessage(100, 3 * kSmallRing, 1));
+  REQUIRE(writer.Write() == RingResult::kMoved);
+  Message message;
+  bool is_whole = false;
+  REQUIRE(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  std::memset(memory.bytes(), 0xFF, kSmallRing);
+  const std::optional<Message> changed = Carry(writer, reader);
+  REQUIRE(changed);
+  CHECK(changed->envelope.size() == 100);
+  CHECK(changed->payload.size() == 3 * kSmallRing);
+}
+
+TEST_CASE("Random words and bytes of a peer touch nothing outside the ring") {
+  constexpr int kRounds = 100'000;
+  Rng rng(2, "hostile peer");
+  // Mostly distances that are allowed, or nearly so.
+  const auto near = [&](uint64_t position) {
+    switch (rng.Below(4)) {
+      case 0:
+        return position + rng.Below(2 * kSmallRing);
+      case 1:
+        return rng.NextUint64();
+      default:
+        return position + kRingLine * rng.Below(kSmallRing / kRingLine + 2);
+    }
+  };
+  GuardedRing up(kSmallRing), down(kSmallRing);
+  std::optional<RingReader> reader;
+  std::optional<RingWriter> writer;
+  int broken = 0, whole = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    if (!reader) {
+      up.head = up.tail = 0;
+      down.head = down.tail = 0;
+      reader.emplace(up.ring());
+      writer.emplace(down.ring());
+    }
+    // A prefix of a message at every line, most of them of short messages.
+    for (size_t line = 0; line < kSmallRing; line += kRingLine) {
+      const Words prefix{static_cast<uint32_t>(rng.Below(300)),
+                         static_cast<uint32_t>(rng.Below(3000)), rng.Below(10) == 0 ? 1u : 0u};
+      std::memcpy(up.bytes() + line, &prefix, sizeof(prefix));
+    }
+    up.head = near(up.tail);
+    down.tail = near(down.tail);
+    writer->Push(NumberedMessage(rng.Below(100), rng.Below(2000), 1));
+    Message message;
+    bool is_whole = false;
+    const RingResult taken = reader->Take(&message, &is_whole, 2500);
+    const RingResult written = writer->Write();
+    REQUIRE(up.GuardsAreIntact());
+    REQUIRE(down.GuardsAreIntact());
+    if (is_whole) {
+      ++whole;
+      REQUIRE(message.envelope.size() < 300);
+      REQUIRE(message.payload.size() <= 2500);
+    }
+    if (taken != RingResult::kBroken && written != RingResult::kBroken) continue;
+    ++broken;
+    reader.reset();
+    writer.reset();
+  }
+  CHECK(broken > 1000);
+  CHECK(whole > 1000);
 }
 
 }  // namespace

@@ -1,0 +1,198 @@
+// Two processes at a local door: numbered messages that are echoed, and a hunt for bells that are
+// lost.
+//
+//   door_fuzz MESSAGES LARGE ROUNDS [threads]
+//
+// MESSAGES of 1 B to 64 KiB and LARGE ones of 64 KiB to 64 MiB, log-uniform, are sent to a worker,
+// who sends them back; every byte is checked. Then ROUNDS of a few messages each are exchanged,
+// while both ends pause at random at every point of the sleeping protocol (pauses.h). With
+// `threads` both ends are threads of one process, for ThreadSanitizer. The exit code is 1 if a
+// message was wrong or a bell was lost.
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <new>
+
+#include <fmt/format.h>
+
+#include "proto/base/limits.h"
+#include "proto/base/rng.h"
+#include "proto/wire/client_door.h"
+#include "server/door/doors.h"
+#include "tests/integration/door_fuzz/pauses.h"
+#include "tests/proto/wire/numbered_message.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint64_t kSeed = 20;
+constexpr uint64_t kPauseOneIn = 3;
+constexpr int64_t kPatienceMs = 60'000;  // for one message, on a busy machine
+constexpr int kWorkerSleepMs = 100;      // as the worker's loop
+
+struct Sizes {
+  size_t envelope, payload;
+};
+
+// A numbered exchange: how large its messages are, and how many may be on their way.
+struct Exchange {
+  uint64_t messages = 0;
+  std::function<Sizes(uint64_t number)> sizes;
+  std::function<uint64_t(uint64_t number)> window;
+};
+
+size_t LogUniform(double lowest, double highest, double uniform) {
+  return static_cast<size_t>(lowest * std::pow(highest / lowest, uniform));
+}
+
+// The bytes of message `number` are split between envelope and payload in many ways.
+Sizes Split(size_t bytes, uint64_t number) {
+  size_t envelope = MixSeeds(number, 2) % 4 == 0 ? bytes : MixSeeds(number, 3) % 200;
+  envelope = std::min({envelope, bytes, limits::kMaxEnvelopeBytes});
+  return {envelope, bytes - envelope};
+}
+
+Exchange Messages(uint64_t count, double lowest, double highest, uint64_t most_underway) {
+  return {count,
+          [=](uint64_t number) {
+            return Split(LogUniform(lowest, highest, Rng(kSeed, "size", number).Uniform()), number);
+          },
+          [=](uint64_t number) { return 1 + MixSeeds(number / 1000, 4) % most_underway; }};
+}
+
+// Rounds of one to three messages. One in 64 is longer than a ring, so both ends wait for space.
+Exchange Rounds(uint64_t count) {
+  return {count,
+          [](uint64_t number) {
+            const bool is_long = MixSeeds(number, 5) % 64 == 0;
+            const uint64_t most = is_long ? 4 * limits::kRingBytes : 200;
+            return Split(1 + MixSeeds(number, 6) % most, number);
+          },
+          [](uint64_t number) { return 1 + MixSeeds(number, 7) % 3; }};
+}
+
+// The worker's loop, without its work: what comes is sent back. Ends when the client has gone.
+void Echo(int listener, uint32_t spin_us) {
+  BeginEnd(kSeed, true);
+  Doors doors(listener, spin_us);
+  bool was_connected = false;
+  while (!was_connected || doors.any()) {
+    bool has_worked = false;
+    while (std::optional<IncomingMessage> incoming = doors.TryReceive()) {
+      has_worked = true;
+      const Status status = doors.Send(incoming->sender, std::move(incoming->message));
+      if (!status.ok()) fmt::print(stderr, "the worker: {}\n", status.ToString());
+    }
+    doors.Write();
+    if (has_worked) continue;
+    Pause();
+    if (doors.BeginSleep()) {
+      epoll_event event;
+      PausedEpollWait(doors.epoll_fd(), &event, 1, kWorkerSleepMs);
+    }
+    doors.EndSleep();
+    doors.Attend();
+    was_connected |= doors.any();
+  }
+}
+
+// Sends the messages of an exchange and checks what comes back. False if something is wrong.
+bool Run(const Exchange& exchange, ClientDoor& door) {
+  uint64_t sent = 0, received = 0;
+  while (received < exchange.messages) {
+    const uint64_t window = exchange.window(received);
+    while (sent < exchange.messages && sent - received < window) {
+      const Sizes sizes = exchange.sizes(sent);
+      const Status status = door.Send(NumberedMessage(sizes.envelope, sizes.payload, sent));
+      if (!status.ok()) return fmt::print(stderr, "{}\n", status.ToString()), false;
+      ++sent;
+    }
+    const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+    std::optional<Message> message;
+    while (!message && !deadline.expired()) message = door.Receive(deadline);
+    const Sizes sizes = exchange.sizes(received);
+    if (!message || door.connections() != 1 ||
+        !IsNumberedMessage(*message, sizes.envelope, sizes.payload, received)) {
+      fmt::print(stderr, "message {} of {} + {} bytes {}, after {} connections\n", received,
+                 sizes.envelope, sizes.payload, message ? "is another one" : "did not come",
+                 door.connections());
+      return false;
+    }
+    ++received;
+  }
+  return true;
+}
+
+// Listens as the supervisor does, runs `body` with a client of the door, and the worker beside it.
+bool BesideWorker(bool by_threads, uint32_t spin_us,
+                  const std::function<bool(ClientDoor& door)>& body) {
+  const std::string name = fmt::format("b4mrl-door-fuzz-{}", getpid());
+  const int listener = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  sockaddr_un address;
+  const socklen_t length = DoorAddress(name, &address);
+  if (bind(listener, reinterpret_cast<const sockaddr*>(&address), length) != 0 ||
+      listen(listener, 1) != 0) {
+    return std::perror("door_fuzz cannot listen"), false;
+  }
+  std::thread thread;
+  pid_t process = 0;
+  if (by_threads) {
+    thread = std::thread(Echo, listener, spin_us);
+  } else if (process = fork(); process == 0) {
+    Echo(listener, spin_us);
+    _exit(0);
+  }
+  bool is_right = false;
+  {
+    BeginEnd(kSeed, false);
+    Result<ClientDoor> door = ClientDoor::Connect(name, Deadline::AfterMs(kPatienceMs));
+    is_right = door.ok() && body(*door);
+  }
+  int code = 0;
+  if (by_threads) {
+    thread.join();
+  } else {
+    waitpid(process, &code, 0);
+  }
+  close(listener);
+  return is_right && code == 0;
+}
+
+}  // namespace
+
+int Main(int argc, char** argv) {
+  if (argc < 4) return fmt::print(stderr, "door_fuzz MESSAGES LARGE ROUNDS [threads]\n"), 2;
+  const uint64_t messages = std::strtoull(argv[1], nullptr, 10);
+  const uint64_t large = std::strtoull(argv[2], nullptr, 10);
+  const uint64_t rounds = std::strtoull(argv[3], nullptr, 10);
+  const bool by_threads = argc > 4;
+  void* const shared =
+      mmap(nullptr, sizeof(SleepCounts), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  SleepCounts& counts = *new (shared) SleepCounts;
+  const auto run = [&](const char* name, const Exchange& exchange, uint64_t one_in,
+                       uint32_t spin_us) {
+    BeginPauses(&counts, one_in);
+    const Clock::time_point start = Clock::now();
+    const bool is_right =
+        BesideWorker(by_threads, spin_us, [&](ClientDoor& door) { return Run(exchange, door); });
+    fmt::print("{}: {} messages {}, {:.1f} s\n", name, exchange.messages,
+               is_right ? "came back as they were" : "FAILED", SecondsSince(start));
+    std::fflush(stdout);
+    return is_right;
+  };
+  bool is_right = run("1 B to 64 KiB", Messages(messages, 1, 65'536, 64), 0, 100);
+  is_right &= run("64 KiB to 64 MiB", Messages(large, 65'536, 64 << 20, 3), 0, 100);
+  counts.sleeps = 0;
+  is_right &= run("with pauses", Rounds(rounds), kPauseOneIn, 0);
+  fmt::print("{} sleeps, {} pauses, {} late bells, {} lost bells\n", counts.sleeps.load(),
+             counts.pauses.load(), counts.late_bells.load(), counts.lost_bells.load());
+  return is_right && counts.lost_bells == 0 ? 0 : 1;
+}
+
+}  // namespace b4mrl
+
+int main(int argc, char** argv) { return b4mrl::Main(argc, argv); }
