@@ -112,9 +112,10 @@ Context::Context() : handle_(zmq_ctx_new()) { zmq_ctx_set(handle_, ZMQ_MAX_SOCKE
 Context::~Context() { zmq_ctx_term(handle_); }
 
 bool CameFromThisMachine(Message& message) {
-  // Over ipc, ZeroMQ gives no address, or ":user:group:process".
+  // An address in digits over tcp, "localhost:user:group:process" over ipc.
   const char* const peer = zmq_msg_gets(AsZmq(message.envelope), "Peer-Address");
-  if (peer == nullptr || peer[0] == '\0' || peer[0] == ':') return true;
+  if (peer == nullptr) return false;
+  if (std::string_view(peer).starts_with("localhost:")) return true;
   in_addr address{};
   if (inet_pton(AF_INET, peer, &address) != 1) return false;
   return ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET || IsOwnAddress(address);

@@ -1,8 +1,10 @@
 #include "proto/wire/socket.h"
 
 #include <unistd.h>
+#include <zmq.h>
 
 #include <catch2/catch.hpp>
+#include <cstring>
 #include <string>
 
 #include "proto/base/limits.h"
@@ -71,6 +73,26 @@ TEST_CASE("messages go there and back, with and without a payload") {
   CHECK(answer->envelope.view() == "answer");
   CHECK(answer->payload.size() == 0);
   CHECK(dealer.connections() == 1);
+}
+
+TEST_CASE("a peer on this machine is told from others, over ipc and over loopback") {
+  Context context;
+  RouterSocket router = Listen(context, "tcp://127.0.0.1:*");
+  char address[64] = "";
+  SECTION("tcp") {
+    size_t size = sizeof(address);
+    REQUIRE(zmq_getsockopt(router.handle(), ZMQ_LAST_ENDPOINT, address, &size) == 0);
+  }
+  SECTION("ipc") {
+    std::strcpy(address, FreshAddress().c_str());
+    router = Listen(context, address);
+  }
+  DealerSocket dealer = std::move(*DealerSocket::Connect(context, address));
+  REQUIRE(dealer.Send(Text("question")).ok());
+  IncomingMessage question = Take(router);
+  CHECK(CameFromThisMachine(question.message));
+  Message nobodys = Text("made here");
+  CHECK_FALSE(CameFromThisMachine(nobodys));
 }
 
 TEST_CASE("a reply to a peer that has gone is an error of the call") {
