@@ -4,8 +4,10 @@
 // Waking a sleeping thread of an idle core costs about 60 us, several times what a simulation step
 // takes. So a wait that will probably end within the budget is spun away, and a longer wait is
 // slept through: by the ski-rental argument, a budget of about one wake-up costs at most twice the
-// best choice. The spinner learns the usual length of waits, and stops when its core was given to
-// another thread, because a spin then takes time from the very thread that it waits for.
+// best choice. The spinner learns the usual length of waits. It rests after a spin that was in
+// vain, and after one in which its core was given to another thread: on a busy machine, a spin
+// takes time from the very thread that it waits for. Each such spin doubles the rest, each other
+// one halves it.
 //
 // Thread rule: one thread.
 #pragma once
@@ -13,6 +15,8 @@
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
+
+#include <sched.h>
 
 #include <algorithm>
 #include <chrono>
@@ -40,15 +44,17 @@ class Spinner {
     Clock::time_point now = Clock::now();
     const Clock::time_point end = now + slice;
     while (MaySpin(since, now) && now < end) {
-      if (is_over()) {
-        rest_ = std::max(rest_ / 2, kShortestRest);
-        return true;
-      }
-      Pause();
+      for (int i = 0; i < kLooks && !is_over(); ++i) Pause();
+      if (is_over()) break;
+      // The peer may wait for this very core.
+      sched_yield();
       const Clock::time_point last = std::exchange(now, Clock::now());
-      if (now - last > kInterruption) Rest(now);
+      const bool is_in_vain = now - last > kInterruption || now - since >= budget_;
+      if (is_in_vain && !is_over()) Rest(now);
     }
-    return is_over();
+    if (!is_over()) return false;
+    rest_ = std::max(rest_ / 2, kShortestRest);
+    return true;
   }
 
   // To be called after each wait with its length, however it was spent.
@@ -65,6 +71,7 @@ class Spinner {
   // Longer waits count as this, so that a client that comes back is met by spinning again soon.
   static constexpr auto kLongestLearnt = std::chrono::microseconds(500);
   static constexpr int kMemory = 8;  // waits
+  static constexpr int kLooks = 16;  // between two yields, about 1 us
 
   static void Pause() {
 #if defined(__x86_64__)
