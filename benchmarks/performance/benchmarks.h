@@ -22,6 +22,9 @@ struct Options {
 Status MeasureStep(const Options& options, Reporter& reporter);
 // latency-tcp, latency-ipc: median time of a step, one lane, one request at a time.
 Status MeasureLatency(const Options& options, Reporter& reporter);
+// latency-door: median time of such a step through shared memory; latency-door-think-<us>: what it
+// costs beside its physics, when the client pauses between two steps. Private daemons alone.
+Status MeasureLatencyOfDoor(const Options& options, Reporter& reporter);
 // latency-beside-queries: 99th percentile of one lane's step time, while another client sends
 // queries of 50,000 rows.
 Status MeasureLatencyBesideQueries(const Options& options, Reporter& reporter);

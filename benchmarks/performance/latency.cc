@@ -92,6 +92,7 @@ Status MeasureLatency(const Options& options, Reporter& reporter) {
   }
   B4MRL_RETURN_IF_ERROR(MeasureTransport(options, Transport::kTcp, reporter));
   B4MRL_RETURN_IF_ERROR(MeasureTransport(options, Transport::kIpc, reporter));
+  B4MRL_RETURN_IF_ERROR(MeasureLatencyOfDoor(options, reporter));
   return MeasureLatencyBesideQueries(options, reporter);
 }
 

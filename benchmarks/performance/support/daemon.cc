@@ -17,6 +17,7 @@ Result<Daemon> Daemon::Open(const Options& options, const DaemonSetup& setup) {
     start.tcp = setup.transport == Transport::kTcp;
     start.data_folder = setup.data_folder;
     start.niceness = setup.niceness;
+    if (setup.transport != Transport::kDoor) start.arguments.push_back("--no-door");
     if (setup.pinned) start.arguments.push_back("--pin");
     B4MRL_ASSIGN_OR_RETURN(daemon.process_, PrivateDaemon::Start(start));
     endpoint = daemon.process_->endpoint();

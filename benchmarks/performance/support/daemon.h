@@ -12,7 +12,8 @@
 
 namespace b4mrl::perf {
 
-enum class Transport { kTcp, kIpc };
+// How clients of a private daemon reach it. Over tcp and ipc, the daemon has no local doors.
+enum class Transport { kTcp, kIpc, kDoor };
 
 struct DaemonSetup {
   Transport transport = Transport::kTcp;
