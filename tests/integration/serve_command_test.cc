@@ -36,6 +36,26 @@ TEST_CASE("Clients are told the lease: the flag's, the file's, or that of the ad
   REQUIRE(LeaseOf({"--bind", "tcp://0.0.0.0:0", "--insecure"}) == 300'000);
 }
 
+std::string TransportWith(std::vector<std::string> arguments, bool tcp) {
+  const PrivateDaemon daemon = StartDaemon({.tcp = tcp, .arguments = std::move(arguments)});
+  Client client = Connect(daemon.endpoint());
+  client.set_reporter([](const std::string&) {});  // of the relay
+  const Result<RemoteEnvironment> environment = client.Make("HalfCheetah", {});
+  REQUIRE(environment.ok());
+  return std::string(environment->transport());
+}
+
+TEST_CASE("Clients of this machine use the local door, unless a flag or the file says no") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("no.toml"), "no-door = true\nspin = 0\n");
+  CHECK(TransportWith({}, false) == "door");
+  CHECK(TransportWith({"--spin", "0"}, true) == "door");
+  CHECK(TransportWith({"--no-door"}, false) == "ipc");
+  CHECK(TransportWith({"--no-door"}, true) == "tcp");
+  CHECK(TransportWith({"--config", folder.File("no.toml")}, true) == "tcp");
+  CHECK(TransportWith({"--single-port"}, true) == "relay");
+}
+
 // How the daemon ends by itself, as waitid gives it; its exit is still to be collected.
 siginfo_t AwaitEnd(const PrivateDaemon& daemon) {
   const Deadline deadline = Deadline::AfterMs(30'000);
