@@ -4,10 +4,12 @@
 // Waking a sleeping thread of an idle core costs about 60 us, several times what a simulation step
 // takes. So a wait that will probably end within the budget is spun away, and a longer wait is
 // slept through: by the ski-rental argument, a budget of about one wake-up costs at most twice the
-// best choice. The spinner learns the usual length of waits. It rests after a spin that was in
-// vain, and after one in which its core was given to another thread: on a busy machine, a spin
-// takes time from the very thread that it waits for. Each such spin doubles the rest, each other
-// one halves it.
+// best choice. The spinner learns the usual length of waits.
+//
+// Between looks it yields its core, because the kernel often puts both processes on one core. On a
+// busy machine a yield hands the core to a third process for milliseconds. So after a spin that was
+// in vain, or was interrupted, the spinner rests for many times as long as that took, which bounds
+// what spinning can cost to a few percent.
 //
 // Thread rule: one thread.
 #pragma once
@@ -49,12 +51,10 @@ class Spinner {
       // The peer may wait for this very core.
       sched_yield();
       const Clock::time_point last = std::exchange(now, Clock::now());
-      const bool is_in_vain = now - last > kInterruption || now - since >= budget_;
-      if (is_in_vain && !is_over()) Rest(now);
+      const bool is_in_vain = (now - last > kInterruption || now - since >= budget_) && !is_over();
+      if (is_in_vain || now - last > kLostSlice) rests_until_ = now + kRests * (now - since);
     }
-    if (!is_over()) return false;
-    rest_ = std::max(rest_ / 2, kShortestRest);
-    return true;
+    return is_over();
   }
 
   // To be called after each wait with its length, however it was spent.
@@ -64,10 +64,12 @@ class Spinner {
 
  private:
   static constexpr auto kWakeUp = std::chrono::microseconds(60);
-  // Two looks that are further apart than this: the core was given to another thread in between.
+  // Two looks that are further apart than this: another thread had the core in between. It may have
+  // been the peer, if the wait is over then.
   static constexpr auto kInterruption = std::chrono::microseconds(30);
-  static constexpr Clock::duration kShortestRest = std::chrono::milliseconds(1);
-  static constexpr Clock::duration kLongestRest = std::chrono::seconds(1);
+  // Longer than any wait that is worth a spin, so it was not the peer.
+  static constexpr auto kLostSlice = std::chrono::microseconds(500);
+  static constexpr int kRests = 16;  // times what was lost
   // Longer waits count as this, so that a client that comes back is met by spinning again soon.
   static constexpr auto kLongestLearnt = std::chrono::microseconds(500);
   static constexpr int kMemory = 8;  // waits
@@ -78,14 +80,9 @@ class Spinner {
     _mm_pause();
 #endif
   }
-  void Rest(Clock::time_point now) {
-    rests_until_ = now + rest_;
-    rest_ = std::min(rest_ * 2, kLongestRest);
-  }
 
   std::chrono::microseconds budget_;
   Clock::duration usual_wait_{};
-  Clock::duration rest_ = kShortestRest;
   Clock::time_point rests_until_{};
 };
 
