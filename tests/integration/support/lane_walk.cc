@@ -142,4 +142,12 @@ std::string LaneWalk::Bytes(uint32_t lane, uint64_t steps) const {
   return all;
 }
 
+uint64_t LaneWalk::Hash(uint64_t steps) const {
+  uint64_t hash = 0;
+  for (uint32_t lane = 0; lane < records_.size(); ++lane) {
+    hash = MixSeeds(hash, HashName(Bytes(lane, steps)));
+  }
+  return hash;
+}
+
 }  // namespace b4mrl

@@ -34,6 +34,8 @@ class LaneWalk {
   // Bytes of the first `steps` steps of lane `lane`: observation, reward, flags, cause, digest, and
   // the final observation, return and length where there were any.
   std::string Bytes(uint32_t lane, uint64_t steps) const;
+  // A hash of these bytes of all lanes.
+  uint64_t Hash(uint64_t steps) const;
   const std::vector<uint8_t>& causes(uint32_t lane) const { return causes_[lane]; }
 
  private:

@@ -23,7 +23,7 @@
 #include "proto/base/rng.h"
 #include "proto/wire/client_door.h"
 #include "server/door/doors.h"
-#include "tests/integration/door_fuzz/pauses.h"
+#include "tests/integration/door/pauses.h"
 #include "tests/proto/wire/numbered_message.h"
 
 namespace b4mrl {

@@ -1,4 +1,4 @@
-#include "tests/integration/door_fuzz/pauses.h"
+#include "tests/integration/door/pauses.h"
 
 #include <sched.h>
 #include <time.h>
