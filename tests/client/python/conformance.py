@@ -9,6 +9,8 @@ import itertools
 import json
 import secrets
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import numpy as np
 import zmq
 from b4mrl.errors import InternalError
 from b4mrl.wire import arrays, limits
+from b4mrl.wire.door import Door, open_door
 from b4mrl.wire.messages import Reply, Request
 from google.protobuf import json_format
 
@@ -63,10 +66,16 @@ def contains(whole: Any, part: Any) -> bool:
 
 
 class Player:
-    """Plays cases against one server. AssertionError: it did not answer as it should."""
+    """Plays cases against one server. AssertionError: it did not answer as it should.
 
-    def __init__(self, endpoint: str) -> None:
+    Args:
+        through_doors: whether messages to workers go through their local doors.
+    """
+
+    def __init__(self, endpoint: str, through_doors: bool = False) -> None:
         self._endpoint = endpoint
+        self._through_doors = through_doors
+        self._doors: dict[str, Door] = {}  # by the worker's address
         self._context = zmq.Context()
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
         self._ids = itertools.count(1000)
@@ -76,6 +85,8 @@ class Player:
         self._dataset = self._address_of(self._labels["hello"].envelope.hello.dataset_port)
 
     def close(self) -> None:
+        for door in self._doors.values():
+            door.close()
         self._context.destroy(linger=0)
 
     def play(self, case: dict[str, Any]) -> None:
@@ -83,14 +94,17 @@ class Player:
         try:
             self.run(case["steps"])
         except BaseException:
-            for socket in self._sockets.values():  # late replies would answer the next case
-                socket.close(linger=0)
+            for place in (*self._sockets.values(), *self._doors.values()):
+                place.close(0)  # late replies would answer the next case
             self._sockets.clear()
+            self._doors.clear()
             self._due.clear()
             raise
         finally:
             if self._workers:
-                self.run([{"session": name, "request": {"close": {}}} for name in list(self._tokens)])
+                self.run(
+                    [{"session": name, "request": {"close": {}}} for name in list(self._tokens)]
+                )
 
     def run(self, steps: list[Step]) -> None:
         for step in steps:
@@ -108,13 +122,18 @@ class Player:
         kind, _, place = self._endpoint.partition("://")
         if not (port.ipc if kind == "ipc" else port.tcp):
             return self._endpoint
-        return f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
+        return (
+            f"ipc://{port.ipc}" if kind == "ipc" else f"tcp://{place.rpartition(':')[0]}:{port.tcp}"
+        )
 
-    def _socket_for(self, step: Step) -> zmq.Socket[bytes]:
+    def _place_of(self, step: Step) -> str:
+        """The address to which a request goes."""
         places = {"gateway": self._endpoint, "dataset": self._dataset}
         last = next(reversed(self._workers.values()), "")
         worker = self._workers.get(step.get("session", "a"), last)
-        address = places.get(step.get("to", "worker"), worker)
+        return places.get(step.get("to", "worker"), worker)
+
+    def _socket_for(self, address: str) -> zmq.Socket[bytes]:
         if address not in self._sockets:
             socket = self._sockets[address] = self._context.socket(zmq.DEALER)
             socket.set(zmq.LINGER, 0)
@@ -123,16 +142,22 @@ class Player:
         return self._sockets[address]
 
     def _send(self, step: Step) -> None:
-        socket = self._socket_for(step)
+        address = self._place_of(step)
         if "raw" in step:
             parts = [part if isinstance(part, list) else [part, 1] for part in step["raw"]]
             self._due[step.get("id", 0)] = step
-            socket.send_multipart([bytes.fromhex(text) * times for text, times in parts])
+            frames = [bytes.fromhex(text) * times for text, times in parts]
+            self._socket_for(address).send_multipart(frames)
             return
-        for _ in range(step.get("times", 1)):
-            request_id = next(self._ids)
-            self._due[request_id] = step
-            socket.send_multipart(self._frames_of(step, request_id))
+        # Made before the first is sent, so that the server is not done with it when the last comes.
+        ids = [next(self._ids) for _ in range(step.get("times", 1))]
+        messages = [self._frames_of(step, request_id) for request_id in ids]
+        self._due |= dict.fromkeys(ids, step)
+        for frames in messages:
+            if address in self._doors:
+                assert self._doors[address].send(frames[0], bytearray(b"".join(frames[1:])))
+            else:
+                self._socket_for(address).send_multipart(frames)
 
     def _frames_of(self, step: Step, request_id: int) -> list[bytes]:
         request = json_format.ParseDict({"protocol_version": 1} | step["request"], Request())
@@ -159,14 +184,11 @@ class Player:
 
     def _collect(self) -> None:
         got: dict[int, Answer] = {}
-        poller = zmq.Poller()
-        for socket in self._sockets.values():
-            poller.register(socket, zmq.POLLIN)
+        finish = time.monotonic() + PATIENCE_MS / 1000
         while not got.keys() >= self._due.keys():
-            ready = poller.poll(PATIENCE_MS)
-            assert ready, f"no reply within {PATIENCE_MS} ms"
-            for socket, _ in ready:
-                answer = Answer(socket.recv_multipart())
+            assert time.monotonic() < finish, f"no reply within {PATIENCE_MS} ms"
+            for frames in self._receive():
+                answer = Answer(frames)
                 got[answer.envelope.request_id] = answer
         for request_id, step in self._due.items():
             self._check(step, got[request_id])
@@ -175,6 +197,18 @@ class Player:
             some = step.get("expect", {}).get("some", codes[0])
             assert some in codes, f"no reply has code {some}"
         self._due.clear()
+
+    def _receive(self) -> Iterator[list[bytes]]:
+        """Messages that are here, or that come soon."""
+        for door in self._doors.values():
+            message = door.receive(1)
+            if message is not None:
+                yield list(map(bytes, message))
+        poller = zmq.Poller()
+        for socket in self._sockets.values():
+            poller.register(socket, zmq.POLLIN)
+        for socket, _ in poller.poll(0 if self._doors else 20):
+            yield socket.recv_multipart()
 
     def _check(self, step: Step, answer: Answer) -> None:
         want = step.get("expect", {})
@@ -193,7 +227,12 @@ class Player:
         if "label" in step:
             self._labels[step["label"]] = answer
         if answer.envelope.HasField("open"):
-            self._workers[step.get("session", "a")] = self._address_of(answer.envelope.open.port)
+            port = answer.envelope.open.port
+            address = self._workers[step.get("session", "a")] = self._address_of(port)
+            if self._through_doors and address not in self._doors:
+                door = open_door(port.door, PATIENCE_MS)
+                assert door is not None
+                self._doors[address] = door
 
     def _check_success(self, step: Step, answer: Answer, want: dict[str, Any]) -> None:
         if "request" in step:

@@ -1,4 +1,4 @@
-"""The conformance table, played in Python: on the direct way and through the relay."""
+"""The conformance table, played in Python: through sockets, local doors and the relay."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 from conformance import CASES, Player
 
+from equality import assert_same
+
 TABLE = json.loads(CASES.read_text())
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["direct", "relayed"])
+@pytest.fixture(scope="module", params=["sockets", "doors", "relay"])
 def player(request: pytest.FixtureRequest) -> Iterator[Player]:
-    arguments = ["--single-port"] if request.param else []
+    arguments = ["--single-port"] if request.param == "relay" else []
     with b4mrl.serve(tcp=True, workers=2, arguments=arguments) as endpoint:
-        player = Player(endpoint)
+        player = Player(endpoint, through_doors=request.param == "doors")
         yield player
         player.close()
 
@@ -36,6 +38,7 @@ def test_a_client_goes_through_the_relay_and_says_so_once() -> None:
             warnings.simplefilter("always")
             relayed = client.make_vec("HalfCheetah", num_envs=2)
             second = client.make("HalfCheetah")
+            assert (relayed.transport, second.transport) == ("relay", "relay")
             client.datasets()
             relayed.reset(seed=3)
             got = relayed.step(actions)[0]
@@ -49,3 +52,22 @@ def test_a_client_goes_through_the_relay_and_says_so_once() -> None:
         direct.reset(seed=3)
         np.testing.assert_array_equal(got, direct.step(actions)[0])
         direct.close()
+
+
+@pytest.mark.parametrize(("tcp", "kind"), [(True, "tcp"), (False, "ipc")])
+def test_a_client_takes_the_door_where_there_is_one_and_says_nothing(tcp: bool, kind: str) -> None:
+    results = {}
+    for arguments, transport in (([], "door"), (["--no-door"], kind)):
+        with b4mrl.serve(tcp=tcp, workers=1, arguments=arguments) as endpoint:
+            with b4mrl.connect(endpoint) as client, warnings.catch_warnings():
+                warnings.simplefilter("error")
+                with client.make("HalfCheetah") as env, client.make_vec("Hopper", 3) as vec:
+                    assert (env.transport, vec.transport) == (transport, transport)
+                    env.reset(seed=1)
+                    vec.reset(seed=1)
+                    steps = [env.step(np.full(6, 0.1 * i)) for i in range(10)]
+                    batches = [vec.step(np.full((3, 3), 0.1 * i)) for i in range(10)]
+                    results[transport] = steps, batches, vec.get_state()
+                answer = client.query("HalfCheetah", np.zeros((3000, 17)), np.zeros((3000, 6)))
+                assert answer[3].all()
+    assert_same(results["door"], results[kind])

@@ -301,7 +301,7 @@ class Connection:
         wait_ms = math.ceil((self._next_wake() - time.monotonic()) * 1000)
         message = self._link.receive(wait_ms)
         if message is None and self._link.is_refused:
-            refused = self._close_link
+            refused, self._handshakes = self._close_link, self.handshakes
             self._take_link(sockets.open_link(self.address))
             refused()
         return message

@@ -47,7 +47,7 @@ _FOR_BYTES, _FOR_SPACE = 1, 2
 _MOST_REFUSALS = 3
 _BLOCK_TIME = struct.pack("ll", 0, LONGEST_BLOCK_MS * 1000)  # a timeval
 
-_fence = threading.Lock()
+_LINGER_LOOK = 2e-4  # seconds between two looks whether the last messages were read
 
 
 class _Memory:
@@ -65,7 +65,7 @@ class _Memory:
 class Door:
     """A Link through the door of that name; made by open_door.
 
-    Messages that are sent while the worker is being replaced are lost, as take_handshakes tells.
+    Messages that are sent before the greeting are queued.
     """
 
     transport = "door"
@@ -75,10 +75,14 @@ class Door:
         self._name = name
         self._socket: socket.socket | None = None
         self._memory: _Memory | None = None
-        self._asked = 0.0  # when the latest connection was asked for
+        self._queue: list[Message] = []  # until the greeting
+        self._asked = 0.0  # when the latest connection was made, whose greeting comes later
         self._handshakes = 0
         self._refusals = 0  # since the last greeting
         self._spinner = Spinner(0.0)
+        # Taken and released at once, which orders memory as a fence does. It is not waited for, as
+        # Ctrl-C may have come before its release.
+        self._fence = threading.Lock()
 
     @property
     def is_open(self) -> bool:
@@ -97,7 +101,8 @@ class Door:
         """
         memory = self._memory
         if memory is None:
-            return True
+            self._queue.append((envelope, payload))
+            return len(self._queue) <= limits.HIGH_WATER_MARK
         if memory.writer.queued >= limits.HIGH_WATER_MARK:
             return False
         memory.writer.push(envelope, payload)
@@ -115,19 +120,19 @@ class Door:
 
     def receive(self, wait_ms: int) -> Message | None:
         """Of Link; looks for a message without sleeping where one probably comes soon."""
-        memory = self._memory
-        if memory is None:
+        memory, message = self._memory, None
+        if memory is not None:
+            try:
+                if memory.reader.has_bytes() or self._await_bytes(memory, wait_ms):
+                    message = memory.reader.take()
+                    self._wake(memory, _FOR_SPACE)
+            except BrokenRingError:
+                self._leave()
+        if self._memory is None:
+            # At once, so that no request is given up because its caller was away when the worker
+            # was replaced.
             self.connect(min(wait_ms, LONGEST_BLOCK_MS))
-            return None
-        try:
-            if not memory.reader.has_bytes() and not self._await_bytes(memory, wait_ms):
-                return None
-            message = memory.reader.take()
-            self._wake(memory, _FOR_SPACE)
-            return message
-        except BrokenRingError:
-            self._leave()
-            return None
+        return message
 
     def take_handshakes(self) -> int:
         """Of Link."""
@@ -140,26 +145,41 @@ class Door:
             self.connect(wait_ms)
 
     def close(self, linger_ms: int = 0) -> None:
-        """Of Link; what is in the ring is still read by the worker."""
+        """Of Link; waits until the worker has read the queued messages, at most `linger_ms`."""
+        memory = self._memory
+        if memory is not None and self.process_id == os.getpid():
+            finish = time.monotonic() + linger_ms / 1000
+            with contextlib.suppress(BrokenRingError):
+                while memory.writer.is_unread() and time.monotonic() < finish:
+                    self._write(memory)
+                    time.sleep(_LINGER_LOOK)
         self._leave()
 
     def connect(self, wait_ms: int) -> None:
         """Connects, or goes on connecting: waits for the greeting, at most `wait_ms`."""
         if self._socket is None:
             self._socket = self._ask()
+            if self._socket is None:
+                return
             self._asked = time.monotonic()
-        if self._socket is None:
-            return
+            self._handshakes += 1
         if _is_readable(self._socket, wait_ms):
-            self._memory = self._greet(self._socket)
+            memory = self._greet(self._socket)
         elif time.monotonic() < self._asked + limits.HANDSHAKE_MS / 1000:
             return
-        if self._memory is None:
+        else:
+            memory = None
+        if memory is None:
             self._refusals += 1
             self._leave()
-        else:
-            self._refusals = 0
-            self._handshakes += 1
+            return
+        self._refusals = 0
+        for message in self._queue:
+            memory.writer.push(*message)
+        self._memory = memory
+        self._queue.clear()
+        with contextlib.suppress(BrokenRingError):  # the next call finds that again
+            self._write(memory)
 
     def _ask(self) -> socket.socket | None:
         """A connection, whose greeting may come later; None if there is none to have."""
@@ -204,8 +224,9 @@ class Door:
                 os.close(descriptor)
 
     def _leave(self) -> None:
-        """Ends the connection."""
+        """Ends the connection; what was queued for it is lost."""
         self._memory = None
+        self._queue.clear()
         if self._socket is None:
             return
         if self.process_id == os.getpid():
@@ -223,8 +244,8 @@ class Door:
 
     def _wake(self, memory: _Memory, reason: int) -> None:
         """Wakes the worker if it sleeps for that reason; called when the reason has ended."""
-        _fence.acquire()
-        _fence.release()
+        self._fence.acquire(False)
+        self._fence.release()
         if not memory.sleeps[_WORKER_SLEEPS] & reason or self._socket is None:
             return
         memory.sleeps[_WORKER_SLEEPS] = 0
@@ -238,14 +259,13 @@ class Door:
         reader = memory.reader
         while True:
             is_writing = memory.writer.queued > 0 and self._write(memory)
-            if wait_ms <= 0:
-                return reader.has_bytes()
-            if not is_writing and self._spinner.spin(reader.watch):
+            if wait_ms > 0 and not is_writing and self._spinner.spin(reader.watch):
                 break
             self._sleep(memory, _FOR_BYTES | (_FOR_SPACE if is_writing else 0), wait_ms)
             if reader.has_bytes() or self._memory is not memory or time.perf_counter() >= finish:
                 break
-        self._spinner.learn(time.perf_counter() - begin)
+        if wait_ms > 0:
+            self._spinner.learn(time.perf_counter() - begin)
         return reader.has_bytes()
 
     def _sleep(self, memory: _Memory, reasons: int, wait_ms: int) -> None:
@@ -254,8 +274,8 @@ class Door:
         assert link is not None  # there is memory
         reader.publish()
         sleeps[_CLIENT_SLEEPS] = reasons
-        _fence.acquire()
-        _fence.release()
+        self._fence.acquire(False)
+        self._fence.release()
         try:
             if reasons & _FOR_BYTES and reader.has_bytes():
                 return
@@ -304,5 +324,5 @@ def _can_shrink(descriptor: int) -> bool:
     """Whether the peer can still take away memory, so that reading it would end this process."""
     import fcntl  # not on Windows, where this module is imported all the same
 
-    sealed = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW
-    return fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & sealed != sealed
+    seals = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+    return fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & seals != seals

@@ -71,6 +71,10 @@ class RingWriter:
         """The number of messages that are not entirely in the ring."""
         return len(self._queue)
 
+    def is_unread(self) -> bool:
+        """Whether the reader has not yet taken all messages."""
+        return self.queued > 0 or bool(self._words[self._tail_word] != self._head)
+
     def push(self, envelope: bytes, payload: bytearray) -> None:
         """Queues a message; `write` puts it into the ring."""
         prefix = _PREFIX.pack(len(envelope), len(payload), 0)

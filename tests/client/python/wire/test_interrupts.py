@@ -31,9 +31,14 @@ INTERRUPTIONS = [
     ("b4mrl.wire.connection.Connection.send", "before", False),
     ("b4mrl.wire.connection.Connection._transmit", "before", True),
     ("zmq.Socket.send", "after", True),  # half a message is sent
+    ("b4mrl.wire.ring.RingWriter.push", "before", True),
+    ("b4mrl.wire.ring.RingWriter.push", "after", True),
+    ("b4mrl.wire.ring.RingWriter.write", "after", True),  # and no bell rings
     ("b4mrl.wire.connection.Connection._transmit", "after", True),
     ("b4mrl.wire.connection.Connection.send", "after", True),
     ("b4mrl.wire.connection.Connection.await_any", "before", True),
+    ("b4mrl.wire.ring.RingReader.has_bytes", "before", True),
+    ("b4mrl.wire.ring.RingReader.take", "after", True),  # a message is lost
     ("b4mrl.wire.connection.Connection._read", "after", True),  # a message is lost
     ("b4mrl.wire.connection.Connection._accept", "after", True),
     ("b4mrl.wire.connection.Connection.await_any", "after", True),
@@ -45,9 +50,16 @@ INTERRUPTIONS = [
 everywhere = pytest.mark.parametrize(("place", "when", "happens"), INTERRUPTIONS)
 
 
-@pytest.fixture
-def pair(client: b4mrl.Client) -> Iterator[tuple[b4mrl.Environment, b4mrl.Environment]]:
+@pytest.fixture(params=["door", "tcp"])
+def pair(
+    client: b4mrl.Client, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[b4mrl.Environment, b4mrl.Environment]]:
     """An environment to be interrupted, and one that is left alone."""
+    other = {"door": "zmq.", "tcp": "b4mrl.wire.ring"}[request.param]
+    if request.node.callspec.params.get("place", "").startswith(other):
+        pytest.skip("not on this way")
+    if request.param == "tcp":
+        monkeypatch.setattr("b4mrl.wire.routes.open_door", lambda name, wait_ms: None)
     options = {"simulator": "obs-noise=0.1", "config": {"max_episode_steps": 7}}
     with (
         client.make("HalfCheetah", **options) as env,
@@ -55,6 +67,7 @@ def pair(client: b4mrl.Client) -> Iterator[tuple[b4mrl.Environment, b4mrl.Enviro
     ):
         env.reset(seed=1)
         twin.reset(seed=1)
+        assert env.transport == request.param
         yield env, twin
 
 
@@ -148,10 +161,11 @@ def test_an_interrupted_send_may_be_made_again(client: b4mrl.Client, place: str,
             assert_same(observations, expected[info["env_id"]])
 
 
-def test_a_request_that_was_cut_between_its_frames_costs_no_time(pair) -> None:
+@pytest.mark.parametrize("place", ["zmq.Socket.send", "b4mrl.wire.ring.RingWriter.write"])
+def test_a_request_that_was_cut_while_it_was_sent_costs_no_time(pair, place) -> None:
     env, twin = pair
     start = time.monotonic()
-    interrupt(lambda: env.step(np.ones(6)), "zmq.Socket.send", "after")
+    interrupt(lambda: env.step(np.ones(6)), place, "after")
     assert_same(env.step(np.ones(6)), twin.step(np.ones(6)))
     assert time.monotonic() - start < 10  # a resend would come after an eighth of two minutes
 

@@ -27,6 +27,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(spinning.time, "perf_counter", clock.perf_counter)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     monkeypatch.setattr(threading, "active_count", lambda: 1)
+    monkeypatch.setattr(spinning, "_asleep", set())  # the tests' own daemon has such a thread
     return clock
 
 
@@ -87,7 +88,6 @@ def test_where_looking_would_hold_others_up_it_never_looks(
 def test_a_thread_that_only_waits_keeps_nobody_from_looking(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(spinning, "_asleep", set())  # the test's own daemon has such a thread
     monkeypatch.setattr(threading, "active_count", lambda: 2)
     event, pause = threading.Event(), threading.Event()
     thread = threading.Thread(target=spinning.sleep_until, args=(event,))
