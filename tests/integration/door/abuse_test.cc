@@ -53,7 +53,7 @@ TEST_CASE("A client that breaks every rule of the door harms neither worker nor 
   WalkBesideScribbler(500);
 }
 
-TEST_CASE("10,000 connections of a client that breaks every rule harm nobody", "[.][long]") {
+TEST_CASE("Ten thousand connections of a client that breaks every rule harm nobody", "[.][long]") {
   WARN(WalkBesideScribbler(10'000));
 }
 
