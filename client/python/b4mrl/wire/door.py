@@ -100,11 +100,12 @@ class Door:
         Waits for LONGEST_BLOCK_MS at most, if the worker has not yet read what came before.
         """
         memory = self._memory
+        queued = len(self._queue) if memory is None else memory.writer.queued
+        if queued >= limits.HIGH_WATER_MARK:
+            return False
         if memory is None:
             self._queue.append((envelope, payload))
-            return len(self._queue) <= limits.HIGH_WATER_MARK
-        if memory.writer.queued >= limits.HIGH_WATER_MARK:
-            return False
+            return True
         memory.writer.push(envelope, payload)
         finish = 0.0
         try:

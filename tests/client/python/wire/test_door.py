@@ -268,3 +268,20 @@ def test_collected_connections_leave_no_descriptor(start) -> None:
     while len(os.listdir("/proc/self/fd")) > descriptors and time.monotonic() < finish:
         pause.wait(0.01)  # the server closes its side
     assert len(os.listdir("/proc/self/fd")) <= descriptors
+
+
+def test_what_is_sent_before_the_greeting_arrives_after_it() -> None:
+    place = listen()
+    door = Door(place[0])
+    door.connect(0)  # nobody greets yet
+    assert not door.is_open and door.take_handshakes() == 1
+    sent = 0
+    while door.send(hello(sent + 1), bytearray()):
+        sent += 1
+    assert sent == 1000
+    server = DoorServer(echo, place)
+    for number in range(sent):
+        assert Reply.FromString(receive(door)[0]).request_id == number + 1
+    assert door.take_handshakes() == 0
+    door.close()
+    server.stop()
