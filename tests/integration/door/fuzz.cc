@@ -9,6 +9,11 @@
 // messages are exchanged beside a client that breaks every rule on SCRIBBLES connections
 // (scribbler.h). With `threads` both ends are threads of one process, for ThreadSanitizer. The exit
 // code is 1 if a message was wrong or a bell was lost.
+//
+//   door_fuzz echo NAME [pauses]
+//
+// Is the worker of one client of the door NAME, written in whatever language: prints "ready", sends
+// all messages back, and ends when the client has gone.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -33,6 +38,7 @@ namespace {
 
 constexpr uint64_t kSeed = 20;
 constexpr uint64_t kPauseOneIn = 3;
+constexpr uint32_t kSpinUs = 100;        // without pauses
 constexpr int64_t kPatienceMs = 60'000;  // for one message, on a busy machine
 constexpr int kWorkerSleepMs = 100;      // as the worker's loop
 
@@ -147,17 +153,25 @@ bool RunBesideScribbler(const std::string& name, ClientDoor& door, uint64_t conn
   return is_right && scribbled == connections;
 }
 
-// Listens as the supervisor does, runs `body` with a client of the door, and the worker beside it.
-bool BesideWorker(bool by_threads, uint32_t spin_us,
-                  const std::function<bool(const std::string& name, ClientDoor& door)>& body) {
-  const std::string name = fmt::format("b4mrl-door-fuzz-{}", getpid());
+// Listens as the supervisor does; -1 with a message if that fails.
+int Listen(const std::string& name) {
   const int listener = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   sockaddr_un address;
   const socklen_t length = DoorAddress(name, &address);
-  if (bind(listener, reinterpret_cast<const sockaddr*>(&address), length) != 0 ||
-      listen(listener, 64) != 0) {
-    return std::perror("door_fuzz cannot listen"), false;
+  if (bind(listener, reinterpret_cast<const sockaddr*>(&address), length) == 0 &&
+      listen(listener, 64) == 0) {
+    return listener;
   }
+  std::perror("door_fuzz cannot listen");
+  return -1;
+}
+
+// Runs `body` with a client of a door, and the worker beside it.
+bool BesideWorker(bool by_threads, uint32_t spin_us,
+                  const std::function<bool(const std::string& name, ClientDoor& door)>& body) {
+  const std::string name = fmt::format("b4mrl-door-fuzz-{}", getpid());
+  const int listener = Listen(name);
+  if (listener < 0) return false;
   std::thread thread;
   pid_t process = 0;
   if (by_threads) {
@@ -182,9 +196,29 @@ bool BesideWorker(bool by_threads, uint32_t spin_us,
   return is_right && code == 0;
 }
 
+SleepCounts& SharedCounts() {
+  void* const shared =
+      mmap(nullptr, sizeof(SleepCounts), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  return *new (shared) SleepCounts;
+}
+
+int EchoAs(const std::string& name, bool with_pauses) {
+  const int listener = Listen(name);
+  if (listener < 0) return 1;
+  SleepCounts& counts = SharedCounts();
+  BeginPauses(&counts, with_pauses ? kPauseOneIn : 0);
+  fmt::print("ready\n");
+  std::fflush(stdout);
+  Echo(listener, with_pauses ? 0 : kSpinUs);
+  fmt::print("{} sleeps, {} late bells, {} lost bells\n", counts.sleeps.load(),
+             counts.late_bells.load(), counts.lost_bells.load());
+  return counts.lost_bells == 0 ? 0 : 1;
+}
+
 }  // namespace
 
 int Main(int argc, char** argv) {
+  if (argc > 2 && std::string_view(argv[1]) == "echo") return EchoAs(argv[2], argc > 3);
   if (argc < 5) {
     return fmt::print(stderr, "door_fuzz MESSAGES LARGE ROUNDS SCRIBBLES [threads]\n"), 2;
   }
@@ -193,9 +227,7 @@ int Main(int argc, char** argv) {
   const uint64_t rounds = std::strtoull(argv[3], nullptr, 10);
   const uint64_t scribbles = std::strtoull(argv[4], nullptr, 10);
   const bool by_threads = argc > 5;
-  void* const shared =
-      mmap(nullptr, sizeof(SleepCounts), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-  SleepCounts& counts = *new (shared) SleepCounts;
+  SleepCounts& counts = SharedCounts();
   const auto run = [&](const char* name, const Exchange& exchange, uint64_t one_in,
                        uint32_t spin_us) {
     BeginPauses(&counts, one_in);
@@ -208,8 +240,8 @@ int Main(int argc, char** argv) {
     std::fflush(stdout);
     return is_right;
   };
-  bool is_right = run("1 B to 64 KiB", Messages(messages, 1, 65'536, 64), 0, 100);
-  is_right &= run("64 KiB to 64 MiB", Messages(large, 65'536, 64 << 20, 3), 0, 100);
+  bool is_right = run("1 B to 64 KiB", Messages(messages, 1, 65'536, 64), 0, kSpinUs);
+  is_right &= run("64 KiB to 64 MiB", Messages(large, 65'536, 64 << 20, 3), 0, kSpinUs);
   counts.sleeps = 0;
   is_right &= run("with pauses", Rounds(rounds), kPauseOneIn, 0);
   fmt::print("{} sleeps, {} pauses, {} late bells, {} lost bells\n", counts.sleeps.load(),
