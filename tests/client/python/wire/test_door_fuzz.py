@@ -41,7 +41,7 @@ def start() -> Iterator[Callable[..., str]]:
     for worker in workers:
         # It ends with its client, and with an error if one of its sleeps lost its bell.
         try:
-            assert worker.wait(WAIT_S) == 0
+            assert worker.wait(10) == 0
         finally:
             worker.kill()
 
