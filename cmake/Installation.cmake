@@ -9,6 +9,7 @@ install(FILES data/datasets.toml benchmarks/budgets.toml benchmarks/claims.toml 
         benchmarks/paper_parameters.csv
         DESTINATION share/b4mrl)
 install(DIRECTORY benchmarks/suites DESTINATION share/b4mrl)
+install(FILES benchmarks/performance/python_rates.py DESTINATION share/b4mrl/performance)
 # The documents keep their places to each other, for they link to each other.
 install(FILES LICENSE NOTICE CITATION.cff README.md ARCHITECTURE.md CHANGELOG.md CODE_OF_CONDUCT.md CONTRIBUTING.md
         REPRODUCIBILITY.md SECURITY.md TUTORIAL.md DESTINATION share/doc/b4mrl)

@@ -41,4 +41,9 @@ Status MeasureUpdate(const Options& options, Reporter& reporter);
 // the time of both one after the other.
 Status MeasureCycle(const Options& options, Reporter& reporter);
 
+// python-single, python-humanoid, python-vec8-sync, ...: steps a second from Python, beside those
+// of Gymnasium and EnvPool where they are installed, and of the C++ client. Not among `all`,
+// because it needs a python3 with the package b4mrl.
+Status MeasurePython(const Options& options, Reporter& reporter);
+
 }  // namespace b4mrl::perf

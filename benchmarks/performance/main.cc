@@ -1,7 +1,7 @@
 // b4mrl-perf: what the daemon and the learners reach, each beside a limit measured in the same run.
 //
-//   b4mrl perf [step|latency|query|batch|update|highway|cycle|all] [--json] [--endpoint ADDRESS]
-//              [--turns N]
+//   b4mrl perf [step|latency|query|batch|update|highway|cycle|python|all] [--json] [--turns N]
+//              [--endpoint ADDRESS]
 //
 // Exit code 0: measured (whatever the ratios are); 2: bad usage; 3: bad input; 4: the daemon cannot
 // be reached; 5: it refused; 130: interrupted.
@@ -25,6 +25,7 @@ struct Entry {
   std::string name;
   std::string about;  // what is measured, for --help
   Status (*measure)(const Options&, Reporter&);
+  bool is_of_all = true;  // whether it is one of `all`
 };
 
 const std::vector<Entry>& Entries() {
@@ -40,7 +41,11 @@ const std::vector<Entry>& Entries() {
       {"cycle",
        "seconds of 1,000 updates and their rollouts in MOPO and HyMOPO, with --rollout-lag 1 and "
        "0 and in bf16",
-       MeasureCycle}};
+       MeasureCycle},
+      {"python",
+       "steps a second from Python, beside Gymnasium and EnvPool; needs a python3 in PATH with the "
+       "package b4mrl; not one of `all`",
+       MeasurePython, false}};
   return kEntries;
 }
 
@@ -71,7 +76,7 @@ int Measure(const std::string& what, const Options& options, bool json) {
   Reporter reporter(json);
   bool known = false;
   for (const Entry& entry : Entries()) {
-    if (what != "all" && what != entry.name) continue;
+    if (what == "all" ? !entry.is_of_all : what != entry.name) continue;
     known = true;
     const Status status = entry.measure(options, reporter);
     if (!status.ok() && Interrupted()) {

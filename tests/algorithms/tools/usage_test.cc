@@ -1,7 +1,9 @@
 // What the command line accepts, how it explains itself, and what it says when it does not.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -94,6 +96,19 @@ TEST_CASE("Every program of the command line tells its version and its help") {
     CHECK(Run(asked).exit_code == 0);
     CHECK(Run(asked).out == Run(flagged).out);
   }
+}
+
+TEST_CASE("perf python says why it measures nothing") {
+  const TemporaryFolder folder;
+  const std::string python = folder.File("python3");
+  std::ofstream(python) << "#!/bin/sh\nprintf 'failed this Python has no package b4mrl\\n' >&0\n";
+  std::filesystem::permissions(python, std::filesystem::perms::owner_all);
+  const std::string before = std::getenv("PATH");
+  setenv("PATH", (folder.path() + ":" + before).c_str(), 1);
+  const Outcome outcome = Run({"perf", "python"});
+  setenv("PATH", before.c_str(), 1);
+  CHECK(outcome.exit_code == 4);
+  CHECK(Says(outcome.err, "this Python has no package b4mrl"));
 }
 
 TEST_CASE("A learner with an ensemble has two threads unless it is told otherwise") {
