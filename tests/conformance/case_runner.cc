@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <sys/random.h>
-#include <zmq.h>
 
 #include <algorithm>
 #include <utility>
@@ -19,16 +18,6 @@ constexpr int64_t kPatienceMs = 60'000;
 
 std::string SessionOf(const Json& step) { return step.value("session", "a"); }
 
-// Any number of frames, which DealerSocket would not send.
-Status SendFrames(const DealerSocket& socket, const std::vector<std::string>& frames) {
-  for (size_t i = 0; i < frames.size(); ++i) {
-    const int flags = ZMQ_DONTWAIT | (i + 1 < frames.size() ? ZMQ_SNDMORE : 0);
-    if (zmq_send(socket.handle(), frames[i].data(), frames[i].size(), flags) >= 0) continue;
-    return {StatusCode::kUnavailable, "the queue towards the server is full"};
-  }
-  return Status();
-}
-
 }  // namespace
 
 Status CaseRunner::Connect() {
@@ -42,10 +31,10 @@ Status CaseRunner::Run(const Json& json) {
   tokens_.clear();
   labels_.clear();
   workers_.clear();
-  last_worker_.clear();
+  last_worker_.reset();
   const Status status = RunSteps(json.at("steps"));
   // What a failed case left open would answer the next one.
-  if (!status.ok()) sockets_.clear();
+  if (!status.ok()) peers_.clear();
   awaited_.clear();
   CloseSessions();
   return status;
@@ -68,22 +57,24 @@ std::string CaseRunner::AddressOf(const pb::Port& port) const {
   return fmt::format("{}:{}", endpoint_.substr(0, endpoint_.rfind(':')), port.tcp());
 }
 
-Result<DealerSocket*> CaseRunner::SocketAt(const std::string& address) {
-  std::unique_ptr<DealerSocket>& socket = sockets_[address];
-  if (socket == nullptr) {
-    B4MRL_ASSIGN_OR_RETURN(DealerSocket connected, DealerSocket::Connect(context_, address));
-    socket = std::make_unique<DealerSocket>(std::move(connected));
+Result<Peer*> CaseRunner::PeerAt(const std::string& address, const std::string& door) {
+  std::unique_ptr<Peer>& peer = peers_[door.empty() ? address : door];
+  if (peer == nullptr) {
+    B4MRL_ASSIGN_OR_RETURN(Peer connected,
+                           door.empty() ? Peer::AtSocket(context_, address) : Peer::AtDoor(door));
+    peer = std::make_unique<Peer>(std::move(connected));
   }
-  return socket.get();
+  return peer.get();
 }
 
-Result<DealerSocket*> CaseRunner::SocketFor(const Json& step) {
+Result<Peer*> CaseRunner::PeerFor(const Json& step, bool may_be_door) {
   const std::string to = step.value("to", "worker");
-  if (to == "gateway") return SocketAt(endpoint_);
-  if (to == "dataset") return SocketAt(dataset_address_);
-  if (last_worker_.empty()) return InvalidArgument("to", to, "a case that has opened a session");
+  if (to == "gateway") return PeerAt(endpoint_, "");
+  if (to == "dataset") return PeerAt(dataset_address_, "");
+  if (!last_worker_) return InvalidArgument("to", to, "a case that has opened a session");
   const auto worker = workers_.find(SessionOf(step));
-  return SocketAt(worker == workers_.end() ? last_worker_ : worker->second);
+  const pb::Port& port = worker == workers_.end() ? *last_worker_ : worker->second;
+  return PeerAt(AddressOf(port), use_doors_ && may_be_door ? port.door() : "");
 }
 
 std::string CaseRunner::TokenFor(const Json& step) {
@@ -97,17 +88,18 @@ std::string CaseRunner::TokenFor(const Json& step) {
 }
 
 Status CaseRunner::SendStep(const Json& step, size_t index) {
-  B4MRL_ASSIGN_OR_RETURN(DealerSocket * socket, SocketFor(step));
   if (step.contains("raw")) {
     B4MRL_ASSIGN_OR_RETURN(const std::vector<std::string> frames, BuildRaw(step));
+    B4MRL_ASSIGN_OR_RETURN(Peer * peer, PeerFor(step, Peer::FitsDoor(frames)));
     awaited_.push_back({step.value("id", uint64_t{0}), index, false, {}});
-    return SendFrames(*socket, frames);
+    return peer->SendFrames(frames);
   }
+  B4MRL_ASSIGN_OR_RETURN(Peer * peer, PeerFor(step, true));
   for (int i = 0; i < step.value("times", 1); ++i) {
     const uint64_t id = next_id_++;
     B4MRL_ASSIGN_OR_RETURN(Message message, BuildRequest(step, TokenFor(step), id, labels_));
     awaited_.push_back({id, index, false, {}});
-    B4MRL_RETURN_IF_ERROR(socket->Send(std::move(message)));
+    B4MRL_RETURN_IF_ERROR(peer->Send(std::move(message)));
   }
   return Status();
 }
@@ -131,10 +123,13 @@ Status CaseRunner::Receive() {
       return {StatusCode::kDeadlineExceeded, fmt::format("no reply within {} ms", kPatienceMs)};
     }
     std::vector<void*> handles;
-    for (const auto& [address, socket] : sockets_) handles.push_back(socket->handle());
-    WaitAnyReadable(handles, deadline.remaining_ms());
-    for (const auto& [address, socket] : sockets_) {
-      while (std::optional<Message> message = socket->TryReceive()) Accept(std::move(*message));
+    for (const auto& [address, peer] : peers_) {
+      if (peer->handle() != nullptr) handles.push_back(peer->handle());
+    }
+    const bool has_doors = handles.size() < peers_.size();
+    WaitAnyReadable(handles, has_doors ? 1 : deadline.remaining_ms());
+    for (const auto& [address, peer] : peers_) {
+      while (std::optional<Message> message = peer->TryReceive()) Accept(std::move(*message));
     }
   }
   return Status();
@@ -151,7 +146,7 @@ Status CaseRunner::CheckReplies(const Json& steps) {
                               .WithContext(fmt::format("step {}", awaited.step + 1)));
     if (step.contains("label")) labels_[step.at("label").get<std::string>()] = awaited.reply;
     if (!envelope.has_open()) continue;
-    workers_[SessionOf(step)] = last_worker_ = AddressOf(envelope.open().port());
+    last_worker_ = workers_[SessionOf(step)] = envelope.open().port();
   }
   for (const auto& [index, got] : codes) {
     const Json expected = steps[index].value("expect", Json::object());
@@ -169,7 +164,7 @@ void CaseRunner::CloseSessions() {
   for (const auto& [name, token] : tokens_) {
     steps.push_back({{"session", name}, {"request", {{"close", Json::object()}}}});
   }
-  if (!last_worker_.empty()) (void)RunSteps(steps);
+  if (last_worker_) (void)RunSteps(steps);
 }
 
 }  // namespace b4mrl::conformance

@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,12 +18,15 @@
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
 #include "tests/conformance/case_message.h"
+#include "tests/conformance/peer.h"
 
 namespace b4mrl::conformance {
 
 class CaseRunner {
  public:
-  explicit CaseRunner(std::string endpoint) : endpoint_(std::move(endpoint)) {}
+  // `use_doors`: messages to workers go through local doors as far as a door can carry them.
+  CaseRunner(std::string endpoint, bool use_doors)
+      : endpoint_(std::move(endpoint)), use_doors_(use_doors) {}
 
   // Says Hello; kUnavailable if nobody answers.
   Status Connect();
@@ -39,8 +43,9 @@ class CaseRunner {
 
   Status RunSteps(const nlohmann::json& steps);
   Status SendStep(const nlohmann::json& step, size_t index);
-  Result<DealerSocket*> SocketFor(const nlohmann::json& step);
-  Result<DealerSocket*> SocketAt(const std::string& address);
+  // `may_be_door`: whether a door can carry what the step sends.
+  Result<Peer*> PeerFor(const nlohmann::json& step, bool may_be_door);
+  Result<Peer*> PeerAt(const std::string& address, const std::string& door);
   // Of a process that listens on `port`; the gateway's own where it does not.
   std::string AddressOf(const pb::Port& port) const;
   std::string TokenFor(const nlohmann::json& step);
@@ -52,11 +57,12 @@ class CaseRunner {
 
   Context context_;
   std::string endpoint_;
+  bool use_doors_;
   std::string dataset_address_;
-  std::map<std::string, std::unique_ptr<DealerSocket>> sockets_;  // by address
-  std::map<std::string, std::string> tokens_;                     // by a session's name
-  std::map<std::string, std::string> workers_;                    // their addresses, likewise
-  std::string last_worker_;                                       // of the case's last Open
+  std::map<std::string, std::unique_ptr<Peer>> peers_;  // by address, or a door's name
+  std::map<std::string, std::string> tokens_;           // by a session's name
+  std::map<std::string, pb::Port> workers_;             // of sessions, likewise
+  std::optional<pb::Port> last_worker_;                 // of the case's last Open
   std::map<std::string, ReplyMessage> labels_;
   std::vector<Awaited> awaited_;
   uint64_t next_id_ = 1'000;  // below it are those that the table names
