@@ -99,6 +99,13 @@ class Guest:
             socket.send_fds(link, [greeting()], [descriptor])
         os.close(descriptor)
 
+    def has_left(self) -> bool:
+        """Whether the client's end is closed; reads a bell."""
+        try:
+            return not self.link.recv(64)
+        except ConnectionError:
+            return True
+
     def wake(self, reason: int) -> None:
         with threading.Lock():  # a fence
             pass
@@ -155,7 +162,7 @@ class DoorServer:
             if self._listener.fileno() in ready:
                 self.guests.append(Guest(self._listener.accept()[0]))
             for guest in list(self.guests):
-                if guest.link.fileno() in ready and not guest.link.recv(64):
+                if guest.link.fileno() in ready and guest.has_left():
                     self._part_with(guest)
         for guest in self.guests:
             guest.sleeps[80] = 0
