@@ -116,12 +116,15 @@ Status ClientDoor::Send(Message message) {
 }
 
 std::optional<Message> ClientDoor::Receive(const Deadline& deadline) {
-  const Deadline longest = Earlier(deadline, kLongestBlockMs);
-  if (!open_) {
-    Connect(longest);
-    return std::nullopt;
-  }
-  if (std::optional<Message> message = Take()) return message;
+  std::optional<Message> message = Take();
+  if (!message && open_) message = Await(Earlier(deadline, kLongestBlockMs));
+  // At once, even after the deadline: the caller may have been away while the worker was replaced,
+  // and should learn that before it gives up its requests.
+  if (!open_) Connect(Deadline::AfterMs(kLongestBlockMs));
+  return message;
+}
+
+std::optional<Message> ClientDoor::Await(const Deadline& longest) {
   const Clock::time_point since = Clock::now();
   std::optional<Message> message;
   while (open_ && !message) {

@@ -58,6 +58,8 @@ class ClientDoor {
   // Publishes what waits; closes a door whose ring is broken.
   void Write();
   std::optional<Message> Take();
+  // Waits for the next message, first awake, then asleep.
+  std::optional<Message> Await(const Deadline& longest);
   // Sleeps until the peer rings for one of the reasons, or until the deadline; 20 ms at most.
   void Sleep(uint32_t reasons, const Deadline& deadline);
 
