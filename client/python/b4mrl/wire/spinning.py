@@ -1,9 +1,12 @@
 """Decides whether a wait for another process is spent looking again and again, before a sleep.
 
 Waking a sleeping thread of an idle core takes about 60 us, as long as two steps of a simulation. So
-a wait that will probably end within the budget is spent looking, and a longer one asleep. The core
-is not yielded between looks, as programs in C++ do (proto/base/spin.h): from Python that made steps
-a tenth slower, on two busy cores.
+a wait that will probably end within the budget is spent looking, and a longer one asleep.
+
+Between looks the thread yields its core, because the kernel often puts both processes on one core.
+On a busy machine a yield hands the core to a third process for milliseconds. So after looking in
+vain, or with an interruption, the spinner rests for many times as long as that took, which bounds
+what looking can cost to a few percent.
 
 Thread rule: one thread at a time.
 """
@@ -16,11 +19,12 @@ import time
 from collections.abc import Callable
 
 _WAKE_UP = 60e-6  # seconds, as all times here
-_LOOKS = 64  # between two looks at the clock: about 2 us
-# A longer time between two looks at the clock: the core was given to another thread, which may be
-# the one that is waited for.
+_LOOKS = 64  # between two yields: about 2 us
+# A longer time between two looks at the clock: another thread had the core in between. It may have
+# been the peer's, if the wait is over then.
 _INTERRUPTION = 30e-6
-_SHORTEST_REST, _LONGEST_REST = 1e-3, 1.0
+_LOST_SLICE = 500e-6  # longer than any wait that is worth looking, so it was not the peer's
+_RESTS = 16  # times what was lost
 _LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
 _MEMORY = 8  # waits
 
@@ -50,7 +54,6 @@ class Spinner:
     def __init__(self, budget: float) -> None:
         self._budget = budget if len(os.sched_getaffinity(0)) > 1 else 0.0
         self._usual_wait = 0.0
-        self._rest = _SHORTEST_REST
         self._rests_until = 0.0
 
     def spin(self, watch: Callable[[int], bool]) -> bool:
@@ -58,20 +61,19 @@ class Spinner:
         others = threading.active_count() - 1 - len(_asleep)
         if others > 0 or self._usual_wait - _WAKE_UP > self._budget:
             return False
-        now = time.perf_counter()
-        finish = now + self._budget
+        begin = now = time.perf_counter()
         if now < self._rests_until:
             return False
-        while now < finish:
+        is_over, lost = False, 0.0
+        while not is_over and lost < _INTERRUPTION and now - begin < self._budget:
             if watch(_LOOKS):
-                self._rest = max(self._rest / 2, _SHORTEST_REST)
                 return True
+            os.sched_yield()  # the peer may wait for this very core
             last, now = now, time.perf_counter()
-            if now - last > _INTERRUPTION:
-                self._rests_until = now + self._rest
-                self._rest = min(2 * self._rest, _LONGEST_REST)
-                return False
-        return False
+            is_over, lost = watch(1), now - last
+        if not is_over or lost > _LOST_SLICE:
+            self._rests_until = now + _RESTS * (now - begin)
+        return is_over
 
     def learn(self, wait: float) -> None:
         """To be called with the length of each wait, however it was spent."""

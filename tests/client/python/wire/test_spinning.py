@@ -57,21 +57,26 @@ def test_long_waits_are_slept_through_until_short_ones_come_again(clock: Clock) 
     assert spinner.spin(lambda _: True)
 
 
-def test_a_core_that_was_taken_away_is_left_to_the_other_for_longer_and_longer(
-    clock: Clock,
+@pytest.mark.parametrize(
+    ("lost", "looks"),
+    [(0.0, [False] * 1000), (40e-6, [False, False]), (3e-3, [False, True])],
+    ids=["in vain", "interrupted", "a slice was lost"],
+)
+def test_after_a_loss_it_rests_for_many_times_as_long(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, lost: float, looks: list[bool]
 ) -> None:
-    def lose_the_core(_: int) -> bool:
-        clock.now += 40e-6
-        return False
+    def give_the_core_away() -> None:
+        clock.now += lost
 
+    monkeypatch.setattr(os, "sched_yield", give_the_core_away)
     spinner = Spinner(100e-6)
-    for rest in (1e-3, 2e-3, 4e-3):
-        began = clock.now
-        assert not spinner.spin(lose_the_core)
-        assert clock.now - began < 60e-6
-        clock.now = began + 0.9 * rest
-        assert not spinner.spin(lambda _: True)
-        clock.now = began + rest + 100e-6
+    began, answers = clock.now, iter(looks)
+    assert spinner.spin(lambda _: next(answers)) == looks[-1]
+    took = clock.now - began
+    clock.now = began + 16 * took
+    assert not spinner.spin(lambda _: True)
+    clock.now = began + 18 * took
+    assert spinner.spin(lambda _: True)
 
 
 @pytest.mark.parametrize("what", ["no budget", "one core", "other threads"])
