@@ -69,7 +69,7 @@ class Spinner {
   static constexpr auto kInterruption = std::chrono::microseconds(30);
   // Longer than any wait that is worth a spin, so it was not the peer.
   static constexpr auto kLostSlice = std::chrono::microseconds(500);
-  static constexpr int kRests = 16;  // times what was lost
+  static constexpr int kRests = 32;  // times what was lost
   // Longer waits count as this, so that a client that comes back is met by spinning again soon.
   static constexpr auto kLongestLearnt = std::chrono::microseconds(500);
   static constexpr int kMemory = 8;  // waits

@@ -24,7 +24,7 @@ _LOOKS = 64  # between two yields: about 2 us
 # been the peer's, if the wait is over then.
 _INTERRUPTION = 30e-6
 _LOST_SLICE = 500e-6  # longer than any wait that is worth looking, so it was not the peer's
-_RESTS = 16  # times what was lost
+_RESTS = 32  # times what was lost
 _LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
 _MEMORY = 8  # waits
 

@@ -73,9 +73,9 @@ def test_after_a_loss_it_rests_for_many_times_as_long(
     began, answers = clock.now, iter(looks)
     assert spinner.spin(lambda _: next(answers)) == looks[-1]
     took = clock.now - began
-    clock.now = began + 16 * took
+    clock.now = began + 32 * took
     assert not spinner.spin(lambda _: True)
-    clock.now = began + 18 * took
+    clock.now = began + 34 * took
     assert spinner.spin(lambda _: True)
 
 
