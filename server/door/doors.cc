@@ -19,19 +19,13 @@ constexpr int kAcceptBurst = 16;
 constexpr int kEventBurst = 64;
 constexpr int64_t kDrainLookMs = 10;
 
-// A door's clients have senders of a zero byte and the door's number. ZeroMQ's own begin with a
-// zero byte, too, but have 5 bytes, and those that its clients choose must not begin with one.
-constexpr size_t kSenderBytes = 1 + sizeof(uint64_t);
-
 RoutingId SenderOf(uint64_t number) {
-  RoutingId sender(kSenderBytes, '\0');
-  std::memcpy(sender.data() + 1, &number, sizeof(number));
-  return sender;
+  return {reinterpret_cast<const char*>(&number), sizeof(number)};
 }
 
 uint64_t NumberOf(const RoutingId& sender) {
   uint64_t number = 0;
-  std::memcpy(&number, sender.data() + 1, sizeof(number));
+  std::memcpy(&number, sender.data(), std::min(sender.size(), sizeof(number)));
   return number;
 }
 
@@ -102,10 +96,6 @@ std::optional<IncomingMessage> Doors::TryReceive() {
     if (message) return IncomingMessage{SenderOf(door.number()), std::move(*message)};
   }
   return std::nullopt;
-}
-
-bool Doors::IsDoor(const RoutingId& sender) {
-  return sender.size() == kSenderBytes && sender.front() == '\0';
 }
 
 Status Doors::Send(const RoutingId& receiver, Message message) {

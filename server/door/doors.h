@@ -38,9 +38,8 @@ class Doors {
   void Attend();
 
   // Takes one ring's content of each client in turn, until a message is whole, and returns that.
+  // Its sender is the number of the client's door, as 8 bytes.
   std::optional<IncomingMessage> TryReceive();
-  // Whether a sender is a client of a door.
-  static bool IsDoor(const RoutingId& sender);
   // Never blocks. kUnavailable: the client has gone; kLimitExceeded: the client does not read its
   // replies.
   Status Send(const RoutingId& receiver, Message message);

@@ -28,6 +28,12 @@ constexpr int64_t kAdoptIntervalMs = 60;
 constexpr std::chrono::microseconds kSocketLookInterval(20);
 constexpr std::chrono::microseconds kDoorLookInterval(1000);
 
+// The last letter of a sender says which way its messages came. A peer of the socket chooses its
+// own routing id. Without the letter, it could take the id of a door's client, and the replies to
+// its requests would reach that client.
+constexpr char kFromSocket = 's';
+constexpr char kFromDoor = 'd';
+
 class Worker {
  public:
   Worker(ChildContext& context, RouterSocket socket, Doors doors, Spinner spinner,
@@ -69,8 +75,9 @@ class Worker {
 };
 
 void Worker::Send(const RoutingId& receiver, Message reply) {
-  const Status status = Doors::IsDoor(receiver) ? doors_.Send(receiver, std::move(reply))
-                                                : socket_.Send(receiver, std::move(reply));
+  const RoutingId id = receiver.substr(0, receiver.size() - 1);
+  const Status status = receiver.back() == kFromDoor ? doors_.Send(id, std::move(reply))
+                                                     : socket_.Send(id, std::move(reply));
   // A client that is gone asks again when it is back, and is answered from the slots.
   if (status.ok() || status.code() == StatusCode::kUnavailable) return;
   context_.record().errors.fetch_add(1, std::memory_order_relaxed);
@@ -88,7 +95,9 @@ std::optional<IncomingMessage> Worker::TryReceive() {
       message = socket_.TryReceive();
       socket_is_due_ = message.has_value();
     }
-    if (message) return message;
+    if (!message) continue;
+    message->sender.push_back(from_doors ? kFromDoor : kFromSocket);
+    return message;
   }
   return std::nullopt;
 }

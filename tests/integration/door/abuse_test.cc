@@ -12,13 +12,17 @@
 
 #include "client/link.h"
 #include "proto/base/limits.h"
+#include "proto/wire/client_door.h"
 #include "proto/wire/door.h"
 #include "tests/integration/door/scribbler.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/door_clients.h"
+#include "tests/integration/support/raw_zmtp.h"
 
 namespace b4mrl {
 namespace {
+
+constexpr int64_t kPatienceMs = 5'000;
 
 // Returns what was done.
 std::string WalkBesideScribbler(uint64_t connections) {
@@ -55,6 +59,27 @@ TEST_CASE("A client that breaks every rule of the door harms neither worker nor 
 
 TEST_CASE("Ten thousand connections of a client that breaks every rule harm nobody", "[.][long]") {
   WARN(WalkBesideScribbler(10'000));
+}
+
+TEST_CASE(
+    "A peer of the worker's socket that names itself as a client of a door gets its own replies") {
+  PrivateDaemon daemon = StartDoorDaemon({}, true);
+  Client client = Connect(daemon.endpoint());
+  const RemoteEnvironment environment = Take(client.Make("HalfCheetah"));
+  const pb::Port port = environment.in_force().port();
+  ClientDoor door = Take(ClientDoor::Connect(port.door(), Deadline::AfterMs(kPatienceMs)));
+  // The numbers of this worker's doors begin with 1; routing ids are what a peer says they are.
+  for (uint64_t number = 1; number <= 3; ++number) {
+    std::string name(reinterpret_cast<const char*>(&number), sizeof(number));
+    for (const std::string& identity : {name, '\0' + name}) {
+      CAPTURE(number, identity.size());
+      RawZmtp peer(fmt::format("tcp://127.0.0.1:{}", port.tcp()));
+      REQUIRE(peer.ShakeHands(identity));
+      REQUIRE(peer.SendMessage({"no request"}));
+      CHECK(peer.Receive(kPatienceMs).size() == 1);
+      CHECK_FALSE(door.Receive(Deadline::AfterMs(0)).has_value());
+    }
+  }
 }
 
 // --- No door ---

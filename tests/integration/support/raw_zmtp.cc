@@ -49,9 +49,12 @@ std::string RawZmtp::Greeting() {
   return greeting;
 }
 
-std::string RawZmtp::Ready() {
+std::string RawZmtp::Ready(std::string_view identity) {
   std::string body = "\x05READY\x0bSocket-Type";
   body += BigEndian(6, 4) + "DEALER";
+  if (!identity.empty()) {
+    body += "\x08Identity" + BigEndian(identity.size(), 4) + std::string(identity);
+  }
   return FrameOf(body, false, true);
 }
 
@@ -62,9 +65,10 @@ std::string RawZmtp::FrameOf(std::string_view body, bool more, bool command) {
          std::string(body);
 }
 
-bool RawZmtp::ShakeHands() {
+bool RawZmtp::ShakeHands(std::string_view identity) {
   std::string greeting;
-  return SendBytes(Greeting() + Ready()) && ReadExactly(kGreetingBytes, &greeting, kHandshakeMs);
+  return SendBytes(Greeting() + Ready(identity)) &&
+         ReadExactly(kGreetingBytes, &greeting, kHandshakeMs);
 }
 
 bool RawZmtp::SendMessage(const std::vector<std::string>& parts) {

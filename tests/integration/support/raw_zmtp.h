@@ -19,8 +19,9 @@ class RawZmtp {
   bool connected() const { return fd_.valid(); }
   // False when the peer has hung up.
   bool SendBytes(std::string_view bytes);
-  // The greeting and READY of a DEALER; reads those of the peer.
-  bool ShakeHands();
+  // The greeting and READY of a DEALER; reads those of the peer. `identity`: the routing id that a
+  // ROUTER shall know it by, if it is not "".
+  bool ShakeHands(std::string_view identity = {});
   // A message of these parts.
   bool SendMessage(const std::vector<std::string>& parts);
   // The parts of the next message, commands skipped; empty after the deadline or a hang-up.
@@ -31,7 +32,7 @@ class RawZmtp {
   bool HasHungUp() const;
 
   static std::string Greeting();
-  static std::string Ready();
+  static std::string Ready(std::string_view identity = {});
   static std::string FrameOf(std::string_view body, bool more, bool command = false);
 
  private:
