@@ -42,8 +42,10 @@ void ForEachPart(const std::array<size_t, 3>& sizes, size_t begin, size_t count,
 }  // namespace
 
 bool RingWriter::ReadTail() {
-  known_tail_ = ring_.tail->load(std::memory_order_acquire);
-  return IsDistance(head_ - known_tail_, ring_.size);
+  const uint64_t tail = ring_.tail->load(std::memory_order_acquire);
+  if (!IsDistance(head_ - tail, ring_.size)) return false;
+  known_tail_ = tail;
+  return true;
 }
 
 RingResult RingWriter::Write() {

@@ -54,7 +54,7 @@ class RingWriter {
   RingResult Write();
 
  private:
-  // Looks how far the reader is; false if its word cannot be.
+  // Looks how far the reader is; false, and forgotten, if its word cannot be.
   bool ReadTail();
   void Copy(const Message& message, size_t begin, size_t count);
   void CopyPart(size_t* position, const void* bytes, size_t count);

@@ -282,7 +282,10 @@ TEST_CASE("A tail that no reader can have breaks the ring") {
   CAPTURE(tail);
   memory.tail = tail;
   CHECK(writer.Write() == RingResult::kBroken);
+  // Nor does a second try go by the tail that was refused.
+  CHECK(writer.Write() == RingResult::kBroken);
   CHECK(memory.head == kSmallRing);
+  CHECK(memory.GuardsAreIntact());
 }
 
 TEST_CASE("Lengths beyond the limits break the ring, and the limits themselves do not") {
