@@ -32,7 +32,8 @@ Result<DoorMemory> ReceiveMemory(int socket, uint32_t* spin_us) {
   message.msg_iov = &bytes;
   message.msg_iovlen = 1;
   message.msg_control = control;
-  message.msg_controllen = sizeof(control);
+  // Without the padding, which has room for a second descriptor.
+  message.msg_controllen = CMSG_LEN(sizeof(int));
   const ssize_t received = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
   UniqueFd fd;
   const cmsghdr* header = received > 0 ? CMSG_FIRSTHDR(&message) : nullptr;
@@ -42,8 +43,11 @@ Result<DoorMemory> ReceiveMemory(int socket, uint32_t* spin_us) {
     std::memcpy(&value, CMSG_DATA(header), sizeof(value));
     fd = UniqueFd(value);
   }
-  if (received != sizeof(greeting) || !fd.valid()) {
-    return Status(StatusCode::kUnavailable, "the door was closed before its greeting");
+  const bool has_more = (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0;
+  if (received != sizeof(greeting) || has_more || !fd.valid()) {
+    return Status(StatusCode::kUnavailable,
+                  "the door was closed before its greeting, or it sent "
+                  "something else");
   }
   *spin_us = std::min(greeting.spin_us, limits::kMaxSpinUs);
   return DoorMemory::Map(std::move(fd), greeting);
@@ -156,7 +160,7 @@ std::optional<Message> ClientDoor::Take() {
   bool is_whole = false;
   RingResult result = RingResult::kMoved;
   while (open_ && !is_whole && result == RingResult::kMoved) {
-    result = open_->reader.Take(&message, &is_whole, limits::kMaxPayloadBytes);
+    result = open_->reader.Take(&message, &is_whole);
     if (result == RingResult::kBroken) Close();
     if (result == RingResult::kMoved) {
       WakePeer(socket_.get(), &open_->memory.words().worker_sleeps, kSleepsForSpace);
@@ -176,8 +180,8 @@ void ClientDoor::Sleep(uint32_t reasons, const Deadline& deadline) {
   const bool is_ringing = !is_over && poll(&waited, 1, timeout_ms) > 0;
   sleeps.store(0, std::memory_order_relaxed);
   if (!is_ringing) return;
-  char bells[64];
-  const ssize_t received = recv(socket_.get(), bells, sizeof(bells), MSG_DONTWAIT);
+  char bell = 0;
+  const ssize_t received = recv(socket_.get(), &bell, sizeof(bell), MSG_DONTWAIT);
   const bool has_gone = received == 0 || (received < 0 && errno != EAGAIN && errno != EINTR);
   // What a dying worker has published is still in the memory and is taken first.
   if (has_gone && !open_->reader.HasBytes()) Close();
