@@ -31,7 +31,8 @@ class Link {
   // Blocks for the next message until the deadline, but at most 20 ms, after which the caller may
   // look at connections().
   std::optional<Message> Receive(const Deadline& deadline);
-  // Waits for a message, a (re)connection or the deadline.
+  // Over ZeroMQ, waits for a message, a (re)connection or the deadline. Over a door, which was
+  // connected when the link was opened, it does not wait.
   void Wait(const Deadline& deadline);
   // Connections made so far. If the number has grown, requests held by an earlier peer are lost.
   uint32_t connections();

@@ -88,12 +88,12 @@ void RingWriter::CopyPart(size_t* position, const void* bytes, size_t count) {
   *position = (*position + count) & (ring_.size - 1);
 }
 
-RingResult RingReader::Take(Message* message, bool* is_whole, size_t largest_payload) {
+RingResult RingReader::Take(Message* message, bool* is_whole) {
   *is_whole = false;
   const uint64_t waiting = ring_.head->load(std::memory_order_acquire) - tail_;
   if (waiting == 0) return RingResult::kNothing;
   if (!IsDistance(waiting, ring_.size)) return RingResult::kBroken;
-  if (total_ == 0 && !Begin(largest_payload)) return RingResult::kBroken;
+  if (total_ == 0 && !Begin()) return RingResult::kBroken;
   const size_t count = std::min<size_t>(waiting, total_ - taken_);
   Copy(taken_, count);
   taken_ += count;
@@ -107,11 +107,11 @@ RingResult RingReader::Take(Message* message, bool* is_whole, size_t largest_pay
   return RingResult::kMoved;
 }
 
-bool RingReader::Begin(size_t largest_payload) {
+bool RingReader::Begin() {
   Prefix prefix;  // a copy: the peer may change the ring's bytes at any moment
   std::memcpy(&prefix, ring_.bytes + (tail_ & (ring_.size - 1)), sizeof(prefix));
   if (prefix.envelope > limits::kMaxEnvelopeBytes || prefix.payload > limits::kMaxPayloadBytes ||
-      prefix.payload > largest_payload || prefix.zero != 0) {
+      prefix.zero != 0) {
     return false;
   }
   // Large frames are fresh memory, which the kernel provides page by page as bytes are copied, so a

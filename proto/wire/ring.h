@@ -73,14 +73,14 @@ class RingReader {
   // Whether the writer has published bytes that were not taken.
   bool HasBytes() const { return ring_.head->load(std::memory_order_acquire) != tail_; }
   // Takes what is there. kMoved with `*is_whole`: `*message` is the next message; kMoved without:
-  // more bytes of it are to come. A message whose payload has more than `largest_payload` bytes
+  // more bytes of it are to come. A message beyond limits::kMaxEnvelopeBytes or kMaxPayloadBytes
   // breaks the ring.
-  RingResult Take(Message* message, bool* is_whole, size_t largest_payload);
+  RingResult Take(Message* message, bool* is_whole);
   // Bytes of memory that a message which has not come entirely may take; 0 if there is none.
   size_t unfinished_bytes() const { return total_; }
 
  private:
-  bool Begin(size_t largest_payload);
+  bool Begin();
   void Copy(size_t begin, size_t count);
   void CopyPart(size_t* position, std::byte* to, size_t count) const;
 

@@ -45,15 +45,24 @@ Result<std::unique_ptr<Door>> Door::Greet(UniqueFd socket, uint64_t number, uint
   return std::unique_ptr<Door>(new Door(std::move(socket), std::move(memory), number));
 }
 
-std::optional<Message> Door::Receive(size_t largest_payload) {
-  if (is_dead_) return std::nullopt;
+void Door::Drop() {
+  is_dropped_ = true;
+  socket_.Reset();
+}
+
+std::optional<Message> Door::Receive() {
+  if (is_dropped_) return std::nullopt;
   Message message;
   bool is_whole = false;
-  const RingResult result = reader_.Take(&message, &is_whole, largest_payload);
-  if (result == RingResult::kBroken) is_dead_ = true;
+  const RingResult result = reader_.Take(&message, &is_whole);
+  if (result == RingResult::kBroken) Drop();
   if (result == RingResult::kMoved) {
     idle_bells_ = 0;
-    WakePeer(socket(), &words().client_sleeps, kSleepsForSpace);
+    if (!is_whole) last_bytes_ = Clock::now();
+    if (is_open()) WakePeer(socket_.get(), &words().client_sleeps, kSleepsForSpace);
+    // Each look takes a line at least. Whoever is not done by now has kept the memory after closing
+    // the socket, and writes on and on.
+    if (!is_open() && --last_looks_ == 0) Drop();
   }
   if (!is_whole) return std::nullopt;
   return message;
@@ -65,10 +74,12 @@ void Door::Send(Message message) {
 }
 
 void Door::Write() {
-  if (is_dead_) return;
+  if (!is_open()) return;
   const RingResult result = writer_.Write();
-  if (result == RingResult::kBroken) is_dead_ = true;
-  if (result == RingResult::kMoved) WakePeer(socket(), &words().client_sleeps, kSleepsForBytes);
+  if (result == RingResult::kBroken) Drop();
+  if (result != RingResult::kMoved) return;
+  idle_bells_ = 0;
+  WakePeer(socket_.get(), &words().client_sleeps, kSleepsForBytes);
 }
 
 void Door::BeginSleep() {
@@ -81,12 +92,10 @@ void Door::EndSleep() { words().worker_sleeps.store(0, std::memory_order_relaxed
 void Door::ReadBells() {
   char bell = 0;
   for (int i = 0; i < kBellBurst; ++i) {
-    const ssize_t received = recv(socket(), &bell, sizeof(bell), MSG_DONTWAIT);
+    const ssize_t received = recv(socket_.get(), &bell, sizeof(bell), MSG_DONTWAIT);
     if (received < 0 && (errno == EAGAIN || errno == EINTR)) return;
-    if (received <= 0 || ++idle_bells_ > limits::kMaxDoorBells) {
-      is_dead_ = true;
-      return;
-    }
+    if (received <= 0) return socket_.Reset();
+    if (++idle_bells_ > limits::kMaxDoorBells) return Drop();
   }
 }
 

@@ -4,8 +4,12 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <utility>
 
+#include "proto/base/clock.h"
+#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
 #include "proto/wire/door.h"
@@ -22,22 +26,27 @@ class Door {
 
   // Never repeats in this process.
   uint64_t number() const { return number_; }
-  int socket() const { return socket_.get(); }
-  // Whether the client has gone, or has broken the rules of the ring. Such a door does nothing.
-  bool is_dead() const { return is_dead_; }
+  // Whether the client is there. What it has sent before its end can still be received.
+  bool is_open() const { return socket_.valid(); }
+  // Whether nothing more is to come from the client: it has gone, and everything that it sent was
+  // received, or it was dropped. Such a door does nothing.
+  bool is_over() const { return is_dropped_ || (!is_open() && !reader_.HasBytes()); }
+  // Ends the connection with a client that has broken the rules, or takes more than its share.
+  void Drop();
 
   // Whether Receive or Write would find something to do.
   bool HasWork() const {
-    return !is_dead_ && (reader_.HasBytes() || (writer_.queued() > 0 && writer_.HasSpace()));
+    return !is_dropped_ && (reader_.HasBytes() || (queued() > 0 && writer_.HasSpace()));
   }
-  // Takes what the ring holds of the next message, and returns the message once it is whole. A
-  // client that announces a payload of more than `largest_payload` bytes is dropped.
-  std::optional<Message> Receive(size_t largest_payload);
-  // Memory of a message that has not come entirely, in bytes.
-  size_t unfinished_bytes() const { return reader_.unfinished_bytes(); }
+  // Takes what the ring holds of the next message, and returns the message once it is whole.
+  std::optional<Message> Receive();
+  // Memory that a message which has not come entirely may take, in bytes.
+  size_t unfinished_bytes() const { return is_over() ? 0 : reader_.unfinished_bytes(); }
+  // When bytes were last taken from the ring.
+  Clock::time_point last_bytes() const { return last_bytes_; }
 
   // Messages that are not wholly in the ring.
-  size_t queued() const { return is_dead_ ? 0 : writer_.queued(); }
+  size_t queued() const { return is_open() ? writer_.queued() : 0; }
   // Queues a message and publishes what there is space for.
   void Send(Message message);
   // Publishes what there is space for by now.
@@ -46,7 +55,8 @@ class Door {
   // Says that the worker is about to sleep; EndSleep follows.
   void BeginSleep();
   void EndSleep();
-  // Takes the client's bells off the socket, which is readable, and notices the client's end.
+  // Takes the client's bells off the socket, which is readable, and notices the client's end; then
+  // the socket is closed.
   void ReadBells();
 
  private:
@@ -58,13 +68,16 @@ class Door {
         number_(number) {}
   DoorWords& words() { return memory_.words(); }
 
-  UniqueFd socket_;
+  UniqueFd socket_;  // invalid once the client has ended
   DoorMemory memory_;
   RingReader reader_;
   RingWriter writer_;
   uint64_t number_;
-  uint32_t idle_bells_ = 0;  // since the last byte in the ring
-  bool is_dead_ = false;
+  uint32_t idle_bells_ = 0;  // since bytes last went through either ring
+  // How often the ring is still read once the client has ended.
+  uint32_t last_looks_ = limits::kRingBytes / kRingLine;
+  Clock::time_point last_bytes_{};
+  bool is_dropped_ = false;
 };
 
 }  // namespace b4mrl

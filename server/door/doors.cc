@@ -49,7 +49,7 @@ void Doors::Attend() {
       door->ReadBells();
     }
   }
-  RemoveDead();
+  std::erase_if(doors_, [](const std::unique_ptr<Door>& door) { return door->is_over(); });
 }
 
 void Doors::Accept() {
@@ -77,14 +77,21 @@ Door* Doors::Find(uint64_t number) const {
   return found != doors_.end() && (*found)->number() == number ? found->get() : nullptr;
 }
 
-void Doors::RemoveDead() {
-  std::erase_if(doors_, [](const std::unique_ptr<Door>& door) { return door->is_dead(); });
+size_t Doors::UnfinishedBytes() const {
+  size_t bytes = 0;
+  for (const auto& door : doors_) bytes += door->unfinished_bytes();
+  return bytes;
 }
 
-size_t Doors::LargestPayload() const {
-  size_t unfinished = 0;
-  for (const auto& door : doors_) unfinished += door->unfinished_bytes();
-  return limits::kMaxQueuedBytes - std::min(unfinished, limits::kMaxQueuedBytes);
+void Doors::BoundUnfinished() {
+  // The door that has stood still for longest comes first, doors without such a message last.
+  const auto is_earlier = [](const std::unique_ptr<Door>& a, const std::unique_ptr<Door>& b) {
+    return std::pair(a->unfinished_bytes() == 0, a->last_bytes()) <
+           std::pair(b->unfinished_bytes() == 0, b->last_bytes());
+  };
+  while (UnfinishedBytes() > limits::kMaxQueuedBytes) {
+    (*std::min_element(doors_.begin(), doors_.end(), is_earlier))->Drop();
+  }
 }
 
 std::optional<IncomingMessage> Doors::TryReceive() {
@@ -92,15 +99,18 @@ std::optional<IncomingMessage> Doors::TryReceive() {
     Door& door = *doors_[next_++ % doors_.size()];
     if (!door.HasWork()) continue;
     door.Write();
-    std::optional<Message> message = door.Receive(LargestPayload());
+    std::optional<Message> message = door.Receive();
     if (message) return IncomingMessage{SenderOf(door.number()), std::move(*message)};
+    if (door.unfinished_bytes() == 0) continue;
+    BoundUnfinished();
+    return std::nullopt;
   }
   return std::nullopt;
 }
 
 Status Doors::Send(const RoutingId& receiver, Message message) {
   Door* const door = Find(NumberOf(receiver));
-  if (door == nullptr || door->is_dead()) {
+  if (door == nullptr || !door->is_open()) {
     return Status(StatusCode::kUnavailable, "the peer has gone");
   }
   if (door->queued() >= static_cast<size_t>(limits::kHighWaterMark)) {

@@ -5,7 +5,8 @@
 // of connections alone; epoll_fd() is readable when there are some, or a new client.
 //
 // Clients that break the ring's rules, ring without reason or go beyond a limit are dropped: they
-// connect again, or use ZeroMQ. Clients of other users are refused.
+// connect again, or use ZeroMQ. Clients of other users are refused. What a client sent before its
+// end is received like everything else, and only then its door is let go.
 //
 // Thread rule: the worker's socket thread.
 #pragma once
@@ -33,18 +34,18 @@ class Doors {
   bool any() const { return !doors_.empty(); }
   // -1 if the worker has no doors.
   int epoll_fd() const { return epoll_.get(); }
-  // Accepts new clients, reads bells and lets go of clients that have gone. To be called after each
-  // sleep, and about once a millisecond.
+  // Accepts new clients, reads bells and lets go of clients that have gone, once everything that
+  // they sent was received. To be called after each sleep, and about once a millisecond.
   void Attend();
 
-  // Takes one ring's content of each client in turn, until a message is whole, and returns that.
-  // Its sender is the number of the client's door, as 8 bytes.
+  // The next message, the clients having their turns. Its sender is the number of the client's
+  // door, as 8 bytes. Nothing, too, after bytes were taken of a message that has not come entirely:
+  // a call copies one ring's content at most, and HasWork says whether to go on. Also publishes
+  // what waits of replies that are longer than the rings.
   std::optional<IncomingMessage> TryReceive();
   // Never blocks. kUnavailable: the client has gone; kLimitExceeded: the client does not read its
   // replies.
   Status Send(const RoutingId& receiver, Message message);
-  // Publishes replies that are longer than the rings, as their clients make space.
-  void Write();
 
   // Whether a client has sent something, or has made space for a reply that waits. To be called
   // again and again while the worker spins.
@@ -61,10 +62,14 @@ class Doors {
   void Greet(UniqueFd socket);
   // The door of `number`; null when its client has gone.
   Door* Find(uint64_t number) const;
-  void RemoveDead();
   bool AnyQueued() const;
-  // The longest payload that a client may announce now.
-  size_t LargestPayload() const;
+  // Publishes what there is space for of the replies that wait.
+  void Write();
+  // Memory that messages which have not come entirely may take.
+  size_t UnfinishedBytes() const;
+  // Keeps the memory of messages that have not come entirely within limits::kMaxQueuedBytes: lets
+  // go of the client from whom nothing has come for longest, since it may never go on.
+  void BoundUnfinished();
 
   int listener_;
   uint32_t spin_us_;

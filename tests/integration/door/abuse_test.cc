@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <thread>
@@ -18,6 +19,7 @@
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/door_clients.h"
 #include "tests/integration/support/raw_zmtp.h"
+#include "tests/proto/wire/raw_door.h"
 
 namespace b4mrl {
 namespace {
@@ -96,7 +98,7 @@ TEST_CASE("A client for whom a worker has no door left goes over ZeroMQ without 
     door = first.environment().in_force().port().door();
     std::vector<UniqueFd> others;
     for (uint32_t i = 1; i < limits::kMaxDoors; ++i) {
-      others.push_back(ConnectTo(door));
+      others.push_back(ConnectToDoor(door));
       DoorGreeting greeting;
       REQUIRE(ReceiveGreeting(others.back().get(), &greeting).valid());
     }
@@ -133,16 +135,6 @@ TEST_CASE("A client of another user goes over ZeroMQ without a report") {
   CHECK(undisturbed.Says(walker.lines().back()));
 }
 
-// Listens under a name that is no worker's.
-UniqueFd ListenAs(const std::string& name) {
-  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
-  sockaddr_un address;
-  const socklen_t size = DoorAddress(name, &address);
-  REQUIRE(bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) == 0);
-  REQUIRE(listen(fd.get(), 16) == 0);
-  return fd;
-}
-
 TEST_CASE("A client that finds no door, or a strange one, goes over ZeroMQ") {
   const std::string name = fmt::format("b4mrl-door-test-{}", getpid());
   const auto transport = [&](int64_t patience_ms) {
@@ -153,11 +145,11 @@ TEST_CASE("A client that finds no door, or a strange one, goes over ZeroMQ") {
   };
   SECTION("that nobody holds open") { CHECK(transport(60'000) == "ipc"); }
   SECTION("that never greets") {
-    const UniqueFd listener = ListenAs(name);
+    const UniqueFd listener = ListenAtDoor(name);
     CHECK(transport(100) == "ipc");
   }
   SECTION("that greets wrongly") {
-    const UniqueFd listener = ListenAs(name);
+    const UniqueFd listener = ListenAtDoor(name);
     const uint32_t version = GENERATE(0u, 2u);  // 0: closes the connection
     CAPTURE(version);
     DoorMemory memory = Take(DoorMemory::Create(limits::kRingBytes, limits::kRingBytes));
@@ -171,7 +163,7 @@ TEST_CASE("A client that finds no door, or a strange one, goes over ZeroMQ") {
         if (poll(&waited, 1, 10) <= 0) continue;
         const UniqueFd socket(accept(listener.get(), nullptr, nullptr));
         if (version == 0) continue;
-        SendWithDescriptor(socket.get(), &greeting, sizeof(greeting), memory.fd());
+        SendWithDescriptors(socket.get(), &greeting, sizeof(greeting), std::array{memory.fd()});
       }
     });
     CHECK(transport(60'000) == "ipc");

@@ -32,6 +32,7 @@
 #include "tests/integration/door/pauses.h"
 #include "tests/integration/door/scribbler.h"
 #include "tests/proto/wire/numbered_message.h"
+#include "tests/proto/wire/raw_door.h"
 
 namespace b4mrl {
 namespace {
@@ -95,7 +96,6 @@ void Echo(int listener, uint32_t spin_us) {
       // A client that lacks a reply will say so.
       (void)doors.Send(incoming->sender, std::move(incoming->message));
     }
-    doors.Write();
     if (has_worked) continue;
     Pause();
     if (doors.BeginSleep()) {
@@ -153,31 +153,18 @@ bool RunBesideScribbler(const std::string& name, ClientDoor& door, uint64_t conn
   return is_right && scribbled == connections;
 }
 
-// Listens as the supervisor does; -1 with a message if that fails.
-int Listen(const std::string& name) {
-  const int listener = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  sockaddr_un address;
-  const socklen_t length = DoorAddress(name, &address);
-  if (bind(listener, reinterpret_cast<const sockaddr*>(&address), length) == 0 &&
-      listen(listener, 64) == 0) {
-    return listener;
-  }
-  std::perror("door_fuzz cannot listen");
-  return -1;
-}
-
 // Runs `body` with a client of a door, and the worker beside it.
 bool BesideWorker(bool by_threads, uint32_t spin_us,
                   const std::function<bool(const std::string& name, ClientDoor& door)>& body) {
   const std::string name = fmt::format("b4mrl-door-fuzz-{}", getpid());
-  const int listener = Listen(name);
-  if (listener < 0) return false;
+  const UniqueFd listener = ListenAtDoor(name);
+  if (!listener.valid()) return std::perror("door_fuzz cannot listen"), false;
   std::thread thread;
   pid_t process = 0;
   if (by_threads) {
-    thread = std::thread(Echo, listener, spin_us);
+    thread = std::thread(Echo, listener.get(), spin_us);
   } else if (process = fork(); process == 0) {
-    Echo(listener, spin_us);
+    Echo(listener.get(), spin_us);
     _exit(0);
   }
   bool is_right = false;
@@ -192,7 +179,6 @@ bool BesideWorker(bool by_threads, uint32_t spin_us,
   } else {
     waitpid(process, &code, 0);
   }
-  close(listener);
   return is_right && code == 0;
 }
 
@@ -203,13 +189,13 @@ SleepCounts& SharedCounts() {
 }
 
 int EchoAs(const std::string& name, bool with_pauses) {
-  const int listener = Listen(name);
-  if (listener < 0) return 1;
+  const UniqueFd listener = ListenAtDoor(name);
+  if (!listener.valid()) return std::perror("door_fuzz cannot listen"), 1;
   SleepCounts& counts = SharedCounts();
   BeginPauses(&counts, with_pauses ? kPauseOneIn : 0);
   fmt::print("ready\n");
   std::fflush(stdout);
-  Echo(listener, with_pauses ? 0 : kSpinUs);
+  Echo(listener.get(), with_pauses ? 0 : kSpinUs);
   fmt::print("{} sleeps, {} late bells, {} lost bells\n", counts.sleeps.load(),
              counts.late_bells.load(), counts.lost_bells.load());
   return counts.lost_bells == 0 ? 0 : 1;

@@ -3,10 +3,13 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <cstring>
 
 #include "proto/base/rng.h"
+#include "proto/wire/door.h"
+#include "tests/proto/wire/raw_door.h"
 
 namespace b4mrl {
 namespace {
@@ -53,51 +56,9 @@ void Break(const Ring& ring, std::atomic<uint32_t>* sleeps, Rng& rng) {
 
 }  // namespace
 
-UniqueFd ConnectTo(const std::string& door) {
-  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
-  const timeval patience{10, 0};
-  setsockopt(fd.get(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof(patience));
-  sockaddr_un address;
-  const socklen_t size = DoorAddress(door, &address);
-  if (connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) != 0) fd.Reset();
-  return fd;
-}
-
-UniqueFd ReceiveGreeting(int socket, DoorGreeting* greeting) {
-  iovec bytes{greeting, sizeof(*greeting)};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &bytes;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  message.msg_controllen = sizeof(control);
-  if (recvmsg(socket, &message, 0) != sizeof(*greeting)) return UniqueFd();
-  const cmsghdr* const header = CMSG_FIRSTHDR(&message);
-  if (header == nullptr) return UniqueFd();
-  int fd = -1;
-  std::memcpy(&fd, CMSG_DATA(header), sizeof(fd));
-  return UniqueFd(fd);
-}
-
-void SendWithDescriptor(int socket, const void* data, size_t size, int fd) {
-  iovec bytes{const_cast<void*>(data), size};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &bytes;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  message.msg_controllen = sizeof(control);
-  cmsghdr* const header = CMSG_FIRSTHDR(&message);
-  header->cmsg_level = SOL_SOCKET;
-  header->cmsg_type = SCM_RIGHTS;
-  header->cmsg_len = CMSG_LEN(sizeof(int));
-  std::memcpy(CMSG_DATA(header), &fd, sizeof(int));
-  sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
-}
-
 bool Scribble(const std::string& door, uint64_t seed) {
   Rng rng(seed, "scribbles");
-  const UniqueFd socket = ConnectTo(door);
+  const UniqueFd socket = ConnectToDoor(door);
   DoorGreeting greeting;
   UniqueFd fd = socket.valid() ? ReceiveGreeting(socket.get(), &greeting) : UniqueFd();
   if (!fd.valid()) return false;
@@ -112,7 +73,9 @@ bool Scribble(const std::string& door, uint64_t seed) {
     for (uint64_t bell = rng.Below(4) == 0 ? rng.Below(300) : 1; bell > 0; --bell) {
       send(socket.get(), bells, 1 + rng.Below(sizeof(bells)), MSG_DONTWAIT | MSG_NOSIGNAL);
     }
-    if (rng.Below(10) == 0) SendWithDescriptor(socket.get(), bells, 1, passed.get());
+    if (rng.Below(10) == 0) {
+      SendWithDescriptors(socket.get(), bells, 1, std::array{passed.get()});
+    }
   }
   return is_sealed;
 }

@@ -23,7 +23,6 @@ namespace {
 
 constexpr size_t kSmallRing = 1024;
 constexpr size_t kPrefixBytes = 16;
-constexpr size_t kAnyPayload = limits::kMaxPayloadBytes;
 
 // A ring in ordinary memory, between two areas that nobody may touch.
 class GuardedRing {
@@ -54,7 +53,7 @@ std::optional<Message> Carry(RingWriter& writer, RingReader& reader) {
   bool is_whole = false;
   while (!is_whole) {
     if (writer.Write() == RingResult::kBroken) return std::nullopt;
-    if (reader.Take(&message, &is_whole, kAnyPayload) != RingResult::kMoved) return std::nullopt;
+    if (reader.Take(&message, &is_whole) != RingResult::kMoved) return std::nullopt;
   }
   return message;
 }
@@ -65,14 +64,13 @@ struct Words {
 };
 
 // Writes a prefix and lets the head say that `published` bytes are there, as a peer may.
-RingResult TakeAfter(GuardedRing* memory, const Words& prefix, uint64_t published,
-                     size_t largest_payload = kAnyPayload) {
+RingResult TakeAfter(GuardedRing* memory, const Words& prefix, uint64_t published) {
   std::memcpy(memory->bytes(), &prefix, sizeof(prefix));
   memory->head = published;
   RingReader reader(memory->ring());
   Message message;
   bool is_whole = false;
-  return reader.Take(&message, &is_whole, largest_payload);
+  return reader.Take(&message, &is_whole);
 }
 
 TEST_CASE("A message lies in the ring as the protocol says") {
@@ -166,7 +164,7 @@ TEST_CASE("Whatever the order of writing and taking, messages arrive once and in
       REQUIRE(had_bytes == (memory.head != memory.tail));
       Message message;
       bool is_whole = false;
-      const RingResult result = reader.Take(&message, &is_whole, kAnyPayload);
+      const RingResult result = reader.Take(&message, &is_whole);
       REQUIRE(result == (had_bytes ? RingResult::kMoved : RingResult::kNothing));
       if (had_bytes && writer.queued() > 0) REQUIRE(writer.HasSpace());
       if (!is_whole) continue;
@@ -198,7 +196,7 @@ void ExchangeOnThreads(uint64_t messages, double largest_bytes) {
   for (uint64_t number = 0; number < messages;) {
     Message message;
     bool is_whole = false;
-    if (reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing) {
+    if (reader.Take(&message, &is_whole) == RingResult::kNothing) {
       std::this_thread::yield();
     }
     if (!is_whole) continue;
@@ -232,7 +230,7 @@ TEST_CASE("A writer stops at a full ring and goes on when the reader has made sp
   CHECK(writer.queued() == 1);
   Message message;
   bool is_whole = true;
-  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  CHECK(reader.Take(&message, &is_whole) == RingResult::kMoved);
   CHECK_FALSE(is_whole);
   CHECK(writer.HasSpace());
   CHECK(writer.Write() == RingResult::kMoved);
@@ -244,7 +242,7 @@ TEST_CASE("An empty ring gives nothing") {
   RingWriter writer(memory.ring());
   Message message;
   bool is_whole = true;
-  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing);
+  CHECK(reader.Take(&message, &is_whole) == RingResult::kNothing);
   CHECK_FALSE(is_whole);
   CHECK(writer.Write() == RingResult::kNothing);
 }
@@ -265,7 +263,7 @@ TEST_CASE("A head that no writer can have breaks the ring") {
   memory.head = head;
   Message message;
   bool is_whole = true;
-  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kBroken);
+  CHECK(reader.Take(&message, &is_whole) == RingResult::kBroken);
   CHECK_FALSE(is_whole);
   CHECK(memory.tail == tail);
 }
@@ -301,8 +299,6 @@ TEST_CASE("Lengths beyond the limits break the ring, and the limits themselves d
     CAPTURE(prefix.envelope, prefix.payload, prefix.zero);
     CHECK(TakeAfter(&memory, prefix, 64) == RingResult::kBroken);
   }
-  CHECK(TakeAfter(&memory, {0, 1000, 0}, 64, 1000) == RingResult::kMoved);
-  CHECK(TakeAfter(&memory, {0, 1001, 0}, 64, 1000) == RingResult::kBroken);
 }
 
 TEST_CASE("A length that is announced and not sent is counted, and takes no memory") {
@@ -319,10 +315,10 @@ TEST_CASE("A length that is announced and not sent is counted, and takes no memo
   Message message;
   bool is_whole = true;
   const size_t before = resident_pages();
-  REQUIRE(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  REQUIRE(reader.Take(&message, &is_whole) == RingResult::kMoved);
   CHECK_FALSE(is_whole);
   CHECK(reader.unfinished_bytes() >= limits::kMaxPayloadBytes);
-  CHECK(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kNothing);
+  CHECK(reader.Take(&message, &is_whole) == RingResult::kNothing);
   CHECK_FALSE(is_whole);
   // AddressSanitizer's notes about memory take an eighth of it.
   const size_t grown = resident_pages() - std::min(resident_pages(), before);
@@ -337,7 +333,7 @@ TEST_CASE("Bytes that change after they were read change no length") {
   REQUIRE(writer.Write() == RingResult::kMoved);
   Message message;
   bool is_whole = false;
-  REQUIRE(reader.Take(&message, &is_whole, kAnyPayload) == RingResult::kMoved);
+  REQUIRE(reader.Take(&message, &is_whole) == RingResult::kMoved);
   std::memset(memory.bytes(), 0xFF, kSmallRing);
   const std::optional<Message> changed = Carry(writer, reader);
   REQUIRE(changed);
@@ -381,14 +377,14 @@ TEST_CASE("Random words and bytes of a peer touch nothing outside the ring") {
     writer->Push(NumberedMessage(rng.Below(100), rng.Below(2000), 1));
     Message message;
     bool is_whole = false;
-    const RingResult taken = reader->Take(&message, &is_whole, 2500);
+    const RingResult taken = reader->Take(&message, &is_whole);
     const RingResult written = writer->Write();
     REQUIRE(up.GuardsAreIntact());
     REQUIRE(down.GuardsAreIntact());
     if (is_whole) {
       ++whole;
       REQUIRE(message.envelope.size() < 300);
-      REQUIRE(message.payload.size() <= 2500);
+      REQUIRE(message.payload.size() < 3000);
     }
     if (taken != RingResult::kBroken && written != RingResult::kBroken) continue;
     ++broken;

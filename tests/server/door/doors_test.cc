@@ -6,14 +6,17 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <cstring>
 #include <filesystem>
 #include <thread>
 
 #include "proto/base/limits.h"
 #include "proto/wire/client_door.h"
 #include "proto/wire/door.h"
+#include "tests/proto/wire/raw_door.h"
 
 namespace b4mrl {
 namespace {
@@ -24,22 +27,54 @@ std::string NewName() {
 }
 
 UniqueFd Listen(const std::string& name) {
-  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-  sockaddr_un address;
-  const socklen_t size = DoorAddress(name, &address);
-  REQUIRE(bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) == 0);
-  REQUIRE(listen(fd.get(), 1024) == 0);
+  UniqueFd fd = ListenAtDoor(name);
+  REQUIRE(fd.valid());
   return fd;
 }
 
-// A connection to a door's socket, without the memory's rules.
-UniqueFd ConnectRaw(const std::string& name) {
-  UniqueFd fd(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
-  sockaddr_un address;
-  const socklen_t size = DoorAddress(name, &address);
-  REQUIRE(connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), size) == 0);
-  return fd;
-}
+// A client's end by hand, on the thread of the doors that it is a client of.
+class RawClient {
+ public:
+  RawClient(const std::string& name, Doors& doors) : socket_(ConnectToDoor(name)) {
+    doors.Attend();
+    DoorGreeting greeting;
+    UniqueFd fd = ReceiveGreeting(socket_.get(), &greeting);
+    REQUIRE(fd.valid());
+    memory_ = std::move(*DoorMemory::Map(std::move(fd), greeting));
+    writer_.emplace(memory_.up());
+  }
+
+  void Publish(Message message) {
+    writer_->Push(std::move(message));
+    REQUIRE(writer_->Write() == RingResult::kMoved);
+  }
+  // Publishes the beginning of a message with a payload of so many bytes.
+  void Announce(size_t payload) {
+    const uint32_t prefix[4] = {0, static_cast<uint32_t>(payload), 0, 0};
+    std::memcpy(memory_.up().bytes, prefix, sizeof(prefix));
+    *memory_.up().head += kRingLine;
+  }
+  void Ring() { REQUIRE(send(socket_.get(), "", 1, MSG_NOSIGNAL) == 1); }
+  // Takes what the worker has sent.
+  RingResult Take() {
+    if (!reader_) reader_.emplace(memory_.down());
+    Message message;
+    bool is_whole = false;
+    return reader_->Take(&message, &is_whole);
+  }
+  void End() { socket_.Reset(); }
+  // Whether the worker has ended the connection.
+  bool IsDropped() const {
+    char bell = 0;
+    return recv(socket_.get(), &bell, 1, MSG_DONTWAIT) == 0;
+  }
+
+ private:
+  UniqueFd socket_;
+  DoorMemory memory_;
+  std::optional<RingWriter> writer_;
+  std::optional<RingReader> reader_;
+};
 
 // A worker's loop in a thread of its own, which sends every message back.
 class EchoWorker {
@@ -159,7 +194,7 @@ TEST_CASE("A client that cannot be served is closed at once, and the others go o
   Doors doors(listener.get(), 0);
   std::vector<UniqueFd> clients;
   for (uint32_t i = 0; i <= limits::kMaxDoors; ++i) {
-    clients.push_back(ConnectRaw(name));
+    clients.push_back(ConnectToDoor(name));
     doors.Attend();
   }
   DoorGreeting greeting;
@@ -172,7 +207,7 @@ TEST_CASE("A client that rings without end is dropped") {
   const std::string name = NewName();
   const UniqueFd listener = Listen(name);
   Doors doors(listener.get(), 0);
-  const UniqueFd client = ConnectRaw(name);
+  const UniqueFd client = ConnectToDoor(name);
   doors.Attend();
   REQUIRE(doors.any());
   const char bell = 0;
@@ -185,19 +220,122 @@ TEST_CASE("A client that rings without end is dropped") {
   CHECK_FALSE(doors.any());
 }
 
+TEST_CASE("Bells of a client that reads long replies are not counted as rung without end") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  RawClient client(name, doors);
+  client.Publish(MessageOf(0, 'q'));
+  const std::optional<IncomingMessage> request = doors.TryReceive();
+  REQUIRE(request);
+  // As many bells as a client may ring in vain, each after bytes that it has taken.
+  for (uint32_t i = 0; i <= limits::kMaxDoorBells; ++i) {
+    REQUIRE(doors.Send(request->sender, MessageOf(10, 'r')).ok());
+    REQUIRE(client.Take() == RingResult::kMoved);
+    client.Ring();
+    doors.Attend();
+  }
+  CHECK(doors.any());
+}
+
+TEST_CASE("Long messages that are begun and never ended keep no other client's message away") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  std::vector<std::unique_ptr<RawClient>> stuck;
+  for (size_t i = 0; i <= limits::kMaxQueuedBytes / limits::kMaxPayloadBytes; ++i) {
+    stuck.push_back(std::make_unique<RawClient>(name, doors));
+    stuck.back()->Announce(limits::kMaxPayloadBytes - 1024);
+    CHECK_FALSE(doors.TryReceive().has_value());
+  }
+  RawClient other(name, doors);
+  other.Publish(MessageOf(100'000, 'y'));
+  const std::optional<IncomingMessage> message = doors.TryReceive();
+  REQUIRE(message);
+  CHECK(message->message.payload.view() == std::string(100'000, 'y'));
+  doors.Attend();
+  CHECK_FALSE(other.IsDropped());
+  // Those that have stood still for longest made room.
+  CHECK(stuck.front()->IsDropped());
+  CHECK_FALSE(stuck.back()->IsDropped());
+}
+
+TEST_CASE("What a client sent before its end is taken, and nobody is answered") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  const size_t before = OpenDescriptors();
+  std::make_unique<RawClient>(name, doors)->Publish(MessageOf(1, 'a'));
+  {
+    RawClient client(name, doors);
+    client.Publish(MessageOf(1000, 'b'));
+    client.Publish(MessageOf(70'000, 'c'));
+    client.Publish(MessageOf(300'000, 'd'));  // longer than what is left of the ring
+  }
+  doors.Attend();
+  CHECK(OpenDescriptors() == before);
+  for (const auto& [size, letter] : {std::pair{1, 'a'}, {1000, 'b'}, {70'000, 'c'}}) {
+    const std::optional<IncomingMessage> message = doors.TryReceive();
+    REQUIRE(message);
+    CHECK(message->message.payload.view() == std::string(static_cast<size_t>(size), letter));
+    CHECK(doors.Send(message->sender, MessageOf(1, 'r')).code() == StatusCode::kUnavailable);
+  }
+  CHECK_FALSE(doors.TryReceive().has_value());
+  doors.Attend();
+  CHECK_FALSE(doors.any());
+}
+
+TEST_CASE("A client that goes on writing after its end is let go") {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors(listener.get(), 0);
+  RawClient client(name, doors);
+  client.Publish(MessageOf(1, 'x'));
+  client.End();
+  doors.Attend();
+  for (size_t i = 0; i < limits::kRingBytes / kRingLine; ++i) {
+    REQUIRE(doors.TryReceive());
+    client.Publish(MessageOf(1, 'x'));
+  }
+  CHECK_FALSE(doors.TryReceive().has_value());
+  doors.Attend();
+  CHECK_FALSE(doors.any());
+}
+
 TEST_CASE("A client that goes leaves no descriptor and no door behind") {
   const std::string name = NewName();
   const UniqueFd listener = Listen(name);
   Doors doors(listener.get(), 0);
   const size_t before = OpenDescriptors();
   for (int i = 0; i < 50; ++i) {
-    const UniqueFd client = ConnectRaw(name);
+    const UniqueFd client = ConnectToDoor(name);
     doors.Attend();
     CHECK(doors.any());
   }
   doors.Attend();
   CHECK_FALSE(doors.any());
   CHECK(OpenDescriptors() == before);
+}
+
+TEST_CASE("A client keeps no descriptor of a greeting that has too many, and does not accept it") {
+  const std::string name = NewName();
+  UniqueFd listener = Listen(name);
+  const Result<DoorMemory> memory = DoorMemory::Create(limits::kRingBytes, limits::kRingBytes);
+  REQUIRE(memory.ok());
+  DoorGreeting greeting;
+  greeting.up_bytes = greeting.down_bytes = limits::kRingBytes;
+  const size_t before = OpenDescriptors();
+  std::thread worker([&] {
+    pollfd waited{listener.get(), POLLIN, 0};
+    poll(&waited, 1, 10'000);
+    const UniqueFd socket(accept(listener.get(), nullptr, nullptr));
+    SendWithDescriptors(socket.get(), &greeting, sizeof(greeting),
+                        std::array{memory->fd(), memory->fd()});
+    listener.Reset();  // the client's next attempt is refused
+  });
+  CHECK_FALSE(ClientDoor::Connect(name, Deadline::AfterMs(10'000)).ok());
+  worker.join();
+  CHECK(OpenDescriptors() == before - 1);  // without the listener's
 }
 
 TEST_CASE("A door's memory can be neither shrunk nor grown, and other memory is not accepted") {
