@@ -7,9 +7,9 @@
 // best choice. The spinner learns the usual length of waits.
 //
 // Between looks it yields its core, because the kernel often puts both processes on one core. On a
-// busy machine a yield hands the core to a third process for milliseconds. So after a spin that was
-// in vain, or was interrupted, the spinner rests for many times as long as that took, which bounds
-// what spinning can cost to a few percent.
+// busy machine a yield hands the core to a third process for milliseconds. So after such a loss the
+// spinner rests for many times as long as that took, which bounds what spinning can cost to a few
+// percent. After a spin in vain, which took nothing from anybody, it rests for a shorter time.
 //
 // Thread rule: one thread.
 #pragma once
@@ -39,10 +39,11 @@ class Spinner {
     return now - since < budget_ && now >= rests_until_ && usual_wait_ - kWakeUp <= budget_;
   }
 
-  // Calls `is_over` until it returns true, or for `slice` at most, or until the wait that began at
-  // `since` has used up the budget. Returns whether the wait is over.
+  // Calls `is_over` until it returns true, or the wait that began at `since` has used up the
+  // budget, or for `slice` at most. Returns whether the wait is over.
   template <typename IsOver>
-  bool Spin(Clock::time_point since, std::chrono::microseconds slice, IsOver is_over) {
+  bool Spin(Clock::time_point since, IsOver is_over,
+            Clock::duration slice = std::chrono::seconds(1)) {
     Clock::time_point now = Clock::now();
     const Clock::time_point end = now + slice;
     while (MaySpin(since, now) && now < end) {
@@ -51,8 +52,11 @@ class Spinner {
       // The peer may wait for this very core.
       sched_yield();
       const Clock::time_point last = std::exchange(now, Clock::now());
-      const bool is_in_vain = (now - last > kInterruption || now - since >= budget_) && !is_over();
-      if (is_in_vain || now - last > kLostSlice) rests_until_ = now + kRests * (now - since);
+      if (now - last > kLostSlice) {
+        rests_until_ = now + kRestsAfterLoss * (now - last);
+      } else if (now - since >= budget_ && !is_over()) {
+        rests_until_ = now + kRestsInVain * budget_;
+      }
     }
     return is_over();
   }
@@ -64,12 +68,11 @@ class Spinner {
 
  private:
   static constexpr auto kWakeUp = std::chrono::microseconds(60);
-  // Two looks that are further apart than this: another thread had the core in between. It may have
-  // been the peer, if the wait is over then.
-  static constexpr auto kInterruption = std::chrono::microseconds(30);
-  // Longer than any wait that is worth a spin, so it was not the peer.
+  // Two looks that are further apart than this: a third process had the core in between, since the
+  // peer takes less time for whatever is worth a spin.
   static constexpr auto kLostSlice = std::chrono::microseconds(500);
-  static constexpr int kRests = 32;  // times what was lost
+  static constexpr int kRestsAfterLoss = 32;  // times the loss
+  static constexpr int kRestsInVain = 8;      // times the budget
   // Longer waits count as this, so that a client that comes back is met by spinning again soon.
   static constexpr auto kLongestLearnt = std::chrono::microseconds(500);
   static constexpr int kMemory = 8;  // waits

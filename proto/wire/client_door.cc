@@ -136,7 +136,7 @@ std::optional<Message> ClientDoor::Await(const Deadline& longest) {
     if (!open_) break;
     const bool writes = open_->writer.queued() > 0;
     const auto has_bytes = [this] { return open_->reader.HasBytes(); };
-    if (writes || !spinner_.Spin(since, std::chrono::microseconds(limits::kMaxSpinUs), has_bytes)) {
+    if (writes || !spinner_.Spin(since, has_bytes)) {
       Sleep(kSleepsForBytes | (writes ? kSleepsForSpace : 0), longest);
     }
     message = Take();

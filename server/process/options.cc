@@ -234,8 +234,8 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                "offer no shared memory to clients of this machine: they use sockets, too");
   app.add_option(
          "--spin", serve.spin_us,
-         fmt::format("microseconds that a worker, or a client with shared memory, looks for "
-                     "the other's message before it sleeps; 0 never (default {})",
+         fmt::format("longest busy wait of a worker's threads, and of clients with shared "
+                     "memory, before they sleep, in microseconds; 0: none (default {})",
                      limits::kDefaultSpinUs))
       ->transform(CLI::Validator(CountText(0, limits::kMaxSpinUs),
                                  fmt::format("0..{}", limits::kMaxSpinUs)));

@@ -29,7 +29,10 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
     bites_left_it_ = false;  // until the socket's thread has looked at the new work
     const uint32_t items_per_piece = work->cost->ItemsPerPiece(work->items, threads_);
     const uint32_t pieces = (work->items + items_per_piece - 1) / items_per_piece;
-    wake = std::min(pieces - for_caller, sleeping_);
+    const uint32_t wanted = pieces - for_caller;
+    const uint32_t invited = std::min(wanted, spinning_ - invitations_);
+    invitations_ += invited;
+    wake = std::min(wanted - invited, sleeping_);
   }
   for (uint32_t i = 0; i < wake; ++i) available_.notify_one();
 }
@@ -100,15 +103,30 @@ std::optional<Piece> WorkQueue::TakeLocked(bool bite) {
   return piece;
 }
 
-std::optional<Piece> WorkQueue::Take() {
+std::optional<Piece> WorkQueue::Take(Spinner& spinner) {
   std::unique_lock lock(mutex_);
   while (!stopped_) {
     if (std::optional<Piece> piece = TakeLocked(false)) return piece;
+    AwaitInvitation(lock, spinner);
+  }
+  return std::nullopt;
+}
+
+void WorkQueue::AwaitInvitation(std::unique_lock<std::mutex>& lock, Spinner& spinner) {
+  const Clock::time_point since = Clock::now();
+  ++spinning_;
+  lock.unlock();
+  spinner.Spin(since, [this] { return invitations_ > 0 || stopped_; });
+  lock.lock();
+  --spinning_;
+  if (invitations_ > 0) {
+    --invitations_;
+  } else if (!stopped_) {
     ++sleeping_;
     available_.wait(lock);
     --sleeping_;
   }
-  return std::nullopt;
+  spinner.Learn(Clock::now() - since);
 }
 
 std::optional<Piece> WorkQueue::TryTakeBite() {

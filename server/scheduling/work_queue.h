@@ -20,6 +20,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
@@ -27,6 +28,7 @@
 #include <vector>
 
 #include "proto/base/clock.h"
+#include "proto/base/spin.h"
 #include "server/scheduling/fair_share.h"
 #include "server/scheduling/item_cost.h"
 
@@ -72,8 +74,9 @@ class WorkQueue {
   // `caller_helps`: the caller or the stand-in takes pieces too, so a single piece wakes no thread
   // of the pool.
   void Push(QueuedWork* work, bool caller_helps = true);
-  // For threads of the pool: waits for a piece; nothing once Stop was called.
-  std::optional<Piece> Take();
+  // For threads of the pool: waits for a piece; nothing once Stop was called. `spinner` is the
+  // thread's own.
+  std::optional<Piece> Take(Spinner& spinner);
   // For the socket's thread: a bite, if any work has items that are short enough.
   std::optional<Piece> TryTakeBite();
   // For the stand-in: waits until TryTakeBite has found nothing but items that are too long, then
@@ -103,6 +106,8 @@ class WorkQueue {
   // After a cut: takes the work out of its line if no item is left.
   void RemoveIfTaken(QueuedWork* work);
   void Serve(const QueuedWork& work, double us);
+  // Waits until Push wants one thread more; may return without that.
+  void AwaitInvitation(std::unique_lock<std::mutex>& lock, Spinner& spinner);
 
   const uint32_t threads_;
   mutable std::mutex mutex_;
@@ -110,8 +115,12 @@ class WorkQueue {
   std::condition_variable left_;
   FairShare kinds_;
   std::array<Line, kWorkKinds> lines_;
-  bool stopped_ = false;
-  uint32_t sleeping_ = 0;       // threads that wait in Take
+  std::atomic<bool> stopped_ = false;
+  // Threads that wait in Take. One that spins would take work which the socket's thread is about to
+  // do itself, so it waits until Push invites it.
+  uint32_t spinning_ = 0;
+  uint32_t sleeping_ = 0;
+  std::atomic<uint32_t> invitations_ = 0;  // of threads that spin; at most spinning_
   bool bites_left_it_ = false;  // the last TryTakeBite found only items that are too long
 };
 

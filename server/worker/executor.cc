@@ -10,7 +10,8 @@
 
 namespace b4mrl {
 
-Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores)
+Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::chrono::microseconds spin,
+                   std::vector<int> cores)
     : marks_(marks),
       cores_(std::move(cores)),
       queue_(threads),
@@ -19,9 +20,11 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<in
       completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   socket_thread_.mark = &marks_[0];
   for (uint32_t i = 1; i < threads && i + 1 < marks.size(); ++i) {
-    pool_.emplace_back(&Executor::ThreadMain, this, i, &WorkQueue::Take);
+    pool_.emplace_back(&Executor::ThreadMain, this, i,
+                       [this, spinner = Spinner(spin)]() mutable { return queue_.Take(spinner); });
   }
-  pool_.emplace_back(&Executor::ThreadMain, this, pool_.size() + 1, &WorkQueue::TakeInstead);
+  pool_.emplace_back(&Executor::ThreadMain, this, pool_.size() + 1,
+                     [this] { return queue_.TakeInstead(); });
   painter_thread_ = std::thread(&Executor::PainterThreadMain, this);
 }
 
@@ -33,12 +36,12 @@ Executor::~Executor() {
   close(completion_fd_);
 }
 
-void Executor::ThreadMain(uint32_t index, TakeFunction take) {
+void Executor::ThreadMain(uint32_t index, const TakeFunction& take) {
   WorkerThread self;
   self.mark = &marks_[index];
   const MarkedThread marked(self.mark);
   if (!cores_.empty()) PinThisThread({cores_[index % cores_.size()]});
-  while (const std::optional<Piece> piece = (queue_.*take)()) {
+  while (const std::optional<Piece> piece = take()) {
     ++busy_threads_;
     Execute(*piece, self);
     --busy_threads_;
@@ -51,7 +54,8 @@ void Executor::PainterThreadMain() {
   PainterProcess painter;
   WorkerThread self;
   self.painter = &painter;
-  while (const std::optional<Piece> piece = painter_queue_.Take()) Execute(*piece, self);
+  Spinner spinner({});  // does not spin, since pictures take long
+  while (const std::optional<Piece> piece = painter_queue_.Take(spinner)) Execute(*piece, self);
 }
 
 void Executor::Submit(RequestJob* job) {

@@ -14,6 +14,8 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
+#include <functional>
 #include <mutex>
 #include <span>
 #include <thread>
@@ -31,8 +33,9 @@ class Executor {
   // `threads` includes the socket's thread, which constructs the executor and calls all of its
   // methods. `marks` has a place for each thread and the stand-in, and outlives the executor.
   // Thread i of the pool stays on cores[i % size], the stand-in on the core of the socket's thread;
-  // if `cores` is empty, the kernel chooses.
-  Executor(uint32_t threads, std::span<ThreadMark> marks, std::vector<int> cores = {});
+  // if `cores` is empty, the kernel chooses. `spin`: the longest spin of a thread of the pool.
+  Executor(uint32_t threads, std::span<ThreadMark> marks, std::chrono::microseconds spin = {},
+           std::vector<int> cores = {});
   // Waits for pieces that are being executed; the rest of the queue is dropped.
   ~Executor();
 
@@ -58,9 +61,9 @@ class Executor {
   int completion_fd() const { return completion_fd_; }
 
  private:
-  using TakeFunction = std::optional<Piece> (WorkQueue::*)();
+  using TakeFunction = std::function<std::optional<Piece>()>;
   // The main function of thread `index`, which has the mark and core of that index.
-  void ThreadMain(uint32_t index, TakeFunction take);
+  void ThreadMain(uint32_t index, const TakeFunction& take);
   void PainterThreadMain();
   WorkQueue& QueueOf(const RequestJob& job) {
     return job.waits_for_painter() ? painter_queue_ : queue_;

@@ -36,13 +36,13 @@ constexpr char kFromDoor = 'd';
 
 class Worker {
  public:
-  Worker(ChildContext& context, RouterSocket socket, Doors doors, Spinner spinner,
+  Worker(ChildContext& context, RouterSocket socket, Doors doors, std::chrono::microseconds spin,
          std::vector<int> cores)
       : context_(context),
         socket_(std::move(socket)),
         doors_(std::move(doors)),
-        spinner_(spinner),
-        executor_(context.options().threads, context.shared().marks(context.options().index),
+        spinner_(spin),
+        executor_(context.options().threads, context.shared().marks(context.options().index), spin,
                   std::move(cores)),
         dispatcher_(context.shared(), context.options().index, executor_,
                     [this](const RoutingId& receiver, Message reply) {
@@ -124,7 +124,7 @@ bool Worker::Spin() {
   if (!doors_.any()) return false;
   if (!doors_quiet_since_) doors_quiet_since_ = Clock::now();
   const auto is_over = [this] { return doors_.HasWork() || executor_.has_completed(); };
-  return spinner_.Spin(*doors_quiet_since_, kSocketLookInterval, is_over) ||
+  return spinner_.Spin(*doors_quiet_since_, is_over, kSocketLookInterval) ||
          spinner_.MaySpin(*doors_quiet_since_, Clock::now());
 }
 
@@ -201,7 +201,7 @@ Status RunWorker(ChildContext& context) {
   B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
                          RouterSocket::Bind(sockets, context.options().endpoints));
   Doors doors(context.options().door_listener, context.options().spin_us);
-  Worker worker(context, std::move(socket), std::move(doors), Spinner(spin), cores);
+  Worker worker(context, std::move(socket), std::move(doors), spin, cores);
   return worker.Run();
 }
 

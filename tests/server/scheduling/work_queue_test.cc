@@ -26,6 +26,11 @@ QueuedWork Work(uint32_t session, WorkKind kind, uint32_t items, ItemCost& cost)
   return work;
 }
 
+std::optional<Piece> Take(WorkQueue& queue) {
+  Spinner spinner({});
+  return queue.Take(spinner);
+}
+
 // The sessions of the next `count` bites, in order.
 std::string Order(WorkQueue& queue, int count) {
   std::string order;
@@ -137,7 +142,7 @@ TEST_CASE(
   queue.Push(&work);
   std::vector<std::pair<uint32_t, uint32_t>> pieces;
   while (!queue.empty()) {
-    const std::optional<Piece> piece = pieces.size() % 2 == 0 ? queue.TryTakeBite() : queue.Take();
+    const std::optional<Piece> piece = pieces.size() % 2 == 0 ? queue.TryTakeBite() : Take(queue);
     REQUIRE(piece);
     pieces.emplace_back(piece->first, piece->count);
   }
@@ -151,7 +156,7 @@ TEST_CASE("Pieces are cut by what items cost when they are taken, not when they 
   queue.Push(&work);
   REQUIRE(queue.TryTakeBite()->count == 10);
   for (int i = 0; i < 10; ++i) cost.Observe(8000);
-  REQUIRE(queue.Take()->count == 1);
+  REQUIRE(Take(queue)->count == 1);
 }
 
 TEST_CASE("Items that are too long for bites are left to the pool and the stand-in") {
@@ -164,7 +169,7 @@ TEST_CASE("Items that are too long for bites are left to the pool and the stand-
   REQUIRE(queue.TakeInstead()->work == &query);
   queue.Push(&step);
   REQUIRE(queue.TryTakeBite()->work == &step);
-  REQUIRE(queue.Take()->work == &query);
+  REQUIRE(Take(queue)->work == &query);
   REQUIRE_FALSE(queue.TryTakeBite());
   REQUIRE(queue.TakeInstead()->work == &query);
   REQUIRE(queue.empty());
@@ -220,7 +225,8 @@ TEST_CASE("Steps that have begun are finished after their deadline, other work e
   REQUIRE(rest->first == 1);
 }
 
-TEST_CASE("Many threads take every item exactly once, and Stop wakes those that sleep") {
+TEST_CASE("Many threads take every item exactly once, and Stop ends all waits") {
+  const auto spin = std::chrono::microseconds(GENERATE(0, 100, 10'000));
   constexpr uint32_t kJobs = 200;
   constexpr uint32_t kItems = 7;
   WorkQueue queue(4);
@@ -230,7 +236,8 @@ TEST_CASE("Many threads take every item exactly once, and Stop wakes those that 
   std::vector<std::thread> threads;
   for (int i = 0; i < 4; ++i) {
     threads.emplace_back([&] {
-      while (const std::optional<Piece> piece = queue.Take()) {
+      Spinner spinner(spin);
+      while (const std::optional<Piece> piece = queue.Take(spinner)) {
         queue.Settle(*piece, 200);
         items += piece->count;
       }

@@ -4,9 +4,9 @@ Waking a sleeping thread of an idle core takes about 60 us, as long as two steps
 a wait that will probably end within the budget is spent looking, and a longer one asleep.
 
 Between looks the thread yields its core, because the kernel often puts both processes on one core.
-On a busy machine a yield hands the core to a third process for milliseconds. So after looking in
-vain, or with an interruption, the spinner rests for many times as long as that took, which bounds
-what looking can cost to a few percent.
+On a busy machine a yield hands the core to a third process for milliseconds. So after such a loss
+the spinner rests for many times as long as that took, which bounds what looking can cost to a few
+percent. After looking in vain, which took nothing from anybody, it rests for a shorter time.
 
 Thread rule: one thread at a time.
 """
@@ -20,11 +20,11 @@ from collections.abc import Callable
 
 _WAKE_UP = 60e-6  # seconds, as all times here
 _LOOKS = 64  # between two yields: about 2 us
-# A longer time between two looks at the clock: another thread had the core in between. It may have
-# been the peer's, if the wait is over then.
-_INTERRUPTION = 30e-6
-_LOST_SLICE = 500e-6  # longer than any wait that is worth looking, so it was not the peer's
-_RESTS = 32  # times what was lost
+# A longer time between two looks at the clock: a third process had the core in between, since the
+# peer takes less time for whatever is worth a wait without sleep.
+_LOST_SLICE = 500e-6
+_RESTS_AFTER_LOSS = 32  # times the loss
+_RESTS_IN_VAIN = 8  # times the budget
 _LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
 _MEMORY = 8  # waits
 
@@ -64,15 +64,18 @@ class Spinner:
         begin = now = time.perf_counter()
         if now < self._rests_until:
             return False
-        is_over, lost = False, 0.0
-        while not is_over and lost < _INTERRUPTION and now - begin < self._budget:
+        is_over = False
+        while not is_over and now - begin < self._budget:
             if watch(_LOOKS):
                 return True
             os.sched_yield()  # the peer may wait for this very core
             last, now = now, time.perf_counter()
-            is_over, lost = watch(1), now - last
-        if not is_over or lost > _LOST_SLICE:
-            self._rests_until = now + _RESTS * (now - begin)
+            is_over = watch(1)
+            if now - last > _LOST_SLICE:
+                self._rests_until = now + _RESTS_AFTER_LOSS * (now - last)
+                return is_over
+        if not is_over:
+            self._rests_until = now + _RESTS_IN_VAIN * self._budget
         return is_over
 
     def learn(self, wait: float) -> None:

@@ -57,25 +57,44 @@ def test_long_waits_are_slept_through_until_short_ones_come_again(clock: Clock) 
     assert spinner.spin(lambda _: True)
 
 
-@pytest.mark.parametrize(
-    ("lost", "looks"),
-    [(0.0, [False] * 1000), (40e-6, [False, False]), (3e-3, [False, True])],
-    ids=["in vain", "interrupted", "a slice was lost"],
-)
-def test_after_a_loss_it_rests_for_many_times_as_long(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, lost: float, looks: list[bool]
+@pytest.mark.parametrize("is_over", [False, True])
+def test_after_the_loss_of_a_slice_it_rests_for_many_times_as_long(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, is_over: bool
 ) -> None:
     def give_the_core_away() -> None:
-        clock.now += lost
+        clock.now += 3e-3
 
     monkeypatch.setattr(os, "sched_yield", give_the_core_away)
     spinner = Spinner(100e-6)
-    began, answers = clock.now, iter(looks)
-    assert spinner.spin(lambda _: next(answers)) == looks[-1]
-    took = clock.now - began
-    clock.now = began + 32 * took
+    answers = iter([False, is_over])
+    assert spinner.spin(lambda _: next(answers)) == is_over
+    began = clock.now
+    clock.now = began + 0.09
     assert not spinner.spin(lambda _: True)
-    clock.now = began + 34 * took
+    clock.now = began + 0.1
+    assert spinner.spin(lambda _: True)
+
+
+def test_after_a_wait_in_vain_it_rests_for_a_short_time(clock: Clock) -> None:
+    spinner = Spinner(100e-6)
+    assert not spinner.spin(never)
+    began = clock.now
+    clock.now = began + 700e-6
+    assert not spinner.spin(lambda _: True)
+    clock.now = began + 900e-6
+    assert spinner.spin(lambda _: True)
+
+
+def test_a_peer_on_the_same_core_causes_no_rest(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def let_the_peer_work() -> None:
+        clock.now += 60e-6
+
+    monkeypatch.setattr(os, "sched_yield", let_the_peer_work)
+    spinner = Spinner(100e-6)
+    answers = iter([False, True])
+    assert spinner.spin(lambda _: next(answers))
     assert spinner.spin(lambda _: True)
 
 
