@@ -143,14 +143,19 @@ def test_gymnasiums_processes_may_share_a_client(client: b4mrl.Client, context: 
         together.close()
 
 
-def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client) -> None:
-    with client.make("HalfCheetah") as env:
-        env.reset(seed=1)
+@pytest.mark.parametrize("sent", ["in the child", "in the parent"])
+def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client, sent: str) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        vec.reset(seed=1)
+        if sent == "in the parent":
+            vec.send(np.zeros((2, 6)))
         read, write = os.pipe()
         child = os.fork()
         if child == 0:
             try:
-                env.step(np.zeros(6))
+                if sent == "in the child":
+                    vec.send(np.zeros((2, 6)))
+                vec.recv()
                 os.write(write, b"stepped")
             except BaseException as error:
                 os.write(write, pickle.dumps(error))
@@ -160,7 +165,10 @@ def test_an_environment_does_not_cross_a_fork(client: b4mrl.Client) -> None:
         os.close(read)
         os.close(write)
         assert isinstance(error, errors.FailedPreconditionError)
-        env.step(np.zeros(6))  # the parent's goes on
+        assert "before a fork" in str(error)
+        if sent == "in the parent":
+            vec.recv()
+        vec.step(np.zeros((2, 6)))  # the parent's go on
 
 
 def test_a_worker_may_die_while_the_caller_is_busy_for_longer_than_the_deadline() -> None:

@@ -101,9 +101,10 @@ class Connection:
         return self._close_link.alive and self._link.process_id != os.getpid()
 
     def close(self, linger_ms: int = 0) -> None:
-        """Closes the socket and gives up unanswered requests.
+        """Closes the link and gives up unanswered requests.
 
-        ZeroMQ goes on sending queued requests for up to `linger_ms`, in the background.
+        Queued requests are sent on for up to `linger_ms`: by ZeroMQ in the background, by a door
+        before this call returns.
         """
         self._pending.clear()
         if self._close_link.detach() is not None:
@@ -158,12 +159,7 @@ class Connection:
             FailedPreconditionError: the connection was closed, or made before a fork.
         """
         self._user = threading.get_ident()
-        if not self._close_link.alive:
-            raise errors.FailedPreconditionError("the connection is closed; make a new one")
-        if self.is_foreign:
-            raise errors.FailedPreconditionError(
-                "the connection was made before a fork, in another process; connect again here"
-            )
+        self._refuse_unusable()
         if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
             raise errors.LimitExceededError(
                 f"allowed: at most {limits.MAX_REQUESTS_IN_FLIGHT} requests in flight"
@@ -213,6 +209,7 @@ class Connection:
                     return self._arrived[request_id]
             if self._pending.keys().isdisjoint(request_ids):
                 raise errors.FailedPreconditionError("no such request is in flight")
+            self._refuse_unusable()
             self._pump()
 
     def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
@@ -276,6 +273,15 @@ class Connection:
         """Drops all requests in flight and their replies."""
         self._pending.clear()
         self._arrived.clear()
+
+    def _refuse_unusable(self) -> None:
+        if self.is_usable:
+            return
+        if self.is_foreign:
+            raise errors.FailedPreconditionError(
+                "the connection was made before a fork, in another process; connect again here"
+            )
+        raise errors.FailedPreconditionError("the connection is closed; make a new one")
 
     def _transmit(self, request_id: int, pending: Pending) -> bool:
         now = time.monotonic()
