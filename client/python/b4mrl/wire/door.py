@@ -1,4 +1,7 @@
-"""The local door: a link through shared memory, to a worker on the same machine (x86-64 Linux).
+"""The local door: a link through shared memory, to a worker on the same machine.
+
+CPython on x86-64 Linux alone has it: there, a number of a memoryview is read and written by one
+instruction.
 
 The daemon listens on a Unix socket. A client connects, and the worker makes the connection's memory
 and sends its greeting with the memory's descriptor. From then on messages travel in two rings in
@@ -51,15 +54,18 @@ _LINGER_LOOK = 2e-4  # seconds between two looks whether the last messages were 
 
 
 class _Memory:
-    """The memory of one connection, with this side's ends of its rings."""
+    """The memory of one connection, with its socket and this side's ends of its rings."""
 
-    def __init__(self, descriptor: int, up_bytes: int, down_bytes: int) -> None:
-        self.mapped = memoryview(mmap.mmap(descriptor, _MEMORY_START + up_bytes + down_bytes))
-        words = self.mapped.cast("Q")
+    def __init__(
+        self, link: socket.socket, descriptor: int, up_bytes: int, down_bytes: int
+    ) -> None:
+        self.link = link
+        mapped = memoryview(mmap.mmap(descriptor, _MEMORY_START + up_bytes + down_bytes))
+        words = mapped.cast("Q")
         down = _MEMORY_START + up_bytes
-        self.sleeps = self.mapped.cast("I")
-        self.writer = RingWriter(Positions(words, *_UP), self.mapped[_MEMORY_START:down])
-        self.reader = RingReader(Positions(words, *_DOWN), self.mapped[down:])
+        self.sleeps = mapped.cast("I")
+        self.writer = RingWriter(Positions(words, *_UP), mapped[_MEMORY_START:down])
+        self.reader = RingReader(Positions(words, *_DOWN), mapped[down:])
 
 
 class Door:
@@ -73,10 +79,10 @@ class Door:
     def __init__(self, name: str) -> None:
         self.process_id = os.getpid()
         self._name = name
-        self._socket: socket.socket | None = None
         self._memory: _Memory | None = None
-        self._queue: list[Message] = []  # until the greeting
-        self._asked = 0.0  # when the latest connection was made, whose greeting comes later
+        self._asked: socket.socket | None = None  # a connection whose greeting comes later
+        self._asked_at = 0.0  # when that connection was made
+        self._queue: list[Message] = []  # until its greeting
         self._handshakes = 0
         self._refusals = 0  # since the last greeting
         self._spinner = Spinner(0.0)
@@ -158,21 +164,23 @@ class Door:
 
     def connect(self, wait_ms: int) -> None:
         """Connects, or goes on connecting: waits for the greeting, at most `wait_ms`."""
-        if self._socket is None:
-            self._socket = self._ask()
-            if self._socket is None:
+        if self._asked is None:
+            asked = self._ask()
+            if asked is None:
                 return
-            self._asked = time.monotonic()
+            self._queue.clear()  # the handshake has all requests sent again
             self._handshakes += 1
-        if _is_readable(self._socket, wait_ms):
-            memory = self._greet(self._socket)
-        elif time.monotonic() < self._asked + limits.HANDSHAKE_MS / 1000:
+            self._asked_at = time.monotonic()
+            self._asked = asked
+        is_greeted = _is_readable(self._asked, wait_ms)
+        if not is_greeted and time.monotonic() < self._asked_at + limits.HANDSHAKE_MS / 1000:
             return
-        else:
-            memory = None
+        # If Ctrl-C comes after this line, the next call makes a new connection.
+        link, self._asked = self._asked, None
+        memory = self._greet(link) if is_greeted else None
         if memory is None:
             self._refusals += 1
-            self._leave()
+            self._hang_up(link)
             return
         self._refusals = 0
         for message in self._queue:
@@ -184,8 +192,9 @@ class Door:
 
     def _ask(self) -> socket.socket | None:
         """A connection, whose greeting may come later; None if there is none to have."""
-        link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        link = None
         try:
+            link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             link.setblocking(False)
             link.connect("\0" + self._name)  # a name without a file
             link.setblocking(True)
@@ -195,9 +204,12 @@ class Door:
             self._refusals = _MOST_REFUSALS
         except BlockingIOError:
             self._refusals += 1  # too many wait to be accepted
+        except TimeoutError:
+            raise  # no call above times out: a signal handler raised it
         except OSError:
             self._refusals = _MOST_REFUSALS
-        link.close()
+        if link is not None:
+            link.close()
         return None
 
     def _greet(self, link: socket.socket) -> _Memory | None:
@@ -217,7 +229,9 @@ class Door:
             if not is_whole or _can_shrink(descriptors[0]):
                 return None
             self._spinner = Spinner(min(spin_us, _MOST_SPIN_US) / 1e6)
-            return _Memory(descriptors[0], up, down)
+            return _Memory(link, descriptors[0], up, down)
+        except TimeoutError:
+            raise  # no call above times out: a signal handler raised it
         except OSError:
             return None
         finally:
@@ -225,17 +239,19 @@ class Door:
                 os.close(descriptor)
 
     def _leave(self) -> None:
-        """Ends the connection; what was queued for it is lost."""
-        self._memory = None
-        self._queue.clear()
-        if self._socket is None:
-            return
+        """Ends the connection; messages in its memory are lost."""
+        memory, self._memory = self._memory, None
+        asked, self._asked = self._asked, None
+        for link in (memory.link if memory else None, asked):
+            if link is not None:
+                self._hang_up(link)
+
+    def _hang_up(self, link: socket.socket) -> None:
         if self.process_id == os.getpid():
             # A forked child may have a copy of the socket, which would keep the connection.
             with contextlib.suppress(OSError):
-                self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
-        self._socket = None
+                link.shutdown(socket.SHUT_RDWR)
+        link.close()
 
     def _write(self, memory: _Memory) -> bool:
         """Puts queued messages into the ring; whether some did not fit. Raises BrokenRingError."""
@@ -247,11 +263,11 @@ class Door:
         """Wakes the worker if it sleeps for that reason; called when the reason has ended."""
         self._fence.acquire(False)
         self._fence.release()
-        if not memory.sleeps[_WORKER_SLEEPS] & reason or self._socket is None:
+        if not memory.sleeps[_WORKER_SLEEPS] & reason or self._memory is not memory:
             return
         memory.sleeps[_WORKER_SLEEPS] = 0
-        with contextlib.suppress(OSError):  # bells enough, or nobody to wake
-            self._socket.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        with contextlib.suppress(BlockingIOError, ConnectionError):  # bells enough, or nobody there
+            memory.link.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 
     def _await_bytes(self, memory: _Memory, wait_ms: int) -> bool:
         """Waits until bytes are here, at most `wait_ms` or LONGEST_BLOCK_MS; whether they are."""
@@ -271,8 +287,7 @@ class Door:
 
     def _sleep(self, memory: _Memory, reasons: int, wait_ms: int) -> None:
         """Sleeps until the worker rings for a reason, at most `wait_ms` or LONGEST_BLOCK_MS."""
-        link, reader, sleeps = self._socket, memory.reader, memory.sleeps
-        assert link is not None  # there is memory
+        link, reader, sleeps = memory.link, memory.reader, memory.sleeps
         reader.publish()
         sleeps[_CLIENT_SLEEPS] = reasons
         self._fence.acquire(False)
@@ -287,7 +302,7 @@ class Door:
             has_ended = not link.recv(64)
         except BlockingIOError:  # nobody rang
             return
-        except OSError:
+        except ConnectionError:  # not OSError: a signal handler may raise TimeoutError
             has_ended = True
         finally:
             sleeps[_CLIENT_SLEEPS] = 0
@@ -297,7 +312,8 @@ class Door:
 
 def open_door(name: str, wait_ms: int) -> Door | None:
     """A link through the door `name`; None where it does not open within `wait_ms`."""
-    if sys.platform != "linux" or platform.machine() != "x86_64":
+    is_cpython = sys.implementation.name == "cpython"
+    if sys.platform != "linux" or platform.machine() != "x86_64" or not is_cpython:
         return None
     door = Door(name)
     finish = time.monotonic() + wait_ms / 1000

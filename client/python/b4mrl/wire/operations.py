@@ -1,8 +1,9 @@
 """Steps, resets and restores of a session: each is executed once, and Ctrl-C loses none.
 
-KeyboardInterrupt may come between any two lines of this module. An operation whose call was
-interrupted is kept with its outcome, and so is an operation that got no reply within its deadline.
-The next call about its lanes first finds out whether the daemon executed it:
+KeyboardInterrupt, or another exception of a signal handler, may come between any two lines of this
+module. An operation whose call was interrupted is kept with its outcome, and so is an operation
+that got no reply within its deadline. The next call about its lanes first finds out whether the
+daemon executed it:
 
 - a call of the same kind with the same lanes and arrays returns the kept outcome, so that an
   interrupted call and its repetition have the effect of one call;
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -39,8 +40,8 @@ class _Operation:
     kind: str  # "step", "reset" or "restore"
     lanes: Lanes | None
     numbers: NDArray[np.uint64]
-    envelope: bytes = b""
-    payload: bytearray = field(default_factory=bytearray)
+    envelope: bytes
+    payload: bytearray
     is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
 
 
@@ -127,14 +128,13 @@ class Operations:
                     return request_id
             self._pass_over(kind, lanes, deadline_ms)
         numbers = self._numbers.next_of(lanes)
-        operation = _Operation(kind, lanes, numbers)
+        operation = _Operation(kind, lanes, numbers, *_pack(kind, lanes, numbers, columns))
         request_id = self._connection.next_id
         self._under_way[request_id] = operation
         self._numbers.begin(lanes)
         try:
-            operation.envelope, operation.payload = _pack(operation, columns)
             self._connection.send(operation.envelope, operation.payload, deadline_ms)
-        except Exception:
+        except errors.B4mrlError:
             self._end(Delivery(request_id, executed=False))
             raise
         return request_id
@@ -147,7 +147,7 @@ class Operations:
             return False
         if self._numbers.count_of(lanes) != len(operation.numbers):
             return False
-        again = _pack(_Operation(kind, lanes, operation.numbers), columns)
+        again = _pack(kind, lanes, operation.numbers, columns)
         return again == (operation.envelope, operation.payload)
 
     def _pass_over(self, kind: str, lanes: Lanes | None, deadline_ms: float) -> None:
@@ -176,7 +176,7 @@ class Operations:
             raise delivery.error
         try:
             result = read(delivery, operation.lanes)
-        except Exception:
+        except errors.B4mrlError:
             self._end(delivery)
             raise
         self._end(delivery)
@@ -190,12 +190,13 @@ class Operations:
         self._connection.abandon(request_id)
 
 
-def _pack(operation: _Operation, columns: Mapping[str, Array]) -> tuple[bytes, bytearray]:
+def _pack(
+    kind: str, lanes: Lanes | None, numbers: NDArray[np.uint64], columns: Mapping[str, Array]
+) -> tuple[bytes, bytearray]:
     """The envelope and the payload of an operation."""
-    message: dict[str, Array] = {"numbers": operation.numbers}
-    if operation.lanes is not None:
-        message["lanes"] = operation.lanes
-    return plans.pack(operation.kind, message | dict(columns))
+    if lanes is None:
+        return plans.pack(kind, {"numbers": numbers, **columns})
+    return plans.pack(kind, {"numbers": numbers, "lanes": lanes, **columns})
 
 
 def _overlap(one: Lanes | None, other: Lanes | None) -> bool:

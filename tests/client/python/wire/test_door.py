@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import random
@@ -285,3 +286,34 @@ def test_what_is_sent_before_the_greeting_arrives_after_it() -> None:
     assert door.take_handshakes() == 0
     door.close()
     server.stop()
+
+
+def test_a_process_without_free_descriptors_finds_no_door(
+    start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    server = start(echo)
+    monkeypatch.setattr("b4mrl.wire.door.socket.socket", refuse)
+    assert open_door(server.name, WAIT_MS) is None
+
+
+@pytest.mark.parametrize("place", ["_is_trusted", "_can_shrink"])
+def test_an_alarm_in_the_handshake_is_not_taken_for_a_refusal(
+    start, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    def ring(_: object) -> bool:
+        raise TimeoutError
+
+    server = start(echo)
+    door = Door(server.name)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(f"b4mrl.wire.door.{place}", ring)
+        with pytest.raises(TimeoutError):
+            while not door.is_open and not door.is_refused:
+                door.connect(WAIT_MS)
+    assert not door.is_refused
+    door.connect(WAIT_MS)  # not to the connection whose greeting is lost
+    assert door.is_open
+    door.close()

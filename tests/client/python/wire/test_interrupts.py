@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of a call."""
+"""Ctrl-C, or an alarm's exception, in the middle of a call."""
 
 from __future__ import annotations
 
@@ -170,12 +170,21 @@ def test_a_request_that_was_cut_while_it_was_sent_costs_no_time(pair, place) -> 
     assert time.monotonic() - start < 10  # a resend would come after an eighth of two minutes
 
 
-# Where Python cannot raise, as in a destructor, it says so.
+# Where Python cannot raise, as in a destructor of pyzmq, it says so.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_interrupts_at_any_moment_of_waiting_change_nothing(client: b4mrl.Client) -> None:
+@pytest.mark.parametrize("transport", ["door", "tcp"])
+@pytest.mark.parametrize("exception", [KeyboardInterrupt, TimeoutError])
+def test_interrupts_at_any_moment_of_waiting_change_nothing(
+    client: b4mrl.Client,
+    monkeypatch: pytest.MonkeyPatch,
+    exception: type[BaseException],
+    transport: str,
+) -> None:
     """Real signals, while a reply is waited for or read."""
+    if transport == "tcp":
+        monkeypatch.setattr("b4mrl.wire.routes.open_door", lambda name, wait_ms: None)
     draws = random.Random(5)
-    hits = 0
+    hits = caught = 0
 
     def arrive(_: int, frame: FrameType | None) -> None:
         nonlocal hits
@@ -185,7 +194,7 @@ def test_interrupts_at_any_moment_of_waiting_change_nothing(client: b4mrl.Client
             frame = frame.f_back
         if Operations.call.__code__ in codes and Operations._end.__code__ not in codes:
             hits += 1
-            raise KeyboardInterrupt
+            raise exception
 
     before = signal.signal(signal.SIGALRM, arrive)
     options: dict[str, Any] = {"num_envs": 16, "autoreset_mode": "same_step", "deadline_ms": 60_000}
@@ -205,8 +214,10 @@ def test_interrupts_at_any_moment_of_waiting_change_nothing(client: b4mrl.Client
                         signal.setitimer(signal.ITIMER_REAL, draws.uniform(20e-6, 500e-6))
                     try:
                         result = vec.step(actions)
-                    except KeyboardInterrupt:
+                    except exception as error:
+                        assert type(error) is exception  # none of the client's own TimeoutErrors
                         interrupts += 1
+                caught += interrupts
                 signal.setitimer(signal.ITIMER_REAL, 0)
                 assert_same(result, twin.step(actions))
             np.testing.assert_array_equal(vec.digests, twin.digests)
@@ -214,6 +225,8 @@ def test_interrupts_at_any_moment_of_waiting_change_nothing(client: b4mrl.Client
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     assert hits > 20
+    if transport == "door":
+        assert caught == hits
 
 
 def test_a_signal_reaches_a_call_that_waits() -> None:
