@@ -19,7 +19,7 @@ from b4mrl.wire import arrays
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.messages import Reply
 
-_MOST_LEARNT = 4  # a reset, a step, and steps that end one or two episodes
+_MOST_LEARNT = 32  # a reset, a step, and steps that end one, two, three ... episodes
 _LEARNT_PAYLOADS = ("step", "reset")  # messages without fields, so a reply is whole without them
 
 

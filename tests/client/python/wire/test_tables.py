@@ -96,6 +96,14 @@ def test_replies_of_changing_shapes_are_those_that_are_read_in_full(tables) -> N
         assert_read_in_full(tables, message(*step_reply(request_id * 977, count, ended, swap)))
 
 
+def test_steps_that_end_any_of_thirty_numbers_of_episodes_are_all_recognised(tables) -> None:
+    counts = np.random.default_rng(0).permutation(30)
+    for ended in counts:
+        assert read(tables, message(*step_reply(count=64, ended=int(ended)))).error is None
+    for ended in counts:
+        assert tables.read(*message(*step_reply(2, count=64, ended=int(ended))))[1] is not None
+
+
 def test_unknown_fields_before_and_behind_the_table_change_nothing(tables) -> None:
     envelope, payload = message(*step_reply(2))
     unknown = field(500, b"from a newer server")
