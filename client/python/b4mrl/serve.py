@@ -124,7 +124,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
     threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
     outcome = started.get()
     if isinstance(outcome, OSError):
-        raise outcome
+        raise UnavailableError(f"cannot start the server: {outcome}") from outcome
     return outcome, unwanted
 
 
@@ -169,19 +169,27 @@ def serve(
         ready_seconds: time within which the daemon must be ready.
 
     Raises:
-        UnavailableError: the program is not found, or not ready in time.
+        UnavailableError: the program is not found, or not ready in time, or there is no folder for
+            the ipc sockets.
     """
     command = find_server()
-    folder = None if tcp else tempfile.mkdtemp(prefix="b4mrl-")
+    folder = None if tcp else _make_folder()
     command += ["--bind", "tcp://127.0.0.1:0" if tcp else f"ipc://{folder}/serve"]
     options = {"--data": data, "--models": models, "--workers": workers, "--threads": threads}
     for name, value in options.items():
         if value is not None:
             command += [name, os.fspath(value) if isinstance(value, os.PathLike) else str(value)]
+    return PrivateDaemon([*command, *arguments], folder, ready_seconds)
+
+
+def _make_folder() -> str:
     try:
-        return PrivateDaemon([*command, *arguments], folder, ready_seconds)
+        return tempfile.mkdtemp(prefix="b4mrl-")
     except OSError as error:
-        raise UnavailableError(f"cannot run the server {command[0]!r}: {error}") from None
+        raise UnavailableError(
+            f"no folder for the server's ipc sockets can be made: {error}; let TMPDIR name a folder "
+            "that can be written to, or call serve(tcp=True), which needs none"
+        ) from None
 
 
 def find_server() -> list[str]:

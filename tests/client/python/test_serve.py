@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import signal
@@ -68,7 +69,7 @@ def test_it_dies_with_the_program_that_started_it() -> None:
 
 @pytest.mark.parametrize(
     ("variable", "complaint"),
-    [("/does/not/exist", "executable program"), ("/bin/false", "not get ready")],
+    [("/does/not/exist", "executable program"), ("/bin/false", "^the server '/bin/false' did not")],
 )
 def test_a_program_that_does_not_serve_is_named(
     monkeypatch: pytest.MonkeyPatch, variable: str, complaint: str
@@ -76,6 +77,19 @@ def test_a_program_that_does_not_serve_is_named(
     monkeypatch.setenv("B4MRL_SERVER", variable)
     with pytest.raises(errors.UnavailableError, match=complaint):
         b4mrl.serve()
+
+
+def test_a_machine_without_a_folder_for_sockets_is_told_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(prefix: str) -> str:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    with pytest.raises(errors.UnavailableError, match="No usable.*TMPDIR.*tcp=True"):
+        b4mrl.serve()
+    with b4mrl.serve(tcp=True) as endpoint:
+        assert endpoint.startswith("tcp://")
 
 
 def test_the_program_is_found_in_path_and_in_a_checkout(
