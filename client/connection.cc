@@ -34,7 +34,8 @@ Result<Connection> Connection::OpenDoor(Context& context, const std::string& add
                                         const std::string& door, std::string token,
                                         const std::atomic<bool>* cancelled) {
   B4MRL_ASSIGN_OR_RETURN(
-      Link link, Link::Open(context, address, door, Deadline::AfterMs(limits::kDirectConnectMs)));
+      Link link,
+      Link::Open(context, address, door, Deadline::AfterMs(limits::kDirectConnectMs), cancelled));
   return Connection(std::move(link), std::move(token), cancelled);
 }
 

@@ -5,10 +5,10 @@
 namespace b4mrl {
 
 Result<Link> Link::Open(Context& context, const std::string& address, const std::string& door,
-                        const Deadline& deadline) {
+                        const Deadline& deadline, const std::atomic<bool>* cancelled) {
   Link link(context, address);
   if (!door.empty()) {
-    Result<ClientDoor> opened = ClientDoor::Connect(door, deadline);
+    Result<ClientDoor> opened = ClientDoor::Connect(door, deadline, cancelled);
     if (opened.ok()) {
       link.door_.emplace(std::move(*opened));
       return link;

@@ -5,6 +5,7 @@
 // Thread rule: one thread. The Context outlives the link.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -21,9 +22,10 @@ namespace b4mrl {
 class Link {
  public:
   // A link to the process that listens on `address`. `door`: the name of its local door, or "".
-  // Waits for the door at most until the deadline, for ZeroMQ not at all.
+  // Waits for the door until the deadline at most, or until `cancelled`, if given, turns true; for
+  // ZeroMQ not at all.
   static Result<Link> Open(Context& context, const std::string& address, const std::string& door,
-                           const Deadline& deadline);
+                           const Deadline& deadline, const std::atomic<bool>* cancelled = nullptr);
 
   // Never waits, but for a message that is longer than the door's ring (ClientDoor::Send).
   // kUnavailable when the queue towards the server is full.

@@ -55,9 +55,13 @@ Result<DoorMemory> ReceiveMemory(int socket, uint32_t* spin_us) {
 
 }  // namespace
 
-Result<ClientDoor> ClientDoor::Connect(const std::string& name, const Deadline& deadline) {
+Result<ClientDoor> ClientDoor::Connect(const std::string& name, const Deadline& deadline,
+                                       const std::atomic<bool>* cancelled) {
   ClientDoor door(name);
-  while (!door.open_ && !door.is_refused() && !deadline.expired()) door.Connect(deadline);
+  while (!door.open_ && !door.is_refused() && !deadline.expired()) {
+    if (cancelled != nullptr && *cancelled) break;
+    door.Connect(Earlier(deadline, kLongestBlockMs));
+  }
   if (door.open_) return door;
   return Status(StatusCode::kUnavailable, fmt::format("the door {} does not open", name));
 }

@@ -8,6 +8,7 @@
 // Thread rule: one thread.
 #pragma once
 
+#include <atomic>
 #include <optional>
 #include <string>
 
@@ -24,8 +25,10 @@ namespace b4mrl {
 class ClientDoor {
  public:
   // Connects to the door `name` and waits for its greeting. kUnavailable when nobody listens there,
-  // when the worker refuses this process, or when no greeting came before the deadline.
-  static Result<ClientDoor> Connect(const std::string& name, const Deadline& deadline);
+  // when the worker refuses this process, when no greeting came before the deadline, or 20 ms after
+  // `cancelled`, if given, turned true.
+  static Result<ClientDoor> Connect(const std::string& name, const Deadline& deadline,
+                                    const std::atomic<bool>* cancelled = nullptr);
 
   // Waits 20 ms at most, for the worker to make space for a message that is longer than the ring;
   // the rest is sent by later calls of Send and Receive. kUnavailable when too many messages wait.

@@ -148,6 +148,16 @@ TEST_CASE("A client that finds no door, or a strange one, goes over ZeroMQ") {
     const UniqueFd listener = ListenAtDoor(name);
     CHECK(transport(100) == "ipc");
   }
+  SECTION("that never greets, and is not waited for by a client that is cancelled") {
+    const UniqueFd listener = ListenAtDoor(name);
+    const std::atomic<bool> cancelled{true};
+    Context context;
+    const Deadline deadline = Deadline::AfterMs(60'000);
+    const Link link =
+        Take(Link::Open(context, "ipc:///nowhere/b4mrl.sock", name, deadline, &cancelled));
+    CHECK(link.transport() == "ipc");
+    CHECK_FALSE(deadline.expired());
+  }
   SECTION("that greets wrongly") {
     const UniqueFd listener = ListenAtDoor(name);
     const uint32_t version = GENERATE(0u, 2u);  // 0: closes the connection
