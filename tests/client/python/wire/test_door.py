@@ -6,6 +6,7 @@ import errno
 import gc
 import os
 import random
+import signal
 import socket
 import threading
 import time
@@ -183,6 +184,26 @@ def test_another_users_door_is_none(start, monkeypatch: pytest.MonkeyPatch) -> N
     server = start(echo)
     monkeypatch.setattr("b4mrl.wire.door._is_trusted", lambda link: False)
     assert open_door(server.name, WAIT_MS) is None
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_a_door_behind_which_another_user_listens_is_refused() -> None:
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.setuid(65534)
+        name, _ = listen()
+        os.write(writing, name.encode())
+        signal.pause()
+    try:
+        door = Door(os.read(reading, 100).decode())
+        door.connect(0)
+        assert door.is_refused
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        os.close(reading)
+        os.close(writing)
 
 
 @pytest.mark.parametrize("head", [63, RING_BYTES + 64, 2**63])
