@@ -43,9 +43,7 @@ def write_agent(path: Path, history: int = 1, **changes: object) -> dict:
     return entries
 
 
-def formula(
-    entries: dict, observations: list[np.ndarray], activation: str = "relu"
-) -> np.ndarray:
+def formula(entries: dict, observations: list[np.ndarray], activation: str = "relu") -> np.ndarray:
     """The action for a history of observations, oldest first, in float64."""
     layers = sum(name.startswith("fc") and name.endswith("weight") for name in entries)
     rows = []
