@@ -154,13 +154,16 @@ class Door:
     def close(self, linger_ms: int = 0) -> None:
         """Of Link; waits until the worker has read the queued messages, at most `linger_ms`."""
         memory = self._memory
-        if memory is not None and self.process_id == os.getpid():
-            finish = time.monotonic() + linger_ms / 1000
-            with contextlib.suppress(BrokenRingError):
+        try:
+            if memory is not None and self.process_id == os.getpid():
+                finish = time.monotonic() + linger_ms / 1000
                 while memory.writer.is_unread() and time.monotonic() < finish:
                     self._write(memory)
                     time.sleep(_LINGER_LOOK)
-        self._leave()
+        except BrokenRingError:
+            pass  # the worker reads no more
+        finally:
+            self._leave()
 
     def connect(self, wait_ms: int) -> None:
         """Connects, or goes on connecting: waits for the greeting, at most `wait_ms`."""

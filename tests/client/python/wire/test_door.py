@@ -309,6 +309,23 @@ def test_what_is_sent_before_the_greeting_arrives_after_it() -> None:
     server.stop()
 
 
+def test_an_interrupted_close_closes_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    name, listener = listen()
+    greeter = threading.Thread(target=greet_once, args=(listener,))  # reads nothing
+    greeter.start()
+    door = open_door(name, WAIT_MS)
+    assert door is not None and door.send(hello(), bytearray())
+    monkeypatch.setattr("b4mrl.wire.door.time.sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        door.close(WAIT_MS)
+    assert not door.is_open
+    greeter.join()
+    listener.close()
+
+
 def test_a_process_without_free_descriptors_finds_no_door(
     start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
