@@ -64,7 +64,7 @@ inline constexpr uint32_t kMaxDoors = 256;  // connections of one worker; furthe
 inline constexpr uint32_t kRingBytes = 256 * 1024;    // of each of a connection's two rings
 inline constexpr uint32_t kMinRingBytes = 64 * 1024;  // that a client accepts
 inline constexpr uint32_t kMaxRingBytes = 1024 * 1024;
-inline constexpr uint32_t kMaxDoorBells = 10'000;  // without a byte in the ring
+inline constexpr uint32_t kMaxDoorBells = 10'000;  // without a byte in either ring
 // Longest spin before a sleep. A step of Humanoid, or of eight environments, takes 200 us.
 inline constexpr uint32_t kDefaultSpinUs = 250;
 inline constexpr uint32_t kMaxSpinUs = 10'000;

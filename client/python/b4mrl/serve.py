@@ -18,7 +18,6 @@ from typing import Any
 
 from b4mrl.display import Shown
 from b4mrl.errors import UnavailableError
-from b4mrl.wire.spinning import sleep_until
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
 
@@ -119,7 +118,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
             started.put(error)
             return
         started.put(process)
-        sleep_until(unwanted)
+        unwanted.wait()
 
     threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
     outcome = started.get()

@@ -27,25 +27,15 @@ _RESTS_AFTER_LOSS = 32  # times the loss
 _RESTS_IN_VAIN = 8  # times the budget
 _LONGEST_LEARNT = 500e-6  # longer waits count as this, so that shorter ones are noticed soon
 _MEMORY = 8  # waits
-
-_asleep: set[int] = set()  # threads in sleep_until
-
-
-def sleep_until(event: threading.Event) -> None:
-    """Waits for an event in a thread that does nothing else: it does not keep others from looking.
-
-    A program with a private daemon has such a thread (b4mrl.serve).
-    """
-    _asleep.add(threading.get_ident())
-    event.wait()
-    _asleep.discard(threading.get_ident())
+_OTHERS_INTERVAL = 20e-3  # between two looks at what other threads do
+_OTHERS_SHARE = 0.05  # of a core, which a thread that works goes beyond
 
 
 class Spinner:
     """What one connection has learnt about its waits.
 
-    Does not look while the process has other Python threads, which may need the interpreter's lock,
-    nor where it may use one core only, which its peer needs.
+    Does not look while other Python threads of the process work, as they may need the interpreter's
+    lock, nor where it may use one core only, which its peer needs.
 
     Args:
         budget: the longest time that one wait is spent looking, in seconds; 0: none is.
@@ -55,14 +45,16 @@ class Spinner:
         self._budget = budget if len(os.sched_getaffinity(0)) > 1 else 0.0
         self._usual_wait = 0.0
         self._rests_until = 0.0
+        self._others_used = 0.0  # processor time of the process's other threads
+        self._others_looked_at = time.perf_counter()
+        self._others_work = True
 
     def spin(self, watch: Callable[[int], bool]) -> bool:
         """Calls `watch(looks)` until it is true or the budget is spent; returns its last value."""
-        others = threading.active_count() - 1 - len(_asleep)
-        if others > 0 or self._usual_wait - _WAKE_UP > self._budget:
+        if self._usual_wait - _WAKE_UP > self._budget:
             return False
         begin = now = time.perf_counter()
-        if now < self._rests_until:
+        if now < self._rests_until or self._holds_others_up(now):
             return False
         is_over = False
         while not is_over and now - begin < self._budget:
@@ -81,3 +73,17 @@ class Spinner:
     def learn(self, wait: float) -> None:
         """To be called with the length of each wait, however it was spent."""
         self._usual_wait += (min(wait, _LONGEST_LEARNT) - self._usual_wait) / _MEMORY
+
+    def _holds_others_up(self, now: float) -> bool:
+        """Whether other Python threads of this process have worked lately.
+
+        Those of notebooks and progress bars seldom do.
+        """
+        if threading.active_count() == 1:
+            return False
+        elapsed = now - self._others_looked_at
+        if elapsed > _OTHERS_INTERVAL:
+            used = time.process_time() - time.thread_time()
+            self._others_work = not 0 <= used - self._others_used < _OTHERS_SHARE * elapsed
+            self._others_looked_at, self._others_used = now, used
+        return self._others_work

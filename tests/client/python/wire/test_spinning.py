@@ -15,6 +15,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.now = 1.0
+        self.used_by_others = 100.0  # processor time of the process's other threads
 
     def perf_counter(self) -> float:
         self.now += 1e-6
@@ -27,7 +28,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(spinning.time, "perf_counter", clock.perf_counter)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     monkeypatch.setattr(threading, "active_count", lambda: 1)
-    monkeypatch.setattr(spinning, "_asleep", set())  # the tests' own daemon has such a thread
+    monkeypatch.setattr(spinning.time, "process_time", lambda: 7 + clock.used_by_others)
+    monkeypatch.setattr(spinning.time, "thread_time", lambda: 7)
     return clock
 
 
@@ -98,28 +100,31 @@ def test_a_peer_on_the_same_core_causes_no_rest(
     assert spinner.spin(lambda _: True)
 
 
-@pytest.mark.parametrize("what", ["no budget", "one core", "other threads"])
+@pytest.mark.parametrize("what", ["no budget", "one core"])
 def test_where_looking_would_hold_others_up_it_never_looks(
     clock: Clock, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
     if what == "one core":
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
-    if what == "other threads":
-        monkeypatch.setattr(threading, "active_count", lambda: 2)
     assert not Spinner(0.0 if what == "no budget" else 100e-6).spin(lambda _: True)
 
 
-def test_a_thread_that_only_waits_keeps_nobody_from_looking(
+def test_it_looks_while_the_processs_other_threads_are_idle(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(threading, "active_count", lambda: 2)
-    event, pause = threading.Event(), threading.Event()
-    thread = threading.Thread(target=spinning.sleep_until, args=(event,))
-    assert not Spinner(100e-6).spin(lambda _: True)
-    thread.start()
-    while thread.ident not in spinning._asleep:
-        pause.wait(0.001)
-    assert Spinner(100e-6).spin(lambda _: True)
-    event.set()
-    thread.join()
-    assert not Spinner(100e-6).spin(lambda _: True)
+    spinner = Spinner(100e-6)
+
+    def spins_after(used: float) -> bool:
+        clock.now += 0.1
+        clock.used_by_others += used
+        return spinner.spin(lambda _: True)
+
+    spins_after(0.0)
+    assert spins_after(0.0)
+    assert spins_after(0.001)
+    assert not spins_after(0.01)
+    assert not spinner.spin(lambda _: True)
+    assert spins_after(0.0)
+    assert not spins_after(-1.0)  # the connection's user is another thread now
+    assert spins_after(0.0)
