@@ -7,7 +7,8 @@ namespace {
 
 constexpr double kPieceUs = 500;
 constexpr double kBiteUs = 100;
-constexpr double kShortestPieceUs = 60;  // shorter pieces cost more to hand out than they gain
+constexpr double kShortestPieceUs = 20;  // handing out a piece takes a microsecond
+constexpr double kWakeUpUs = 60;
 constexpr double kShortestItemUs = 0.1;
 
 }  // namespace
@@ -27,9 +28,14 @@ double ItemCost::Expect(uint32_t items) const {
   return items * static_cast<double>(us_.load(std::memory_order_relaxed));
 }
 
-uint32_t ItemCost::ItemsPerPiece(uint32_t items, uint32_t threads) const {
-  const double fair_us = Expect(items) / std::max(threads, 1u);
-  return std::min(ItemsIn(std::clamp(fair_us, kShortestPieceUs, kPieceUs)), std::max(items, 1u));
+uint32_t ItemCost::ThreadsFor(uint32_t items, uint32_t threads) const {
+  const uint32_t each = ItemsIn(kWakeUpUs);
+  return std::min(threads, (items + each - 1) / each);
+}
+
+uint32_t ItemCost::ItemsPerPiece(uint32_t left, uint32_t threads) const {
+  const double share_us = threads > 1 ? Expect(left) / (2 * threads) : Expect(left);
+  return std::min(ItemsIn(std::clamp(share_us, kShortestPieceUs, kPieceUs)), std::max(left, 1u));
 }
 
 uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }

@@ -12,9 +12,12 @@ class ItemCost {
   void Observe(double us_per_item);
   // The microseconds that `items` will probably take; 0 before the first Observe.
   double Expect(uint32_t items) const;
-  // How many of `items` make one piece: at most 0.5 ms of work, and few enough for each of
-  // `threads` to get a piece. 1 before the first Observe.
-  uint32_t ItemsPerPiece(uint32_t items, uint32_t threads) const;
+  // How many of `threads` are worth waking for `items`: each should get 60 us of work or more.
+  uint32_t ThreadsFor(uint32_t items, uint32_t threads) const;
+  // How many of the `left` items of a request make the next piece: at most 0.5 ms of work, and half
+  // of a thread's share, so that threads which began at different times end together ("guided
+  // self-scheduling", Polychronopoulos and Kuck 1987). 1 before the first Observe.
+  uint32_t ItemsPerPiece(uint32_t left, uint32_t threads) const;
   // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
   // Whether one item alone might keep messages waiting for longer than 0.5 ms: an item takes

@@ -27,9 +27,7 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
     if (own.empty()) line.sessions.Enter(work->session);
     own.push_back(work);
     bites_left_it_ = false;  // until the socket's thread has looked at the new work
-    const uint32_t items_per_piece = work->cost->ItemsPerPiece(work->items, threads_);
-    const uint32_t pieces = (work->items + items_per_piece - 1) / items_per_piece;
-    const uint32_t wanted = pieces - for_caller;
+    const uint32_t wanted = work->cost->ThreadsFor(work->items, threads_) - for_caller;
     const uint32_t invited = std::min(wanted, spinning_ - invitations_);
     invitations_ += invited;
     wake = std::min(wanted - invited, sleeping_);
@@ -45,7 +43,7 @@ Piece WorkQueue::Cut(QueuedWork* work, bool bite) {
   }
   const ItemCost& cost = *work->cost;
   const uint32_t count =
-      std::min(left, bite ? cost.ItemsPerBite() : cost.ItemsPerPiece(work->items, threads_));
+      std::min(cost.ItemsPerPiece(left, threads_), bite ? cost.ItemsPerBite() : left);
   const double us = cost.Expect(count);
   Serve(*work, us);
   if (bite) {

@@ -71,8 +71,8 @@ class WorkQueue {
   // `threads` includes the socket's thread, but not the stand-in.
   explicit WorkQueue(uint32_t threads) : threads_(threads) {}
 
-  // `caller_helps`: the caller or the stand-in takes pieces too, so a single piece wakes no thread
-  // of the pool.
+  // `caller_helps`: the caller or the stand-in takes pieces too, so work for a single thread wakes
+  // none of the pool.
   void Push(QueuedWork* work, bool caller_helps = true);
   // For threads of the pool: waits for a piece; nothing once Stop was called. `spinner` is the
   // thread's own.

@@ -5,12 +5,14 @@
 namespace b4mrl {
 namespace {
 
-TEST_CASE("Pieces last at most half a millisecond and are shared among the threads") {
+TEST_CASE("Pieces last at most half a millisecond and leave other threads their share") {
   ItemCost cost;
   cost.Observe(10);  // microseconds
+  REQUIRE(cost.ItemsPerPiece(4096, 1) == 50);
   REQUIRE(cost.ItemsPerPiece(4096, 2) == 50);
-  REQUIRE(cost.ItemsPerPiece(64, 2) == 32);
-  REQUIRE(cost.ItemsPerPiece(64, 64) == 6);  // 60 us is the least that is worth sharing
+  REQUIRE(cost.ItemsPerPiece(64, 2) == 16);
+  REQUIRE(cost.ItemsPerPiece(16, 2) == 4);
+  REQUIRE(cost.ItemsPerPiece(64, 64) == 2);  // shorter ones cost more to hand out than they gain
   REQUIRE(cost.ItemsPerPiece(1, 2) == 1);
   REQUIRE(cost.ItemsPerBite() == 10);  // 0.1 ms
   for (int i = 0; i < 200; ++i) cost.Observe(1000);
@@ -18,10 +20,21 @@ TEST_CASE("Pieces last at most half a millisecond and are shared among the threa
   REQUIRE(cost.ItemsPerBite() == 1);
 }
 
+TEST_CASE("A thread is woken for as much work as waking costs") {
+  ItemCost cost;
+  cost.Observe(10);  // microseconds
+  REQUIRE(cost.ThreadsFor(1, 4) == 1);
+  REQUIRE(cost.ThreadsFor(6, 4) == 1);
+  REQUIRE(cost.ThreadsFor(7, 4) == 2);
+  REQUIRE(cost.ThreadsFor(64, 4) == 4);
+  REQUIRE(cost.ThreadsFor(64, 64) == 11);
+}
+
 TEST_CASE(
     "An item that nobody has measured is taken alone, expected to cost nothing, and no bite") {
   const ItemCost cost;
   REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
+  REQUIRE(cost.ThreadsFor(3, 4) == 3);
   REQUIRE(cost.ItemsPerBite() == 1);
   REQUIRE(cost.Expect(5) == 0);
   REQUIRE(cost.too_long_for_bites());
