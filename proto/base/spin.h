@@ -1,7 +1,7 @@
 // Decides whether a thread that waits for another process should look again and again (spin) before
 // it sleeps.
 //
-// Waking a sleeping thread of an idle core costs about 60 us, several times what a simulation step
+// Waking a sleeping thread of an idle core costs kWakeUp, several times what a simulation step
 // takes. So a wait that will probably end within the budget is spun away, and a longer wait is
 // slept through: by the ski-rental argument, a budget of about one wake-up costs at most twice the
 // best choice. The spinner learns the usual length of waits.
@@ -22,16 +22,26 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <utility>
 
 #include "proto/base/clock.h"
+#include "proto/base/cores.h"
 
 namespace b4mrl {
 
+// What it takes until a sleeping thread of an idle core runs, as measured.
+inline constexpr auto kWakeUp = std::chrono::microseconds(60);
+
+// The budget that a process should spin with when it is allowed `longest_us`: none where it may use
+// a single core, since its peer cannot run while it spins.
+inline std::chrono::microseconds SpinBudget(uint32_t longest_us) {
+  return std::chrono::microseconds(AvailableCores().size() > 1 ? longest_us : 0);
+}
+
 class Spinner {
  public:
-  // `budget`: the longest spin of one wait; 0 turns spinning off. A process that may use a single
-  // core passes 0, since its peer cannot run while it spins.
+  // `budget`: the longest spin of one wait (SpinBudget); 0 turns spinning off.
   explicit Spinner(std::chrono::microseconds budget) : budget_(budget) {}
 
   // Whether a wait that began at `since` may still be spun at `now`.
@@ -67,7 +77,6 @@ class Spinner {
   }
 
  private:
-  static constexpr auto kWakeUp = std::chrono::microseconds(60);
   // Two looks that are further apart than this: a third process had the core in between, since the
   // peer takes less time for whatever is worth a spin.
   static constexpr auto kLostSlice = std::chrono::microseconds(500);

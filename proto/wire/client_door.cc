@@ -9,7 +9,6 @@
 #include <cstring>
 #include <utility>
 
-#include "proto/base/cores.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -92,7 +91,7 @@ Status ClientDoor::ReadGreeting() {
   uint32_t spin_us = 0;
   B4MRL_ASSIGN_OR_RETURN(DoorMemory memory, ReceiveMemory(socket_.get(), &spin_us));
   open_.emplace(std::move(memory));
-  spinner_ = Spinner(std::chrono::microseconds(AvailableCores().size() > 1 ? spin_us : 0));
+  spinner_ = Spinner(SpinBudget(spin_us));
   ++connections_;
   refusals_ = 0;
   return Status();

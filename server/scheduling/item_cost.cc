@@ -2,13 +2,14 @@
 
 #include <algorithm>
 
+#include "proto/base/spin.h"
+
 namespace b4mrl {
 namespace {
 
 constexpr double kPieceUs = 500;
 constexpr double kBiteUs = 100;
 constexpr double kShortestPieceUs = 20;  // handing out a piece takes a microsecond
-constexpr double kWakeUpUs = 60;
 constexpr double kShortestItemUs = 0.1;
 
 }  // namespace
@@ -29,7 +30,7 @@ double ItemCost::Expect(uint32_t items) const {
 }
 
 uint32_t ItemCost::ThreadsFor(uint32_t items, uint32_t threads) const {
-  const uint32_t each = ItemsIn(kWakeUpUs);
+  const uint32_t each = ItemsIn(kWakeUp.count());
   return std::min(threads, (items + each - 1) / each);
 }
 

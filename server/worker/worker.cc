@@ -192,8 +192,7 @@ Status RunWorker(ChildContext& context) {
     return InvalidNumber("--index", context.options().index, "below the number of workers");
   }
   const std::vector<int> cores = CoresOf(context.options());
-  const bool spins = AvailableCores().size() > 1;
-  const std::chrono::microseconds spin(spins ? context.options().spin_us : 0);
+  const std::chrono::microseconds spin = SpinBudget(context.options().spin_us);
   // Pinned before ZeroMQ's thread for input and output starts, which then shares the core: waking a
   // thread of another core costs several microseconds more.
   if (!cores.empty()) PinThisThread({cores[0]});
