@@ -6,10 +6,10 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "proto/wire/descriptors.h"
 
 namespace b4mrl {
 namespace {
@@ -25,28 +25,10 @@ Deadline Earlier(const Deadline& deadline, int64_t milliseconds) {
 // Receives a greeting and the descriptor that comes with it.
 Result<DoorMemory> ReceiveMemory(int socket, uint32_t* spin_us) {
   DoorGreeting greeting;
-  iovec bytes{&greeting, sizeof(greeting)};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];
-  msghdr message{};
-  message.msg_iov = &bytes;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  // Without the padding, which has room for a second descriptor.
-  message.msg_controllen = CMSG_LEN(sizeof(int));
-  const ssize_t received = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
-  UniqueFd fd;
-  const cmsghdr* header = received > 0 ? CMSG_FIRSTHDR(&message) : nullptr;
-  if (header != nullptr && header->cmsg_type == SCM_RIGHTS &&
-      header->cmsg_len == CMSG_LEN(sizeof(int))) {
-    int value = -1;
-    std::memcpy(&value, CMSG_DATA(header), sizeof(value));
-    fd = UniqueFd(value);
-  }
-  const bool has_more = (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0;
-  if (received != sizeof(greeting) || has_more || !fd.valid()) {
+  UniqueFd fd = ReceiveWithDescriptor(socket, &greeting, sizeof(greeting), MSG_DONTWAIT);
+  if (!fd.valid()) {
     return Status(StatusCode::kUnavailable,
-                  "the door was closed before its greeting, or it sent "
-                  "something else");
+                  "the door was closed before its greeting, or it sent something else");
   }
   *spin_us = std::min(greeting.spin_us, limits::kMaxSpinUs);
   return DoorMemory::Map(std::move(fd), greeting);

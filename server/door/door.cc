@@ -3,34 +3,17 @@
 #include <sys/socket.h>
 
 #include <cerrno>
-#include <cstring>
 #include <memory>
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "proto/wire/descriptors.h"
 
 namespace b4mrl {
 namespace {
 
 // Bells that are read before the other doors have their turn.
 constexpr int kBellBurst = 64;
-
-Status SendGreeting(int socket, const DoorGreeting& greeting, int memory_fd) {
-  iovec bytes{const_cast<DoorGreeting*>(&greeting), sizeof(greeting)};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
-  msghdr message{};
-  message.msg_iov = &bytes;
-  message.msg_iovlen = 1;
-  message.msg_control = control;
-  message.msg_controllen = sizeof(control);
-  cmsghdr* const header = CMSG_FIRSTHDR(&message);
-  header->cmsg_level = SOL_SOCKET;
-  header->cmsg_type = SCM_RIGHTS;
-  header->cmsg_len = CMSG_LEN(sizeof(int));
-  std::memcpy(CMSG_DATA(header), &memory_fd, sizeof(int));
-  if (sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL) == sizeof(greeting)) return Status();
-  return IoError("greet", "the client of a door", errno);
-}
 
 }  // namespace
 
@@ -40,7 +23,10 @@ Result<std::unique_ptr<Door>> Door::Greet(UniqueFd socket, uint64_t number, uint
   greeting.spin_us = spin_us;
   B4MRL_ASSIGN_OR_RETURN(DoorMemory memory,
                          DoorMemory::Create(greeting.up_bytes, greeting.down_bytes));
-  B4MRL_RETURN_IF_ERROR(SendGreeting(socket.get(), greeting, memory.fd()));
+  const int memory_fd = memory.fd();
+  if (!SendWithDescriptors(socket.get(), &greeting, sizeof(greeting), {&memory_fd, 1})) {
+    return IoError("greet", "the client of a door", errno);
+  }
   memory.CloseFd();
   return std::unique_ptr<Door>(new Door(std::move(socket), std::move(memory), number));
 }

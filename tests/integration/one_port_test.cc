@@ -2,11 +2,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <memory>
 #include <vector>
 
+#include "proto/wire/descriptors.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/lane_walk.h"
@@ -52,7 +54,7 @@ int BeClient(int channel, const std::string& endpoint, uint16_t port,
              const std::set<uint16_t>& other_ports, Wall wall, const std::string& file) {
   const UniqueFd hole = ListenOnLoopback(port);
   if (!hole.valid()) return 2;
-  SendDescriptor(channel, hole.get());
+  if (!SendWithDescriptors(channel, "", 1, std::array{hole.get()})) return 5;
   // Connections to these are made, but nobody ever says a word.
   std::vector<UniqueFd> silent;
   if (wall == Wall::kSilent) {
@@ -87,9 +89,12 @@ TEST_CASE("A client that reaches only the gateway's port goes through the relay 
       },
       &channel);
   REQUIRE(child > 0);
-  const int hole = ReceiveDescriptor(channel);
+  char byte = 0;
+  UniqueFd hole = ReceiveWithDescriptor(channel, &byte, sizeof(byte), 0);
   std::unique_ptr<PortForwarder> forwarder;
-  if (hole >= 0) forwarder = std::make_unique<PortForwarder>(hole, address->port);
+  if (hole.valid()) {
+    forwarder = std::make_unique<PortForwarder>(hole.Release(), address->port);
+  }
   int wait_status = 0;
   REQUIRE(waitpid(child, &wait_status, 0) == child);
   close(channel);

@@ -158,7 +158,7 @@ bool BesideWorker(bool by_threads, uint32_t spin_us,
                   const std::function<bool(const std::string& name, ClientDoor& door)>& body) {
   const std::string name = fmt::format("b4mrl-door-fuzz-{}", getpid());
   const UniqueFd listener = ListenAtDoor(name);
-  if (!listener.valid()) return std::perror("door_fuzz cannot listen"), false;
+  if (!listener.valid()) return false;
   std::thread thread;
   pid_t process = 0;
   if (by_threads) {
@@ -190,7 +190,7 @@ SleepCounts& SharedCounts() {
 
 int EchoAs(const std::string& name, bool with_pauses) {
   const UniqueFd listener = ListenAtDoor(name);
-  if (!listener.valid()) return std::perror("door_fuzz cannot listen"), 1;
+  if (!listener.valid()) return 1;
   SleepCounts& counts = SharedCounts();
   BeginPauses(&counts, with_pauses ? kPauseOneIn : 0);
   fmt::print("ready\n");

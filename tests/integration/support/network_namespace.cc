@@ -42,20 +42,6 @@ bool RaiseLoopback() {
   return raised;
 }
 
-// The message that carries one descriptor.
-struct DescriptorMessage {
-  DescriptorMessage() {
-    header.msg_iov = &part;
-    header.msg_iovlen = 1;
-    header.msg_control = control;
-    header.msg_controllen = sizeof(control);
-  }
-  char byte = 0;
-  iovec part{&byte, 1};
-  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
-  msghdr header{};
-};
-
 }  // namespace
 
 std::set<uint16_t> ListeningPorts(pid_t process) {
@@ -71,25 +57,6 @@ std::set<uint16_t> ListeningPorts(pid_t process) {
     ports.insert(static_cast<uint16_t>(std::stoul(port, nullptr, 16)));
   }
   return ports;
-}
-
-void SendDescriptor(int channel, int fd) {
-  DescriptorMessage message;
-  cmsghdr* control = CMSG_FIRSTHDR(&message.header);
-  control->cmsg_level = SOL_SOCKET;
-  control->cmsg_type = SCM_RIGHTS;
-  control->cmsg_len = CMSG_LEN(sizeof(int));
-  std::memcpy(CMSG_DATA(control), &fd, sizeof(fd));
-  (void)sendmsg(channel, &message.header, MSG_NOSIGNAL);
-}
-
-int ReceiveDescriptor(int channel) {
-  DescriptorMessage message;
-  int fd = -1;
-  if (recvmsg(channel, &message.header, MSG_CMSG_CLOEXEC) <= 0) return fd;
-  const cmsghdr* control = CMSG_FIRSTHDR(&message.header);
-  if (control != nullptr) std::memcpy(&fd, CMSG_DATA(control), sizeof(fd));
-  return fd;
 }
 
 pid_t RunIsolated(const std::function<int(int channel)>& body, int* parent_channel) {

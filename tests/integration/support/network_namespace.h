@@ -13,10 +13,6 @@ namespace b4mrl {
 // The tcp ports on which process `process` listens.
 std::set<uint16_t> ListeningPorts(pid_t process);
 
-// Passing a descriptor over a connected Unix socket; ReceiveDescriptor gives -1 at its end.
-void SendDescriptor(int channel, int fd);
-int ReceiveDescriptor(int channel);
-
 // Forks and runs `body` in a new namespace; what it returns is the exit code. `channel` is the
 // child's end of a Unix socket, *parent_channel the parent's. Before the caller has threads.
 inline constexpr int kNoNamespaces = 77;  // exit code where the system does not allow them
