@@ -24,7 +24,13 @@ struct Comparison {
 };
 
 // What is counted: a benchmark, or a pair of them, with all comparisons between the two.
-using Unit = std::vector<Comparison>;
+struct Unit {
+  std::vector<Comparison> comparisons;
+  // That it holds if all algorithms are equally good: the best of six is better than the best of
+  // two in six of eight cases.
+  double chance = 0.5;
+  std::set<std::string> lacking;  // see ClaimResult
+};
 
 std::optional<CellScore> ScoreIn(const CellScores& scores, const std::string& benchmark,
                                  const std::string& algorithm) {
@@ -32,16 +38,18 @@ std::optional<CellScore> ScoreIn(const CellScores& scores, const std::string& be
   return score == nullptr ? std::nullopt : std::optional(*score);
 }
 
-// The best of those that have a score, whose names are taken out of `lacking`. It has settled once
-// all of them have, for another could still become the best.
+// The best of those that have a score; the others are put into `lacking`. It has settled once all
+// of them have, for another could still become the best.
 std::optional<CellScore> BestOf(const CellScores& scores, const ClaimSide& side, size_t benchmark,
                                 std::set<std::string>* lacking) {
   std::optional<CellScore> best;
   bool all_settled = true;
   for (const std::string& algorithm : side.algorithms) {
     const auto score = ScoreIn(scores, side.benchmarks[benchmark], algorithm);
-    if (!score) continue;
-    lacking->erase(algorithm);
+    if (!score) {
+      lacking->insert(algorithm);
+      continue;
+    }
     all_settled &= score->settled;
     if (!best || score->mean > best->mean) best = score;
   }
@@ -49,18 +57,27 @@ std::optional<CellScore> BestOf(const CellScores& scores, const ClaimSide& side,
   return best;
 }
 
-Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark,
-            std::set<std::string>* lacking) {
-  if (claim.pairs == ClaimPairs::kBest) {
-    return {{BestOf(scores, claim.higher, benchmark, lacking),
-             BestOf(scores, claim.lower, benchmark, lacking)}};
-  }
+Unit UnitOfBest(const Claim& claim, const CellScores& scores, size_t benchmark) {
+  Unit unit;
+  std::set<std::string> lacking_below;
+  unit.comparisons = {{BestOf(scores, claim.higher, benchmark, &unit.lacking),
+                       BestOf(scores, claim.lower, benchmark, &lacking_below)}};
+  const size_t above = claim.higher.algorithms.size() - unit.lacking.size();
+  const size_t below = claim.lower.algorithms.size() - lacking_below.size();
+  unit.chance =
+      static_cast<double>(above) / static_cast<double>(std::max<size_t>(above + below, 1));
+  unit.lacking.merge(lacking_below);
+  return unit;
+}
+
+Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
+  if (claim.pairs == ClaimPairs::kBest) return UnitOfBest(claim, scores, benchmark);
   Unit unit;
   for (const std::string& one : claim.higher.algorithms) {
     for (const std::string& other : claim.lower.algorithms) {
       if (claim.pairs == ClaimPairs::kSame && one != other) continue;
-      unit.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
-                      ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
+      unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
+                                  ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
     }
   }
   return unit;
@@ -117,7 +134,7 @@ void CountDifference(const Comparison& comparison, ClaimResult* result) {
 Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
   Chances all = {0, 1};
   for (const Unit& unit : units) {
-    for (const Comparison& comparison : unit) {
+    for (const Comparison& comparison : unit.comparisons) {
       ++result->comparisons;
       if (!comparison.IsThere()) continue;
       if (!comparison.IsSettled()) {
@@ -125,6 +142,7 @@ Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResul
         continue;
       }
       ++result->decided;
+      result->lacking.insert(unit.lacking.begin(), unit.lacking.end());
       result->holding += Holds(claim, comparison) ? 1 : 0;
       CountDifference(comparison, result);
       const Chances chances = ChancesOf(claim, comparison);
@@ -140,36 +158,35 @@ Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResul
 
 Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
   size_t failing = 0;
-  for (const Unit& unit : units) {
+  std::vector<double> chances_of_claim, chances_of_opposite;
+  for (const auto& [comparisons, chance, lacking] : units) {
     ++result->comparisons;
-    if (!std::ranges::all_of(unit, &Comparison::IsThere)) continue;
-    if (!std::ranges::all_of(unit, &Comparison::IsSettled)) {
+    if (!std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
+    if (!std::ranges::all_of(comparisons, &Comparison::IsSettled)) {
       ++result->unsettled;
       continue;
     }
     ++result->decided;
+    result->lacking.insert(lacking.begin(), lacking.end());
+    chances_of_claim.push_back(chance);
+    chances_of_opposite.push_back(1 - chance);
     const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
-    result->holding += std::ranges::all_of(unit, holds) ? 1 : 0;
-    failing += std::ranges::none_of(unit, holds) ? 1 : 0;
-    for (const Comparison& comparison : unit) CountDifference(comparison, result);
+    result->holding += std::ranges::all_of(comparisons, holds) ? 1 : 0;
+    failing += std::ranges::none_of(comparisons, holds) ? 1 : 0;
+    for (const Comparison& comparison : comparisons) CountDifference(comparison, result);
   }
-  return {SignTestGreater(result->holding, result->decided - result->holding),
-          SignTestGreater(failing, result->decided - failing)};
+  return {ChanceOfAtLeast(result->holding, chances_of_claim),
+          ChanceOfAtLeast(failing, chances_of_opposite)};
 }
 
 // The claim's units, without those whose cells the same runs fill as those of an earlier unit.
-std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores, ClaimResult* result) {
+std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores) {
   std::vector<Unit> units;
   std::set<std::string> seen;
-  if (claim.pairs == ClaimPairs::kBest) {
-    for (const ClaimSide* side : {&claim.higher, &claim.lower}) {
-      result->lacking.insert(side->algorithms.begin(), side->algorithms.end());
-    }
-  }
   for (size_t i = 0; i < claim.higher.benchmarks.size(); ++i) {
-    Unit unit = UnitOf(claim, scores, i, &result->lacking);
+    Unit unit = UnitOf(claim, scores, i);
     std::string runs;
-    for (const Comparison& comparison : unit) {
+    for (const Comparison& comparison : unit.comparisons) {
       if (comparison.IsThere()) {
         runs += comparison.higher->runs + "," + comparison.lower->runs + ";";
       }
@@ -183,7 +200,7 @@ ClaimResult TestClaim(const Claim& claim, const CellScores& scores) {
   ClaimResult result;
   result.least = 1;
   result.most = 0;  // no differences yet
-  const std::vector<Unit> units = UnitsOf(claim, scores, &result);
+  const std::vector<Unit> units = UnitsOf(claim, scores);
   const bool by_benchmarks = claim.test == ClaimTest::kBenchmarks;
   const Chances chances =
       by_benchmarks ? TestUnits(claim, units, &result) : TestCells(claim, units, &result);

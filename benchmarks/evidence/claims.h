@@ -5,8 +5,9 @@
 // decides nothing. How a claim is tested:
 //   "cells"       Every comparison must hold. A comparison is Welch's test of two means.
 //   "benchmarks"  Most units must hold. A unit holds if all its comparisons do, and fails if none
-//                 does; an exact sign test of either against chances of one half. Units that the
-//                 same runs fill count once.
+//                 does; an exact sign test of either against chances of one half or, where the best
+//                 of k algorithms is compared with the best of m, of k / (k + m) and m / (k + m).
+//                 Units that the same runs fill count once.
 // A verdict needs a probability of error of at most 5% over all claims together, by Holm's method.
 // Pure functions; any thread.
 #pragma once
@@ -55,7 +56,8 @@ struct ClaimResult {
   size_t decided = 0;      // of them with scores that have settled
   size_t holding = 0;      // of the decided
   size_t unsettled = 0;    // with scores that have not settled
-  // Of claims about the best: algorithms without any score there, which could not be it.
+  // Of claims about the best: algorithms without a score in a decided comparison or unit, of which
+  // they could not be the best.
   std::set<std::string> lacking;
   double p = 1;                // two-sided
   double adjusted_p = 1;       // by Holm, over all claims

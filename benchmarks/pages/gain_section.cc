@@ -39,7 +39,7 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
 
 Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridGain>& paper) {
   Table table;
-  table.id = "hybrid-gain";
+  table.id = "gains";
   table.title = "Hybrid gain on each benchmark.";
   table.caption = fmt::format(
       "The best algorithm with one source is the best of those that have a score there: their "
@@ -71,7 +71,9 @@ Section GainSection(const Evidence& evidence) {
   section.blocks.emplace_back(Paragraph{
       "An algorithm that has a simulator and data should do no worse than the best algorithm that "
       "has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, MOPO, "
-      "TD3-BC and IQL on the same benchmark, in points."});
+      "TD3-BC and IQL on the same benchmark, in points. The best of several scores is flattered by "
+      "chance: among seven algorithms that are equally good, one is above the best of the other "
+      "six in one benchmark of seven."});
   List counts{CountsOf(paper, "Paper,")};
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
   section.blocks.emplace_back(std::move(counts));

@@ -8,6 +8,8 @@
 namespace b4mrl {
 namespace {
 
+constexpr double kNearlyNormal = 1e7;  // degrees of freedom
+
 // The regularised incomplete beta function of x in [0, 1], given with y = 1 - x, which rounding
 // would spoil; by the continued fraction of the "NIST digital library of mathematical functions",
 // 8.17.22, from its innermost term outwards.
@@ -35,19 +37,25 @@ double StudentWithin(double t, size_t degrees) {
 
 }  // namespace
 
-double SignTestGreater(size_t positive, size_t negative) {
-  const size_t count = positive + negative;
-  // Binomial terms with probability 1/2, from `count` successes downwards.
-  double term = std::exp2(-static_cast<double>(count)), sum = 0;
-  for (size_t successes = count;; --successes) {
-    sum += term;
-    if (successes == positive) return std::min(1.0, sum);
-    term *= static_cast<double>(successes) / static_cast<double>(count - successes + 1);
+double ChanceOfAtLeast(size_t count, std::span<const double> chances) {
+  // The probabilities of 0, 1, ... events among those seen so far.
+  std::vector<double> probabilities = {1};
+  for (const double chance : chances) {
+    probabilities.push_back(0);
+    for (size_t i = probabilities.size() - 1; i > 0; --i) {
+      probabilities[i] += (probabilities[i - 1] - probabilities[i]) * chance;
+    }
+    probabilities[0] *= 1 - chance;
   }
+  double sum = 0;
+  for (size_t i = probabilities.size(); i > count; --i) sum += probabilities[i - 1];
+  return std::min(1.0, sum);
 }
 
 double StudentTwoSided(double t, double degrees) {
   if (std::isinf(t)) return 0;
+  // Beyond, the two distributions agree to 1e-7, and the logarithms of the beta function do not.
+  if (degrees > kNearlyNormal) return NormalTwoSided(t);
   const double sum = degrees + t * t;
   return IncompleteBeta(degrees / sum, t * t / sum, degrees / 2, 0.5);
 }

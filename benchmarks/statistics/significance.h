@@ -8,10 +8,10 @@
 
 namespace b4mrl {
 
-// The exact sign test of "positive and negative differences are equally likely": the probability of
-// at least `positive` positive differences. Together at most 1,000, for their terms are powers of
-// 1/2.
-double SignTestGreater(size_t positive, size_t negative);
+// The probability that at least `count` of independent events happen, of which each has a chance of
+// its own. With chances of 1/2, the exact sign test of "positive and negative differences are
+// equally likely".
+double ChanceOfAtLeast(size_t count, std::span<const double> chances);
 
 // Student's t distribution with a number of degrees of freedom of at least 1. The p-value is the
 // probability of a value at least as far from 0 as `t`, for Welch's test with degrees that are no

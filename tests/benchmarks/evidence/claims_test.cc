@@ -157,6 +157,17 @@ TEST_CASE("Benchmarks that the same runs fill count once") {
   CHECK(result.verdict == Verdict::kUndecided);
 }
 
+TEST_CASE("The best of many is expected to beat the best of few as often as chance has it") {
+  auto [claim, scores] = UnitsClaim(10, 0);
+  std::swap(claim.higher, claim.lower);
+  claim.pairs = ClaimPairs::kBest;
+  const ClaimResult result = Test(claim, scores);  // of two, the better one beats one, ten times
+  CHECK(result.holding == 10);
+  CHECK(result.p == Approx(2 * std::pow(2.0 / 3, 10)));
+  claim.pairs = ClaimPairs::kAll;
+  CHECK(Test(claim, scores).p == Approx(2 * std::pow(0.5, 10)));
+}
+
 TEST_CASE("The best of a side is compared once all who have a score there have settled") {
   auto [claim, scores] = UnitsClaim(10, 10);
   claim.pairs = ClaimPairs::kBest;
@@ -165,6 +176,9 @@ TEST_CASE("The best of a side is compared once all who have a score there have s
   CHECK(result.verdict == Verdict::kSupported);
   CHECK(result.least == 10);  // beside SAC, which is better than TD3
   CHECK(result.lacking == std::set<std::string>{"h2o"});
+  // One score of H2O's makes it no rival on the other nine benchmarks.
+  scores[{claim.lower.benchmarks[0], "h2o"}] = Score(0, 1, "h2o");
+  CHECK(Test(claim, scores).lacking == std::set<std::string>{"h2o"});
   for (auto& [name, score] : scores) {
     if (name.second == "td3") score.settled = false;  // it could still become the best
   }

@@ -7,6 +7,7 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <vector>
 
 namespace b4mrl {
 namespace {
@@ -15,7 +16,12 @@ namespace {
 // tails.
 Approx Near(double value) { return Approx(value).epsilon(1e-12).margin(1e-14); }
 
-TEST_CASE("The sign test is the exact binomial one") {
+// Of `positive` and `negative` differences that are equally likely.
+double SignTestGreater(size_t positive, size_t negative) {
+  return ChanceOfAtLeast(positive, std::vector<double>(positive + negative, 0.5));
+}
+
+TEST_CASE("With even chances, counts have the exact sign test's probabilities") {
   CHECK(SignTestGreater(17, 35) == Near(0.9961062818471282));
   CHECK(SignTestGreater(3, 8) == Near(0.96728515625));
   CHECK(SignTestGreater(8, 0) == Near(0.00390625));
@@ -26,6 +32,14 @@ TEST_CASE("The sign test holds at its ends: no difference, none positive, and 90
   CHECK(SignTestGreater(0, 0) == 1);
   CHECK(SignTestGreater(0, 20) == Near(1));
   CHECK(SignTestGreater(400, 500) == Near(0.9996240265322618));
+}
+
+TEST_CASE("Events may have chances of their own") {
+  CHECK(ChanceOfAtLeast(34, std::vector<double>(52, 5.0 / 7)) == Near(0.8674110705710186));
+  const double chances[] = {0.5, 0.25, 1};
+  CHECK(ChanceOfAtLeast(3, chances) == Near(0.125));
+  CHECK(ChanceOfAtLeast(2, chances) == Near(0.625));  // 1 - 0.5 * 0.75
+  CHECK(ChanceOfAtLeast(1, chances) == Near(1));
 }
 
 TEST_CASE("Student's p-values are scipy's, also for degrees of freedom between whole numbers") {
@@ -39,6 +53,12 @@ TEST_CASE("Student's p-values are scipy's, also for degrees of freedom between w
   CHECK(StudentTwoSided(3.5, 2.4) == Near(0.05567931850370521));
   CHECK(StudentTwoSided(0.02, 3.99) == Near(0.9850035336128877));
   CHECK(StudentTwoSided(INFINITY, 3) == 0);
+}
+
+TEST_CASE("With very many degrees of freedom, Student's p-values are nearly the normal ones") {
+  CHECK(StudentTwoSided(1.5, 9e6) == Approx(NormalTwoSided(1.5)).epsilon(1e-6));
+  CHECK(StudentTwoSided(1.5, 1e14) == Approx(NormalTwoSided(1.5)).epsilon(1e-6));
+  CHECK(StudentTwoSided(1.5, 1e16) == Approx(NormalTwoSided(1.5)).epsilon(1e-6));
 }
 
 TEST_CASE("Student's quantiles are scipy's") {
