@@ -1,6 +1,7 @@
 #include "benchmarks/evidence/aggregates.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <map>
 #include <set>
 #include <span>
@@ -50,10 +51,22 @@ std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
   while (series.size() >= 2) {
     Benchmarks shared = Shared(table, series);
     if (shared.size() >= kLeastBenchmarks) return {series, shared};
-    series.erase(
-        std::ranges::min_element(series, {}, [&](const Series& each) { return cells.at(each); }));
+    const auto left_by = [&](const Series& each) {
+      std::vector<Series> others = series;
+      std::erase(others, each);
+      return std::pair(Shared(table, others).size(), -static_cast<int64_t>(cells.at(each)));
+    };
+    series.erase(std::ranges::max_element(series, {}, left_by));
   }
   return {};
+}
+
+bool HasEnoughRuns(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
+  std::set<std::string> cells;
+  for (const Benchmark* benchmark : benchmarks) {
+    cells.insert(table.Find(benchmark->name, series)->runs.front()->id);
+  }
+  return cells.size() >= kLeastBenchmarks;
 }
 
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
@@ -75,12 +88,14 @@ std::optional<double> PaperIqm(const CellScores& paper, const std::string& algor
   return InterquartileMean(means);
 }
 
-Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds) {
+Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds,
+                      bool has_intervals) {
   Aggregate aggregate;
   aggregate.iqm = InterquartileMean(scores);
   aggregate.median = MedianOverBenchmarks(scores);
   aggregate.mean = MeanOverBenchmarks(scores);
   aggregate.profile = PerformanceProfile(scores, thresholds);
+  if (!has_intervals) return aggregate;
   // The interquartile mean first, then the profile.
   const auto statistic = [&thresholds](std::span<const Scores> drawn) {
     std::vector<double> numbers = {InterquartileMean(drawn[0])};
@@ -93,13 +108,14 @@ Aggregate AggregateOf(const Scores& scores, const std::vector<double>& threshold
   return aggregate;
 }
 
-Improvement ImprovementOf(const Scores& one, const Scores& other) {
+Improvement ImprovementOf(const Scores& one, const Scores& other, bool has_interval) {
   const Scores both[] = {one, other};
   const auto statistic = [](std::span<const Scores> drawn) {
     return std::vector{ProbabilityOfImprovement(drawn[0], drawn[1])};
   };
   Improvement improvement;
   improvement.probability = ProbabilityOfImprovement(one, other);
+  if (!has_interval) return improvement;
   improvement.interval = BootstrapIntervals(both, statistic, kBootstrap).front();
   return improvement;
 }
@@ -112,9 +128,12 @@ std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores
   Aggregates aggregates;
   for (double at = 0; at <= kProfileEnd; at += kProfileStep) aggregates.thresholds.push_back(at);
   std::vector<Scores> scores;
+  std::vector<bool> has_intervals;
   for (const Series& each : series) {
     scores.push_back(ScoresOf(table, each, benchmarks));
-    aggregates.series.push_back(AggregateOf(scores.back(), aggregates.thresholds));
+    has_intervals.push_back(HasEnoughRuns(table, each, benchmarks));
+    aggregates.series.push_back(
+        AggregateOf(scores.back(), aggregates.thresholds, has_intervals.back()));
     aggregates.series.back().series = each;
     aggregates.series.back().paper_iqm = PaperIqm(paper, each.algorithm, benchmarks);
   }
@@ -122,7 +141,8 @@ std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores
     for (size_t j = i + 1; j < series.size(); ++j) {
       const bool is_better = ProbabilityOfImprovement(scores[i], scores[j]) >= 0.5;
       const size_t better = is_better ? i : j, worse = is_better ? j : i;
-      Improvement improvement = ImprovementOf(scores[better], scores[worse]);
+      Improvement improvement =
+          ImprovementOf(scores[better], scores[worse], has_intervals[i] && has_intervals[j]);
       improvement.better = series[better];
       improvement.worse = series[worse];
       aggregates.improvements.push_back(std::move(improvement));

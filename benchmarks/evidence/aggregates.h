@@ -2,8 +2,9 @@
 //
 // Compared are series that have settled cells on the same benchmarks, eight of them or more. A
 // benchmark whose cells are filled by the same runs as another's counts once. Intervals are of 95%,
-// by a percentile bootstrap that draws benchmarks and, inside them, runs; the seeds of one cell
-// alone have no interval here. Pure functions; any thread; equal tables give equal numbers.
+// by a percentile bootstrap that draws benchmarks and, inside them, runs. An algorithm whose cells
+// are of fewer than eight runs, or seeds of them, has none: an online learner's single run may
+// stand for many benchmarks. Pure functions; any thread; equal tables give equal numbers.
 #pragma once
 
 #include <cstddef>
@@ -21,17 +22,17 @@ inline constexpr size_t kLeastBenchmarks = 8;
 struct Aggregate {
   Series series;
   double iqm = 0, median = 0, mean = 0;  // of scores
-  Interval iqm_interval;
+  std::optional<Interval> iqm_interval;
   std::optional<double> paper_iqm;  // of the paper's means on these benchmarks, if it has all
   std::vector<double> profile;      // share of runs with a score above each threshold
-  std::vector<Interval> profile_intervals;
+  std::vector<Interval> profile_intervals;  // one a threshold, or none
 };
 
 // How likely a run of `better` scores higher than one of `worse` on the same benchmark.
 struct Improvement {
   Series better, worse;
   double probability = 0.5;
-  Interval interval;
+  std::optional<Interval> interval;
 };
 
 struct Aggregates {
@@ -41,8 +42,8 @@ struct Aggregates {
   std::vector<Improvement> improvements;  // every pair once, the likelier winner first
 };
 
-// Nothing while no two series share kLeastBenchmarks. Series with the fewest cells are left out
-// until the others do.
+// Nothing while no two series share kLeastBenchmarks. Until those that are left do, the series is
+// left out without which the others share the most, or of equal ones that with the fewest cells.
 std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores& paper);
 
 }  // namespace b4mrl

@@ -121,6 +121,10 @@ bool Cell::IsSettled() const {
   return std::ranges::all_of(runs, [](const ScoredRun* run) { return run->settled; });
 }
 
+uint64_t Cell::LeastUpdates() const {
+  return (*std::ranges::min_element(runs, {}, &ScoredRun::updates))->updates;
+}
+
 Result<ScoreTable> ScoreTable::Read(const std::string& folder,
                                     const std::vector<Benchmark>& benchmarks,
                                     const ReadingLimit& limit) {

@@ -53,6 +53,7 @@ struct Cell {
   double Mean() const;
   double Deviation() const;  // over the seeds, divided by their number
   bool IsSettled() const;    // every run is
+  uint64_t LeastUpdates() const;
 };
 
 // Until which update a run counts; nothing: all of it.

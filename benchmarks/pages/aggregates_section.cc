@@ -1,6 +1,8 @@
 // What the algorithms are worth over many benchmarks.
 #include <fmt/format.h>
 
+#include <optional>
+
 #include "benchmarks/evidence/aggregates.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/figures.h"
@@ -9,8 +11,9 @@
 namespace b4mrl {
 namespace {
 
-std::string IntervalEntry(const Interval& interval, int digits) {
-  return fmt::format("[{:.{}f}, {:.{}f}]", interval.low, digits, interval.high, digits);
+std::string IntervalEntry(const std::optional<Interval>& interval, int digits) {
+  if (!interval) return kMissing;
+  return fmt::format("[{:.{}f}, {:.{}f}]", interval->low, digits, interval->high, digits);
 }
 
 Table EstimatesTable(const Aggregates& aggregates) {
@@ -19,7 +22,8 @@ Table EstimatesTable(const Aggregates& aggregates) {
   table.title = "Interquartile mean, median and mean of the scores.";
   table.caption =
       "Intervals of 95%: percentile bootstrap, 2,000 resamples of benchmarks and of the runs "
-      "inside them.";
+      "inside them. An algorithm with fewer than eight runs has none: a run without a dataset "
+      "may stand for many benchmarks.";
   table.columns = {{"Algorithm"},          {"Interquartile mean", true},
                    {"95% interval", true}, {"Median", true},
                    {"Mean", true},         {"Interquartile mean of the paper's means", true}};
@@ -54,7 +58,7 @@ Section AggregatesSection(const Evidence& evidence) {
   const auto aggregates = AggregatesOf(evidence.table, evidence.paper);
   if (!aggregates) {
     section.blocks.emplace_back(Paragraph{fmt::format(
-        "No two algorithms have settled scores on {} of the same benchmarks yet, so nothing is "
+        "No algorithms with settled scores on {} of the same benchmarks were found, so nothing is "
         "said about them on the whole.",
         kLeastBenchmarks)});
     return section;

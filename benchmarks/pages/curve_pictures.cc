@@ -69,6 +69,27 @@ std::vector<const Benchmark*> Telling(const ScoreTable& table) {
   return telling;
 }
 
+// One series for each of ours, in the colour of its algorithm; further recipes come behind.
+struct NumberedSeries {
+  std::vector<std::string> names;
+  std::map<Series, size_t> numbers;
+};
+
+NumberedSeries NumberSeries(const Evidence& evidence) {
+  const auto algorithms = AlgorithmsOf(evidence);
+  NumberedSeries numbered = {SeriesNames(algorithms), {}};
+  for (const Series& series : evidence.table.series()) {
+    if (evidence.table.MainSeries(series.algorithm) == series) {
+      numbered.numbers[series] =
+          static_cast<size_t>(std::ranges::find(algorithms, series.algorithm) - algorithms.begin());
+    } else {
+      numbered.numbers[series] = numbered.names.size();
+      numbered.names.push_back(DisplayName(series));
+    }
+  }
+  return numbered;
+}
+
 Panel CurvesPanel(const ScoreTable& table, const Benchmark& benchmark,
                   const std::map<Series, size_t>& numbers) {
   Panel panel;
@@ -92,19 +113,7 @@ Panel CurvesPanel(const ScoreTable& table, const Benchmark& benchmark,
 }  // namespace
 
 std::vector<Picture> CurvesPictures(const Evidence& evidence) {
-  // One series for each of ours, in the colour of its algorithm; further recipes come behind.
-  const auto algorithms = AlgorithmsOf(evidence);
-  std::vector<std::string> names = SeriesNames(algorithms);
-  std::map<Series, size_t> numbers;
-  for (const Series& series : evidence.table.series()) {
-    if (evidence.table.MainSeries(series.algorithm) == series) {
-      numbers[series] =
-          static_cast<size_t>(std::ranges::find(algorithms, series.algorithm) - algorithms.begin());
-    } else {
-      numbers[series] = names.size();
-      names.push_back(DisplayName(series));
-    }
-  }
+  const auto [names, numbers] = NumberSeries(evidence);
   std::vector<Panel> panels;
   for (const Benchmark* benchmark : Telling(evidence.table)) {
     panels.push_back(CurvesPanel(evidence.table, *benchmark, numbers));
@@ -135,20 +144,19 @@ Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates) 
   figure.title = "Share of runs with a score above";
   figure.sentences = {
       fmt::format("Over {} benchmarks; bands are intervals of 95%.", aggregates.benchmarks.size())};
-  const auto algorithms = AlgorithmsOf(evidence);
-  figure.series = SeriesNames(algorithms);
+  auto [names, numbers] = NumberSeries(evidence);
+  figure.series = std::move(names);
   Panel panel;
   panel.x = {.name = "normalised score", .unit = ""};
   panel.y = {.name = "share of runs", .unit = ""};
   for (const Aggregate& each : aggregates.series) {
-    const auto number = static_cast<size_t>(std::ranges::find(algorithms, each.series.algorithm) -
-                                            algorithms.begin());
+    const size_t number = numbers.at(each.series);
     Band band = {number, aggregates.thresholds, {}, {}};
     for (const Interval& interval : each.profile_intervals) {
       band.low.push_back(interval.low);
       band.high.push_back(interval.high);
     }
-    panel.marks.emplace_back(std::move(band));
+    if (!band.low.empty()) panel.marks.emplace_back(std::move(band));
     panel.marks.emplace_back(Line{number, false, aggregates.thresholds, each.profile});
   }
   figure.panels = {std::move(panel)};

@@ -35,9 +35,7 @@ std::string CellEntry(const Cell& cell) {
   std::string text = fmt::format("{:.1f}", cell.Mean());
   if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
   if (!cell.IsSettled()) text += fmt::format(" {}", kUnsettledMark);
-  uint64_t least = cell.runs.front()->updates;
-  for (const ScoredRun* run : cell.runs) least = std::min(least, run->updates);
-  return fmt::format("{} ({}×{})", text, cell.runs.size(), Amount(least));
+  return fmt::format("{} ({}×{})", text, cell.runs.size(), Amount(cell.LeastUpdates()));
 }
 
 std::string Amount(uint64_t count) {

@@ -29,8 +29,9 @@ TEST_CASE("Algorithms with settled cells on eight benchmarks are compared over t
   const Aggregate& iql = aggregates->series[0];
   CHECK(iql.iqm == 35);  // of 20, 30, 40, 50
   CHECK(iql.mean == 35);
-  CHECK(iql.iqm_interval.low < 35);
-  CHECK(iql.iqm_interval.high > 35);
+  REQUIRE(iql.iqm_interval);
+  CHECK(iql.iqm_interval->low < 35);
+  CHECK(iql.iqm_interval->high > 35);
   CHECK(iql.paper_iqm.has_value());
   CHECK(iql.profile.front() == 7.0 / 8);  // above 0
   CHECK(iql.profile.back() == 0);         // above 100
@@ -63,6 +64,37 @@ TEST_CASE("An algorithm with few cells does not keep the others from being compa
   REQUIRE(aggregates);
   CHECK(aggregates->series.size() == 2);
   CHECK(aggregates->benchmarks.size() == 9);
+}
+
+TEST_CASE("An algorithm with many cells elsewhere does not keep the others from being compared") {
+  auto made = TwoAlgorithms(8);
+  for (size_t i = 8; i < 20; ++i) {
+    made.push_back({.algorithm = "mine", .benchmarks = {OwnBenchmarks()[i].name}, .score = 5});
+  }
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->series.size() == 2);
+  CHECK(aggregates->benchmarks.size() == 8);
+}
+
+TEST_CASE("One run that fills many benchmarks has no interval") {
+  auto made = TwoAlgorithms(8);
+  std::erase_if(made, [](const MadeResult& each) { return each.algorithm == "iql"; });
+  std::vector<std::string> names;
+  for (size_t i = 0; i < 8; ++i) names.push_back(OwnBenchmarks()[i].name);
+  made.push_back({.algorithm = "sac", .benchmarks = names, .score = 35});
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  REQUIRE(aggregates->series.size() == 2);
+  CHECK_FALSE(aggregates->series[0].iqm_interval);
+  CHECK(aggregates->series[0].profile_intervals.empty());
+  CHECK(aggregates->series[1].iqm_interval);
+  REQUIRE(aggregates->improvements.size() == 1);
+  CHECK_FALSE(aggregates->improvements[0].interval);
 }
 
 }  // namespace
