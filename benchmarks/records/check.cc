@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -88,6 +89,10 @@ void Checker::CheckEntries() {
     if (!NumberOf(result_, key)) Fault(fmt::format("{} must be a number", key));
   }
   if (!IsTrue(result_, "finished")) Fault("the run has not finished");
+  const auto updates = CountOf(result_, "updates"), planned = CountOf(result_, "planned_updates");
+  if (!IsUsers() && updates && planned && *updates < *planned) {
+    Fault(fmt::format("updates is {}, fewer than planned_updates, {}", *updates, *planned));
+  }
   CheckText("selection", "last");
   const std::string source = TextOf(result_, "source");
   if (source != "own" && source != "user" && source != "self-scored") {
@@ -103,8 +108,10 @@ void Checker::CheckEntries() {
 void Checker::CheckBenchmarks() {
   const Json& names = EntryOf(result_, "benchmarks");
   if (!names.is_array() || names.empty()) return Fault("benchmarks must be a list of names");
+  std::set<std::string> seen;
   for (const Json& name : names) {
     const std::string text = name.is_string() ? name.get<std::string>() : "";
+    if (!seen.insert(text).second) Fault(fmt::format("benchmark '{}' is listed twice", text));
     const auto found = std::ranges::find(sources_.benchmarks, text, &Benchmark::name);
     if (found == sources_.benchmarks.end()) {
       Fault(fmt::format("benchmark '{}' is in no suite", text));

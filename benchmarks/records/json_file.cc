@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
+#include <system_error>
 
 #include "data/files/atomic_file.h"
 
@@ -42,6 +44,11 @@ Result<Json> ParseJsonObject(std::string_view text, std::string_view name) {
 }
 
 Result<Json> ReadJsonObject(const std::string& path) {
+  // Opening a pipe would wait for whoever writes into it.
+  std::error_code error;
+  if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error)) {
+    return Status(StatusCode::kDataLoss, fmt::format("{} is no regular file", path));
+  }
   B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
   return ParseJsonObject(text, path);
 }

@@ -45,12 +45,13 @@ struct Cell {
     }
     return texts;
   }
+  std::set<uint64_t> Counts(std::string_view key) const {
+    std::set<uint64_t> counts;
+    for (const Json* result : results) counts.insert(CountOf(*result, key).value_or(0));
+    return counts;
+  }
   bool IsEntry() const {
-    std::set<uint64_t> seeds, updates;
-    for (const Json* result : results) {
-      seeds.insert(CountOf(*result, "seed").value_or(0));
-      updates.insert(CountOf(*result, "updates").value_or(0));
-    }
+    const std::set<uint64_t> seeds = Counts("seed"), updates = Counts("updates");
     const bool has_episodes = std::ranges::all_of(results, [](const Json* result) {
       return EntryOf(*result, "returns").size() >= kEpisodesOfAnEntry;
     });
@@ -82,7 +83,7 @@ std::string RowOf(const std::string& benchmark, const Cell& cell) {
       "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
       Joined(cell.Texts("algorithm")), Joined(cell.Texts("recipe")), Joined(cell.Texts("source")),
       Mean(score, 2), Deviation(score, 2), Mean(episode_return, 1), Deviation(episode_return, 1),
-      cell.results.size(), Mean(cell.Figures("updates"), 0), all_settled ? "yes" : "no",
+      cell.Counts("seed").size(), Mean(cell.Figures("updates"), 0), all_settled ? "yes" : "no",
       Joined(cell.Texts("precision")), Mean(hours, 2),
       Mean(cell.Figures("simulator_steps", "ledger"), 0),
       Mean(cell.Figures("query_rows", "ledger"), 0),
@@ -102,10 +103,13 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   // By benchmark, then by cell and by the data, as other rows are another cell.
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
+    std::set<std::string> names;  // a result counts once, even if it names a benchmark twice
     for (const Json& name : EntryOf(result, "benchmarks")) {
-      if (!name.is_string()) continue;
-      const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");
-      cells[name.get<std::string>()][TextOf(result, "cell") + data].results.push_back(&result);
+      if (name.is_string()) names.insert(name.get<std::string>());
+    }
+    const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");
+    for (const std::string& name : names) {
+      cells[name][TextOf(result, "cell") + data].results.push_back(&result);
     }
   }
   std::string csv =

@@ -217,9 +217,6 @@ bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::optional<RunResult>();
-  if (!std::filesystem::is_regular_file(path, error)) {
-    return Status(StatusCode::kDataLoss, fmt::format("{} is no regular file", path));
-  }
   B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
   RunResult result;
   result.finished = IsTrue(json, "finished");

@@ -117,7 +117,16 @@ TEST_CASE("Results on other rows are a row of their own") {
 TEST_CASE("A seed that was run twice makes no entry") {
   Results results;
   for (const uint64_t seed : {0, 1, 2, 2}) results.Add(ResultOf("mine", seed, 10));
-  CHECK(results.Rows()[0].ends_with(",no"));
+  CHECK(results.Rows()[0] == "E/a,mine,,own,10.00,0.00,100.0,0.0,3,100,yes,fp32,0.50,1,2,3,no");
+}
+
+TEST_CASE("A result that names a benchmark twice counts there once") {
+  Results results;
+  Json twice = ResultOf("mine", 0, 10);
+  twice["benchmarks"] = {"E/a", "E/a"};
+  results.Add(twice);
+  results.Add(ResultOf("mine", 1, 20));
+  CHECK(results.Rows()[0].starts_with("E/a,mine,,own,15.00,5.00,150.0,50.0,2,"));
 }
 
 TEST_CASE("Runs that have not finished, and files that are no results, have no row") {

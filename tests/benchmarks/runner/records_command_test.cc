@@ -1,4 +1,6 @@
 // b4mrl benchmark check says whether results are what they say, and leaderboard ranks them.
+#include <sys/stat.h>
+
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
@@ -79,6 +81,7 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/last_fifth", 1, "last_fifth is 1"));
   CHECK(says("/curve/0", {1}, "curve must be a list"));
   CHECK(says("/updates", 5, "updates is 5"));
+  CHECK(says("/planned_updates", 1'000'000, "fewer than planned_updates, 1000000"));
   CHECK(says("/seed", 1, "id is "));
   CHECK(says("/precision", "bf16", "id is "));
   CHECK(says("/hyperparameters/gamma", 0.5, "cell is "));
@@ -89,6 +92,7 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/mediu", "is in no suite"));
   CHECK(says("/benchmarks/0", "HalfCheetah/clean/medium-expert", "fills no cell of benchmark"));
   CHECK(says("/suite", "v9", "suite is 'v9'"));
+  CHECK(says("/benchmarks/1", "HalfCheetah/modelling-error/gravity+medium", "is listed twice"));
   CHECK(says("/selection", "best", "selection is 'best'"));
   CHECK(says("/source", "hearsay", "allowed: own, user, self-scored"));
   CHECK(says("/finished", false, "has not finished"));
@@ -106,6 +110,14 @@ TEST_CASE("A file that is no result is named and keeps no other back") {
   CHECK(outcome.out.find("0 of 2 results are sound") != std::string::npos);
   const Outcome missing = Run({"benchmark", "check", folder.File("none")});
   CHECK(missing.exit_code != 0);
+}
+
+TEST_CASE("A pipe in a result's place is named, and nothing waits for its writer") {
+  const TemporaryFolder folder;
+  REQUIRE(mkfifo(folder.File("a.json").c_str(), 0600) == 0);
+  const Outcome outcome = Run({"benchmark", "check", folder.File("a.json")});
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("a.json is no regular file") != std::string::npos);
 }
 
 }  // namespace
