@@ -81,6 +81,14 @@ Result<Budget> ReadTable(const toml::table& table, const std::string& where) {
                 fmt::format("{}: 'updates' must be a table with an algorithm or more", where));
 }
 
+// "medium-expert" of "HalfCheetah/medium-expert" and of "d4rl/halfcheetah-medium-expert-v2".
+std::string LevelOfDataset(const std::string& dataset) {
+  const std::string name = dataset.substr(dataset.find('/') + 1);
+  if (!dataset.starts_with("d4rl/")) return name;
+  const size_t begin = name.find('-') + 1;
+  return name.substr(begin, name.rfind('-') - begin);
+}
+
 }  // namespace
 
 const std::string& Budget::PrecisionOf(const std::string& algorithm) const {
@@ -94,7 +102,7 @@ bool BudgetException::Fits(const std::string& algorithm, const std::string& simu
     return list.empty() || std::ranges::count(list, text) > 0;
   };
   return has(algorithms, algorithm) && has(simulators, simulator) &&
-         has(datasets, dataset.substr(dataset.find('/') + 1));
+         has(datasets, LevelOfDataset(dataset));
 }
 
 std::optional<uint64_t> Budget::UpdatesOf(const std::string& algorithm,

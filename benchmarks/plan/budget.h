@@ -42,7 +42,7 @@ struct BudgetException {
   HyperparameterValues hyperparameters;
 
   // Whether it is about a run, of which "" says what its algorithm does not use. `dataset` is a
-  // name with its environment, "HalfCheetah/medium".
+  // name with its environment, "HalfCheetah/medium", or D4RL's dataset of the same level.
   bool Fits(const std::string& algorithm, const std::string& simulator,
             const std::string& dataset) const;
 };

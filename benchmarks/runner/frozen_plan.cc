@@ -1,6 +1,7 @@
 #include "benchmarks/runner/frozen_plan.h"
 
 #include <fmt/format.h>
+#include <poll.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -8,11 +9,15 @@
 #include <system_error>
 
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/runner/job_queue.h"
 #include "data/files/atomic_file.h"
 #include "data/files/make_folder.h"
+#include "proto/base/clock.h"
 
 namespace b4mrl {
 namespace {
+
+constexpr int64_t kPatienceMs = 10'000;  // with another process that writes the list
 
 std::string PlanPath(const std::string& folder) { return folder + "/plan.json"; }
 
@@ -22,13 +27,17 @@ Result<std::vector<std::string>> FreezePlan(const std::string& folder,
                                             const std::vector<PlannedRun>& plan) {
   const std::string path = PlanPath(folder);
   B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
+  nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
+  for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});
+  const Deadline patience = Deadline::AfterMs(kPatienceMs);
   std::error_code error;
-  if (!std::filesystem::exists(path, error)) {
-    nlohmann::ordered_json json = {{"runs", nlohmann::ordered_json::array()}};
-    for (const PlannedRun& run : plan) json["runs"].push_back({{"id", run.id}, {"name", run.name}});
+  while (!std::filesystem::exists(path, error)) {
     const Status written = WriteSmallFile(path, json.dump(1) + "\n");
     // Of several that write it at once, one succeeds, and equal commands write equal lists.
-    if (!written.ok() && !std::filesystem::exists(path, error)) return written;
+    if (!written.ok() && (written.code() != StatusCode::kBusy || patience.expired())) {
+      return written;
+    }
+    if (!written.ok()) poll(nullptr, 0, kJobPollMs);
   }
   return ReadFrozenPlan(folder);
 }

@@ -70,7 +70,8 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
       "smoke, small, paper or another of benchmarks/budgets.toml, or a file with one budget "
       "[small]");
   app.add_option("--algorithms", choice.algorithms, "algorithms to train [all of the budget]")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->allow_extra_args(false);
   app.add_option("--seeds", choice.seeds, "seeds: \"0\", \"0..2\" [as many as the budget says]");
   app.add_option("--suites", choice.suites, "folder of further suites");
   app.add_option(

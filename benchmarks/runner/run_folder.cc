@@ -39,9 +39,9 @@ std::string RunFolder(const std::string& folder, const PlannedRun& run) {
   return fmt::format("{}/runs/{}-{}", folder, run.name, run.id.substr(0, kShortId));
 }
 
-std::string FileNameOf(std::string dataset) {
+std::string DatasetStem(const std::string& folder, std::string dataset) {
   std::ranges::replace(dataset, '/', '-');
-  return dataset;
+  return fmt::format("{}/datasets/{}", folder, dataset);
 }
 
 void RemoveTraining(const std::string& folder) {

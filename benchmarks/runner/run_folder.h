@@ -12,8 +12,9 @@ namespace b4mrl {
 
 // DIR/runs/<name>-<first 8 digits of the id>.
 std::string RunFolder(const std::string& folder, const PlannedRun& run);
-// The name of a dataset as that of a file: "HalfCheetah-medium".
-std::string FileNameOf(std::string dataset);
+// DIR/datasets/HalfCheetah-medium-v0: the claim and the log of a dataset's making, without their
+// extensions.
+std::string DatasetStem(const std::string& folder, std::string dataset);
 
 // Removes what only a run that goes on needs: replay memory, ensemble, checkpoints.
 void RemoveTraining(const std::string& folder);

@@ -17,6 +17,7 @@
 #include "benchmarks/runner/run_folder.h"
 #include "benchmarks/runner/training_order.h"
 #include "client/interrupt.h"
+#include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
 #include "data/files/make_folder.h"
 
@@ -170,7 +171,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
   if (!run.dataset.empty()) {
-    const auto broken = failed_datasets_.find(run.dataset);
+    const auto broken = failed_datasets_.find(run.full_dataset);
     if (broken != failed_datasets_.end()) {
       Fail(task, broken->second);
       return true;
@@ -231,9 +232,9 @@ std::vector<std::string> Runner::DaemonWords() const {
 }
 
 Result<bool> Runner::BeginDataset(const PlannedRun& run) {
-  const std::string stem = fmt::format("{}/datasets/{}", options_.folder, FileNameOf(run.dataset));
+  const std::string stem = DatasetStem(options_.folder, run.full_dataset);
   B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
-  if (!claim.valid()) return false;
+  if (!claim.valid() || IsMadeElsewhere(run.full_dataset)) return false;
   std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
   for (const std::string& word : DaemonWords()) words.push_back(word);
   if (budget_.rows) {
@@ -241,8 +242,13 @@ Result<bool> Runner::BeginDataset(const PlannedRun& run) {
   }
   B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(ToolOrder(words, stem + ".log"), std::move(claim)));
   Say(fmt::format("make {}", run.dataset));
-  active_.push_back({std::move(job), std::nullopt, run.dataset, std::nullopt});
+  active_.push_back({std::move(job), std::nullopt, run.full_dataset, std::nullopt});
   return false;  // the run waits for the dataset
+}
+
+bool Runner::IsMadeElsewhere(const std::string& full_name) const {
+  return options_.endpoint.empty() &&
+         IsBeingWritten(fmt::format("{}/{}.h5", options_.data_folder, full_name));
 }
 
 Result<std::optional<UsedDataset>> Runner::FindDataset(const std::string& full_name) {
@@ -258,10 +264,12 @@ void Runner::Collect() {
 }
 
 void Runner::FinishDataset(const Active& active, int exit_code) {
-  if (exit_code == 0 || Stops()) return;
+  if (exit_code == 0 || Stops() || IsMadeElsewhere(active.dataset)) return;
+  const auto found = FindDataset(active.dataset);
+  if (found.ok() && *found) return;  // another process was quicker
   failed_datasets_[active.dataset] =
-      fmt::format("dataset {} could not be made, see {}/datasets/{}.log", active.dataset,
-                  options_.folder, FileNameOf(active.dataset));
+      fmt::format("dataset {} could not be made, see {}.log", active.dataset,
+                  DatasetStem(options_.folder, active.dataset));
   Say(failed_datasets_[active.dataset]);
 }
 

@@ -80,7 +80,7 @@ class Runner {
   struct Active {
     Job job;
     std::optional<size_t> task;      // unset for a dataset
-    std::string dataset;             // of a dataset's job
+    std::string dataset;             // the full name, of a dataset's job
     std::optional<Scoring> scoring;  // of an evaluation's job
     uint64_t ledger = 0;             // of a user's learner
     Clock::time_point start = Clock::now();
@@ -98,6 +98,8 @@ class Runner {
   Result<bool> BeginMissingScoring(size_t number, const std::set<std::string>& present,
                                    UniqueFd& claim);
   Result<bool> BeginDataset(const PlannedRun& run);
+  // Whether a process without this folder's claim is making the dataset.
+  bool IsMadeElsewhere(const std::string& full_name) const;
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   // Updates for which the run of this result is to be trained.
   uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
@@ -131,7 +133,7 @@ class Runner {
   std::vector<Task> tasks_;
   std::deque<size_t> waiting_;  // numbers of tasks, in plan order
   std::list<Active> active_;
-  std::map<std::string, std::string> failed_datasets_;  // reasons by name
+  std::map<std::string, std::string> failed_datasets_;  // reasons by full name
   RunnerSummary summary_;
   Deadline end_;
   Status lost_;  // of the daemon

@@ -49,6 +49,12 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
   return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
 }
 
+bool IsBeingWritten(const std::string& path) {
+  const std::string temporary = path + ".tmp";
+  const UniqueFd fd(open(temporary.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+  return fd.valid() && flock(fd.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
 Status AtomicFile::Write(std::string_view text) {
   return WriteFully(fd_.get(), std::as_bytes(std::span(text)), path_);
 }

@@ -42,6 +42,8 @@ class AtomicFile {
   UniqueFd fd_;  // open until Commit succeeds or another object takes the file over
 };
 
+// Whether an AtomicFile of this path is open, in any process.
+bool IsBeingWritten(const std::string& path);
 // Writes all of `bytes` to `fd`; `path` is for error messages.
 Status WriteFully(int fd, std::span<const std::byte> bytes, std::string_view path);
 // Makes renames and creations of files in `folder` durable (fsync of the folder).

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "algorithms/list.h"
+#include "benchmarks/plan/suite_plan.h"
 #include "server/perturbations/list.h"
 #include "tests/results.h"
 
@@ -168,6 +169,11 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
   };
   CHECK(limit("HalfCheetah/modelling-error/gravity+medium") == 20'000);
   CHECK(limit("HalfCheetah/modelling-error/gravity+medium-expert") == 40'000);
+  auto d4rl = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium-expert");
+  d4rl.front().dataset = OfD4rl(d4rl.front().dataset);
+  CHECK(
+      Take(Plan(d4rl, small, {{"mopo"}, {0}})).front().hyperparameters.at("ensemble-max-updates") ==
+      40'000);
   CHECK(Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{"h2o"}, {0}})).empty());
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "client/private_daemon.h"
+#include "data/files/atomic_file.h"
 #include "tests/benchmarks/runner/suite.h"
 #include "tests/results.h"
 
@@ -253,9 +254,25 @@ TEST_CASE("What cannot be trained is named at the end and keeps nothing else bac
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 1);
   CHECK(outcome.out.find("2 of 3 runs done, 1 failed") != std::string::npos);
-  CHECK(
-      outcome.out.find("failed: HalfCheetah-bc-medium-s0: dataset HalfCheetah/medium could not") !=
-      std::string::npos);
+  CHECK(outcome.out.find(
+            "failed: HalfCheetah-bc-medium-s0: dataset HalfCheetah/medium-v0 could not") !=
+        std::string::npos);
+}
+
+TEST_CASE("A dataset that another process is making is waited for") {
+  const Suite suite("bc = 20");
+  fs::create_directories(suite.Out() + "/data/HalfCheetah");
+  {
+    const auto other = AtomicFile::Create(suite.Out() + "/data/HalfCheetah/medium-v0.h5");
+    REQUIRE(other.ok());
+    const Outcome waits = Run(suite.Command({"--hours", "0.0005"}));  // 1.8 s
+    INFO(waits.out << waits.err);
+    CHECK(waits.out.find("0 of 1 runs done, 0 failed, 1 left") != std::string::npos);
+    CHECK(waits.err.find("make ") == std::string::npos);
+  }
+  const Outcome outcome = Run(suite.Command());
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.out.find("1 of 1 runs done, 0 failed") != std::string::npos);
 }
 
 TEST_CASE("A run that diverged is reported, and tried again only if that is asked for") {
