@@ -168,8 +168,9 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
     }
     ++result->decided;
     result->lacking.insert(lacking.begin(), lacking.end());
-    chances_of_claim.push_back(chance);
-    chances_of_opposite.push_back(1 - chance);
+    // More than half is claimed, and what equally good algorithms would do proves nothing.
+    chances_of_claim.push_back(std::max(0.5, chance));
+    chances_of_opposite.push_back(std::max(0.5, 1 - chance));
     const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
     result->holding += std::ranges::all_of(comparisons, holds) ? 1 : 0;
     failing += std::ranges::none_of(comparisons, holds) ? 1 : 0;

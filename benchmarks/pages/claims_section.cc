@@ -47,8 +47,9 @@ Section ClaimsSection(const Evidence& evidence) {
   table.caption =
       "Written down before our results (benchmarks/claims.toml); each claim is that one side "
       "scores higher than the other. A claim about many benchmarks counts those in which it "
-      "holds, and is tested by an exact sign test, where the best of six against the best of two "
-      "has a chance of 6 in 8; a claim about cells must hold in each of them, "
+      "holds, and is tested by an exact sign test against chances of one half, or more where the "
+      "best of many would be above the best of few by chance (6 in 8 for six beside two); a claim "
+      "about cells must hold in each of them, "
       "by Welch's test. p is two-sided, and takes runs that several benchmarks share for "
       "independent ones; in brackets, adjusted by Holm's method over all claims of its column "
       "that have a p, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
