@@ -102,7 +102,8 @@ struct Panel {
 struct Figure {
   std::string title;
   std::vector<std::string> sentences;  // below the title, each from a new line on
-  // Names of what is compared. A legend shows them if there are several, each as its marks look.
+  // Names of what is compared. If there are several, a legend shows those that have marks, each as
+  // they look.
   std::vector<std::string> series;
   size_t columns = 1;        // panels beside each other
   double panel_width = 720;  // pixels, with the texts of the axes

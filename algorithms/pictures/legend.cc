@@ -16,6 +16,7 @@ constexpr double kSwatchWidth = 22, kSwatchHeight = 10;
 
 // By which kinds of marks a series is shown.
 struct Look {
+  bool IsShown() const { return box || bar || band || line || dot; }
   bool box = false, area = false, bar = false, band = false, line = false, dot = false;
   bool solid = false;  // not all of its lines are dashed
 };
@@ -69,8 +70,7 @@ void DrawSwatch(const Look& look, size_t number, Point corner, SvgWriter* svg) {
               (look.solid ? "curve " : "dashed curve ") + series);
   }
   if (look.dot) svg->Path(SymbolPath(number, middle), "dot " + series);
-  const bool other = look.bar || look.band || look.line || look.dot;
-  if (look.box || !other) svg->Path(box, series);
+  if (look.box) svg->Path(box, series);
 }
 
 }  // namespace
@@ -80,6 +80,7 @@ double DrawLegend(const Figure& figure, Point corner, double width, SvgWriter* s
   const Looks looks(figure);
   double x = 0, y = kGap;
   for (size_t i = 0; i < figure.series.size(); ++i) {
+    if (!looks[i].IsShown()) continue;  // in none of these panels
     const std::string& name = figure.series[i];
     const double needed = kSwatchWidth + kGap + TextWidth(name, kTextSize);
     if (x > 0 && x + needed > width) {
@@ -91,7 +92,7 @@ double DrawLegend(const Figure& figure, Point corner, double width, SvgWriter* s
               {.size = kTextSize});
     x += needed + kApart;
   }
-  return y + kLineHeight;
+  return x > 0 ? y + kLineHeight : 0;
 }
 
 }  // namespace b4mrl

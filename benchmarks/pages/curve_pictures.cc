@@ -15,7 +15,8 @@ namespace b4mrl {
 namespace {
 
 constexpr double kThousand = 1000;
-constexpr size_t kPanelsOfAPicture = 6;  // which a printed page has room for
+constexpr double kLongestToShortest = 4;  // of the curves in one panel
+constexpr size_t kPanelsOfAPicture = 6;   // which a printed page has room for
 
 // A curve's mean over the runs of a cell after each evaluation that all of them have.
 struct MeanCurve {
@@ -41,34 +42,6 @@ MeanCurve MeanCurveOf(const Cell& cell) {
   return curve;
 }
 
-std::set<std::string> RunsOf(const ScoreTable& table, const Benchmark& benchmark) {
-  std::set<std::string> runs;
-  for (const Series& series : table.series()) {
-    const Cell* cell = table.Find(benchmark.name, series);
-    if (cell == nullptr) continue;
-    for (const ScoredRun* run : cell->runs) runs.insert(run->id);
-  }
-  return runs;
-}
-
-// The benchmarks of which no other one shows all runs too; of equal ones the first.
-std::vector<const Benchmark*> Telling(const ScoreTable& table) {
-  std::vector<std::pair<const Benchmark*, std::set<std::string>>> all;
-  for (const Benchmark* benchmark : table.benchmarks()) {
-    all.emplace_back(benchmark, RunsOf(table, *benchmark));
-  }
-  std::vector<const Benchmark*> telling;
-  for (size_t i = 0; i < all.size(); ++i) {
-    bool is_shown = false;
-    for (size_t j = 0; j < all.size() && !is_shown; ++j) {
-      const bool has_all = i != j && std::ranges::includes(all[j].second, all[i].second);
-      is_shown = has_all && (j < i || all[j].second.size() > all[i].second.size());
-    }
-    if (!is_shown) telling.push_back(all[i].first);
-  }
-  return telling;
-}
-
 // One series for each of ours, in the colour of its algorithm; further recipes come behind.
 struct NumberedSeries {
   std::vector<std::string> names;
@@ -90,21 +63,101 @@ NumberedSeries NumberSeries(const Evidence& evidence) {
   return numbered;
 }
 
-Panel CurvesPanel(const ScoreTable& table, const Benchmark& benchmark,
-                  const std::map<Series, size_t>& numbers) {
+struct SeriesCurve {
+  size_t number;  // of its series
+  const Cell* cell;
+  MeanCurve mean;
+  double End() const { return mean.updates.back(); }
+};
+
+// Curves of one benchmark that are about equally long, with those that are too long for its panel.
+struct CurveGroup {
+  std::string title;
+  std::vector<SeriesCurve> curves, longer;  // in the order of their series
+
+  std::set<std::string> Runs() const {
+    std::set<std::string> runs;
+    for (const SeriesCurve& curve : curves) {
+      for (const ScoredRun* run : curve.cell->runs) runs.insert(run->id);
+    }
+    return runs;
+  }
+};
+
+std::string TitleOf(const Benchmark& benchmark, const std::vector<SeriesCurve>& curves,
+                    bool are_shortest) {
+  const bool use_data = std::ranges::any_of(
+      curves, [](const SeriesCurve& curve) { return !curve.cell->runs.front()->dataset.empty(); });
+  // Learners from a simulator alone have the same curves on all benchmarks that share it.
+  if (!use_data) {
+    return fmt::format("{}, {} simulator, without data", benchmark.environment,
+                       benchmark.simulator);
+  }
+  return benchmark.name + (are_shortest ? "" : ", longer runs");
+}
+
+// The shorter group first. One panel for all would squeeze the offline learners' hundred thousand
+// updates into a tenth of it beside an online learner's million.
+std::vector<CurveGroup> GroupByLength(const Benchmark& benchmark, std::vector<SeriesCurve> curves) {
+  std::vector<CurveGroup> groups;
+  while (!curves.empty()) {
+    const double limit = kLongestToShortest * std::ranges::min(curves, {}, &SeriesCurve::End).End();
+    CurveGroup group;
+    for (SeriesCurve& curve : curves) {
+      (curve.End() <= limit ? group.curves : group.longer).push_back(std::move(curve));
+    }
+    group.title = TitleOf(benchmark, group.curves, groups.empty());
+    curves = group.longer;
+    groups.push_back(std::move(group));
+  }
+  return groups;
+}
+
+// All groups of which no other one shows all runs too; of equal ones the first.
+std::vector<CurveGroup> TellingGroups(const ScoreTable& table,
+                                      const std::map<Series, size_t>& numbers) {
+  std::vector<std::pair<CurveGroup, std::set<std::string>>> all;
+  for (const Benchmark* benchmark : table.benchmarks()) {
+    std::vector<SeriesCurve> curves;
+    for (const auto& [series, number] : numbers) {
+      const Cell* cell = table.Find(benchmark->name, series);
+      if (cell == nullptr) continue;
+      SeriesCurve curve = {number, cell, MeanCurveOf(*cell)};
+      if (!curve.mean.updates.empty()) curves.push_back(std::move(curve));
+    }
+    for (CurveGroup& group : GroupByLength(*benchmark, std::move(curves))) {
+      auto runs = group.Runs();
+      all.emplace_back(std::move(group), std::move(runs));
+    }
+  }
+  std::vector<CurveGroup> telling;
+  for (size_t i = 0; i < all.size(); ++i) {
+    bool is_shown = false;
+    for (size_t j = 0; j < all.size() && !is_shown; ++j) {
+      const bool has_all = i != j && std::ranges::includes(all[j].second, all[i].second);
+      is_shown = has_all && (j < i || all[j].second.size() > all[i].second.size());
+    }
+    if (!is_shown) telling.push_back(all[i].first);
+  }
+  return telling;
+}
+
+Panel CurvesPanel(const CurveGroup& group) {
   Panel panel;
-  panel.title = benchmark.name;
+  panel.title = group.title;
   panel.x = {.name = "updates", .unit = "thousands"};
   panel.y = {.name = "score", .unit = ""};
-  for (const auto& [series, number] : numbers) {
-    const Cell* cell = table.Find(benchmark.name, series);
-    if (cell == nullptr) continue;
-    MeanCurve curve = MeanCurveOf(*cell);
-    if (curve.updates.empty()) continue;
-    if (cell->runs.size() > 1) {
-      panel.marks.emplace_back(Band{number, curve.updates, curve.low, curve.high});
+  const double end = std::ranges::max(group.curves, {}, &SeriesCurve::End).End();
+  for (const SeriesCurve& curve : group.longer) {
+    const double score = curve.cell->Mean();
+    panel.marks.emplace_back(Line{curve.number, true, {0, end}, {score, score}});
+  }
+  for (const SeriesCurve& curve : group.curves) {
+    const MeanCurve& mean = curve.mean;
+    if (curve.cell->runs.size() > 1) {
+      panel.marks.emplace_back(Band{curve.number, mean.updates, mean.low, mean.high});
     }
-    panel.marks.emplace_back(Line{number, false, curve.updates, curve.mean});
+    panel.marks.emplace_back(Line{curve.number, false, mean.updates, mean.mean});
   }
   FitX({&panel, 1});
   return panel;
@@ -115,8 +168,8 @@ Panel CurvesPanel(const ScoreTable& table, const Benchmark& benchmark,
 std::vector<Picture> CurvesPictures(const Evidence& evidence) {
   const auto [names, numbers] = NumberSeries(evidence);
   std::vector<Panel> panels;
-  for (const Benchmark* benchmark : Telling(evidence.table)) {
-    panels.push_back(CurvesPanel(evidence.table, *benchmark, numbers));
+  for (const CurveGroup& group : TellingGroups(evidence.table, numbers)) {
+    panels.push_back(CurvesPanel(group));
   }
   FitY(panels);
   std::vector<Picture> pictures;

@@ -32,8 +32,9 @@ Picture DimensionsPicture(const Evidence& evidence);
 Picture BesideThePaperPicture(const Evidence& evidence);
 // Share of runs above each score.
 Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates);
-// Scores over updates on the benchmarks, without those whose runs are all shown by another.
-// Several pictures, each of which fits a printed page.
+// Scores over updates on the benchmarks, without panels whose runs are all shown by another one.
+// Runs that are much longer than others have a panel of their own. Several pictures, each of which
+// fits a printed page.
 std::vector<Picture> CurvesPictures(const Evidence& evidence);
 
 }  // namespace b4mrl

@@ -75,6 +75,7 @@ TEST_CASE("A legend names several series, and one alone needs none") {
   figure.series = {"clean"};
   CHECK_FALSE(SvgDocument(RenderSvg(figure)).Says("clean"));
   figure.series = {"clean", "corrupted"};
+  figure.panels[0].marks.emplace_back(Columns{1, false, -1, 1, {2, 3}});
   const SvgDocument svg(RenderSvg(figure));
   CHECK(svg.Says("clean"));
   CHECK(svg.Says("corrupted"));
@@ -98,8 +99,9 @@ TEST_CASE("Nothing overlaps or leaves the picture, however long texts and number
     panel.x.low = -scale * static_cast<double>(i + 1);
     panel.x.high = scale * 1.7;
     panel.y.high = scales[(i + 3) % std::size(scales)];
-    panel.marks = {Columns{0, true, panel.x.low, panel.x.high, {0, panel.y.high}},
-                   Rule{panel.x.low + 0.9 * (panel.x.high - panel.x.low), "mean -1.23457e+08"}};
+    panel.marks = {
+        Columns{i % figure.series.size(), true, panel.x.low, panel.x.high, {0, panel.y.high}},
+        Rule{panel.x.low + 0.9 * (panel.x.high - panel.x.low), "mean -1.23457e+08"}};
     if (i % 3 == 0) panel.notes = {"corrupted: 1,000,000 NaN, 1,000,000 infinite", "hidden"};
     if (i % 5 == 0) panel.upper_x = Axis{"normalised score", "percent", -3e5, 4e5};
     if (i % 4 == 0) panel.marks.clear();

@@ -43,12 +43,21 @@ TEST_CASE("A swatch shows its series as the marks do") {
   CHECK(curves.svg.Count("path", "dot series1") == 1);
   const Drawn bars = LegendOf(Of({Bars{1, 1, {{}}}}));
   CHECK(bars.svg.Count("path", "bar series1") == 1);
-  CHECK(bars.svg.Count("path", "series0") == 1);  // no marks: the colour alone
+}
+
+TEST_CASE("A legend leaves out what has no mark") {
+  const Drawn legend = LegendOf(Of({Bars{1, 1, {{}}}}));
+  CHECK(legend.svg.Says("two"));
+  CHECK_FALSE(legend.svg.Says("one"));
+  CHECK(LegendOf(Of({Line{{}, true, {0, 1}, {0, 1}}})).height == 0);
 }
 
 TEST_CASE("A legend takes as many lines as its names need") {
-  Figure figure = Of({Line{{}, true, {0, 1}, {0, 1}}});
-  for (int i = 0; i < 12; ++i) figure.series.push_back(fmt::format("algorithm number {}", i));
+  Figure figure = Of({Bars{0, 1, {{}}}, Bars{1, 1, {{}}}});
+  for (size_t i = 0; i < 12; ++i) {
+    figure.panels[0].marks.emplace_back(Bars{figure.series.size(), 1, {{}}});
+    figure.series.push_back(fmt::format("algorithm number {}", i));
+  }
   const Drawn wide = LegendOf(figure, 4000), narrow = LegendOf(figure, 300);
   CHECK(narrow.height > 5 * wide.height);
   narrow.svg.CheckThatTextsAreApart();
