@@ -28,6 +28,18 @@ std::vector<float> FirstPlace(const std::vector<float>& repeated, uint32_t times
           repeated.begin() + static_cast<std::ptrdiff_t>(repeated.size() / times)};
 }
 
+// A learner that normalises has seen a hidden dimension as the constant 0, with the standard
+// deviation 0.001 that it adds to all. Divided by this, the first sight would be a thousand times
+// too large.
+void ShowHidden(Agent* agent) {
+  for (size_t i = 0; i < agent->observation_mask.size(); ++i) {
+    if (agent->observation_mask[i] != 0) continue;
+    agent->observation_mask[i] = 1;
+    agent->observation_mean[i] = 0;
+    agent->observation_std[i] = 1;
+  }
+}
+
 }  // namespace
 
 AgentPolicy::AgentPolicy(FixedOrderPolicy network, const Agent& agent)
@@ -40,6 +52,7 @@ Result<AgentPolicy> AgentPolicy::Create(const Agent& given, Observe observe) {
   B4MRL_RETURN_IF_ERROR(given.Validate());
   Agent agent = given;
   agent.FillDefaults();
+  if (observe == Observe::kFull) ShowHidden(&agent);
   PolicyWeights weights;
   weights.hidden_tanh = agent.nonlinearity == Nonlinearity::kTanh;
   weights.observation_size = static_cast<int>(agent.observation_dimensions * agent.history_length);
@@ -49,10 +62,8 @@ Result<AgentPolicy> AgentPolicy::Create(const Agent& given, Observe observe) {
   if (agent.last_fc_log_std) weights.log_std = ToDense(*agent.last_fc_log_std);
   weights.observation_mean = Repeat(agent.observation_mean, agent.history_length);
   weights.observation_std = Repeat(agent.observation_std, agent.history_length);
-  if (observe == Observe::kTrained) {
-    const std::vector<float> mask(agent.observation_mask.begin(), agent.observation_mask.end());
-    weights.observation_mask = Repeat(mask, agent.history_length);
-  }
+  const std::vector<float> mask(agent.observation_mask.begin(), agent.observation_mask.end());
+  weights.observation_mask = Repeat(mask, agent.history_length);
   B4MRL_ASSIGN_OR_RETURN(FixedOrderPolicy network, FixedOrderPolicy::Create(weights));
   return AgentPolicy(std::move(network), agent);
 }

@@ -29,7 +29,9 @@ namespace b4mrl {
 // Which dimensions of an observation an evaluated policy sees (`--observe`).
 enum class Observe {
   kTrained,  // the dimensions that the policy saw in training; hidden dimensions are zero
-  kFull,     // all dimensions
+  // All dimensions, the hidden ones as the environment gives them: data that hide a dimension say
+  // nothing about its scale, and its weights are those of the initialisation.
+  kFull,
 };
 
 class AgentPolicy {

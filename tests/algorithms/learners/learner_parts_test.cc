@@ -228,6 +228,21 @@ TEST_CASE("An agent does not see the dimensions hidden in its training unless to
   CHECK(masked != Take(true_environment.Run(full)).returns);
 }
 
+TEST_CASE("What was hidden in training is shown unscaled, whatever its standard deviation was") {
+  TestDaemon daemon;
+  Agent agent = TestDaemon::RandomAgent();
+  agent.observation_mask.assign(kObservation, 1);
+  agent.observation_mask[8] = 0;
+  Agent normalised = agent;
+  normalised.observation_mean.assign(kObservation, 0);
+  normalised.observation_std.assign(kObservation, 1);
+  normalised.observation_std[8] = 0.001F;  // what a learner adds to a constant's deviation
+  Evaluator evaluator = Take(Evaluator::Open(daemon.client(), "HalfCheetah", {}, 2));
+  const AgentPolicy plain = Take(AgentPolicy::Create(agent, Observe::kFull));
+  const AgentPolicy scaled = Take(AgentPolicy::Create(normalised, Observe::kFull));
+  CHECK(Take(evaluator.Run(plain)).returns == Take(evaluator.Run(scaled)).returns);
+}
+
 TEST_CASE("A policy of another size is refused") {
   TestDaemon daemon;
   Agent agent = TestDaemon::RandomAgent();
