@@ -68,6 +68,8 @@ struct DatasetIdentity {
   std::string full_name;       // with its version, "HalfCheetah/medium-v0"
   std::string sha256;          // of its file
   std::string columns_sha256;  // of its rows (data/columns/columns_hash.h)
+  // The one in force: files without next observations have "d4rl" whatever was asked for.
+  std::string transition_rule;
 };
 
 class Learner {

@@ -45,7 +45,8 @@ class TrainingDataset {
   const std::vector<float>& mask() const { return mask_; }
   DatasetIdentity identity() const {
     const pb::DatasetInfo& info = remote_->in_force().info();
-    return {info.name(), info.sha256(), info.columns_sha256()};
+    return {info.name(), info.sha256(), info.columns_sha256(),
+            remote_->in_force().transition_rule()};
   }
 
  private:

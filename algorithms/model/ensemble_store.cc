@@ -201,6 +201,10 @@ void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble
     progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
     return;
   }
+  if (IsThere(kept) && kept.code() != StatusCode::kIoError) {
+    std::error_code ignored;  // a damaged file would keep the new ensemble out for ever
+    fs::remove(CachePath(files, key), ignored);
+  }
   for (const Status& refused : {own, kept}) {
     if (!IsThere(refused)) continue;
     progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));

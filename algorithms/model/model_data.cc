@@ -26,6 +26,7 @@ class Columns {
     data_.actions = MatrixBuffer<float>(context.action_size(), rows);
     data_.targets = MatrixBuffer<float>(size_ + 1, rows);
     valid_.assign(rows, 1);
+    has_target_.assign(rows, 1);
   }
 
   uint64_t rows() const { return dataset_.rows(); }
@@ -75,11 +76,15 @@ class Columns {
     std::copy_n(rows.next_observations.data() + from * size_, size_,
                 data_.targets.view().column(to));
     data_.targets.view()(size_, to) = rows.rewards[from];
+    // The rule d4rl gives a terminal row the first observation of the next episode.
+    if (rows.terminals[from] != 0 && dataset_.in_force().transition_rule() == "d4rl") {
+      has_target_[to] = 0;
+    }
   }
 
   bool Valid(int row) const {
     const float* target = data_.targets.view().column(row);
-    return valid_[row] != 0 &&
+    return valid_[row] != 0 && has_target_[row] != 0 &&
            std::all_of(target, target + size_ + 1, [](float x) { return std::isfinite(x); });
   }
 
@@ -102,7 +107,8 @@ class Columns {
   const std::vector<float> action_scale_;
   const int size_;
   ModelData data_;
-  std::vector<uint8_t> valid_;
+  std::vector<uint8_t> valid_;       // simulated, where a simulator is asked
+  std::vector<uint8_t> has_target_;  // the dataset has the row's o'
 };
 
 // HyMOPO's pre-pass: queries the simulator for all rows, with several requests in flight.

@@ -27,10 +27,12 @@ Status RunLog::Begin() {
 }
 
 Result<EvaluationResult> RunLog::Evaluate(const Agent& agent, uint64_t ledger) {
-  B4MRL_RETURN_IF_ERROR(WriteAgent(AgentPath(), agent));
   B4MRL_ASSIGN_OR_RETURN(const AgentPolicy policy, AgentPolicy::Create(agent));
   evaluator_.set_ledger(ledger);
-  return evaluator_.Run(policy);
+  B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, evaluator_.Run(policy));
+  // Not before: a run that ends within the evaluation keeps the agent of its last returns.
+  B4MRL_RETURN_IF_ERROR(WriteAgent(AgentPath(), agent));
+  return result;
 }
 
 Status RunLog::Write(MetricRow row, EvaluationResult result, const RunUse& use) {

@@ -66,7 +66,8 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   }
   json["corruption"] = options.corruption;
   json["corruption_seed"] = options.corruption_seed;
-  json["transitions"] = options.transitions;
+  const std::string& rule_in_force = summary.dataset.transition_rule;
+  json["transitions"] = rule_in_force.empty() ? options.transitions : rule_in_force;
   json["seed"] = options.seed;
   json["precision"] = PrecisionName(options.precision);
   if (!summary.last) return json;

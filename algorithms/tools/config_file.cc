@@ -9,6 +9,8 @@
 namespace b4mrl {
 namespace {
 
+constexpr std::string_view kOption = "--config";
+
 Result<std::vector<std::string>> ReadOptions(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
   std::vector<std::string> options;
@@ -30,13 +32,16 @@ Result<std::vector<std::string>> ReadOptions(const std::string& path) {
   return options;
 }
 
+std::vector<std::string>::iterator FindOption(std::vector<std::string>& arguments) {
+  return std::ranges::find_if(arguments, [](const std::string& word) {
+    return word == kOption || word.starts_with(std::string(kOption) + "=");
+  });
+}
+
 }  // namespace
 
 Result<std::vector<std::string>> ExpandConfigFile(std::vector<std::string> arguments) {
-  constexpr std::string_view kOption = "--config";
-  const auto found = std::find_if(arguments.begin(), arguments.end(), [&](const std::string& word) {
-    return word == kOption || word.starts_with(std::string(kOption) + "=");
-  });
+  const auto found = FindOption(arguments);
   if (found == arguments.end()) return arguments;
   std::string path;
   if (*found == kOption) {
@@ -46,6 +51,9 @@ Result<std::vector<std::string>> ExpandConfigFile(std::vector<std::string> argum
   } else {
     path = found->substr(kOption.size() + 1);
     arguments.erase(found);
+  }
+  if (FindOption(arguments) != arguments.end()) {
+    return InvalidArgument(kOption, "given twice", "one file");
   }
   B4MRL_ASSIGN_OR_RETURN(const std::vector<std::string> options, ReadOptions(path));
   // Insert the file's options after the command's word, before all other arguments.

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -26,6 +27,7 @@ namespace {
 struct ExportCommand {
   DatasetSource source;
   std::string path, format = "d4rl", id;
+  bool replace = false;
 
   std::optional<Failure> Run() const;
   Status WriteD4rl(RemoteDataset& dataset) const;
@@ -162,9 +164,9 @@ MinariDescription DescribeForMinari(Client& client, const RemoteDataset& dataset
     description.reference_min = environment->reference_min;
     description.reference_max = environment->reference_max;
   }
-  // Files with a licence are those that `b4mrl dataset make` wrote.
-  if (!source.provenance().license().empty())
+  if (source.provenance().program().starts_with("b4mrl ")) {  // which recorded the rows
     description.author = "The b4mrl server's contributors";
+  }
   description.source = {
       {"source", source.info().name()},
       {"source_sha256", source.info().sha256()},
@@ -211,6 +213,10 @@ std::optional<Failure> ExportCommand::Run() const {
   if (!id.empty()) {
     if (Status status = CheckMinariId(id); !status.ok()) return BadUsage(std::move(status));
   }
+  std::error_code unknown;  // what cannot be looked at cannot be written either
+  if (format != "minari" && !replace && std::filesystem::exists(path, unknown)) {
+    return BadInput(InvalidArgument("path", path, "a new file, or --replace"));
+  }
   return source.Open([this](Client& client, RemoteDataset& dataset) -> std::optional<Failure> {
     if (format == "minari") return FailureOf(WriteMinari(client, dataset));
     Status status = format == "csv" ? WriteCsv(dataset) : WriteD4rl(dataset);
@@ -235,6 +241,7 @@ std::vector<Command> AddDatasetExport(CLI::App& group) {
                   "\"d4rl\": an HDF5 file in D4RL's layout; \"minari\": a folder that "
                   "minari.load_dataset opens; \"csv\": a table of text [d4rl]")
       ->check(CLI::IsMember({"d4rl", "minari", "csv"}));
+  app->add_flag("--replace", command->replace, "replace a file that is there already");
   app->add_option("--id", command->id,
                   "Minari's id of the dataset, \"NAMESPACE/NAME-v0\" [\"b4mrl/\" and the "
                   "dataset's full name with its corruptions]");

@@ -23,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ImportCommand {
-  std::string name, file, d4rl_folder, transitions = "stored";
+  std::string name, file, d4rl_folder;
   bool quiet = false;
   DaemonOptions daemon;
 
@@ -72,7 +72,6 @@ Status InTermsOf(const std::string& original, const std::string& copy, const Sta
 // queues are not.
 bool LiesInFile(const Status& failure) {
   return failure.code() == StatusCode::kInvalidArgument ||
-         failure.code() == StatusCode::kFailedPrecondition ||
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kDataLoss ||
          failure.code() == StatusCode::kVersionMismatch ||
          failure.code() == StatusCode::kFailedPrecondition;  // of another size than its task
@@ -150,9 +149,7 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
                                .WithContext(source)
                          : Copy(source, destination.path());
   if (!status.ok()) return BadInput(std::move(status));
-  DatasetOptions options;
-  options.transition_rule = transitions;
-  const auto opened = destination.client().OpenDataset(dataset, options);
+  const auto opened = destination.client().OpenDataset(dataset, {});
   if (!opened.ok() && !LiesInFile(opened.status())) {
     return BadInput(opened.status().WithContext(fmt::format(
         "{} was copied to {}, where it stays, but not imported yet", source, destination.path())));
@@ -183,7 +180,6 @@ std::vector<Command> AddDatasetImport(CLI::App& group) {
       ->excludes(name);
   file->needs(name);
   name->needs(file);
-  AddTransitions(*app, command->transitions);
   app->add_flag("--quiet", command->quiet, "show no progress on stderr");
   command->daemon.AddTo(*app);
   return {{app, [command] { return command->Run(); }}};

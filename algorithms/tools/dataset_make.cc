@@ -163,6 +163,7 @@ std::optional<Failure> MakeCommand::MakeAll(Destination& destination) const {
     if (!failure) continue;
     if (Interrupted()) return failure;
     fmt::print(stderr, "{}: {}\n", full_name, failure->status.message());
+    if (failure->status.code() == StatusCode::kBusy) continue;  // another process makes it
     ++failed;
     if (!first) first = std::move(failure);
   }
@@ -199,6 +200,7 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   }
   const std::string& path = destination.path();
   const auto made = Record(*order, path, destination.client(), quiet);
+  if (!made.ok() && made.status().code() == StatusCode::kBusy) return BadInput(made.status());
   if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());

@@ -43,6 +43,10 @@ std::optional<Failure> VerifyCommand::Run() {
                            "infos/qvel, so its rows cannot be stepped again",
                            file)));
   }
+  if (is_recording && !environment.empty()) {
+    return BadUsage(InvalidArgument("--environment", environment,
+                                    "nothing for a recording, which names its environment"));
+  }
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
   return is_recording ? Recording(*reader, connection->client())

@@ -247,6 +247,9 @@ std::optional<Failure> ListCommand::Run() {
   if (kind == "dimensions" && environment.empty()) {
     return BadUsage(InvalidArgument("environment", "", "b4mrl list dimensions ENVIRONMENT"));
   }
+  if (kind != "dimensions" && !environment.empty()) {
+    return BadUsage(InvalidArgument("environment", environment, "`list dimensions` alone"));
+  }
   Json items = Json::array();
   if (kind == "algorithms") {
     for (const Algorithm& algorithm : Algorithms()) items.push_back(AlgorithmItem(algorithm));

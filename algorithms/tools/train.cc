@@ -300,7 +300,13 @@ void SayStateOf(const std::string& folder, Progress& progress) {
 }
 
 std::optional<Failure> TrainCommand::Run() {
-  if (Given("stop-at-score")) options.stop_at_score = stop_at_score;
+  if (Given("stop-at-score")) {
+    if (!std::isfinite(stop_at_score)) {
+      return BadUsage(
+          InvalidArgument("--stop-at-score", fmt::format("{}", stop_at_score), "a finite number"));
+    }
+    options.stop_at_score = stop_at_score;
+  }
   options.precision = *FindPrecision(precision);
   if (auto failure = ChooseFolder()) return failure;
   NamedTexts recorded;

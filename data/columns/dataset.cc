@@ -29,6 +29,9 @@ Result<std::shared_ptr<const Dataset>> Dataset::Open(const std::string& folder) 
   columns.rows = observations->rows;
   columns.observation_size = static_cast<uint32_t>(observations->width);
   columns.action_size = static_cast<uint32_t>(actions->width);
+  if (columns.rows == 0 || columns.observation_size == 0 || columns.action_size == 0) {
+    return Status(StatusCode::kDataLoss, fmt::format("column cache {} has no rows", folder));
+  }
   B4MRL_RETURN_IF_ERROR(VisitColumns(kTransitionColumns, [&](const auto& column, size_t) -> Status {
     using T = typename std::decay_t<decltype(column)>::Value;
     B4MRL_ASSIGN_OR_RETURN(columns.*column.values,

@@ -34,9 +34,9 @@ Status ReadText(const Hdf5Reader& file, const std::string& path, std::string* te
   return CheckText(path, *text);
 }
 
-// Reads an entry that files of others may hold in any form; "" where it is not fixed-length text.
+// Reads an entry that files of others may hold in any form; "" where it is not one text.
 std::string ReadForeignText(const Hdf5Reader& file, std::string_view path) {
-  const Result<std::string> text = file.ReadString(path);
+  const Result<std::string> text = file.ReadText(path);
   return text.ok() && text->size() <= kMaxProvenanceText ? *text : "";
 }
 

@@ -186,9 +186,9 @@ std::string BehaviourPolicy(const Hdf5Reader& file, const DatasetProvenance& pro
     policies += (policies.empty() ? "" : "; ") + part.policy;
   }
   if (!policies.empty()) return policies;
-  const Result<std::string> given = file.ReadString("metadata/behaviour_policy");
+  const Result<std::string> given = file.ReadText("metadata/behaviour_policy");
   if (given.ok()) return *given;
-  const Result<std::string> algorithm = file.ReadString("metadata/algorithm");
+  const Result<std::string> algorithm = file.ReadText("metadata/algorithm");
   if (!algorithm.ok()) return "";
   const Result<double> iteration = file.ReadNumber("metadata/iteration");
   return iteration.ok() ? fmt::format("{}, iteration {:.0f}", *algorithm, *iteration) : *algorithm;

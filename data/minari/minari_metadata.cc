@@ -78,6 +78,7 @@ Json OwnEntry(const MinariDescription& description) {
   for (const TextEntry& entry : kProvenanceTexts) own[entry.name] = provenance.*entry.text;
   own["hidden_dimensions"] = provenance.hidden_dimensions;
   own["history_length"] = provenance.history_length;
+  own["episodes"] = description.metadata.episodes;
   own["last_episode_unfinished"] = description.metadata.last_is_unfinished;
   for (const auto& [name, text] : description.source) own[name] = text;
   return own;
@@ -106,8 +107,11 @@ std::string WithoutInfinities(std::string_view text) {
   return out;
 }
 
+// Without what is nested deeper than anything that is read here, because dump() and copies recurse.
 Json Parse(std::string_view text) {
-  return Json::parse(WithoutInfinities(text), nullptr, /*allow_exceptions=*/false);
+  constexpr int kMaxDepth = 16;
+  const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= kMaxDepth; };
+  return Json::parse(WithoutInfinities(text), shallow, /*allow_exceptions=*/false);
 }
 
 Status Refuse(std::string_view entry, const Json& value, std::string_view allowed) {
@@ -169,7 +173,10 @@ Status ParseOwnEntry(const Json& json, MinariMetadata* metadata) {
                            CountOf(*own, "history_length", kMaxAgentHistory));
     provenance.history_length = static_cast<uint32_t>(length);
   }
-  metadata->last_is_unfinished = own->value("last_episode_unfinished", Json()) == true;
+  // Minari keeps this entry when it appends episodes; the last one is then another one.
+  const bool is_as_written = own->value("episodes", Json(metadata->episodes)) == metadata->episodes;
+  metadata->last_is_unfinished =
+      is_as_written && own->value("last_episode_unfinished", Json()) == true;
   return provenance.Validate();
 }
 

@@ -11,6 +11,7 @@
 #include "algorithms/model/model_data.h"
 #include "algorithms/model/model_rollout.h"
 #include "tests/algorithms/fixtures.h"
+#include "tests/data/example_dataset.h"
 
 namespace b4mrl {
 namespace {
@@ -145,6 +146,30 @@ TEST_CASE("MOPO learns what a step changed, and the reward") {
     CHECK(data.observations.view()(i, 100) == rows.observations[i]);
   }
   CHECK(data.targets.view()(kObservation, 100) == rows.rewards[0]);
+}
+
+TEST_CASE("The rule d4rl teaches no model that a fall leads to the next episode's start") {
+  TestDaemon daemon;
+  std::filesystem::create_directories(daemon.folder("data/HalfCheetah"));
+  DatasetProvenance provenance;
+  provenance.environment = "HalfCheetah";
+  // Rows 49 and 99 end by time-out and by a fall.
+  RequireOk(WriteExample(daemon.folder("data/HalfCheetah/falls.h5"),
+                         MakeExampleDataset({50, 50, 50}, kObservation, 6), provenance));
+  LearnerContext context = CheetahContext(daemon, "HalfCheetah/falls");
+  Progress quiet(true);
+  const ModelData stored = Take(ReadChanges(context, *Take(OpenTrainingDataset(context)), quiet));
+  CHECK(stored.rows == 150);
+  context.transitions = "d4rl";
+  const auto dataset = Take(OpenTrainingDataset(context));
+  REQUIRE(dataset->rows() == 148);
+  const ModelData followed = Take(ReadChanges(context, *dataset, quiet));
+  CHECK(followed.rows == 147);
+  CHECK(followed.invalid_rows == 1);
+  // Row 98 of those served is the fall; the first row of the third episode takes its place.
+  const TransitionRows rows = Take(dataset->Read(98, 2));
+  REQUIRE(rows.terminals[0] == 1);
+  CHECK(followed.observations.view()(0, 98) == rows.observations[kObservation]);
 }
 
 TEST_CASE("A rollout without a simulator goes on from o + delta until the rule ends it") {

@@ -164,6 +164,10 @@ TEST_CASE("A damaged file is trained anew") {
   }
   WriteBytes(cached, bytes);
   CHECK(TrainIn(FilesIn(folder, "second"), rows).state == first.state);
+  // Its successor is kept in its place.
+  Result<DynamicsEnsemble<float>> kept = DynamicsEnsemble<float>::Create(Small());
+  REQUIRE(kept.ok());
+  CHECK(LoadTrainedEnsemble(first.key, FilesIn(folder, "third"), *kept).ok());
 }
 
 TEST_CASE("A resumed run finds its ensemble in its folder, or else in the cache") {

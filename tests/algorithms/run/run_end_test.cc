@@ -1,6 +1,7 @@
 // How runs end: what they leave for whoever looks at them, and for whoever continues them.
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -164,10 +165,12 @@ TEST_CASE("An evaluation that fails with the daemon is owed by the run that goes
   daemon.lost = true;
   CHECK(TryTraining(cut, client).status().code() == StatusCode::kUnavailable);
   CHECK(Take(ReadRunStatus(cut.folder)).updates == cut.eval_every);
+  CHECK_FALSE(std::filesystem::exists(cut.folder + "/agent.h5"));  // it has no returns yet
   daemon.lost = false;
   cut.resume = true;
   RequireOk(TryTraining(cut, client).status());
   CHECK(RowsWithoutTimes(straight.folder) == RowsWithoutTimes(cut.folder));
+  CHECK(std::filesystem::exists(cut.folder + "/agent.h5"));
 }
 
 TEST_CASE("A run says that it is running, and a continued one no longer that it has finished") {

@@ -81,6 +81,8 @@ TEST_CASE("Options that do not go together end with code 2, before anything is t
         std::string::npos);
   CHECK(usage(Words{"mopo"} + cheetah + Words{"--ensemble-elites", "8"}).find("1..7") !=
         std::string::npos);
+  CHECK(usage({"sac", "--environment", "HalfCheetah", "--stop-at-score", "nan"})
+            .find("a finite number") != std::string::npos);
   CHECK(usage({"sac", "--environment", "Humanoid", "--history", "11"}).find("1..10") !=
         std::string::npos);
 }
@@ -358,6 +360,11 @@ TEST_CASE("A configuration file gives options that the command line overrides") 
              "algorithm = \"td3-bc\"\nenvironment = \"HalfCheetah\"\ndataset = \"x\"\n"
              "normalise = \"maybe\"\n");
   CHECK(Run({"train", "--config", folder.File("wrong.toml")}).exit_code == 2);
+  for (const Words& second : {Words{"--config", "other.toml"}, Words{"--config=other.toml"}}) {
+    const Outcome twice = Run(Words{"train", "--config", folder.File("run.toml")} + second);
+    CHECK(twice.exit_code != 0);
+    CHECK(twice.err.find("given twice") != std::string::npos);
+  }
   WriteBytes(folder.File("bad.toml"), "updates = [1]\n");
   CHECK(Run({"train", "--config", folder.File("bad.toml")}).exit_code == 3);
 }

@@ -93,6 +93,45 @@ TEST_CASE("A Minari dataset is not replaced, and only ids that Minari reads are 
   CHECK_FALSE(fs::exists(exports.folder.File("x.csv")));
 }
 
+TEST_CASE("An export replaces a file only when told to, even that of the dataset itself") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  const std::string own = exports.folder.File("data/HalfCheetah/random-v0.h5");
+  const std::string before = ReadBytes(own);
+  for (const char* format : {"d4rl", "csv"}) {
+    const Words words = {"export", "HalfCheetah/random", own, "--format", format};
+    const Outcome refused = exports.Dataset(words);
+    CHECK(refused.exit_code == 3);
+    CHECK_THAT(refused.err, Catch::Contains("--replace"));
+  }
+  CHECK((ReadBytes(own) == before));
+  const std::string other = exports.folder.File("x.h5");
+  WriteBytes(other, "text");
+  CHECK(exports.Dataset({"export", "HalfCheetah/random", other, "--replace"}).exit_code == 0);
+  CHECK(fs::file_size(other) > 1000);
+}
+
+TEST_CASE(
+    "Minari's data have our contributors as author if we recorded them, whatever the licence") {
+  const Exports exports;
+  exports.Make("HalfCheetah/random", "1000");
+  DatasetProvenance foreign;
+  foreign.environment = "HalfCheetah";
+  foreign.license = "CC0-1.0";
+  REQUIRE(WriteExample(exports.folder.File("data/HalfCheetah/foreign.h5"),
+                       MakeExampleDataset({30}, 17, 6), foreign)
+              .ok());
+  const auto has_author = [&](const std::string& name, const std::string& id) {
+    REQUIRE(exports.Dataset({"export", name, exports.Root(), "--format", "minari", "--id", id})
+                .exit_code == 0);
+    return nlohmann::json::parse(ReadBytes(exports.Root() + "/" + id + "/data/metadata.json"),
+                                 nullptr, false)
+        .contains("author");
+  };
+  CHECK(has_author("HalfCheetah/random", "ours-v0"));
+  CHECK_FALSE(has_author("HalfCheetah/foreign", "theirs-v0"));
+}
+
 TEST_CASE("Rows that Minari cannot hold are refused by number, and nothing is written") {
   const Exports exports;
   ExampleDataset data = MakeExampleDataset({30, 20}, 5, 2);

@@ -8,6 +8,7 @@
 
 #include "data/d4rl/dataset_file_reader.h"
 #include "data/d4rl/dataset_file_writer.h"
+#include "data/files/atomic_file.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/results.h"
 
@@ -159,6 +160,19 @@ TEST_CASE("Making all datasets goes on after one that fails, and leaves those th
   CHECK(second.exit_code == 0);
   CHECK(Says(second.out, "Highway/random-v0: 50 rows"));
   CHECK(Says(second.err, "Highway/medium-v0: is there already"));
+}
+
+TEST_CASE("A dataset that another process makes is no failure of those that are all made") {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder.File("Highway"));
+  const AtomicFile other = Take(AtomicFile::Create(folder.File("Highway/random-v0.h5")));
+  const Outcome all = Run({"dataset", "make", "all", "--environment", "Highway", "--rows", "50",
+                           "--data", folder.path()});
+  CHECK(all.exit_code == 0);
+  CHECK(Says(all.out, "Highway/medium-v0: 50 rows"));
+  const Outcome one =
+      Run({"dataset", "make", "Highway/random", "--rows", "50", "--data", folder.path()});
+  CHECK(one.exit_code == 3);
 }
 
 TEST_CASE("What a recipe cannot give is refused with the reason") {

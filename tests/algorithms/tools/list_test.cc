@@ -30,6 +30,7 @@ TEST_CASE("A list that there is not is refused with the names of those that ther
   CHECK(outcome.out.empty());
   CHECK(outcome.err.find("did you mean 'benchmarks'") != std::string::npos);
   CHECK(outcome.err.find("environments") != std::string::npos);
+  CHECK(Run({"list", "perturbations", "HalfCheetah"}).exit_code == 2);  // takes no environment
 }
 
 TEST_CASE("The list of benchmarks spells out what each is made of, from data that can be made") {

@@ -1,5 +1,7 @@
 #include "data/d4rl/dataset_provenance.h"
 
+#include <hdf5.h>
+
 #include <catch2/catch.hpp>
 
 #include "tests/data/temporary_folder.h"
@@ -62,6 +64,26 @@ TEST_CASE("a file of others says at most its environment and licence") {
   CHECK(ReadWithText("metadata/license", "MIT")->license == "MIT");
   CHECK(ReadWithText("metadata/other", "text").value() == DatasetProvenance());
   CHECK(ReadWithText("metadata/environment", std::string(5000, 'x'))->environment.empty());
+}
+
+TEST_CASE("a file's environment is read from text of variable length, which h5py writes") {
+  const TemporaryFolder folder;
+  auto others = Hdf5Writer::Create(folder.File("x.h5"));
+  REQUIRE(others->WriteString("metadata/other", "text").ok());
+  REQUIRE(others->Commit().ok());
+  const hid_t file = H5Fopen(folder.File("x.h5").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  const hid_t type = H5Tcopy(H5T_C_S1);
+  H5Tset_size(type, H5T_VARIABLE);
+  const hid_t space = H5Screate(H5S_SCALAR);
+  const hid_t dataset =
+      H5Dcreate2(file, "metadata/environment", type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+  const char* text = "Walker2d";
+  REQUIRE(H5Dwrite(dataset, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, &text) >= 0);
+  H5Dclose(dataset);
+  H5Sclose(space);
+  H5Tclose(type);
+  H5Fclose(file);
+  CHECK(Read(folder.File("x.h5"))->environment == "Walker2d");
 }
 
 TEST_CASE("entries of a dataset's provenance outside their range are refused") {

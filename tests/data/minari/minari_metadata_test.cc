@@ -122,6 +122,25 @@ TEST_CASE("every entry outside its range is refused by its name") {
   }
 }
 
+TEST_CASE("the last episode is unfinished only while it is the one that was written last") {
+  json own = json::parse(MinariMetadataText(Example(), 0))["b4mrl"];
+  const auto is_unfinished = [](const json& entry) {
+    return ParseMinariMetadata(With("b4mrl", entry))->metadata.last_is_unfinished;
+  };
+  CHECK(is_unfinished(own));
+  own["episodes"] = 2;  // Minari has appended one
+  CHECK_FALSE(is_unfinished(own));
+  own.erase("episodes");  // as 0.1.0 wrote it
+  CHECK(is_unfinished(own));
+}
+
+TEST_CASE("entries that are nested a million times are left out") {
+  const std::string nested = std::string(1'000'000, '[') + std::string(1'000'000, ']');
+  std::string text = With("data_format", "NESTED");
+  text.replace(text.find("\"NESTED\""), 8, nested);
+  CHECK_FALSE(ParseMinariMetadata(text).ok());
+}
+
 TEST_CASE("hostile provenance is refused or ignored") {
   const auto code = [](const json& own) {
     return ParseMinariMetadata(With("b4mrl", own)).status().code();
