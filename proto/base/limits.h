@@ -32,12 +32,14 @@ inline constexpr uint32_t kMaxCatalogueEntries = 4096;    // that a client takes
 inline constexpr uint32_t kMaxRequestsInFlight = 64;      // of one session, in one worker
 inline constexpr uint32_t kMaxQueuedRequests = 4096;      // of all sessions, in one worker
 inline constexpr size_t kMaxQueuedBytes = 16 * kMaxPayloadBytes;  // payloads of queued requests
+inline constexpr size_t kMaxSessionBytes = 2 * kMaxPayloadBytes;  // of them, those of one session
 inline constexpr uint32_t kMaxQueryRows = 4096;                   // of one Query request
 inline constexpr uint32_t kMaxRowsPerBatch = 65536;               // of one Sample batch or one Read
 inline constexpr uint32_t kMaxBatchesPerSample = 64;
 inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;  // default of a server on loopback alone
 inline constexpr int64_t kRemoteLeaseMs = 300'000;      // default of a server on a network
 inline constexpr uint32_t kMaxLeaseSeconds = 30 * 86'400;
+inline constexpr uint32_t kMaxMemoryMib = 1u << 30;
 
 // Time.
 inline constexpr int64_t kDefaultDeadlineMs = 10'000;
@@ -52,9 +54,9 @@ inline constexpr int64_t kStarvedChildMs = 30'000;  // if the child gets no proc
 inline constexpr int64_t kDrainMs = 5'000;          // for requests under way after a SIGTERM
 
 // Sockets: messages queued towards one peer before the peer counts as too slow; and unread bytes of
-// a server, which are queued payloads of kCountedPayloadBytes or more.
+// a server, which are queued envelopes and payloads of kCountedFrameBytes or more.
 inline constexpr int kHighWaterMark = 1'000;
-inline constexpr size_t kCountedPayloadBytes = 16 * 1024;
+inline constexpr size_t kCountedFrameBytes = 1024;
 inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;       // towards one peer
 inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;  // towards all peers
 
@@ -85,6 +87,7 @@ inline constexpr int64_t kRelayIdleMs = 60'000;  // time without use after which
 inline constexpr uint32_t kMinPictureSide = 16;  // pixels
 inline constexpr uint32_t kMaxPictureSide = 1920;
 inline constexpr uint32_t kMaxRenderRequests = 16;  // in one worker, at most 64 MiB of frames each
+inline constexpr uint32_t kMaxSessionRenders = 4;   // of one session
 // For a painter to draw one picture. On an idle machine it draws its first picture in 1 s, later
 // pictures in 30 ms.
 inline constexpr int64_t kPaintMs = 60'000;

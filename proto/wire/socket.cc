@@ -4,12 +4,14 @@
 #include <fmt/format.h>
 #include <ifaddrs.h>
 #include <netinet/in.h>
+#include <sys/random.h>
 #include <sys/un.h>
 #include <zmq.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <utility>
 
@@ -106,6 +108,21 @@ bool IsOwnAddress(in_addr address) {
   return found;
 }
 
+// ZeroMQ numbers a ROUTER's peers from a number of the C library's generator on, and aborts if a
+// peer has claimed the next number as its identity. So the first number must not be known, as it is
+// while nobody has seeded that generator.
+void SeedFirstRoutingId() {
+  static const unsigned seed = [] {
+    unsigned random = 0;
+    if (getrandom(&random, sizeof(random), GRND_NONBLOCK) != sizeof(random)) {
+      random = static_cast<unsigned>(Clock::now().time_since_epoch().count());
+    }
+    srand(random);
+    return random;
+  }();
+  static_cast<void>(seed);
+}
+
 }  // namespace
 
 Context::Context() : handle_(zmq_ctx_new()) { zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, 65535); }
@@ -123,6 +140,7 @@ bool CameFromThisMachine(Message& message) {
 
 Result<RouterSocket> RouterSocket::Bind(Context& context,
                                         std::span<const ListeningEndpoint> endpoints) {
+  SeedFirstRoutingId();
   RouterSocket router(zmq_socket(context.handle(), ZMQ_ROUTER));
   if (router.socket_ == nullptr) return ZmqError("create", "a socket");
   SetCommonOptions(router.socket_);
@@ -157,9 +175,7 @@ std::optional<IncomingMessage> RouterSocket::TryReceive() {
 }
 
 Status RouterSocket::Send(const RoutingId& receiver, Message message) {
-  if (message.payload.size() >= limits::kCountedPayloadBytes) {
-    B4MRL_ASSIGN_OR_RETURN(message.payload, unread_.Count(receiver, std::move(message.payload)));
-  }
+  B4MRL_RETURN_IF_ERROR(unread_.Count(receiver, &message));
   Frame id = Frame::Copy(receiver);
   if (!SendPart(socket_, id, ZMQ_SNDMORE)) {
     if (errno == EHOSTUNREACH) return Status(StatusCode::kUnavailable, "the peer has gone");

@@ -11,13 +11,21 @@
 namespace b4mrl {
 
 struct UnreadBytes::Counted {
-  Frame payload;
+  Frame bytes;
   std::shared_ptr<Counter> all;
   std::shared_ptr<Counter> of_receiver;
 };
 
-Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame payload) {
-  const size_t bytes = payload.size();
+Status UnreadBytes::Count(const std::string& receiver, Message* message) {
+  for (Frame* frame : {&message->envelope, &message->payload}) {
+    if (frame->size() < limits::kCountedFrameBytes) continue;
+    B4MRL_ASSIGN_OR_RETURN(*frame, Count(receiver, std::move(*frame)));
+  }
+  return Status();
+}
+
+Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame given) {
+  const size_t bytes = given.size();
   const std::shared_ptr<Counter>& of_receiver = CounterOf(receiver);
   if (*of_receiver + bytes > limits::kMaxUnreadBytes ||
       *all_ + bytes > limits::kMaxUnreadBytesOfAll) {
@@ -28,12 +36,12 @@ Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame payload) {
   }
   *of_receiver += bytes;
   *all_ += bytes;
-  Counted* const counted = new Counted{std::move(payload), all_, of_receiver};  // see Release
+  Counted* const counted = new Counted{std::move(given), all_, of_receiver};  // see Release
   Frame frame;
   zmq_msg_t* const message = static_cast<zmq_msg_t*>(frame.handle());
   zmq_msg_close(message);
   // Only fails when memory is exhausted, like Frame::OfSize.
-  if (zmq_msg_init_data(message, counted->payload.data(), bytes, &Release, counted) != 0) {
+  if (zmq_msg_init_data(message, counted->bytes.data(), bytes, &Release, counted) != 0) {
     std::abort();
   }
   return frame;
@@ -46,7 +54,7 @@ size_t UnreadBytes::of(const std::string& receiver) const {
 
 void UnreadBytes::Release(void*, void* counted) {
   const std::unique_ptr<Counted> released(static_cast<Counted*>(counted));
-  const size_t bytes = released->payload.size();
+  const size_t bytes = released->bytes.size();
   *released->of_receiver -= bytes;
   *released->all -= bytes;
 }

@@ -1,9 +1,9 @@
-// Counts the memory of large payloads that a server has sent until their receivers have read them.
+// Counts the memory of messages that a server has sent until their receivers have read them.
 //
 // ZeroMQ limits the messages that wait for a peer by their number alone: a thousand messages of the
-// largest size take 64 GB. So a ROUTER counts the bytes of payloads of limits::kCountedPayloadBytes
-// or more, from sending to the moment when ZeroMQ releases them, and refuses to send beyond a
-// limit.
+// largest size take 64 GB. So a ROUTER counts the bytes of envelopes and payloads of
+// limits::kCountedFrameBytes or more, from sending to the moment when ZeroMQ releases them, and
+// refuses to send beyond a limit.
 #pragma once
 
 #include <atomic>
@@ -21,17 +21,20 @@ namespace b4mrl {
 // thread, and may outlive this object.
 class UnreadBytes {
  public:
-  // Returns a frame with the bytes of `payload`, not copied, which are counted for `receiver` until
-  // the frame and all frames that share its bytes are destroyed. kLimitExceeded, and `payload` is
+  // Replaces the frames of a message that count by frames with the same bytes, not copied.
+  // kLimitExceeded, and the message is lost, as for a frame.
+  Status Count(const std::string& receiver, Message* message);
+  // Returns a frame with the bytes of `given`, not copied, which are counted for `receiver` until
+  // the frame and all frames that share its bytes are destroyed. kLimitExceeded, and `given` is
   // lost, beyond limits::kMaxUnreadBytes for one receiver or kMaxUnreadBytesOfAll for all.
-  Result<Frame> Count(const std::string& receiver, Frame payload);
+  Result<Frame> Count(const std::string& receiver, Frame given);
 
   size_t of_all() const { return *all_; }
   size_t of(const std::string& receiver) const;
 
  private:
   using Counter = std::atomic<size_t>;
-  struct Counted;  // kept by a counted frame: its payload, and the counters to decrease
+  struct Counted;  // kept by a counted frame: its bytes, and the counters to decrease
   static void Release(void* data, void* counted);
   std::shared_ptr<Counter>& CounterOf(const std::string& receiver);
 

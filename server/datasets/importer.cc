@@ -46,6 +46,7 @@ Result<ImportedDataset> ImportInSandbox(const ImporterOptions& options) {
   sandbox.file_bytes =
       std::min(std::max(kMinCacheFileBytes, stored_bytes * kMaxExpansion), options.max_cache_bytes);
   sandbox.descriptors = kMaxDescriptors;
+  sandbox.alone = true;
   B4MRL_RETURN_IF_ERROR(EnterSandbox(sandbox));
   return ImportDataset(options.file, ImportedCachePath(options.folder), options.max_cache_bytes);
 }

@@ -116,9 +116,7 @@ Status Doors::Send(const RoutingId& receiver, Message message) {
   if (door->queued() >= static_cast<size_t>(limits::kHighWaterMark)) {
     return Status(StatusCode::kLimitExceeded, "the peer does not read its replies");
   }
-  if (message.payload.size() >= limits::kCountedPayloadBytes) {
-    B4MRL_ASSIGN_OR_RETURN(message.payload, unread_.Count(receiver, std::move(message.payload)));
-  }
+  B4MRL_RETURN_IF_ERROR(unread_.Count(receiver, &message));
   door->Send(std::move(message));
   return Status();
 }

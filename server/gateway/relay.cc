@@ -59,7 +59,8 @@ Status Relay::Forward(const RoutingId& client, const pb::Request& request, Messa
     carried.deadline = deadline;
     carried.bytes += bytes;
   } else {
-    route->carried.emplace(request.request_id(), Carried{std::move(message), deadline, bytes});
+    route->carried.emplace(request.request_id(),
+                           Carried{std::move(message), deadline, bytes, false});
     ++in_flight_;
   }
   return Status();
@@ -156,7 +157,13 @@ bool Relay::HandBackReplies(Route& route) {
     if (!message) break;
     if (ParseEnvelope(message->envelope, &reply_).ok()) {
       const auto carried = route.carried.find(reply_.request_id());
-      if (carried != route.carried.end()) Settle(route, carried);
+      if (carried != route.carried.end()) {
+        // This copy was refused, and the one that the replaced process held may have been executed.
+        // To the client it would be "not executed", so it is left without an answer and asks again.
+        const bool is_unsure = carried->second.resent && reply_.status().recoverable();
+        Settle(route, carried);
+        if (is_unsure) continue;
+      }
     }
     const Status status = send_(route.client, std::move(*message));
     if (status.code() == StatusCode::kUnavailable) return false;
@@ -179,6 +186,7 @@ void Relay::SendAgain(Route& route) {
     // If the queue is full, the client sends the request again.
     if (!envelope.ok()) continue;
     (void)route.socket.Send({std::move(*envelope), carried.message.payload.Share()});
+    carried.resent = true;
   }
 }
 

@@ -62,7 +62,8 @@ class Relay {
   struct Carried {
     Message message;  // shares its bytes with the message that was sent
     Deadline deadline;
-    size_t bytes;  // of all copies of the request that were sent
+    size_t bytes;         // of all copies of the request that were sent
+    bool resent = false;  // by the relay itself, of which the client does not know
   };
   struct Route {
     RoutingId client;

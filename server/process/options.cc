@@ -33,6 +33,12 @@ struct Flags {
   std::string config_file;
 };
 
+uint32_t HalfOfTheMemoryMib() {
+  const uint64_t pages = static_cast<uint64_t>(std::max(sysconf(_SC_PHYS_PAGES), 2l));
+  const uint64_t bytes = pages * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+  return static_cast<uint32_t>(std::clamp<uint64_t>(bytes >> 21, 1, limits::kMaxMemoryMib));
+}
+
 uint32_t CoreCount() { return std::max(1u, std::thread::hardware_concurrency()); }
 
 Status Complain(std::string message) {
@@ -65,6 +71,7 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
   if (key == "threads") return count(&options->threads, limits::kMaxThreads);
   if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
+  if (key == "memory") return count(&options->memory_mib, limits::kMaxMemoryMib);
   if (key == "data") return text(&options->data_folder);
   if (key == "models") return text(&options->models_folder);
   if (key == "suites") return text(&options->suites_folder);
@@ -93,8 +100,8 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   }
   return UnknownName(
       "key", key,
-      std::vector<std::string>{"bind", "workers", "threads", "lease", "pin", "data", "models",
-                               "suites", "insecure", "single-port", "no-door", "spin"});
+      std::vector<std::string>{"bind", "workers", "threads", "lease", "memory", "pin", "data",
+                               "models", "suites", "insecure", "single-port", "no-door", "spin"});
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
@@ -122,6 +129,7 @@ Status Complete(Flags* flags) {
   if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
   if (!serve.spin_us) serve.spin_us = limits::kDefaultSpinUs;
   if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
+  if (serve.memory_mib == 0) serve.memory_mib = HalfOfTheMemoryMib();
   if (serve.data_folder.empty()) {
     serve.data_folder = DefaultDataFolder();
     B4MRL_RETURN_IF_ERROR(MakeFolder(serve.data_folder).WithContext("the default of --data"));
@@ -215,6 +223,10 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  "seconds after which a session without requests ends (default: 3600, or 300 where "
                  "other machines can connect)")
       ->transform(Count(limits::kMaxLeaseSeconds));
+  app.add_option("--memory", serve.memory_mib,
+                 "memory in MiB above which a process of the daemon is replaced (default: half of "
+                 "the machine's)")
+      ->transform(Count(limits::kMaxMemoryMib));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
@@ -232,11 +244,10 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                "clients behind a tunnel, a firewall or a container's one port");
   app.add_flag("--no-door", serve.no_door,
                "offer no shared memory to clients of this machine: they use sockets, too");
-  app.add_option(
-         "--spin", serve.spin_us,
-         fmt::format("longest busy wait of a worker's threads, and of clients with shared "
-                     "memory, before they sleep, in microseconds; 0: none (default {})",
-                     limits::kDefaultSpinUs))
+  app.add_option("--spin", serve.spin_us,
+                 fmt::format("longest busy wait of a worker's threads, and of clients with shared "
+                             "memory, before they sleep, in microseconds; 0: none (default {})",
+                             limits::kDefaultSpinUs))
       ->transform(CLI::Validator(CountText(0, limits::kMaxSpinUs),
                                  fmt::format("0..{}", limits::kMaxSpinUs)));
   ChildFlags child_flags;

@@ -17,6 +17,7 @@ struct ServeOptions {
   uint32_t threads = 0;        // of each worker
   bool pin = false;            // keep each thread on one core
   uint32_t lease_seconds = 0;  // a session without requests ends after this; 0: the default
+  uint32_t memory_mib = 0;     // a process of the daemon that takes more is replaced
   std::string data_folder;     // exists
   std::string models_folder;   // exists, or "" for the default
   std::string suites_folder;   // exists, or "": the project's suites alone

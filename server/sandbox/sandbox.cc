@@ -99,6 +99,11 @@ Status EnterSandbox(const SandboxOptions& options) {
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_CPU, options.cpu_seconds, "processor time", 1));
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_FSIZE, options.file_bytes, "file sizes"));
   B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_NOFILE, options.descriptors, "descriptors"));
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  // A process that outlived this one could change files after they were checked. Sanitizers start
+  // threads of their own.
+  if (options.alone) B4MRL_RETURN_IF_ERROR(SetLimit(RLIMIT_NPROC, 0, "processes"));
+#endif
   if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
     return Status(StatusCode::kInternal, "cannot give up new privileges");
   }

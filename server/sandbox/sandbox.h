@@ -17,6 +17,7 @@ struct SandboxOptions {
   uint64_t cpu_seconds = 0;
   uint64_t file_bytes = 0;  // of each file that it writes
   uint64_t descriptors = 0;
+  bool alone = false;  // starts no thread and no process; not enforced for root
 };
 
 // Sets resource limits, forbids core files and new privileges, and confines file access by

@@ -79,7 +79,7 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
   std::string text;
   const Status answered = ReadUntilEnd(wanted, child, deadline, cancelled, &text);
-  if (!answered.ok()) kill(child.process_id, SIGKILL);
+  if (!answered.ok()) kill(-child.process_id, SIGKILL);  // it leads a group of its own
   const int exit_status = WaitForExit(child.process_id, deadline);
   const auto result = [&](Result<std::string> json) {
     return ChildAnswer{child.process_id, exit_status == 0, std::move(json)};
@@ -88,8 +88,10 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   if (WIFSIGNALED(exit_status)) {
     const int signal = WTERMSIG(exit_status);
     const char* reason = signal == SIGXCPU ? "out of processor time" : strsignal(signal);
-    return result(Status(StatusCode::kDataLoss, fmt::format("it ended {} by signal {} ({})",
-                                                            wanted.name, signal, reason)));
+    // The kernel kills a process when memory is short, for which the file need not be to blame.
+    const StatusCode code = signal == SIGKILL ? StatusCode::kInternal : StatusCode::kDataLoss;
+    return result(
+        Status(code, fmt::format("it ended {} by signal {} ({})", wanted.name, signal, reason)));
   }
   return result(ParseAnswer(text, wanted.name));
 }

@@ -24,6 +24,7 @@ constexpr int64_t kFirstBackOffMs = 10;
 constexpr int64_t kLongestBackOffMs = 5'000;
 // Loading the libraries and adopting sessions may take this long.
 constexpr int64_t kStartingMs = 20'000;
+constexpr int64_t kMemoryLookMs = 200;
 
 // Runs in the forked child until exec: async-signal-safe calls only.
 [[noreturn]] void BecomeChild(pid_t supervisor, const std::vector<int>& kept_fds,
@@ -170,6 +171,16 @@ void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
   const int64_t limit_ms = ready() ? limits::kFrozenChildMs : kStartingMs;
   if (!WorkIsStuck(now_ms, limit_ms) && !MainLoopIsFrozen(now_ms, limit_ms)) return;
   killed_as_frozen_ = true;
+  Kill();
+}
+
+void ChildProcess::KillIfLarge(int64_t now_ms) {
+  if (!running() || now_ms < next_memory_look_ms_) return;
+  next_memory_look_ms_ = now_ms + kMemoryLookMs;
+  const uint64_t bytes = OwnMemoryBytes(process_id_);
+  if (bytes <= options_.memory_bytes) return;
+  spdlog::warn("{} takes {} MiB of memory, more than {}, and is replaced", ChildName(child_),
+               bytes >> 20, options_.memory_bytes >> 20);
   Kill();
 }
 

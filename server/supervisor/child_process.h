@@ -36,6 +36,10 @@ class ChildProcess {
   // processor is not counted. A thread that stands still by itself is marked as guilty. `paused`:
   // the supervisor itself did not run for a while, so silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);
+  // Kills the process if it takes more memory than its options allow, before the system's killer
+  // picks another one. ZeroMQ bounds the messages of a peer, but not the parts of one that never
+  // ends.
+  void KillIfLarge(int64_t now_ms);
   void Kill();
 
   uint32_t child() const { return child_; }
@@ -63,6 +67,7 @@ class ChildProcess {
   ThreadWatch main_loop_;
   std::vector<ThreadWatch> work_;   // one for each thread of an environment worker
   bool starvation_logged_ = false;  // since the last heartbeat
+  int64_t next_memory_look_ms_ = 0;
   int64_t started_ms_ = 0;
   int64_t restart_at_ms_ = 0;
   uint32_t young_deaths_ = 0;  // deaths in a row soon after a start

@@ -42,6 +42,14 @@ std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread) {
                         .stopped = state == 'T' || state == 't'};
 }
 
+uint64_t OwnMemoryBytes(pid_t process) {
+  std::ifstream file(fmt::format("/proc/{}/statm", process));
+  uint64_t size = 0, resident = 0, shared = 0;
+  file >> size >> resident >> shared;
+  static const auto page_bytes = static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+  return file && resident > shared ? (resident - shared) * page_bytes : 0;
+}
+
 bool WantsProcessor(pid_t process) {
   std::error_code error;
   std::filesystem::directory_iterator task(fmt::format("/proc/{}/task", process), error);

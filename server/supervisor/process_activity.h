@@ -23,6 +23,9 @@ std::optional<ThreadActivity> LookAtThread(pid_t process, pid_t thread);
 // Whether any thread of the process wants a processor. False when that cannot be found out.
 bool WantsProcessor(pid_t process);
 
+// Memory of the process's own, without files and what it shares; 0 if that cannot be found out.
+uint64_t OwnMemoryBytes(pid_t process);
+
 // A thread since its last sign of life.
 struct Silence {
   int64_t ms = 0;            // since the last sign of life

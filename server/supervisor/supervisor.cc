@@ -1,6 +1,6 @@
 #include "server/supervisor/supervisor.h"
-#include "proto/base/exit_codes.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
 #include <signal.h>
@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "proto/base/exit_codes.h"
 #include "server/supervisor/child_process.h"
 #include "server/supervisor/listeners.h"
 
@@ -59,6 +60,7 @@ void Supervisor::AddChildren(const ServeOptions& options) {
   common.threads = options.threads;
   common.pin = options.pin;
   common.spin_us = options.spin_us.value_or(0);
+  common.memory_bytes = uint64_t{options.memory_mib} << 20;
   common.data_folder = options.data_folder;
   common.models_folder = options.models_folder;
   common.suites_folder = options.suites_folder;
@@ -176,7 +178,10 @@ int Supervisor::Run(int signal_fd) {
       break;
     }
     if (draining_) continue;
-    for (ChildProcess& child : children_) child.KillIfFrozen(tick_ms, paused);
+    for (ChildProcess& child : children_) {
+      child.KillIfFrozen(tick_ms, paused);
+      child.KillIfLarge(tick_ms);
+    }
     if (!AnnounceWhenReady(tick_ms)) {
       exit_code = kExitBadInput;
       break;
@@ -187,13 +192,32 @@ int Supervisor::Run(int signal_fd) {
   return exit_code;
 }
 
-// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal was closed) begin the drain.
+bool IsIgnored(int number) {
+  struct sigaction action {};
+  return sigaction(number, nullptr, &action) == 0 && action.sa_handler == SIG_IGN;
+}
+
+// SIGCHLD wakes the loop; SIGTERM, SIGINT and SIGHUP (the terminal was closed) begin the drain, the
+// last two unless the parent ignored them, as nohup and a script's `&` do: signalfd would report
+// them all the same.
 int OpenSignals() {
+  signal(SIGCHLD, SIG_DFL);  // ignored by a parent, it would leave no child's end to wait for
   sigset_t signals;
   sigemptyset(&signals);
-  for (const int signal : {SIGCHLD, SIGTERM, SIGINT, SIGHUP}) sigaddset(&signals, signal);
+  for (const int number : {SIGCHLD, SIGTERM}) sigaddset(&signals, number);
+  for (const int number : {SIGINT, SIGHUP}) {
+    if (!IsIgnored(number)) sigaddset(&signals, number);
+  }
   sigprocmask(SIG_BLOCK, &signals, nullptr);
   return signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK);
+}
+
+// Fills the places of standard streams that are closed. What is opened later would take them, and
+// the children's own streams would overwrite it.
+void FillStandardStreams() {
+  int fd = open("/dev/null", O_RDWR);
+  while (fd >= 0 && fd <= STDERR_FILENO) fd = open("/dev/null", O_RDWR);
+  if (fd > STDERR_FILENO) close(fd);
 }
 
 // At the limit of descriptors ZeroMQ's thread spins, so take all that the system grants.
@@ -211,6 +235,7 @@ void RaiseDescriptorLimit() {
 }  // namespace
 
 int RunSupervisor(const ServeOptions& options) {
+  FillStandardStreams();
   RaiseDescriptorLimit();
   signal(SIGPIPE, SIG_IGN);
   const int signal_fd = OpenSignals();

@@ -248,6 +248,19 @@ Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                   fmt::format("the session has {} requests in flight, at most {}", in_flight,
                               limits::kMaxRequestsInFlight));
   }
+  size_t bytes = payload.size(), renders = 0;
+  for (const auto& [id, job] : session.in_flight()) {
+    bytes += job->payload().size();
+    if (job->waits_for_painter()) ++renders;
+  }
+  if (bytes > limits::kMaxSessionBytes ||
+      (request.has_render() && renders >= limits::kMaxSessionRenders)) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the session would have {} bytes and {} requests for pictures in "
+                              "flight, at most {} and {}",
+                              bytes, renders + (request.has_render() ? 1 : 0),
+                              limits::kMaxSessionBytes, limits::kMaxSessionRenders));
+  }
   if (jobs_.size() >= limits::kMaxQueuedRequests ||
       queued_bytes_ + payload.size() > limits::kMaxQueuedBytes) {
     return Status(

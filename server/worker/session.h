@@ -85,6 +85,7 @@ class Session {
 
   // The jobs under way, by request id.
   std::unordered_map<uint64_t, RequestJob*>& in_flight() { return in_flight_; }
+  const std::unordered_map<uint64_t, RequestJob*>& in_flight() const { return in_flight_; }
   size_t requests_in_flight() const { return in_flight_.size(); }
   // The cost of one item of this session's requests of that kind.
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }

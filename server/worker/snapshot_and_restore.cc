@@ -190,11 +190,18 @@ void RestoreJob::PlanReply() {
 }
 
 Status RestoreJob::ReadNamedParts(const pb::Request& request) {
+  // Arrays may share the payload's bytes, so its size alone does not bound a lane's numbers.
+  constexpr size_t kMaxNumbers = limits::kLaneBufferBytes / sizeof(double);
+  size_t numbers = 0;
   for (const pb::Array& array : request.arrays()) {
     if (IsNoPart(array.name())) continue;
     B4MRL_ASSIGN_OR_RETURN(parts_[array.name()],
                            arrays_->Require(array.name(), {DType::kFloat64},
                                             {selection_.lanes.size(), ArrayReader::kAny}));
+    numbers += std::min<size_t>(parts_[array.name()].shape[1], kMaxNumbers + 1);
+  }
+  if (numbers > kMaxNumbers) {
+    return InvalidNumber("numbers of one lane's state", numbers, fmt::format("0..{}", kMaxNumbers));
   }
   if (!parts_.empty()) return Status();
   return InvalidArgument("arrays", "neither a snapshot nor parts of a state",
@@ -210,6 +217,9 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
     return ReadSnapshot(owner().simulator().identity_hash(), layout, source, record);
   }
   const uint32_t lane = selection_.lanes[position];
+  const ScopedMark mark =
+      ScopedMark::OfLane(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
+                         AttemptKey(Operation::kRestore));
   NamedState state;
   for (const auto& [name, view] : parts_) {
     const size_t size = view.shape[1];
@@ -217,9 +227,6 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
     values.resize(size);
     CopyToDoubles(view, position * size, values);
   }
-  const ScopedMark mark =
-      ScopedMark::OfLane(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
-                         AttemptKey(Operation::kRestore));
   return owner().stepper().SetNamedState(environment, owner().committed_record(lane), state,
                                          LaneRecord(layout, record.data()));
 }

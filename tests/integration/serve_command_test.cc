@@ -78,6 +78,58 @@ TEST_CASE("SIGTERM, SIGINT and SIGHUP end the daemon with code 0") {
   REQUIRE(end.si_status == 0);
 }
 
+// Changes how this process, and what it starts meanwhile, answers a signal.
+class Disposition {
+ public:
+  Disposition(int number, sighandler_t wanted) : number_(number), before_(signal(number, wanted)) {}
+  ~Disposition() { signal(number_, before_); }
+
+ private:
+  int number_;
+  sighandler_t before_;
+};
+
+TEST_CASE("A daemon under nohup outlives its terminal, and a script's its Ctrl-C") {
+  const int ignored = GENERATE(SIGHUP, SIGINT);
+  CAPTURE(ignored);
+  std::optional<PrivateDaemon> daemon;
+  {
+    const Disposition ignore(ignored, SIG_IGN);
+    daemon = Start({"--workers", "1"});
+  }
+  // A signal that is blocked would be queued for the daemon to read, though it is ignored.
+  const std::string status = ReadBytes("/proc/" + std::to_string(daemon->process_id()) + "/status");
+  const auto mask = [&](const std::string& name) {
+    const size_t at = status.find(name + ":");
+    REQUIRE(at != status.npos);
+    return std::stoull(status.substr(at + name.size() + 1), nullptr, 16);
+  };
+  CHECK((mask("SigIgn") >> (ignored - 1) & 1) == 1);
+  CHECK((mask("SigBlk") >> (ignored - 1) & 1) == 0);
+  CHECK((mask("SigBlk") >> (SIGTERM - 1) & 1) == 1);
+  REQUIRE(kill(daemon->process_id(), ignored) == 0);
+  CHECK(Connect(daemon->endpoint()).Make("HalfCheetah").ok());
+}
+
+TEST_CASE("A daemon whose parent ignored SIGCHLD replaces its processes all the same") {
+  std::optional<PrivateDaemon> daemon;
+  {
+    const Disposition ignore(SIGCHLD, SIG_IGN);
+    daemon = Start({"--workers", "1"});
+  }
+  Client client = Connect(daemon->endpoint());
+  RemoteEnvironment environment = Take(client.Make("HalfCheetah"));
+  REQUIRE(environment.Reset().ok());
+  const pb::ServerStatusReply status = Take(client.ServerStatus());
+  for (const pb::WorkerStatus& child : status.workers()) {
+    if (child.role() == "worker-0") kill(static_cast<pid_t>(child.process_id()), SIGKILL);
+  }
+  CHECK(environment.Reset().ok());
+  const int wait_status = daemon->Stop();
+  CHECK(WIFEXITED(wait_status));
+  CHECK(WEXITSTATUS(wait_status) == 0);
+}
+
 TEST_CASE("Clients in any folder are told where a relative ipc path leads") {
   const TemporaryFolder folder;
   const std::string path = fs::relative(folder.File("socket"));

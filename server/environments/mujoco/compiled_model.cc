@@ -61,6 +61,19 @@ Status Refusal(std::string_view message) {
                                                         line, limits::kMaxModelCompilerBytes));
 }
 
+// mj_saveModel does not tell when it could not write everything, as on a full disk, so the file is
+// compared with the model as it is saved to memory, whose end is not used.
+Status CheckSaved(const mjModel& model, size_t size, const std::string& path) {
+  std::string saved(size, '\0');
+  mj_saveModel(&model, nullptr, saved.data(), static_cast<int>(size));
+  B4MRL_ASSIGN_OR_RETURN(const std::string written, ReadModelFile(path));
+  const bool is_whole = saved.starts_with(written) &&
+                        saved.find_first_not_of('\0', written.size()) == std::string::npos;
+  if (is_whole) return Status();
+  return Status(StatusCode::kIoError,
+                fmt::format("cannot write {}: {} bytes of it are there", path, written.size()));
+}
+
 }  // namespace
 
 Result<std::string> CompileModelFile(const std::string& path, const std::string& output) {
@@ -87,6 +100,7 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
         fmt::format("the compiled model has {} bytes, allowed: {}", size, limits::kMaxModelBytes));
   }
   mj_saveModel(model.get(), output.c_str(), nullptr, 0);
+  B4MRL_RETURN_IF_ERROR(CheckSaved(*model, size, output));
   return HashOfModelFile(output);
 }
 

@@ -26,7 +26,7 @@ std::vector<Frame> CountUntilRefused(UnreadBytes& unread, const std::string& rec
 
 TEST_CASE("a counted frame has the bytes of its payload until it is destroyed") {
   UnreadBytes unread;
-  for (const size_t size : {size_t{5}, limits::kCountedPayloadBytes}) {  // ZeroMQ stores both kinds
+  for (const size_t size : {size_t{5}, limits::kCountedFrameBytes}) {  // ZeroMQ stores both kinds
     const std::string text(size, 'x');
     {
       const Result<Frame> frame = unread.Count("peer", Frame::Copy(text));

@@ -186,6 +186,29 @@ TEST_CASE("What a replaced process held is sent again with the time that is left
   REQUIRE(fixture.relay->in_flight() == 0);
 }
 
+TEST_CASE("A refusal of what the relay has sent again does not pass for 'not executed'") {
+  Fixture fixture;
+  fixture.Open(Token('a'));
+  REQUIRE(fixture.Forward("client", Query(1, Token('a'))).ok());
+  fixture.Take(*fixture.workers[0]);  // and may have executed it
+  fixture.Restart(0);
+  fixture.workers[0]->ReplyError(fixture.Take(*fixture.workers[0]),
+                                 Status(StatusCode::kLimitExceeded, "no room"));
+  const Deadline deadline = Deadline::AfterMs(kPatienceMs);
+  while (fixture.relay->in_flight() > 0 && !deadline.expired()) fixture.PumpWhenReady();
+  REQUIRE(fixture.relay->in_flight() == 0);
+  REQUIRE(fixture.handed_back.empty());
+  // The client asks again, and learns what became of it.
+  REQUIRE(fixture.Forward("client", Query(1, Token('a'))).ok());
+  fixture.workers[0]->Reply(fixture.Take(*fixture.workers[0]));
+  fixture.AwaitReplies(1);
+  // What was sent once is refused as ever.
+  REQUIRE(fixture.Forward("client", Query(2, Token('a'))).ok());
+  fixture.workers[0]->ReplyError(fixture.Take(*fixture.workers[0]),
+                                 Status(StatusCode::kLimitExceeded, "no room"));
+  fixture.AwaitReplies(2);
+}
+
 TEST_CASE("A copy of a request is passed on, and counts as the same one") {
   Fixture fixture;
   fixture.Open(Token('a'));

@@ -11,6 +11,7 @@
 #include "proto/base/rng.h"
 #include "server/environments/mujoco/compiled_model.h"
 #include "server/perturbations/list.h"
+#include "tests/data/file_size_limit.h"
 #include "tests/server/environments/simulation.h"
 #include "tests/server/models/model_fixture.h"
 
@@ -243,6 +244,17 @@ TEST_CASE("A user's model with too many bodies is named, not the task's own") {
   INFO(status.ToString());
   CHECK(status.code() == StatusCode::kInvalidArgument);
   CHECK_THAT(status.message(), Catch::Contains("model.xml has") && Catch::Contains("bodies"));
+}
+
+TEST_CASE("A compiled model for which the disk has no room is an error of the disk") {
+  const Folders folders;
+  const std::string model = folders.models + "/model.xml", compiled = folders.cache + "/x.mjb";
+  WriteBytes(model, OwnModel("hopper.xml"));
+  {
+    const FileSizeLimit full(16 * 1024);
+    CHECK(CompileModelFile(model, compiled).status().code() == StatusCode::kIoError);
+  }
+  CHECK(CompileModelFile(model, compiled).ok());
 }
 
 TEST_CASE("A file that is not there, or no file, is refused") {

@@ -88,19 +88,19 @@ TEST_CASE("Render refuses what it cannot draw and names it") {
   CHECK(large.envelope.status().message().find("fewer lanes") != std::string::npos);
 }
 
-TEST_CASE("Requests for pictures wait in a queue of bounded length") {
+TEST_CASE("A session's requests for pictures wait in a queue of bounded length") {
   WorkerFixture worker;
   worker.Open(1);
   worker.Reset({1});
   worker.answers.clear();
-  for (uint32_t i = 0; i < limits::kMaxRenderRequests; ++i) worker.Send(RenderRequest(), {});
+  for (uint32_t i = 0; i < limits::kMaxSessionRenders; ++i) worker.Send(RenderRequest(), {});
   CHECK(worker.answers.empty());
   worker.Send(RenderRequest(), {});
   REQUIRE(worker.answers.size() == 1);
   CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
   CHECK(worker.answers[0].envelope.status().recoverable());
   worker.Work();
-  CHECK(worker.answers.size() == limits::kMaxRenderRequests + 1);
+  CHECK(worker.answers.size() == limits::kMaxSessionRenders + 1);
   CHECK(worker.Call(RenderRequest(), {}).code() == StatusCode::kOk);
 }
 

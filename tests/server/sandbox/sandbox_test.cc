@@ -20,8 +20,10 @@ namespace b4mrl {
 namespace {
 
 // Runs `check` inside the sandbox of a forked child; 0 is success, anything else says what failed.
-int InSandbox(const TemporaryFolder& folder, const std::function<int()>& check) {
+int InSandbox(const TemporaryFolder& folder, const std::function<int()>& check,
+              bool alone = false) {
   SandboxOptions options;
+  options.alone = alone;
   options.readable_paths = {folder.File("readable")};
   options.writable_folder = folder.File("folder");
   options.memory_bytes = 4ull << 30;
@@ -91,6 +93,23 @@ TEST_CASE("the sandbox bounds memory, processor time and descriptors") {
     while (opened < 100 && open(folder.File("readable").c_str(), O_RDONLY) >= 0) ++opened;
     return opened > 0 && opened < 32 && errno == EMFILE ? 0 : 4;
   });
+  CHECK(failed == 0);
+}
+
+TEST_CASE("a sandbox for one process starts no other, unless it is root's") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("readable"), "data");
+  REQUIRE(mkdir(folder.File("folder").c_str(), 0755) == 0);
+  const int failed = InSandbox(
+      folder,
+      [] {
+        if (setuid(65534) != 0 && geteuid() == 0) return 0;  // root's children are not counted
+        const pid_t other = fork();
+        if (other == 0) _exit(0);
+        if (other > 0) waitpid(other, nullptr, 0);
+        return other < 0 ? 0 : 1;
+      },
+      /*alone=*/true);
   CHECK(failed == 0);
 }
 

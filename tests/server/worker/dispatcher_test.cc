@@ -214,6 +214,35 @@ TEST_CASE("Payloads that wait in a worker are limited by their bytes") {
   REQUIRE(worker.answers.back().code() == StatusCode::kOk);
 }
 
+TEST_CASE("One session's payloads leave room for those of others") {
+  WorkerFixture worker;
+  const std::string greedy = OpenNumbered(worker, 0, 1), modest = OpenNumbered(worker, 1, 1);
+  worker.answers.clear();
+  Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);  // no page of it is touched
+  uint64_t id = 0;
+  const auto query = [&](const std::string& token) {
+    pb::Request request;
+    request.set_protocol_version(limits::kProtocolVersion);
+    request.set_request_id(++id);
+    request.set_session_token(token);
+    request.mutable_query();
+    ArrayLayout layout(request.mutable_arrays());
+    layout.Add("observations", DType::kFloat32, {1, 17});
+    layout.Add("actions", DType::kFloat32, {1, kActions});
+    Message message{Frame::Copy(request.SerializeAsString()), payload.Share()};
+    worker.dispatcher().Handle({"client", std::move(message)}, true);
+  };
+  for (size_t i = 0; i < limits::kMaxSessionBytes / limits::kMaxPayloadBytes; ++i) query(greedy);
+  REQUIRE(worker.answers.empty());
+  query(greedy);
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  query(modest);
+  CHECK(worker.answers.size() == 1);
+  worker.Work();
+  CHECK(worker.answers.size() == id);
+}
+
 TEST_CASE("Close waits for what is under way, and closing twice is closing once") {
   WorkerFixture worker;
   const uint32_t index = worker.Open(1);

@@ -126,6 +126,23 @@ TEST_CASE("Snapshots and restores of many lanes are executed in bites") {
   REQUIRE(worker.Step(AllAt(5), 0).code() == StatusCode::kOk);
 }
 
+TEST_CASE("Parts of a state that share bytes are refused before they are copied") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  constexpr size_t kNumbers = limits::kLaneBufferBytes / sizeof(double);
+  const std::vector<double> zeros(kNumbers, 0.0);
+  const auto refusal = [&](const std::vector<Input>& parts) {
+    const Answer answer = worker.Call(RestoreRequest(), parts);
+    CHECK(answer.code() == StatusCode::kInvalidArgument);
+    return answer.envelope.status().message();
+  };
+  const Input wide = Array<double>("qpos", {1, kNumbers}, zeros);
+  CHECK(refusal({Numbers({2}), wide}).find("one lane's state") == std::string::npos);
+  const Input one_more = Array<double>("qvel", {1, 1}, {0.0});
+  CHECK(refusal({Numbers({2}), wide, one_more}).find("one lane's state") != std::string::npos);
+}
+
 TEST_CASE("A session's first item leaves the socket's thread free, later short ones run at once") {
   WorkerFixture worker;
   worker.Open(1);
