@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from b4mrl import catalogue, descriptions, errors
@@ -18,7 +17,8 @@ from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
-from b4mrl.opening import Opening, dataset_request, open_session
+from b4mrl.hosted import check_render_mode
+from b4mrl.opening import Opening, dataset_request, dtype_name, mode_name, open_session
 from b4mrl.origin import Origin
 from b4mrl.query import PendingQuery, QuerySessions, Rows
 from b4mrl.simulators import Simulator
@@ -26,7 +26,7 @@ from b4mrl.spec import EnvironmentSpec, spec_of
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.version import __version__
 from b4mrl.wire import checks
-from b4mrl.wire.connection import DEADLINE_MS, Connection
+from b4mrl.wire.connection import DEADLINE_MS, REACH_MS, Connection
 from b4mrl.wire.greeting import greet
 from b4mrl.wire.messages import Request
 from b4mrl.wire.routes import Routes
@@ -35,7 +35,6 @@ from b4mrl.wire.session import QueryAnswer, Session
 T = TypeVar("T")
 
 _CLIENT_NAME = f"b4mrl-python {__version__}"
-_REACH_MS = 10_000  # wait for the first connection if the caller gives no deadline
 _OPEN_DATASET_DEADLINE_MS = 300_000  # the first opening of a dataset imports its file
 
 
@@ -75,7 +74,7 @@ class Client(Shown):
         }
 
     def _connect(self) -> None:
-        reach_ms = checks.deadline_ms(self._asked_deadline_ms, _REACH_MS)
+        reach_ms = checks.deadline_ms(self._asked_deadline_ms, REACH_MS)
         self._gateway, self.hello = greet(self.endpoint, _CLIENT_NAME, reach_ms, self.deadline_ms)
         self._routes = Routes(self.endpoint, self.hello.capabilities)
         self._query_sessions = QuerySessions(self.endpoint, self._routes, self.deadline_ms)
@@ -158,11 +157,12 @@ class Client(Shown):
             UnknownNameError, InvalidArgumentError, UnsupportedError: the daemon refused an
                 argument; the message has its reason.
         """
+        check_render_mode(render_mode)
         asked: dict[str, Any] = {
             "environment": environment,
             "simulator": simulator,
             "seed": seed,
-            "dtype": dtype,
+            "dtype": dtype_name(dtype),
             "config": config,
             "max_episode_steps": max_episode_steps,
             "deadline_ms": deadline_ms,
@@ -199,6 +199,7 @@ class Client(Shown):
 
         All other arguments, and the exceptions, are those of `make`.
         """
+        check_render_mode(render_mode)
         if num_envs == 0:
             raise errors.InvalidArgumentError("num_envs is 0, allowed: at least 1")
         asked: dict[str, Any] = {
@@ -206,8 +207,8 @@ class Client(Shown):
             "num_envs": num_envs,
             "simulator": simulator,
             "seed": seed,
-            "dtype": dtype,
-            "autoreset_mode": autoreset_mode,
+            "dtype": dtype_name(dtype),
+            "autoreset_mode": mode_name(autoreset_mode),
             "config": config,
             "max_episode_steps": max_episode_steps,
             "deadline_ms": deadline_ms,
@@ -284,7 +285,7 @@ class Client(Shown):
         6,144 rows, the first 6,144 of a longer one. At most ten queries of one simulator may be
         under way. The observations and actions are copied, so the caller may change them.
         """
-        rows = Rows.of(np.array(observations), np.array(actions))
+        rows = Rows.of(observations, actions, copy=True)
         self._leave_parent()
         opening = Opening(
             environment, simulator, 0, 0, rows.dtype, config=config, ledger=number_of(ledger)

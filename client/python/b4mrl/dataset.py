@@ -23,6 +23,7 @@ from b4mrl.wire.arrays import Array, require
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.messages import Request
+from b4mrl.wire.pipeline import replies_to
 from b4mrl.wire.session import Session
 
 Batch = dict[str, Array]
@@ -156,7 +157,10 @@ class Dataset(Shown):
         number = self._next_batch if batch is None else checks.unsigned("batch", batch)
         connection = self._connection
         request_id = self._send_sample(connection, rows, seed, number, with_indices)
-        result = self._columns(connection.reply_to(request_id), rows)
+        try:
+            result = self._columns(connection.reply_to(request_id), rows)
+        finally:
+            connection.abandon(request_id)  # after Ctrl-C, no other call would receive the reply
         self._next_batch = number + 1
         return result
 
@@ -237,7 +241,7 @@ class Dataset(Shown):
             for number in itertools.count(checks.unsigned("first_batch", first_batch))
         )
         window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
-        for delivery in connection.replies_to(sent, window):
+        for delivery in replies_to(connection, sent, window):
             batch = self._columns(delivery, rows)
             if paired is not None:
                 indices = batch.pop("indices")
@@ -317,7 +321,7 @@ class Dataset(Shown):
         end, step = first_row + rows, self._rows_per_read
         parts = [range(first, min(first + step, end)) for first in range(first_row, end, step)]
         sent = (self._send_read(connection, part) for part in parts)
-        for part, delivery in zip(parts, connection.replies_to(sent, _READS_IN_FLIGHT)):
+        for part, delivery in zip(parts, replies_to(connection, sent, _READS_IN_FLIGHT)):
             yield part.start, self._columns(delivery, len(part))
 
     def _send_read(self, connection: Connection, rows: range) -> int:

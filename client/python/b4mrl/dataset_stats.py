@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from b4mrl.display import Record
+from b4mrl.values import Value
 
 
-@dataclass(frozen=True, repr=False)
-class DatasetStats(Record):
+@dataclass(frozen=True, repr=False, eq=False)
+class DatasetStats(Value, Record):
     """Statistics of a dataset.
 
     Attributes:

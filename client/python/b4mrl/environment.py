@@ -57,6 +57,11 @@ class Environment(Hosted, gym.Env[Array, Array]):
         self.observation_space: spaces.Box = session.spec.observation.box(session.dtype)
         self.action_space: spaces.Box = session.spec.action.box(np.float32)
 
+    @property
+    def unwrapped(self) -> Environment:
+        """This object, under all wrappers of gym.make and of the caller."""
+        return self
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:

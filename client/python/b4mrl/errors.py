@@ -135,6 +135,14 @@ def unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> Unkno
     return UnknownNameError(f"unknown {kind} {name!r}{meant} ({hint})")
 
 
+def another_thread() -> FailedPreconditionError:
+    """The error of a second thread."""
+    return FailedPreconditionError(
+        "another thread is in a call of this environment, client or dataset; "
+        "allowed: one thread at a time"
+    )
+
+
 _BY_CODE: dict[int, type[B4mrlError]] = {kind.code: kind for kind in B4mrlError.__subclasses__()}
 
 

@@ -16,6 +16,14 @@ from b4mrl.wire.session import Session
 RENDER_MODES = ("rgb_array",)
 
 
+def check_render_mode(render_mode: str | None) -> None:
+    """InvalidArgumentError: there is no such render mode."""
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise errors.InvalidArgumentError(
+            f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
+        )
+
+
 class Hosted(Shown):
     """A session of the daemon that appears as a Gymnasium environment.
 
@@ -25,19 +33,12 @@ class Hosted(Shown):
     Args:
         session: owned by this object.
         origin: the arguments with which the session was opened.
-        render_mode, width, height: as in Client.make.
-
-    Raises:
-        InvalidArgumentError: there is no such render mode.
+        render_mode, width, height: as in Client.make, which has checked render_mode.
     """
 
     def __init__(
         self, session: Session, origin: Origin, render_mode: str | None, width: int, height: int
     ) -> None:
-        if render_mode is not None and render_mode not in RENDER_MODES:
-            raise errors.InvalidArgumentError(
-                f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
-            )
         spec = session.spec
         self.session = session
         self._origin = origin

@@ -42,14 +42,16 @@ class Opening:
     def request(self) -> Any:
         """The Open request. InvalidArgumentError: an argument is malformed or out of range."""
         request = Request()
-        request.open.environment = self.environment
+        request.open.environment = checks.text("environment", self.environment)
         for item in simulators.parse(self.simulator):
             request.open.perturbations.add(name=item.name, argument=item.argument)
         request.open.num_envs = checks.unsigned("num_envs", self.num_envs, bits=32)
         if self.seed is not None:
             request.open.seed = checks.unsigned("seed", self.seed)
-        request.open.autoreset_mode = _mode_number(self.autoreset_mode)
-        request.open.observation_dtype = _float_dtype(self.dtype)
+        request.open.autoreset_mode = int(
+            AUTORESET_MODES.values_by_name[mode_name(self.autoreset_mode).upper()].number
+        )
+        request.open.observation_dtype = arrays.dtype_number(np.dtype(dtype_name(self.dtype)))
         request.open.config = config.to_json(self.config)
         request.open.with_infos = True
         request.open.ledger = self.ledger or 0
@@ -74,14 +76,14 @@ def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: f
 def dataset_request(
     name: str, corruption: simulators.Simulator, seed: int, transition_rule: str, environment: str
 ) -> Any:
-    """The OpenDataset request. InvalidArgumentError: corruption or seed is malformed."""
+    """The OpenDataset request. InvalidArgumentError: an argument is malformed."""
     request = Request()
-    request.open_dataset.dataset = name
+    request.open_dataset.dataset = checks.text("name", name)
     for item in simulators.parse(corruption):
         request.open_dataset.corruptions.add(name=item.name, argument=item.argument)
     request.open_dataset.seed = checks.unsigned("seed", seed)
-    request.open_dataset.transition_rule = transition_rule
-    request.open_dataset.environment = environment
+    request.open_dataset.transition_rule = checks.text("transition_rule", transition_rule)
+    request.open_dataset.environment = checks.text("environment", environment)
     return request
 
 
@@ -104,20 +106,21 @@ def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Se
     return Session(worker, in_force, spec, dtype, deadline_ms)
 
 
-def _mode_number(mode: Any) -> int:
+def mode_name(mode: Any) -> str:
+    """The name of an auto-reset mode, "same_step". InvalidArgumentError: there is no such mode."""
     name = str(getattr(mode, "name", mode)).lower()
-    value = AUTORESET_MODES.values_by_name.get(name.upper())
-    if value is None:
+    if name.upper() not in AUTORESET_MODES.values_by_name:
         known = ", ".join(name.lower() for name in AUTORESET_MODES.values_by_name)
         raise errors.InvalidArgumentError(f"autoreset_mode is {name!r}, allowed: {known}")
-    return int(value.number)
+    return name
 
 
-def _float_dtype(dtype: DTypeLike) -> int:
+def dtype_name(dtype: DTypeLike) -> str:
+    """The name of `dtype`. InvalidArgumentError: it is neither float32 nor float64."""
     try:
         kind = np.dtype(dtype)
     except TypeError:
         kind = np.dtype(np.void)
     if kind not in (np.float32, np.float64):
         raise errors.InvalidArgumentError(f"dtype is {dtype!r}, allowed: float32, float64")
-    return arrays.dtype_number(kind)
+    return kind.name

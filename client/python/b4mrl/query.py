@@ -38,11 +38,20 @@ class Rows:
         return self.observations.dtype
 
     @classmethod
-    def of(cls, observations: ArrayLike, actions: ArrayLike) -> Rows:
-        """Reads a caller's arrays. InvalidArgumentError: their numbers of rows differ."""
-        given = np.asarray(observations)
-        dtype = np.float64 if given.dtype == np.float64 else np.float32
-        states, controls = given.astype(dtype, copy=False), np.asarray(actions, dtype)
+    def of(cls, observations: ArrayLike, actions: ArrayLike, *, copy: bool = False) -> Rows:
+        """Reads a caller's arrays; with `copy`, the caller may change them afterwards.
+
+        InvalidArgumentError: they are no arrays of numbers, or their numbers of rows differ.
+        """
+        read = np.array if copy else np.asarray
+        try:
+            given = read(observations)
+            dtype = np.float64 if given.dtype == np.float64 else np.float32
+            states, controls = given.astype(dtype, copy=False), read(actions, dtype)
+        except (TypeError, ValueError) as error:  # rows of unequal lengths; texts
+            raise InvalidArgumentError(
+                f"observations or actions are no arrays of numbers ({error}), allowed: (rows, ...)"
+            ) from None
         if states.ndim < 2 or controls.ndim < 2 or len(states) != len(controls):
             raise InvalidArgumentError(
                 f"observations have shape {states.shape} and actions {controls.shape}, "

@@ -14,6 +14,7 @@ import gymnasium as gym
 
 from b4mrl.client import Client, call_once
 from b4mrl.environment import Environment
+from b4mrl.hosted import RENDER_MODES
 from b4mrl.serve import default_endpoint
 from b4mrl.vector_environment import VectorEnvironment
 
@@ -44,6 +45,11 @@ def make(environment: str, endpoint: str | None = None, **options: Any) -> Envir
     if limit is not None:
         options["max_episode_steps"] = limit
     return call_once(Client.make, _endpoint(endpoint), None, environment, **options)
+
+
+# gym.make adds "human" and "rgb_array_list" by wrappers, if the entry point, usually a class, says
+# that there is "rgb_array". The wrappers take the frames per second from the environment.
+setattr(make, "metadata", {"render_modes": list(RENDER_MODES)})
 
 
 def make_vec(

@@ -41,6 +41,7 @@ class StableBaselinesVecEnv(VecEnv):
                 "allowed: same_step"
             )
         self.batch = batch
+        self._actions: Any = None  # of the last step_async
         super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
 
     def reset(self) -> Array:
@@ -52,12 +53,14 @@ class StableBaselinesVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: Array) -> None:
-        self.batch.send(actions)
+        # step_wait, which Stable-Baselines3 calls at once, sends them: after Ctrl-C in between, a
+        # step that was sent and never received would keep the environments from anything else.
+        self._actions = actions
 
     def step_wait(
         self,
     ) -> tuple[Array, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        observations, rewards, terminated, truncated, info = self.batch.recv()
+        observations, rewards, terminated, truncated, info = self.batch.step(self._actions)
         dones = terminated | truncated
         final_observations = info.pop("final_obs", None)
         rows = [infos.row_of(info, i) for i in range(self.num_envs)]

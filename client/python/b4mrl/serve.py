@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import queue
 import select
@@ -18,8 +19,12 @@ from typing import Any
 
 from b4mrl.display import Shown
 from b4mrl.errors import UnavailableError
+from b4mrl.wire import farewells
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
+
+_MOST_PATH_BYTES = 107  # of an ipc socket
+_NAME_BYTES = len("/serve.worker-99")  # the longest name in the daemon's folder
 
 # A fresh interpreter runs this text and then becomes the daemon. It asks the kernel to end the
 # daemon when this process dies (PR_SET_PDEATHSIG, option 1 of prctl). This process cannot do that
@@ -161,7 +166,8 @@ def serve(
     else `build/release/b4mrl-serve` in the checkout that holds this package or the working folder.
 
     Args:
-        tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder.
+        tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder, which
+            is made in /tmp where TMPDIR is too long for the paths of sockets.
         data, models, workers, threads: the options of `b4mrl serve` with these names. None: its
             defaults.
         arguments: further options of `b4mrl serve`.
@@ -183,7 +189,11 @@ def serve(
 
 def _make_folder() -> str:
     try:
-        return tempfile.mkdtemp(prefix="b4mrl-")
+        folder = tempfile.mkdtemp(prefix="b4mrl-")
+        if len(os.fsencode(folder)) + _NAME_BYTES > _MOST_PATH_BYTES:
+            os.rmdir(folder)
+            folder = tempfile.mkdtemp(prefix="b4mrl-", dir="/tmp")
+        return folder
     except OSError as error:
         raise UnavailableError(
             f"no folder for the server's ipc sockets can be made: {error}; let TMPDIR name a folder "
@@ -220,11 +230,19 @@ _shared_daemon: PrivateDaemon | None = None
 
 
 def default_endpoint() -> str:
-    """$B4MRL_ENDPOINT, else the address of this process's one private daemon, started if needed."""
+    """$B4MRL_ENDPOINT, else the address of this process's one private daemon, started if needed.
+
+    A child of multiprocessing that was not forked from a process with such a daemon starts a small
+    one, with one worker of one thread.
+    """
     if named := os.environ.get("B4MRL_ENDPOINT"):
         return named
     global _shared_daemon
     with _default_lock:
         if _shared_daemon is None or not _shared_daemon.is_running:
-            _shared_daemon = serve()
+            if multiprocessing.parent_process() is None:
+                _shared_daemon = serve()
+            else:  # one of several workers, such as AsyncVectorEnv's, which together fill the cores
+                _shared_daemon = serve(workers=1, threads=1)
+                farewells.call_at_the_end(_shared_daemon.stop)
         return _shared_daemon.endpoint

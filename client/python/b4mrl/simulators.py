@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -93,8 +94,13 @@ def _named(name: Any, value: Any) -> NamedArgument:
         return NamedArgument(name, value)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return NamedArgument(name, repr(value))
-    if isinstance(value, list | tuple) and value and all(type(item) is int for item in value):
-        return NamedArgument(name, "+".join(map(str, value)))
+    if isinstance(value, list | tuple) and value and all(map(_is_index, value)):
+        return NamedArgument(name, "+".join(str(operator.index(item)) for item in value))
     raise InvalidArgumentError(
         f"{name} is {value!r}, allowed: a number, text, list of dimensions, or None for a preset"
     )
+
+
+def _is_index(value: Any) -> bool:
+    """Whether `value` is an int or one of numpy's, such as those in list(np.flatnonzero(mask))."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -13,11 +13,12 @@ from numpy.typing import DTypeLike, NDArray
 
 from b4mrl.display import Shown, table
 from b4mrl.errors import InternalError
+from b4mrl.values import Value
 from b4mrl.wire import limits
 
 
-@dataclass(frozen=True, repr=False)
-class SpaceSpec(Shown):
+@dataclass(frozen=True, repr=False, eq=False)
+class SpaceSpec(Value, Shown):
     """A box of observations or actions.
 
     Attributes:

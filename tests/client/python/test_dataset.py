@@ -105,6 +105,23 @@ def test_a_batch_is_a_function_of_its_seed_and_number(example) -> None:
         assert two._connection._pending == {}
 
 
+def test_interrupted_samples_leave_room_for_others(
+    example, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        wanted = dataset.sample(32, batch=0)
+        with monkeypatch.context() as patch:
+            patch.setattr("b4mrl.wire.connection.Connection.await_any", interrupted)
+            for _ in range(limits.MAX_REQUESTS_IN_FLIGHT + 1):
+                with pytest.raises(KeyboardInterrupt):
+                    dataset.sample(32, batch=0)
+        assert_same(dataset.sample(32, batch=0), wanted)
+
+
 def test_statistics_are_those_of_the_served_data(example) -> None:
     client, columns = example
     with client.dataset("HalfCheetah/medium", corruption="hidden=9+10") as dataset:
@@ -147,6 +164,9 @@ def test_a_paired_stream_has_what_the_simulator_makes_of_each_row(example) -> No
     ("arguments", "kind"),
     [
         ({"name": "HalfCheetah/mediun"}, errors.UnknownNameError),
+        ({"name": None}, errors.InvalidArgumentError),
+        ({"transition_rule": None}, errors.InvalidArgumentError),
+        ({"environment": 3}, errors.InvalidArgumentError),
         ({"corruption": "gravity"}, errors.B4mrlError),
         ({"transition_rule": "neither"}, errors.B4mrlError),
         ({"seed": -1}, errors.InvalidArgumentError),

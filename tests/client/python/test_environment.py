@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import typing
 import warnings
+from dataclasses import replace
 
 import b4mrl
 import gymnasium as gym
@@ -173,6 +175,8 @@ def test_a_deadline_that_cannot_be_is_refused(client: b4mrl.Client, deadline: ob
     ("arguments", "kind"),
     [
         ({"environment": "HalfCheeta"}, errors.UnknownNameError),
+        ({"environment": None}, errors.InvalidArgumentError),
+        ({"environment": "Half\ud800"}, errors.InvalidArgumentError),  # half a character
         ({"simulator": "gravty"}, errors.UnknownNameError),
         ({"simulator": "gravity=heavy"}, errors.InvalidArgumentError),
         ({"simulator": "gravity,,friction"}, errors.InvalidArgumentError),
@@ -223,3 +227,26 @@ def test_the_normalised_score_maps_its_references_to_0_and_100(client: b4mrl.Cli
     spec = client.environments()["HalfCheetah"]
     assert spec.normalised_score(spec.reference_min) == 0
     assert spec.normalised_score(spec.reference_max) == 100
+
+
+def test_specs_are_equal_if_all_their_numbers_are(client: b4mrl.Client, environment: str) -> None:
+    one, two = (client.environments()[environment] for _ in range(2))
+    assert one is not two and one == two and len({one, two}) == 1
+    other = replace(one.observation, low=np.full_like(one.observation.low, -7.0))
+    assert one.observation == two.observation != other
+    assert replace(one, observation=other) != two
+    assert one != environment
+
+
+def test_every_spec_for_gymnasium_becomes_json(client: b4mrl.Client) -> None:
+    modes = {"dtype": np.float64, "autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    with client.make("HalfCheetah", dtype=np.float64) as env:
+        assert gym.envs.registration.EnvSpec.from_json(env.spec.to_json()) == env.spec
+    with client.make_vec("HalfCheetah", 2, **modes) as vec:
+        assert gym.envs.registration.EnvSpec.from_json(vec.spec.to_json()) == vec.spec
+
+
+def test_type_checkers_know_what_is_under_the_wrappers() -> None:
+    """So that `env.unwrapped.normalised_score(total)` passes them."""
+    hints = typing.get_type_hints(b4mrl.Environment.unwrapped.fget)
+    assert hints["return"] is b4mrl.Environment

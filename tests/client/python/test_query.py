@@ -8,6 +8,8 @@ import pytest
 from b4mrl import errors, query
 from b4mrl.wire import limits
 
+from equality import assert_same
+
 
 def rows(client: b4mrl.Client, environment: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Observations that occur, and random actions."""
@@ -75,6 +77,21 @@ def test_no_rows_give_no_rows(client: b4mrl.Client) -> None:
 def test_rows_that_do_not_fit_are_refused(client: b4mrl.Client, observations, actions) -> None:
     with pytest.raises(errors.InvalidArgumentError):
         client.query("HalfCheetah", np.zeros(observations), np.zeros(actions))
+
+
+@pytest.mark.parametrize("rows", [[[1.0, 2.0], [3.0]], [["far"] * 17], None])
+def test_what_is_no_array_of_numbers_is_refused(client: b4mrl.Client, rows: object) -> None:
+    for observations, actions in ((rows, np.zeros((2, 6))), (np.zeros((2, 17)), rows)):
+        with pytest.raises(errors.InvalidArgumentError):
+            client.query("HalfCheetah", observations, actions)
+
+
+def test_the_caller_may_change_the_rows_of_a_query_under_way(client: b4mrl.Client) -> None:
+    observations, actions = np.full((4, 17), 0.1), np.full((4, 6), 0.5)
+    wanted = client.query("HalfCheetah", observations, actions)
+    pending = client.query_async("HalfCheetah", observations, actions)
+    observations[:], actions[:] = 0, 0
+    assert_same(pending.result(), wanted)
 
 
 def test_a_query_session_that_was_lost_is_opened_again(client: b4mrl.Client) -> None:

@@ -120,10 +120,54 @@ def close_request():
 def test_a_daemon_that_is_gone_is_unavailable() -> None:
     with b4mrl.serve(tcp=True) as endpoint:
         client = b4mrl.connect(endpoint, deadline_ms=2_000)
-    with pytest.raises((ConnectionError, TimeoutError)):
+    with pytest.raises(ConnectionError, match=f"nobody listens at {endpoint}; has the"):
         client.make("HalfCheetah")
     with pytest.raises(ConnectionError, match=f"nobody answers at {endpoint}.*b4mrl serve"):
         b4mrl.connect(endpoint, deadline_ms=200)
+
+
+@pytest.mark.parametrize("transport", ["door", "ipc", "tcp"])
+def test_after_a_daemons_end_its_environments_say_so_soon(
+    monkeypatch: pytest.MonkeyPatch, transport: str
+) -> None:
+    """A notebook's cell has left the block of `serve`, and the next one goes on."""
+    monkeypatch.setattr("b4mrl.wire.connection.REACH_MS", 100)
+    if transport == "ipc":
+        monkeypatch.setattr("b4mrl.wire.routes.open_door", lambda name, wait_ms: None)
+    with b4mrl.serve(tcp=transport == "tcp", workers=1) as endpoint:
+        client = b4mrl.connect(endpoint)
+        env = client.make("HalfCheetah")
+        assert env.transport == ("ipc" if transport == "ipc" else "door")
+        env.reset(seed=1)
+    calls = [lambda: env.step(np.zeros(6)), env.reset, env.get_state]
+    if transport != "tcp":  # there, the gateway may be at the other end of a tunnel
+        calls.append(lambda: client.make("Hopper"))
+    for call in calls:
+        started = time.monotonic()
+        with pytest.raises(errors.UnavailableError, match="nobody listens at .* has the daemon en"):
+            call()
+        assert time.monotonic() - started < 60  # half of its deadline
+
+
+def test_a_worker_that_is_replaced_is_not_taken_for_a_daemons_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("b4mrl.wire.connection.REACH_MS", 1)
+    monkeypatch.setattr("b4mrl.wire.connection._QUIET_SECONDS", 0)
+    monkeypatch.setattr("b4mrl.wire.listening._LOOK_SECONDS", 0)
+    with b4mrl.serve(workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        with client.make("HalfCheetah") as through_door, monkeypatch.context() as patch:
+            patch.setattr("b4mrl.wire.routes.open_door", lambda name, wait_ms: None)
+            with client.make("HalfCheetah") as through_ipc:
+                through_door.reset(seed=1)
+                through_ipc.reset(seed=1)
+                for how in (signal.SIGKILL, signal.SIGSTOP):
+                    for env in (through_door, through_ipc):
+                        (worker,) = environment_workers(client)
+                        os.kill(worker, how)
+                        env.step(np.ones(6))
+                assert through_door.transport == "door"
+                assert_same(through_door.step(np.ones(6)), through_ipc.step(np.ones(6)))
 
 
 @pytest.mark.parametrize("context", ["fork", "spawn"])

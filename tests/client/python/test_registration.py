@@ -63,6 +63,16 @@ def test_the_two_must_not_differ(client: b4mrl.Client) -> None:
         client.make("HalfCheetah", max_episode_steps=-3)
 
 
+def test_gymnasiums_own_render_modes_come_with_rgb_array(endpoint: str) -> None:
+    sizes = {"width": 32, "height": 16, "endpoint": endpoint}
+    with gym.make(NAME.format("HalfCheetah"), render_mode="rgb_array_list", **sizes) as env:
+        env.reset(seed=1)
+        env.step(env.action_space.sample())
+        assert [frame.shape for frame in env.render()] == [(16, 32, 3)] * 2
+        assert env.unwrapped.render_mode == "rgb_array"
+        assert env.unwrapped.metadata["render_fps"] == 20
+
+
 @pytest.mark.parametrize("how", ["vector_entry_point", "sync"])
 def test_make_vec_has_it_as_well(endpoint: str, how: str) -> None:
     options = {"endpoint": endpoint, "vectorization_mode": how, "max_episode_steps": 1001}

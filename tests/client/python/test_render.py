@@ -56,6 +56,15 @@ def test_pictures_have_the_size_that_was_asked_for(client: b4mrl.Client, environ
         np.testing.assert_array_equal(pictures[1], env.render())
 
 
+def test_another_mode_is_refused_before_anything_is_opened(
+    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("b4mrl.client.open_session", None)
+    for make in (client.make, client.make_vec):
+        with pytest.raises(errors.InvalidArgumentError, match="'human', allowed: None, rgb_array"):
+            make("HalfCheetah", render_mode="human")
+
+
 def test_gymnasiums_checker_renders_as_well(endpoint: str, environment: str) -> None:
     name = f"b4mrl:b4mrl/{environment}-v0"
     with gym.make(name, endpoint=endpoint, render_mode="rgb_array") as env:

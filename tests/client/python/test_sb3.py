@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 
 import b4mrl
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from b4mrl import errors
 
 from equality import assert_same
+from test_documents import program_with
 
 pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
 
@@ -59,12 +61,70 @@ def test_it_trains(client: b4mrl.Client, environment: str) -> None:
     vec.close()
 
 
+def test_the_learner_of_the_readme_logs_the_returns_of_its_episodes(client: b4mrl.Client) -> None:
+    program = program_with("StableBaselinesVecEnv").replace("100_000", "80")
+    program = program.replace("autoreset_mode=", "max_episode_steps=5, autoreset_mode=")
+    names: dict[str, object] = {"client": client}
+    exec(program, names)
+    assert len(names["model"].ep_info_buffer) == 16  # ep_rew_mean is their mean
+    names["vec"].close()
+
+
 def test_it_evaluates(client: b4mrl.Client) -> None:
     vec = VecMonitor(batch(client, "HalfCheetah", 2))
     model = SAC("MlpPolicy", vec, policy_kwargs={"net_arch": [8]})
     returns, lengths = evaluate_policy(model, vec, 4, return_episode_rewards=True)
     assert lengths == [1000] * 4
     assert np.isfinite(returns).all()
+    vec.close()
+
+
+def interrupt(call: Callable[[], object], place: str) -> None:
+    """Makes `call`, into which Ctrl-C comes where it enters `place`."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(place, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            call()
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "b4mrl.sb3.StableBaselinesVecEnv.step_wait",  # between the halves of a step
+        "b4mrl.wire.connection.Connection.await_any",  # the reply is waited for
+        "b4mrl.infos.row_of",  # the outcome is read
+    ],
+)
+def test_it_can_be_used_after_ctrl_c(client: b4mrl.Client, place: str) -> None:
+    ours, twin = batch(client, "HalfCheetah", 2), batch(client, "HalfCheetah", 2)
+    actions = np.full((2, 6), 0.5, np.float32)
+    for vec in (ours, twin):
+        vec.seed(3)
+        vec.reset()
+    interrupt(lambda: ours.step(actions), place)
+    if not place.endswith("row_of"):  # behind it, the batch has returned the step's outcome
+        assert_same(ours.step(actions)[0], twin.step(actions)[0])
+    states = ours.env_method("get_state")
+    interrupt(lambda: ours.step(actions), place)
+    ours.env_method("set_state", states[0])
+    interrupt(lambda: ours.step(actions), place)
+    for vec in (ours, twin):
+        vec.seed(4)
+    assert_same(ours.reset(), twin.reset())
+    assert_same(ours.step(actions)[:2], twin.step(actions)[:2])
+    ours.close()
+    twin.close()
+
+
+def test_learning_goes_on_after_ctrl_c(client: b4mrl.Client) -> None:
+    vec = VecMonitor(batch(client, "HalfCheetah", 2))
+    model = SAC("MlpPolicy", vec, learning_starts=100, policy_kwargs={"net_arch": [8]})
+    interrupt(lambda: model.learn(40), "stable_baselines3.common.vec_env.VecMonitor.step_wait")
+    assert model.learn(40).num_timesteps == 40
     vec.close()
 
 

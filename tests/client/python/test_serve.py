@@ -8,6 +8,7 @@ import select
 import signal
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -90,6 +91,68 @@ def test_a_machine_without_a_folder_for_sockets_is_told_what_to_do(
         b4mrl.serve()
     with b4mrl.serve(tcp=True) as endpoint:
         assert endpoint.startswith("tcp://")
+
+
+@pytest.mark.parametrize("length", [70, 99, 150])
+def test_a_folder_whose_path_is_too_long_for_sockets_is_not_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, length: int
+) -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp") as short:
+        long = Path(short, "x" * (length - len(short) - 1))
+        long.mkdir()
+        monkeypatch.setattr("tempfile.tempdir", str(long))
+        with b4mrl.serve(workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+            is_kept = endpoint.startswith(f"ipc://{long}/b4mrl-")
+            assert is_kept or endpoint.startswith("ipc:///tmp/b4mrl-")
+            assert is_kept == (length == 70)
+            with client.make("HalfCheetah") as env:
+                env.reset()
+        assert list(long.iterdir()) == []
+
+
+PROGRAM_WITH_WORKERS = """
+import multiprocessing, os, sys
+import gymnasium as gym
+from gymnasium.vector import AsyncVectorEnv
+
+def make():
+    import b4mrl
+    if multiprocessing.parent_process():  # AsyncVectorEnv makes one in its own process, too
+        roles = [worker.role for worker in b4mrl.connect().server_status().workers]
+        with open(os.path.join(sys.argv[1], str(os.getpid())), "w") as file:
+            file.write(" ".join(role for role in roles if role.startswith("worker-")))
+    return gym.make("b4mrl:b4mrl/HalfCheetah-v0")
+
+if __name__ == "__main__":
+    vec = AsyncVectorEnv([make] * 2, context=sys.argv[2])
+    vec.reset(seed=1)
+    if sys.argv[3] == "closed":
+        vec.close()
+    elif sys.argv[3] == "abandoned":  # multiprocessing sends SIGTERM to its daemonic children
+        type(vec).__del__ = lambda vec: None
+"""
+
+
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+@pytest.mark.parametrize("end", ["closed", "abandoned"])
+def test_worker_processes_start_small_daemons_and_leave_nothing(
+    tmp_path: Path, context: str, end: str
+) -> None:
+    program, said = tmp_path / "program.py", tmp_path / "said"
+    said.mkdir()
+    program.write_text(PROGRAM_WITH_WORKERS)
+    clean = {name: value for name, value in os.environ.items() if name != "B4MRL_ENDPOINT"}
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:  # a short path, for sockets
+        done = subprocess.run(
+            [sys.executable, program, said, context, end],
+            env=clean | {"TMPDIR": folder},
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert [file.read_text() for file in said.iterdir()] == ["worker-0"] * 2
+        assert list(Path(folder).glob("b4mrl-*")) == []
 
 
 def test_the_program_is_found_in_path_and_in_a_checkout(

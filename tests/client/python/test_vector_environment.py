@@ -149,7 +149,7 @@ def test_sends_for_different_environments_are_under_way_together(client: b4mrl.C
             actions = split.action_space.sample()
             split.send(actions[[2, 0]], [2, 0])
             split.send(actions[[3, 1]], np.array([3, 1]))
-            with pytest.raises(errors.BusyError):
+            with pytest.raises(errors.BusyError, match="call recv first"):
                 split.send(actions[:1], [0])
             wanted = whole.step(actions)
             seen = []

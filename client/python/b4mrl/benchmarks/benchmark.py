@@ -84,7 +84,7 @@ class Benchmark(Shown):
         return {name: getattr(self.info, name) for name in names}
 
     @property
-    def dataset(self) -> Dataset | None:
+    def dataset(self) -> Dataset | Any:  # Any: a type checker lets a learner that needs one go on
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
@@ -338,6 +338,7 @@ class Benchmark(Shown):
 
 def find_info(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
     """The entry of that name. UnknownNameError: there is none; the message has the nearest name."""
+    name = checks.text("name", name)
     found = {info.name: info for info in known}
     if name not in found:
         raise unknown_name("benchmark", name, found, "`b4mrl list benchmarks` has all")

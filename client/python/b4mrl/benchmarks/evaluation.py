@@ -14,6 +14,7 @@ from b4mrl.agent import Policy, load_agent
 from b4mrl.benchmarks.seeds import role_seed
 from b4mrl.display import Record
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.values import Value
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.wire.arrays import Array
 
@@ -23,8 +24,8 @@ PolicyLike = Callable[[Array], ArrayLike] | str | os.PathLike[str]
 _GIVEN_UP = ("crash", "numerical_error")  # causes of an end that no rule of the task demands
 
 
-@dataclass(frozen=True, repr=False)
-class Evaluation(Record):
+@dataclass(frozen=True, repr=False, eq=False)
+class Evaluation(Value, Record):
     """What a policy reached in its episodes.
 
     Attributes:

@@ -14,6 +14,16 @@ from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire.arrays import Array
 
 
+def text(name: str, value: Any) -> str:
+    """`value`. InvalidArgumentError: it is not a text that a message can hold."""
+    try:
+        if isinstance(value, str) and value.encode() is not None:
+            return value
+    except UnicodeEncodeError:
+        pass
+    raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a text")
+
+
 def unsigned(name: str, value: Any, bits: int = 64) -> int:
     """`value` as an int. InvalidArgumentError: it is not an integer of 0..2**bits - 1."""
     try:

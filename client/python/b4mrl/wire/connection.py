@@ -8,39 +8,45 @@ passed. It sends the request again, with the same id and contents and the time t
   not have read replies for a while;
 - when no reply to any request has come for an eighth of the request's deadline.
 
+Where nobody listens on the daemon's machine any more, the daemon has ended (b4mrl.wire.listening).
+Requests are then given up after ten seconds, long enough to start the daemon again, if their own
+deadlines are not shorter.
+
 The daemon executes a numbered step once, however often it arrives. The connection drops replies
 that come twice, or after their request was given up.
 
-Thread rule: one thread at a time. In a forked child, calls raise FailedPreconditionError.
+Thread rule: one thread at a time; a second one gets FailedPreconditionError while the first is in a
+call. One thread may send and another one receive later. In a forked child, calls raise
+FailedPreconditionError, too.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import itertools
 import math
 import os
 import threading
 import time
 import weakref
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 from google.protobuf.message import DecodeError
 
 from b4mrl import errors
 from b4mrl.wire import limits, sockets
-from b4mrl.wire.deliveries import Delivery, Pending, read_reply
+from b4mrl.wire.deliveries import Delivery, Pending, no_reply, read_reply
 from b4mrl.wire.heads import Heads
 from b4mrl.wire.link import Link, Message
-from b4mrl.wire.messages import Request
+from b4mrl.wire.listening import Listening
 from b4mrl.wire.tables import Tables
 
 # A request's default deadline: long, so that a busy machine does not end a training of hours.
 DEADLINE_MS = 120_000
+REACH_MS = 10_000  # wait for a daemon that nobody may have started, or that has ended
 FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have ended
+_QUIET_SECONDS = 1.0  # a request waits for so long before anything looks for the daemon's end
 
 _all: weakref.WeakSet[Connection] = weakref.WeakSet()
 
@@ -69,6 +75,7 @@ class Connection:
         self.address = address
         self._is_relayed = is_relayed
         self._user = 0  # the thread that sent the last request
+        self._inside = 0  # the thread that is in a call; 0: none
         self._heads = Heads(token)
         self._next_id = 1
         self._handshakes = 0
@@ -77,6 +84,7 @@ class Connection:
         self._arrived: dict[int, Delivery] = {}
         self._tables = Tables()
         self._take_link(link or sockets.open_link(address))
+        self._listening = Listening(self._link.address)
         _all.add(self)
 
     @property
@@ -156,9 +164,11 @@ class Connection:
         Raises:
             LimitExceededError: too many requests are in flight, or the envelope is too long.
             UnavailableError: the queue towards the daemon is full.
-            FailedPreconditionError: the connection was closed, or made before a fork.
+            FailedPreconditionError: the connection was closed, or made before a fork, or another
+                thread is in a call.
         """
-        self._user = threading.get_ident()
+        user = self.require_alone()
+        self._user = user
         self._refuse_unusable()
         if len(self._pending) + len(self._arrived) >= limits.MAX_REQUESTS_IN_FLIGHT:
             raise errors.LimitExceededError(
@@ -176,7 +186,12 @@ class Connection:
         # The request is kept before it is sent, so that Ctrl-C in between does not lose it.
         self._next_id += 1
         self._pending[request_id] = pending
-        if not self._transmit(request_id, pending):
+        try:
+            self._inside = user
+            is_sent = self._transmit(request_id, pending)
+        finally:
+            self._inside = 0
+        if not is_sent:
             del self._pending[request_id]
             raise errors.UnavailableError("the queue of requests to the daemon is full")
         return request_id
@@ -195,7 +210,7 @@ class Connection:
     def receive_any(self, request_ids: Iterable[int]) -> Delivery:
         """Waits until the first of the requests has a reply or an error, and returns that.
 
-        FailedPreconditionError: none of the requests is in flight.
+        FailedPreconditionError: none of the requests is in flight, or another thread is in a call.
         """
         delivery = self.await_any(request_ids)
         del self._arrived[delivery.request_id]
@@ -203,14 +218,19 @@ class Connection:
 
     def await_any(self, request_ids: Iterable[int]) -> Delivery:
         """As receive_any, but keeps the delivery: the next call returns it again until abandon."""
-        while True:
-            for request_id in request_ids:
-                if request_id in self._arrived:
-                    return self._arrived[request_id]
-            if self._pending.keys().isdisjoint(request_ids):
-                raise errors.FailedPreconditionError("no such request is in flight")
-            self._refuse_unusable()
-            self._pump()
+        user = self.require_alone()
+        try:
+            self._inside = user
+            while True:
+                for request_id in request_ids:
+                    if request_id in self._arrived:
+                        return self._arrived[request_id]
+                if self._pending.keys().isdisjoint(request_ids):
+                    raise errors.FailedPreconditionError("no such request is in flight")
+                self._refuse_unusable()
+                self._pump()
+        finally:
+            self._inside = 0
 
     def call(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
         """Sends a request, waits for its reply and returns it. Raises the daemon's error."""
@@ -219,35 +239,6 @@ class Connection:
             return self.reply_to(request_id)
         finally:
             self.abandon(request_id)  # after Ctrl-C, no other call would receive the reply
-
-    def replies_to(self, sent: Iterator[int], in_flight: int) -> Iterator[Delivery]:
-        """Yields the replies to requests in the order of sending. Raises the daemon's errors.
-
-        The first requests are sent at once, before the caller asks for a reply. Drops the requests
-        that are in flight when the caller stops.
-
-        Args:
-            sent: sends the next request and yields its id.
-            in_flight: number of requests that are sent before the first reply is awaited.
-        """
-        replies = self._replies_to(sent, in_flight)
-        next(replies)
-        return replies
-
-    def _replies_to(self, sent: Iterator[int], in_flight: int) -> Iterator[Any]:
-        """Yields None once the first requests are sent, and then their replies."""
-        under_way: deque[int] = deque()
-        try:
-            under_way.extend(itertools.islice(sent, in_flight))
-            yield None
-            while under_way:
-                delivery = self.reply_to(under_way[0])
-                under_way.popleft()
-                yield delivery
-                under_way.extend(itertools.islice(sent, in_flight - len(under_way)))
-        finally:
-            for request_id in under_way:
-                self.abandon(request_id)
 
     def ask_again(self, request_id: int, deadline_ms: float) -> None:
         """Sends a request again, with its old id and a new deadline, unless it has its outcome.
@@ -273,6 +264,13 @@ class Connection:
         """Drops all requests in flight and their replies."""
         self._pending.clear()
         self._arrived.clear()
+
+    def require_alone(self) -> int:
+        """The thread's identifier. FailedPreconditionError: another thread is in a call."""
+        user = threading.get_ident()
+        if self._inside not in (0, user):
+            raise errors.another_thread()
+        return user
 
     def _refuse_unusable(self) -> None:
         if self.is_usable:
@@ -324,6 +322,11 @@ class Connection:
             wake = min(wake, pending.deadline, self._resend_time(pending))
         return wake
 
+    def _end(self, pending: Pending) -> float:
+        """The time at which a request is given up; earlier if the daemon has ended."""
+        gone_since = self._listening.gone_since
+        return min(pending.deadline, max(gone_since, pending.asked) + REACH_MS / 1000)
+
     def _resend_time(self, pending: Pending) -> float:
         if pending.sent == 0:
             return 0
@@ -347,10 +350,11 @@ class Connection:
         return True
 
     def _resend(self) -> None:
-        handshakes = self.handshakes
+        handshakes, now = self.handshakes, time.monotonic()
+        if any(pending.asked + _QUIET_SECONDS < now for pending in self._pending.values()):
+            self._listening.look(now)
         if handshakes == 0:
             return  # all requests are still queued for the first connection
-        now = time.monotonic()
         for request_id, pending in self._pending.items():
             is_reconnected = pending.connection < handshakes
             if is_reconnected and not pending.renewed:
@@ -363,25 +367,15 @@ class Connection:
 
     def _expire(self) -> None:
         now = time.monotonic()
-        for request_id in [i for i, pending in self._pending.items() if pending.deadline <= now]:
-            pending = self._pending.pop(request_id)
-            error = self._give_up(pending)
+        due = [i for i, pending in self._pending.items() if self._end(pending) <= now]
+        is_refused = bool(due) and self._listening.is_refused()
+        for request_id in due:
+            pending = self._pending[request_id]
+            error = no_reply(pending, self.address, self.handshakes > 0, is_refused)
             self._arrived[request_id] = Delivery(
                 request_id, error=error, executed=None, unsettled=pending
             )
-
-    def _give_up(self, pending: Pending) -> errors.B4mrlError:
-        """The error of a request without a reply: it names what the caller may change."""
-        name = Request.FromString(pending.envelope).WhichOneof("payload")
-        within = f"within {pending.deadline_ms / 1000:g} s (deadline_ms={pending.deadline_ms:g})"
-        if self.handshakes == 0:
-            return errors.UnavailableError(
-                f"{self.address} cannot be reached {within}, so {name} was not sent"
-            )
-        return errors.DeadlineExceededError(
-            f"no answer to {name} from {self.address} {within}; the same call may be made again, "
-            "and on a busy machine with a longer deadline_ms of connect or make"
-        )
+            del self._pending[request_id]
 
 
 @atexit.register

@@ -9,6 +9,7 @@ from typing import Any
 from b4mrl import errors
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.link import Message
+from b4mrl.wire.messages import Request
 from b4mrl.wire.tables import Table, Tables
 
 _PATIENCE_FRACTION = 8  # a request is sent again after 1/8 of its deadline without any reply
@@ -51,6 +52,7 @@ class Pending:
     payload: bytearray
     deadline_ms: float = 0.0  # as the caller gave it
     deadline: float = 0.0
+    asked: float = 0.0  # time at which the deadline was set
     patience: float = 0.0  # seconds without any reply after which the request is sent again
     connection: int = 0  # number of the connection over which it was last sent, from 1
     sent: float = 0.0  # time of the last sending; 0: send at once
@@ -60,9 +62,37 @@ class Pending:
     def set_deadline(self, deadline_ms: float) -> None:
         seconds = deadline_ms / 1000
         self.deadline_ms = deadline_ms
-        self.deadline = time.monotonic() + seconds
+        self.asked = time.monotonic()
+        self.deadline = self.asked + seconds
         self.patience = seconds / _PATIENCE_FRACTION
         self.renewed = False
+
+
+def no_reply(
+    pending: Pending, address: str, was_reached: bool, is_refused: bool
+) -> errors.B4mrlError:
+    """The error of a request that got no reply; it names what the caller may change.
+
+    Args:
+        was_reached: whether there ever was a connection to `address`.
+        is_refused: whether nobody listens there now.
+    """
+    name = Request.FromString(pending.envelope).WhichOneof("payload")
+    within = f"within {pending.deadline_ms / 1000:g} s (deadline_ms={pending.deadline_ms:g})"
+    if is_refused:
+        no_more = " any more" if was_reached else ""
+        return errors.UnavailableError(
+            f"no answer to {name}: nobody listens at {address}{no_more}; has the daemon ended? "
+            "Start it, and make clients and environments anew"
+        )
+    if not was_reached:
+        return errors.UnavailableError(
+            f"{address} cannot be reached {within}, so {name} was not sent"
+        )
+    return errors.DeadlineExceededError(
+        f"no answer to {name} from {address} {within}; the same call may be made again, "
+        "and on a busy machine with a longer deadline_ms of connect or make"
+    )
 
 
 def read_reply(tables: Tables, message: Message) -> Delivery:

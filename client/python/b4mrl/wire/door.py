@@ -77,6 +77,7 @@ class Door:
     transport = "door"
 
     def __init__(self, name: str) -> None:
+        self.address = f"door://{name}"
         self.process_id = os.getpid()
         self._name = name
         self._memory: _Memory | None = None

@@ -1,5 +1,7 @@
 """Closes sessions that the program did not close: when Python collects them, and when it ends.
 
+In children of multiprocessing, other modules may have things done behind that (call_at_the_end).
+
 If a program is ended by SIGKILL or os._exit, its sessions stay until the daemon's lease runs out.
 """
 
@@ -13,6 +15,7 @@ import os
 import signal
 import threading
 import weakref
+from collections.abc import Callable
 from typing import Any
 
 from b4mrl import errors
@@ -20,6 +23,7 @@ from b4mrl.wire.connection import FAREWELL_MS, Connection
 from b4mrl.wire.messages import Request
 
 _open: dict[int, Connection] = {}  # connections of the open sessions, by id()
+_last_calls: list[Callable[[], object]] = []  # of call_at_the_end
 _watched_process = 0  # id of the process in which _watch_the_end was called
 
 
@@ -50,12 +54,22 @@ class Farewell:
     def take_leave(self, deadline_ms: float) -> None:
         """Closes the session at the daemon, then the connection. May be called again.
 
-        Errors of the daemon are ignored.
+        Errors of the daemon are ignored. FailedPreconditionError: another thread is in a call.
         """
+        self._connection.require_alone()
         if self._when_collected.detach() is None:
             return
         _open.pop(id(self._connection), None)
         _leave([self._connection], min(deadline_ms, FAREWELL_MS))
+
+
+def call_at_the_end(call: Callable[[], object]) -> None:
+    """Has `call` called when this child of multiprocessing ends, after its sessions are closed.
+
+    A process that such a child forks calls it, too.
+    """
+    _last_calls.append(call)
+    _watch_the_end()
 
 
 def give_back_all() -> None:
@@ -103,14 +117,20 @@ def _watch_the_end() -> None:
     atexit.register(give_back_all)
     if multiprocessing.parent_process() is None:
         return
-    multiprocessing.util.Finalize(None, give_back_all, exitpriority=100)
+    multiprocessing.util.Finalize(None, _end, exitpriority=100)
     is_main = threading.current_thread() is threading.main_thread()
     is_free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     if multiprocessing.current_process().daemon and is_main and is_free:
         signal.signal(signal.SIGTERM, _give_back_and_end)
 
 
+def _end() -> None:
+    give_back_all()
+    for call in _last_calls:
+        call()
+
+
 def _give_back_and_end(number: int, _: object) -> None:
     signal.signal(number, signal.SIG_DFL)
-    give_back_all()
+    _end()
     os.kill(os.getpid(), number)

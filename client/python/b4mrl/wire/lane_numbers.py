@@ -59,7 +59,7 @@ class LaneNumbers:
     def next_of(self, lanes: Lanes | None) -> NDArray[np.uint64]:
         """The numbers of the lanes' next operation.
 
-        BusyError: a lane has a request under way. FailedPreconditionError: a lane is lost. Also
+        BusyError: a lane has a sent step under way. FailedPreconditionError: a lane is lost. Also
         raises the errors of check_range.
         """
         self.check_range(lanes)
@@ -97,8 +97,10 @@ class LaneNumbers:
 
 
 def _refusal(lane: int, state: int) -> B4mrlError:
-    if state == _BUSY:
-        return BusyError(f"lane {lane} has a request under way, allowed: one at a time")
+    if state == _BUSY:  # by a sent step alone: interrupted operations are ended before this check
+        return BusyError(
+            f"lane {lane} has a sent step under way, allowed: one at a time; call recv first"
+        )
     return FailedPreconditionError(
         f"the state of lane {lane} is unknown since a request about it was not answered; "
         "make the environment anew"

@@ -27,6 +27,10 @@ class Link(Protocol):
         """How messages travel: "door", "ipc" or "tcp"."""
 
     @property
+    def address(self) -> str:
+        """Where the process listens: "door://NAME", "ipc://PATH" or "tcp://HOST:PORT"."""
+
+    @property
     def process_id(self) -> int:
         """The process that opened the link."""
 

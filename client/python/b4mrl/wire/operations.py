@@ -11,11 +11,12 @@ daemon executed it:
 - a step with other actions follows the kept operation, too, and a RuntimeWarning says that the
   caller never got its outcome.
 
-Thread rule: one thread at a time.
+Thread rule: one thread at a time; a second one gets FailedPreconditionError.
 """
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -57,6 +58,7 @@ class Operations:
         self._connection = connection
         self._numbers = numbers
         self._under_way: dict[int, _Operation] = {}  # by the request's id
+        self._inside = 0  # the thread that is in `call`; 0: none
 
     def call(
         self,
@@ -70,8 +72,15 @@ class Operations:
 
         If Ctrl-C comes before `read` is done, the operation counts as interrupted.
         """
-        request_id = self._begin(kind, lanes, columns, deadline_ms)
-        return self._take(self._connection.await_any((request_id,)), read)
+        user = threading.get_ident()
+        if self._inside not in (0, user):
+            raise errors.another_thread()
+        try:
+            self._inside = user
+            request_id = self._begin(kind, lanes, columns, deadline_ms)
+            return self._take(self._connection.await_any((request_id,)), read)
+        finally:
+            self._inside = 0
 
     def send_step(
         self, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float

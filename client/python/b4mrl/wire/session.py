@@ -27,6 +27,7 @@ from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
 from b4mrl.wire.messages import Request
 from b4mrl.wire.operations import Operations
 from b4mrl.wire.outcomes import LaneStep, Outcome, OutcomeReader, StepOutcome
+from b4mrl.wire.pipeline import replies_to
 
 if TYPE_CHECKING:  # kept for whoever holds the session, who read them from the reply to Open
     from b4mrl.descriptions import SessionInForce
@@ -191,7 +192,7 @@ class Session:
             self._send_query(observations[part], actions[part], seed, draw, first_row + part.start)
             for part in parts
         )
-        deliveries = self._connection.replies_to(sent, in_flight)
+        deliveries = replies_to(self._connection, sent, in_flight)
         return (
             (part, self._query_answer(delivery.arrays, part.stop - part.start))
             for part, delivery in zip(parts, deliveries)

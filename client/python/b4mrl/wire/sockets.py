@@ -41,7 +41,7 @@ class SocketLink:
     def __init__(self, address: str, socket: zmq.Socket[bytes], monitor: zmq.Socket[bytes]) -> None:
         self.transport = address.partition("://")[0]
         self.process_id = os.getpid()
-        self._address = address
+        self.address = address
         self._socket = socket
         self._monitor = monitor
         # Perhaps half a message, as an interrupt may come between two of its frames.
@@ -120,7 +120,7 @@ class SocketLink:
             self._socket.recv()
 
     def _broken(self, error: zmq.ZMQError) -> errors.B4mrlError:
-        return errors.UnavailableError(f"the socket towards {self._address} failed: {error}")
+        return errors.UnavailableError(f"the socket towards {self.address} failed: {error}")
 
 
 def open_link(address: str) -> SocketLink:
@@ -131,6 +131,11 @@ def open_link(address: str) -> SocketLink:
     allowed = "allowed: tcp://HOST:PORT or ipc://PATH"
     if not isinstance(address, str):
         raise errors.InvalidArgumentError(f"address is {address!r}, {allowed}, as a str")
+    if address.startswith("tcp://["):  # ZeroMQ would take it and never connect
+        raise errors.InvalidArgumentError(
+            f"address is {address!r}, {allowed}, where HOST is a name or an IPv4 address: daemons "
+            "do not speak IPv6"
+        )
     try:
         socket = _context_of(os.getpid()).socket(zmq.DEALER)
     except zmq.ZMQError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import typing
 from pathlib import Path
 
 import b4mrl
@@ -12,7 +13,11 @@ import h5py
 import numpy as np
 import pytest
 from b4mrl import errors
+from b4mrl.benchmarks.benchmark import Benchmark
+from b4mrl.benchmarks.evaluation import Evaluation
 from b4mrl.benchmarks.seeds import role_seed
+from b4mrl.dataset import Dataset
+from b4mrl.dataset_stats import DatasetStats
 from b4mrl.serve import find_server
 from conftest import BENCHMARK_ROWS as ROWS
 from test_documents import program_with
@@ -69,6 +74,11 @@ def test_the_benchmark_of_the_readme_is_evaluated(medium: b4mrl.Client) -> None:
 def test_an_unknown_benchmark_is_refused_with_the_nearest_name(client: b4mrl.Client) -> None:
     with pytest.raises(errors.UnknownNameError, match=f"did you mean '{re.escape(HIDDEN)}'"):
         client.benchmark("HalfCheetah/confounding/hidden-hihg+medium")
+
+
+def test_a_benchmark_without_a_name_is_refused(client: b4mrl.Client) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="name is None"):
+        client.benchmark(None)
 
 
 def test_a_missing_dataset_is_the_daemons_error(client: b4mrl.Client) -> None:
@@ -270,3 +280,25 @@ def test_a_dataset_is_loaded_by_either_rule(medium: b4mrl.Client) -> None:
         assert len(d4rl["rewards"]) < len(stored["rewards"]) == ROWS
         with pytest.raises(errors.UnknownNameError, match="known: stored, d4rl"):
             dataset.load(transitions="own")
+
+
+def statistics(mean: float = 1.0) -> DatasetStats:
+    column = np.array([mean, 2.0])
+    return DatasetStats(column, column, 2, 1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def evaluation(score: float = 1.0) -> Evaluation:
+    return Evaluation(score, 3.0, 0.0, np.array([3.0, 3.0]), np.array([5, 5]), 0)
+
+
+@pytest.mark.parametrize("make", [statistics, evaluation])
+def test_statistics_and_scores_are_equal_if_all_their_numbers_are(make) -> None:
+    assert make() == make() != make(7.0)
+    assert len({make(), make(), make(7.0)}) == 2
+    assert make(0.0) == make(-0.0) and hash(make(0.0)) == hash(make(-0.0))
+
+
+def test_type_checkers_let_a_learner_use_the_dataset_at_once() -> None:
+    """`bench.dataset.sample(256)` passes them, although a benchmark may have no dataset."""
+    hints = typing.get_type_hints(Benchmark.dataset.fget, vars(b4mrl.benchmarks.benchmark))
+    assert hints["return"] == Dataset | typing.Any

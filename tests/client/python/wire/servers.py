@@ -25,17 +25,22 @@ _numbers = itertools.count()
 
 
 class SocketServer:
-    """Answers each request with the messages that `answer` returns."""
+    """Answers each request with the messages that `answer` returns.
 
-    def __init__(self, answer: Answer, port: int = 0) -> None:
+    Args:
+        place: a port of tcp, or the path of an ipc socket; 0: any free port.
+    """
+
+    def __init__(self, answer: Answer, place: int | str = 0) -> None:
         self._answer = answer
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._socket.linger = 0
-        self.place = self._socket.bind_to_random_port("tcp://127.0.0.1") if port == 0 else port
-        if port:
-            self._socket.bind(f"tcp://127.0.0.1:{port}")
-        self.address = f"tcp://127.0.0.1:{self.place}"
+        self.place = place or self._socket.bind_to_random_port("tcp://127.0.0.1")
+        is_path = isinstance(place, str)
+        self.address = f"ipc://{place}" if is_path else f"tcp://127.0.0.1:{self.place}"
+        if place:
+            self._socket.bind(self.address)
         self.requests: list[Request] = []
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-import zmq
 from b4mrl import errors
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.door import open_door
@@ -201,11 +201,14 @@ def test_a_request_that_got_no_answer_is_asked_for_again_by_its_old_id(start, co
     assert not connection.is_in_flight(request_id)
 
 
-def test_a_server_that_is_not_there_is_unavailable(connect) -> None:
-    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-        port = socket.bind_to_random_port("tcp://127.0.0.1")  # taken, and speaks to nobody
-    connection = connect(f"tcp://127.0.0.1:{port}")
-    with pytest.raises(errors.UnavailableError, match=f":{port} cannot be reached within 0.2 s"):
+def test_a_server_that_is_not_there_or_does_not_speak_is_unavailable(connect) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        connection = connect(f"tcp://127.0.0.1:{port}")
+        unreached = f":{port} cannot be reached within 0.2 s"
+        with pytest.raises(errors.UnavailableError, match=unreached):
+            connection.call(hello(), bytearray(), 200)
+    with pytest.raises(errors.UnavailableError, match=f"nobody listens at tcp://.*:{port};"):
         connection.call(hello(), bytearray(), 200)
 
 
@@ -265,6 +268,11 @@ def test_an_endless_envelope_is_refused_here(start, connect) -> None:
     request.hello.client = "x" * 65536
     with pytest.raises(errors.LimitExceededError):
         connection.send(request, bytearray(), 1000)
+
+
+def test_ipv6_is_refused_by_name() -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="do not speak IPv6"):
+        Connection("tcp://[::1]:7700")
 
 
 @pytest.mark.parametrize("address", ["nonsense", "tcp://", "udp://127.0.0.1:1", "", 7700, None])

@@ -1,14 +1,17 @@
-"""The constants that the client repeats."""
+"""The constants and files that the client repeats."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
 from b4mrl import errors
 from b4mrl.wire import limits
 
-BASE = Path(__file__).parents[4] / "proto" / "base"
+ROOT = Path(__file__).parents[4]
+BASE = ROOT / "proto" / "base"
+PACKAGE = ROOT / "client" / "python"
 
 
 def test_limits_are_those_of_the_server() -> None:
@@ -37,3 +40,18 @@ def test_every_status_code_has_its_exception() -> None:
 
 def test_an_unknown_code_counts_as_internal() -> None:
     assert type(errors.error_of(99, "", recoverable=False)) is errors.InternalError
+
+
+@pytest.mark.parametrize(
+    ("copy", "original"),
+    [("LICENSE", "LICENSE"), ("b4mrl/wire/b4mrl.proto", "proto/b4mrl.proto")],
+)
+def test_a_copy_equals_its_original(copy: str, original: str) -> None:
+    """After a change of the original: `cp proto/b4mrl.proto client/python/b4mrl/wire`."""
+    assert (PACKAGE / copy).read_bytes() == (ROOT / original).read_bytes()
+
+
+def test_no_link_leads_out_of_the_package() -> None:
+    """Archives of sources, and copies of the folder alone, would hold links to nowhere."""
+    links = [each for each in PACKAGE.rglob("*") if each.is_symlink()]
+    assert [each for each in links if not each.resolve().is_relative_to(PACKAGE)] == []
