@@ -104,14 +104,36 @@ TEST_CASE("A session's requests for pictures wait in a queue of bounded length")
   CHECK(worker.Call(RenderRequest(), {}).code() == StatusCode::kOk);
 }
 
+TEST_CASE("Requests for pictures that wait in a worker are limited over all its sessions") {
+  WorkerFixture worker;
+  std::vector<std::string> tokens;
+  for (uint32_t i = 0; i <= limits::kMaxRenderRequests / limits::kMaxSessionRenders; ++i) {
+    tokens.push_back(OpenNumbered(worker, i, 1));
+  }
+  worker.answers.clear();
+  const auto send = [&](const std::string& token) {
+    pb::Request request = RenderRequest();
+    request.set_session_token(token);
+    worker.Send(request, {});
+  };
+  for (uint32_t i = 0; i < limits::kMaxRenderRequests; ++i) {
+    send(tokens[i / limits::kMaxSessionRenders]);
+  }
+  CHECK(worker.answers.empty());
+  send(tokens.back());
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
+  worker.Work();
+}
+
 TEST_CASE("A request for a picture that came too late draws nothing") {
   WorkerFixture worker;
   worker.Open(1);
   worker.Reset({1});
   worker.answers.clear();
-  for (uint32_t i = 0; i < 8; ++i) worker.Send(RenderRequest(0, 0), {});
+  for (uint32_t i = 1; i < limits::kMaxSessionRenders; ++i) worker.Send(RenderRequest(0, 0), {});
   pb::Request late = RenderRequest();
-  late.set_deadline_ms(1);  // eight pictures of 480 x 480 stand before it
+  late.set_deadline_ms(1);  // three pictures of 480 x 480 stand before it
   worker.Send(late, {});
   worker.Work();
   CHECK(worker.answers.back().code() == StatusCode::kDeadlineExceeded);

@@ -144,18 +144,6 @@ TEST_CASE("Requests in flight are limited") {
   REQUIRE(worker.answers.size() == limits::kMaxRequestsInFlight + 1);
 }
 
-// Opens session `i` of many, whose lanes are all reset.
-std::string OpenNumbered(WorkerFixture& worker, uint32_t i, uint32_t lanes) {
-  const std::string digits = std::to_string(i);
-  const std::string token = std::string(limits::kTokenBytes - digits.size(), 't') + digits;
-  worker.Open(lanes, token);
-  pb::Request reset;
-  reset.set_session_token(token);
-  reset.mutable_reset();
-  REQUIRE(worker.Call(reset, {Numbers(std::vector<uint64_t>(lanes, 1))}).code() == StatusCode::kOk);
-  return token;
-}
-
 TEST_CASE("Requests that wait in a worker are limited over all its sessions") {
   constexpr uint32_t kSessions = limits::kMaxQueuedRequests / limits::kMaxRequestsInFlight;
   WorkerFixture worker;

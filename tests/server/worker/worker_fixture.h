@@ -191,4 +191,16 @@ class WorkerFixture {
   std::unique_ptr<Dispatcher> dispatcher_;
 };
 
+// Opens session `i` of many, whose lanes are all reset.
+inline std::string OpenNumbered(WorkerFixture& worker, uint32_t i, uint32_t lanes) {
+  const std::string digits = std::to_string(i);
+  const std::string token = std::string(limits::kTokenBytes - digits.size(), 't') + digits;
+  worker.Open(lanes, token);
+  pb::Request reset;
+  reset.set_session_token(token);
+  reset.mutable_reset();
+  REQUIRE(worker.Call(reset, {Numbers(std::vector<uint64_t>(lanes, 1))}).code() == StatusCode::kOk);
+  return token;
+}
+
 }  // namespace b4mrl
