@@ -68,8 +68,8 @@ int ServeMain(int argc, char** argv) {
     LeaveSandbox(RunImporter({line->untrusted_file, line->cache_folder, line->cache_bytes}));
   }
   if (line->child.role == "model-compiler") {
-    LeaveSandbox(RunModelCompiler(
-        {line->child.models_folder, line->untrusted_file, line->environment, line->cache_folder}));
+    LeaveSandbox(RunModelCompiler({line->child.models_folder, line->untrusted_file,
+                                   line->environment, line->cache_folder, line->trial_name}));
   }
   if (line->is_child) return RunChild(std::move(*line));
   // A mistake in a suite is told to who starts the daemon; its gateway reads the suites later.

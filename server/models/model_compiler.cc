@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <sys/prctl.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -31,10 +32,12 @@ using Json = nlohmann::json;
 
 constexpr int kTrialSteps = 100;
 
-// Where a process writes the model that it tries out. The parent removes it if the process was
-// killed.
-std::string TrialPath(const std::string& cache_folder, pid_t process_id) {
-  return fmt::format("{}/.trial-{}.mjb", cache_folder, process_id);
+Result<std::string> DrawTrialName() {
+  uint64_t random = 0;
+  if (getrandom(&random, sizeof(random), 0) != sizeof(random)) {
+    return Status(StatusCode::kInternal, "the system gives no random numbers");
+  }
+  return fmt::format(".trial-{:016x}.mjb", random);
 }
 
 // Tries a start, and steps with and without motors. Numbers may diverge under random motors, which
@@ -95,7 +98,7 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
   sandbox.descriptors = 64;
   B4MRL_RETURN_IF_ERROR(EnterSandbox(sandbox));
   B4MRL_RETURN_IF_ERROR(ScanModelFile(options.models_folder, options.file_name));
-  const std::string trial = TrialPath(options.cache_folder, getpid());
+  const std::string trial = options.cache_folder + "/" + options.trial_name;
   Result<std::string> hash =
       CompileModelFile(options.models_folder + "/" + options.file_name, trial);
   if (hash.ok()) {
@@ -128,13 +131,14 @@ Result<std::string> CompileModelInChild(const std::string& program,
                                         const ModelCompilerOptions& options,
                                         const Deadline& deadline,
                                         const std::atomic<bool>* cancelled) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string trial, DrawTrialName());
   const SandboxedChild child = {
       program,
       {"--role", "model-compiler", "--models", options.models_folder, "--file", options.file_name,
-       "--environment", options.environment, "--cache", options.cache_folder},
+       "--environment", options.environment, "--cache", options.cache_folder, "--trial", trial},
       "the model compiler"};
   const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
-  if (!answer.ended_well) unlink(TrialPath(options.cache_folder, answer.process_id).c_str());
+  if (!answer.ended_well) unlink((options.cache_folder + "/" + trial).c_str());
   const std::string context = "model=" + options.file_name;
   if (!answer.json.ok()) return answer.json.status().WithContext(context);
   const Json hash = Json::parse(*answer.json, nullptr, false).value("hash", Json());

@@ -25,10 +25,13 @@ struct ModelCompilerOptions {
   std::string file_name;     // in models_folder
   std::string environment;   // the task whose own model the file replaces
   std::string cache_folder;  // must exist
+  // The file in cache_folder in which the model is tried out. CompileModelInChild draws a name, so
+  // that daemons that share the folder, each with process ids of its own, use different files.
+  std::string trial_name = "";
 };
 
-// `b4mrl-serve --role model-compiler --models DIR --file NAME --environment E --cache DIR`. Exit
-// code 0 when the model is in the cache, 3 otherwise.
+// `b4mrl-serve --role model-compiler --models DIR --file NAME --environment E --cache DIR
+// --trial NAME`. Exit code 0 when the model is in the cache, 3 otherwise.
 int RunModelCompiler(const ModelCompilerOptions& options);
 
 // Starts `program --role model-compiler ...` and waits. Returns the hash, which names the file in

@@ -185,6 +185,7 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
   hidden(app.add_option("--dataset-address", line->child.dataset_address));
   hidden(app.add_option("--file", line->untrusted_file));
   hidden(app.add_option("--cache", line->cache_folder));
+  hidden(app.add_option("--trial", line->trial_name));
   hidden(app.add_option("--cache-bytes", line->cache_bytes));
   hidden(app.add_option("--environment", line->environment));
 }

@@ -38,6 +38,7 @@ struct CommandLine {
   // and `model-compiler`, which the gateway starts.
   std::string untrusted_file;
   std::string cache_folder;
+  std::string trial_name;
   uint64_t cache_bytes = 0;
   std::string environment;
 };

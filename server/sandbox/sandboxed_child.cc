@@ -76,13 +76,13 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   words.insert(words.end(), wanted.arguments.begin(), wanted.arguments.end());
   ProgramWithOutput child;
   const int error = StartWithOutput(wanted.program, std::move(words), &child);
-  if (error != 0) return {-1, false, IoError("start", wanted.program, error)};
+  if (error != 0) return {false, IoError("start", wanted.program, error)};
   std::string text;
   const Status answered = ReadUntilEnd(wanted, child, deadline, cancelled, &text);
   if (!answered.ok()) kill(-child.process_id, SIGKILL);  // it leads a group of its own
   const int exit_status = WaitForExit(child.process_id, deadline);
   const auto result = [&](Result<std::string> json) {
-    return ChildAnswer{child.process_id, exit_status == 0, std::move(json)};
+    return ChildAnswer{exit_status == 0, std::move(json)};
   };
   if (!answered.ok()) return result(answered);
   if (WIFSIGNALED(exit_status)) {

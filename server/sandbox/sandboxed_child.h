@@ -5,8 +5,6 @@
 // After 2 s it runs at lower priority. Any thread; the child dies with the thread that started it.
 #pragma once
 
-#include <sys/types.h>
-
 #include <atomic>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -24,15 +22,15 @@ struct SandboxedChild {
 };
 
 struct ChildAnswer {
-  pid_t process_id = -1;     // of the child, which may leave unfinished files; -1: it did not start
-  bool ended_well = false;   // the child exited with code 0
+  bool ended_well = false;   // with exit code 0; others may leave unfinished files
   Result<std::string> json;  // of an answer with "ok": true
 };
 
 // Waits for the child's answer and its exit. An answer with "ok": false becomes the Status that it
-// names; a death, no answer or too long an answer becomes kDataLoss. The child is ended within 100
-// ms of a missed deadline (kDeadlineExceeded) and of `cancelled` (may be null) turning true
-// (kUnavailable). The messages do not name the file, which the caller adds.
+// names; a death, no answer or too long an answer becomes kDataLoss, and SIGKILL, which the system
+// sends when memory is short, kInternal. The child is ended within 100 ms of a missed deadline
+// (kDeadlineExceeded) and of `cancelled` (may be null) turning true (kUnavailable). The messages do
+// not name the file, which the caller adds.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 

@@ -25,6 +25,21 @@ TEST_CASE("Taken or refused, a file is compiled again only when it has changed")
   CHECK(script.runs("good.xml") == 1);
 }
 
+TEST_CASE("No two compilations try their model out in one file") {
+  const CompilerScript script;
+  ModelStore store(script.options());
+  const std::atomic<bool> never{false};
+  for (const char* file : {"one.xml", "two.xml"}) {
+    script.Drop(file);
+    REQUIRE(store.Compile("Hopper", file, never).ok());
+  }
+  const std::string trials = script.trials();
+  REQUIRE(trials.size() % 2 == 0);
+  const std::string first = trials.substr(0, trials.size() / 2);
+  CHECK_THAT(first, Catch::StartsWith(".trial-") && Catch::EndsWith(".mjb\n"));
+  CHECK(first != trials.substr(trials.size() / 2));
+}
+
 TEST_CASE("What a file refers to may have changed, so it counts with its folder") {
   const CompilerScript script;
   ModelStore store(script.options());

@@ -18,8 +18,9 @@ class CompilerScript {
   CompilerScript() {
     std::filesystem::create_directories(models());
     WriteBytes(program(), R"(#!/bin/sh
-folder=$4 file=$6 cache=${10}
+folder=$4 file=$6 cache=${10} trial=${12}
 echo "$file" >> "$folder/../log"
+echo "$trial" >> "$folder/../trials"
 case "$file" in
 slow*) exec tail -f /dev/null ;;
 refused*) echo '{"ok": false, "code": 1, "message": "as its name says"}'; exit 3 ;;
@@ -35,6 +36,8 @@ echo '{"ok": true, "hash": "00000000000000000000000000000001"}'
   void Drop(const std::string& file, const std::string& text = "<mujoco/>") const {
     WriteBytes(models() + "/" + file, text);
   }
+  // The names of the files in which models were tried out, a line each.
+  std::string trials() const { return ReadBytes(folder_.File("trials")); }
   // How often `file` was compiled, or all of them.
   size_t runs(const std::string& file = "") const {
     const std::string log = ReadBytes(folder_.File("log"));
