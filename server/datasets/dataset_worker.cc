@@ -48,6 +48,11 @@ struct PendingRequest {
   bool file_was_imported = false;  // of an OpenDataset: its one import has been asked for
 };
 
+// For a request whose deadline passed while its dataset was imported, derived or mapped.
+Status TooLate() {
+  return Status(StatusCode::kDeadlineExceeded, "the dataset was not prepared in time; ask again");
+}
+
 class DatasetWorker {
  public:
   DatasetWorker(ChildContext& context, const DatasetWorkerOptions& options, RouterSocket socket)
@@ -140,7 +145,11 @@ void DatasetWorker::TakeTurn() {
     if (ready_.empty()) continue;
     PendingRequest pending = std::move(ready_.front());
     ready_.pop_front();
-    Dispatch(std::move(pending));
+    if (pending.deadline.expired()) {
+      replies_.Reply(pending.from, TooLate());
+    } else {
+      Dispatch(std::move(pending));
+    }
   }
 }
 
@@ -331,8 +340,7 @@ void DatasetWorker::ExpireParked() {
       ++it;
       continue;
     }
-    replies_.Reply(it->second.from, Status(StatusCode::kDeadlineExceeded,
-                                           "the dataset is still being prepared; ask again"));
+    replies_.Reply(it->second.from, TooLate());
     it = parked_.erase(it);
   }
 }
