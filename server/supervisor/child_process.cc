@@ -22,7 +22,7 @@ namespace {
 constexpr int64_t kYoungMs = 250;
 constexpr int64_t kFirstBackOffMs = 10;
 constexpr int64_t kLongestBackOffMs = 5'000;
-// Loading the libraries and adopting sessions may take this long.
+// Loading the libraries, or adopting one session, may take this long.
 constexpr int64_t kStartingMs = 20'000;
 constexpr int64_t kMemoryLookMs = 200;
 
@@ -126,8 +126,11 @@ void ChildProcess::RestartWatches(int64_t now_ms) {
 }
 
 bool ChildProcess::MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms) {
-  const uint64_t beat = shared_->child(child_).heartbeat.load();
-  std::optional<Silence> silence = main_loop_.Look(beat, process_id_, process_id_, now_ms);
+  uint64_t sign = shared_->child(child_).heartbeat.load();
+  // Until its first beat an environment worker takes over sessions. There may be a thousand, and
+  // each that it begins to build is a sign of life.
+  if (!ready() && !marks().empty()) sign += static_cast<uint64_t>(marks()[0].since_ms);
+  std::optional<Silence> silence = main_loop_.Look(sign, process_id_, process_id_, now_ms);
   if (!silence) {
     starvation_logged_ = false;
     return false;

@@ -32,7 +32,8 @@ class ChildProcess {
   // Reaps the process if it has ended, and says how it ended.
   std::optional<Death> Reap();
   // Kills the process when it has had no heartbeat, or one of its threads has been at one piece of
-  // work, for limits::kFrozenChildMs (20 s while it starts). Time in which a thread waits for a
+  // work, for limits::kFrozenChildMs (20 s while it starts, and anew for each session that it
+  // adopts). Time in which a thread waits for a
   // processor is not counted. A thread that stands still by itself is marked as guilty. `paused`:
   // the supervisor itself did not run for a while, so silence means nothing.
   void KillIfFrozen(int64_t now_ms, bool paused);

@@ -8,9 +8,11 @@
 //   kill-after-once:LANE:NUMBER:FILE  killed after the commit and before the reply
 //   crash-query:ROW                   row ROW of any query ends the process, every time
 //   crash-attach:LANES                building a session of so many lanes ends it, every time
+//   slow-attach:LANES:MS              building a session of so many lanes takes MS ms longer
 //
 // LANE counts over all sessions.
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <unistd.h>
 
@@ -87,7 +89,9 @@ void BreakAtPoint(FaultPoint point, uint32_t lane, uint64_t number,
   if (point == FaultPoint::kBeforeQueryRow) {
     if (planned.kind == "crash-query" && lane == planned.lane) std::abort();
   } else if (point == FaultPoint::kBeforeAttach) {
-    if (planned.kind == "crash-attach" && lane == planned.lane) std::abort();
+    if (lane != planned.lane) return;
+    if (planned.kind == "crash-attach") std::abort();
+    if (planned.kind == "slow-attach") poll(nullptr, 0, static_cast<int>(planned.number));
   } else if (lane == planned.lane && number == planned.number) {
     BreakOperation(point, idle_buffer);
   }

@@ -224,5 +224,23 @@ TEST_CASE("1,000 kills of workers, many that adopt sessions, cost nothing but ti
   SurviveKills(20, 1'000);
 }
 
+TEST_CASE("A worker that adopts sessions for longer than one may take is not frozen", "[.][long]") {
+  constexpr uint32_t kSessions = 22;
+  PrivateDaemon daemon = StartDaemon({.binary = B4MRL_BINARY_DIR "/b4mrl-serve-faulty",
+                                      .arguments = {"--workers", "1"},
+                                      .environment = {"B4MRL_FAULT=slow-attach:2:1000"}});
+  Client client = Connect(daemon.endpoint());
+  std::vector<RemoteEnvironment> sessions;
+  for (uint32_t i = 0; i < kSessions; ++i) {
+    sessions.push_back(Take(client.Make("Hopper", {.num_envs = 2, .deadline_ms = kPatientMs})));
+    RequireOk(sessions.back().Reset().status());
+  }
+  // 22 s of adoption; a worker that starts is given up after 20 s without a sign of life.
+  REQUIRE(kill(LookAt(client, "worker-0").process_id, SIGKILL) == 0);
+  AwaitReplacement(client, 1);
+  for (RemoteEnvironment& session : sessions) RequireOk(session.Reset().status());
+  REQUIRE(LookAt(client, "worker-0").restarts == 1);
+}
+
 }  // namespace
 }  // namespace b4mrl
