@@ -163,7 +163,8 @@ def serve(
     """Starts a private daemon and waits until it is ready.
 
     The daemon's program is the one that $B4MRL_SERVER names, else `b4mrl-serve` or `b4mrl` in PATH,
-    else `build/release/b4mrl-serve` in the checkout that holds this package or the working folder.
+    else `build/release/b4mrl-serve` in the checkout that holds this package or the working folder,
+    if that file and its folders are this user's or root's and no one else may write there.
 
     Args:
         tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder, which
@@ -209,7 +210,7 @@ def find_server() -> list[str]:
             return [path, "serve"] if os.path.basename(path) == "b4mrl" else [path]
     raise UnavailableError(
         "the program b4mrl-serve is not found: name it in B4MRL_SERVER, add its folder to PATH, or "
-        "work in a checkout that was built (build/release)"
+        "work in a checkout that was built (build/release) and to which only its owner may write"
     )
 
 
@@ -222,7 +223,21 @@ def _candidates() -> Iterator[str | None]:
     yield shutil.which("b4mrl")
     for start in (Path(__file__).resolve(), Path.cwd()):
         for folder in (start, *start.parents):
-            yield str(folder / "build" / "release" / "b4mrl-serve")
+            built = (folder / "build" / "release" / "b4mrl-serve").resolve()
+            if _is_trustworthy(built):
+                yield str(built)
+
+
+def _is_trustworthy(program: Path) -> bool:
+    """Whether the program and its two folders are this user's or root's, and not open to others.
+
+    Some folder around the package or the working folder may be open to everyone, as /tmp is.
+    """
+    try:
+        facts = [path.stat() for path in (program, *program.parents[:2])]
+    except OSError:
+        return False
+    return all(fact.st_uid in (0, os.getuid()) and not fact.st_mode & 0o002 for fact in facts)
 
 
 _default_lock = threading.Lock()

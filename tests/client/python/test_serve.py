@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -155,20 +156,44 @@ def test_worker_processes_start_small_daemons_and_leave_nothing(
         assert list(Path(folder).glob("b4mrl-*")) == []
 
 
-def test_the_program_is_found_in_path_and_in_a_checkout(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_program_is_found_in_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("B4MRL_SERVER", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "b4mrl").symlink_to(PROGRAM)
     assert find_server() == [str(tmp_path / "b4mrl"), "serve"]
+
+
+@pytest.mark.parametrize("inside", ["the package", "the working folder"])
+def test_the_program_is_found_in_a_checkout_to_which_no_one_else_may_write(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, inside: str
+) -> None:
+    monkeypatch.delenv("B4MRL_SERVER", raising=False)
     monkeypatch.setenv("PATH", "")
-    built = tmp_path / "build" / "release"
-    built.mkdir(parents=True)
-    (built / "b4mrl-serve").symlink_to(PROGRAM)
-    (tmp_path / "sub").mkdir()
-    monkeypatch.chdir(tmp_path / "sub")
-    assert find_server()[0].endswith("build/release/b4mrl-serve")
+    program = tmp_path / "checkout" / "build" / "release" / "b4mrl-serve"
+    program.parent.mkdir(parents=True)
+    shutil.copy("/bin/true", program)
+    folder = tmp_path / "checkout" / "sub"
+    folder.mkdir()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    package = folder if inside == "the package" else elsewhere
+    monkeypatch.setitem(find_server.__globals__, "__file__", str(package / "serve.py"))
+    monkeypatch.chdir(folder if inside == "the working folder" else elsewhere)
+    assert find_server() == [str(program)]
+    for path in (program, program.parent, program.parent.parent):
+        mode = path.stat().st_mode
+        path.chmod(mode | 0o002)
+        with pytest.raises(errors.UnavailableError, match="only its owner may write"):
+            find_server()
+        path.chmod(mode)
+    assert find_server() == [str(program)]
+    # Files of another user: root can make them so, and others can be another user.
+    if os.getuid() == 0:
+        os.chown(program, 12345, -1)
+    else:
+        monkeypatch.setattr(os, "getuid", lambda: 12345)
+    with pytest.raises(errors.UnavailableError):
+        find_server()
 
 
 def test_environments_without_an_endpoint_share_a_private_daemon() -> None:
