@@ -231,7 +231,7 @@ class Client(Shown):
         simulator: Simulator = None,
         *,
         seed: int = 0,
-        draw: int = 0,
+        draw: int | None = None,
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
         ledger: LedgerLike = None,
@@ -244,6 +244,8 @@ class Client(Shown):
         Args:
             observations, actions: (rows, *shape) of the environment's spaces. float64 observations
                 give float64 next observations, others float32 ones. The simulation runs in float64.
+            draw: None: the number of this client's earlier queries of the simulator without a
+                draw, so that each has noise of its own. Parts of a split query share one draw.
             ledger: counts the rows; see `ledger()`.
 
         Returns:
@@ -274,7 +276,7 @@ class Client(Shown):
         simulator: Simulator = None,
         *,
         seed: int = 0,
-        draw: int = 0,
+        draw: int | None = None,
         first_row: int = 0,
         config: Mapping[str, Any] | None = None,
         ledger: LedgerLike = None,

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from b4mrl import infos
+from b4mrl.errors import InvalidArgumentError
 from b4mrl.hosted import Hosted
 from b4mrl.origin import Origin
 from b4mrl.states import State, read_states, write_states
@@ -65,7 +66,14 @@ class Environment(Hosted, gym.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Starts the next episode, or with `seed` the first one of that seed. Takes no options."""
+        """Starts the next episode, or with `seed` the first one of that seed.
+
+        InvalidArgumentError: `options` is neither None nor empty.
+        """
+        if options:
+            raise InvalidArgumentError(
+                f"options is {options!r}, allowed: none; settings are given to make as config="
+            )
         number = None if seed is None else checks.unsigned("seed", seed)
         # Gymnasium's base class seeds only its `np_random`; the request below seeds the daemon.
         super().reset(seed=number)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -105,6 +105,9 @@ class PendingQuery:
     """A query that is under way: Client.query_async returns it.
 
     Thread rule: that of the client which sent it.
+
+    Args:
+        draw: None: the simulator's next one of `sessions`.
     """
 
     def __init__(
@@ -113,9 +116,11 @@ class PendingQuery:
         opening: Opening,
         rows: Rows,
         seed: int,
-        draw: int,
+        draw: int | None,
         first_row: int,
     ) -> None:
+        if draw is None:
+            draw = sessions.next_draw(opening)
         self._ask = functools.partial(begin, rows=rows, seed=seed, draw=draw, first_row=first_row)
         self._sessions = sessions
         self._opening = opening
@@ -146,6 +151,7 @@ class QuerySessions:
     def __init__(self, endpoint: str, routes: Routes, deadline_ms: float) -> None:
         self._open = functools.partial(open_session, endpoint, routes, deadline_ms=deadline_ms)
         self._sessions: OrderedDict[tuple[str | int | None, ...], Session] = OrderedDict()
+        self._draws: Counter[tuple[str, str, str]] = Counter()
 
     def find(self, opening: Opening) -> Session:
         """The session of that opening; opens it if there is none."""
@@ -155,6 +161,12 @@ class QuerySessions:
         while len(self._sessions) > _MAX_SESSIONS:
             self._sessions.popitem(last=False)  # closes it, unless a query of it is under way
         return session
+
+    def next_draw(self, opening: Opening) -> int:
+        """0, 1, 2, ... for each simulator, whatever the dtype and the ledger."""
+        simulator = _simulator_of(opening)
+        self._draws[simulator] += 1
+        return self._draws[simulator] - 1
 
     def forget(self, opening: Opening, session: Session) -> None:
         """Does not find `session` any more, which the daemon has closed."""
@@ -169,10 +181,12 @@ class QuerySessions:
 
 
 def _key_of(opening: Opening) -> tuple[str | int | None, ...]:
+    return *_simulator_of(opening), np.dtype(opening.dtype).name, opening.ledger
+
+
+def _simulator_of(opening: Opening) -> tuple[str, str, str]:
     perturbed = simulators.text_of(simulators.parse(opening.simulator))
-    dtype = np.dtype(opening.dtype).name
-    settings = config.to_json(opening.config)
-    return opening.environment, perturbed, settings, dtype, opening.ledger
+    return opening.environment, perturbed, config.to_json(opening.config)
 
 
 def _rows_at_once(rows: Rows) -> int:

@@ -1,12 +1,15 @@
 """States of environments as dictionaries, which get_state returns and set_state takes.
 
-A MuJoCo state has the parts `time`, `qpos`, `qvel` and `qacc_warmstart`; a Highway state has `time`
-and `vehicles`, a list of dictionaries with the ego first. In addition, `snapshot` holds everything
-for an exact continuation: random streams, delayed actions, the step within the episode.
+A MuJoCo state has the parts `time`, `qpos`, `qvel` and `qacc_warmstart`, and the Humanoid's also
+what MuJoCo derived from positions and velocities one step before: `com`, `cinert`, `cvel`,
+`qfrc_actuator` and `cfrc_ext`. A Highway state has `time` and `vehicles`, a list of dictionaries
+with the ego first. In addition, `snapshot` holds everything for an exact continuation: random
+streams, delayed actions, the step within the episode.
 
 If the parts are those that came with the snapshot, or missing, set_state uses the snapshot and
-continues exactly. If a part was changed, set_state uses the parts and ignores the snapshot. MuJoCo
-needs at least `qpos` and `qvel`, Highway `vehicles`.
+continues exactly. If a part was changed, set_state uses the parts and ignores the snapshot. If
+`qpos` or `qvel` is among the changed ones, derived parts that were left as they came belong to
+another state, and are derived anew. MuJoCo needs at least `qpos` and `qvel`, Highway `vehicles`.
 """
 
 from __future__ import annotations
@@ -31,10 +34,13 @@ VEHICLE_COLUMNS = tuple(
 _WHOLE_NUMBERS = {"lane": int, "target_lane": int, "crashed": bool, "impact_pending": bool}
 
 _SNAPSHOT = "snapshot"
-# `snapshot` begins with a hash of the parts that came with it, and a byte that is 1 if the episode
-# had ended; the server's bytes follow.
+# `snapshot` begins with a byte that is 1 if the episode had ended, the number of parts that came
+# with it, and their hashes; the server's bytes follow.
 _CHECK_BYTES = 16
-_HEAD_BYTES = _CHECK_BYTES + 1
+
+# MuJoCo derives every part from _MOTION but those of _GIVEN.
+_MOTION = {"qpos", "qvel"}
+_GIVEN = {"time", "qacc_warmstart"}
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,8 @@ def read_states(found: Mapping[str, Array], ended: Sequence[bool]) -> list[State
     for lane, is_ended in enumerate(ended):
         parts = {name: rows[lane] for name, rows in found.items() if name != _SNAPSHOT}
         state: State = {name: _readable(name, values.copy()) for name, values in parts.items()}
-        head = _fingerprint(parts) + bytes([bool(is_ended)])
+        hashes = b"".join(_fingerprint(*part) for part in parts.items())
+        head = bytes([bool(is_ended), len(parts)]) + hashes
         state[_SNAPSHOT] = head + found[_SNAPSHOT][lane].tobytes()
         states.append(state)
     return states
@@ -88,7 +95,7 @@ def write_states(states: Sequence[Mapping[str, Any]]) -> list[Restoration]:
 
 
 def _is_ended(state: Mapping[str, Any]) -> bool:
-    return bool(state[_SNAPSHOT][_CHECK_BYTES] == 1)
+    return bool(state[_SNAPSHOT][0] == 1)
 
 
 def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:
@@ -96,18 +103,26 @@ def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:
     snapshot = state.get(_SNAPSHOT)
     if snapshot is None:
         return parts
-    if not isinstance(snapshot, bytes) or len(snapshot) <= _HEAD_BYTES:
+    head_bytes = 2 + _CHECK_BYTES * snapshot[1] if _is_long(snapshot, 2) else 0
+    if head_bytes == 0 or not _is_long(snapshot, head_bytes):
         raise InvalidArgumentError("snapshot is malformed, allowed: bytes that get_state returned")
-    if not parts or _fingerprint(parts) == snapshot[:_CHECK_BYTES]:
-        return {_SNAPSHOT: np.frombuffer(snapshot, np.uint8, offset=_HEAD_BYTES)}
-    return parts
+    came = {snapshot[i : i + _CHECK_BYTES] for i in range(2, head_bytes, _CHECK_BYTES)}
+    kept = {name for name, values in parts.items() if _fingerprint(name, values) in came}
+    if not parts or len(kept) == len(parts) == len(came):
+        return {_SNAPSHOT: np.frombuffer(snapshot, np.uint8, offset=head_bytes)}
+    if _MOTION & parts.keys() <= kept:
+        return parts
+    stale = kept - _MOTION - _GIVEN
+    return {name: values for name, values in parts.items() if name not in stale}
 
 
-def _fingerprint(parts: Mapping[str, Array]) -> bytes:
-    digest = hashlib.blake2b(digest_size=_CHECK_BYTES)
-    for name in sorted(parts):
-        digest.update(name.encode() + b"\0" + parts[name].tobytes())
-    return digest.digest()
+def _is_long(snapshot: Any, size: int) -> bool:
+    return isinstance(snapshot, bytes) and len(snapshot) > size
+
+
+def _fingerprint(name: str, values: Array) -> bytes:
+    text = name.encode() + b"\0" + values.tobytes()
+    return hashlib.blake2b(text, digest_size=_CHECK_BYTES).digest()
 
 
 def _readable(name: str, values: Array) -> Any:

@@ -98,9 +98,9 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
                 environment, where None starts that environment's next episode; None starts the
                 next episode of all.
             options: `reset_mask`, bool (n,), chooses the environments that are reset; the other
-                rows of the returned observations are the latest ones. Other options are ignored.
+                rows of the returned observations are the latest ones. There are no other options.
         """
-        chosen = self._reset_lanes((options or {}).get("reset_mask"))
+        chosen = self._reset_lanes(options or {})
         seed = seed.tolist() if isinstance(seed, np.ndarray) else seed
         seeds = self._seeds(seed)
         # Gymnasium's base class seeds only its `np_random`; the request below seeds the daemon.
@@ -211,7 +211,13 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             )
         return given.astype(np.uint32)
 
-    def _reset_lanes(self, mask: Any) -> Lanes:
+    def _reset_lanes(self, options: Mapping[str, Any]) -> Lanes:
+        if not options.keys() <= {"reset_mask"}:
+            raise errors.InvalidArgumentError(
+                f"options is {options!r}, allowed: reset_mask; settings are given to make_vec as "
+                "config="
+            )
+        mask = options.get("reset_mask")
         if mask is None:
             return np.arange(self.num_envs, dtype=np.uint32)
         given = np.asarray(mask)

@@ -250,3 +250,16 @@ def test_type_checkers_know_what_is_under_the_wrappers() -> None:
     """So that `env.unwrapped.normalised_score(total)` passes them."""
     hints = typing.get_type_hints(b4mrl.Environment.unwrapped.fget)
     assert hints["return"] is b4mrl.Environment
+
+
+@pytest.mark.parametrize("options", [{"config": {"vehicles_count": 15}}, {"speed": 1}])
+def test_options_of_a_reset_are_refused_and_change_nothing(
+    client: b4mrl.Client, options: dict[str, object]
+) -> None:
+    with client.make("Highway") as env:
+        env.reset(seed=3)
+        before = env.get_state()
+        with pytest.raises(errors.InvalidArgumentError, match="options"):
+            env.reset(options=options)
+        assert_same(env.get_state(), before)
+        env.reset(options={})

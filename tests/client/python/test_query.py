@@ -40,15 +40,40 @@ def test_another_seed_or_draw_gives_other_noise(client: b4mrl.Client) -> None:
     observations, actions = rows(client, "HalfCheetah", 10)
     draws = [
         client.query("HalfCheetah", observations, actions, "obs-noise=0.1", **numbers)[0]
-        for numbers in ({}, {"seed": 1}, {"draw": 1}, {"first_row": 1})
+        for numbers in (
+            {"draw": 0},
+            {"draw": 0, "seed": 1},
+            {"draw": 1},
+            {"draw": 0, "first_row": 1},
+        )
     ]
     for other in draws[1:]:
         assert np.all(draws[0] != other)
     # Row 1 of a query from row 0 has the noise of row 0 of a query from row 1.
     shifted = client.query(
-        "HalfCheetah", observations[1:], actions[1:], "obs-noise=0.1", first_row=1
+        "HalfCheetah", observations[1:], actions[1:], "obs-noise=0.1", draw=0, first_row=1
     )[0]
     np.testing.assert_array_equal(draws[0][1:], shifted)
+
+
+def test_queries_without_a_draw_have_the_next_one_of_their_simulator(client: b4mrl.Client) -> None:
+    observations, actions = rows(client, "HalfCheetah", 3)
+    noisy, noisier = ((observations, actions, f"obs-noise={level}") for level in (0.1, 0.2))
+    answers = [
+        client.query("HalfCheetah", *noisy)[0],
+        client.query_async("HalfCheetah", *noisy).result()[0],
+        client.query("HalfCheetah", *noisy, draw=0)[0],
+    ]
+    # The same simulator in the other dtype goes on; another simulator begins.
+    client.query("HalfCheetah", observations.astype(np.float32), actions, "obs-noise=0.1")
+    answers += [
+        client.query("HalfCheetah", *noisy)[0],
+        client.query("HalfCheetah", *noisier)[0],
+    ]
+    wanted = [client.query("HalfCheetah", *noisy, draw=draw)[0] for draw in (0, 1, 0, 3)]
+    wanted.append(client.query("HalfCheetah", *noisier, draw=0)[0])
+    assert_same(answers, wanted)
+    assert np.all(answers[0] != answers[1])
 
 
 def test_float32_rows_are_answered_in_float32(client: b4mrl.Client) -> None:

@@ -71,6 +71,44 @@ def test_a_changed_part_changes_the_state(client: b4mrl.Client) -> None:
         assert env.get_state()["qpos"][1] == height + 0.25
 
 
+def test_moving_the_humanoid_pays_no_reward(client: b4mrl.Client) -> None:
+    with client.make("Humanoid", dtype="float64") as env:
+        env.reset(seed=4)
+        env.step(np.zeros(17))
+        state = env.get_state()
+        state["qpos"][0] += 5
+        env.set_state(state)
+        moved = env.step(np.zeros(17))[1]
+        for name in ("com", "cinert", "cvel", "qfrc_actuator", "cfrc_ext"):
+            del state[name]
+        env.set_state(state)
+        assert env.step(np.zeros(17))[1] == moved
+        # Five metres would pay 1.25 * 5 / 0.015 = 417; a step at rest pays for being upright, 5.
+        assert 0 < moved < 10
+
+
+def test_derived_parts_count_unless_motion_changed_and_they_did_not() -> None:
+    found = {
+        "snapshot": np.ones((1, 5), np.uint8),
+        **{
+            name: np.full((1, 2), 1.0) for name in ("qpos", "qvel", "qacc_warmstart", "com", "cvel")
+        },
+    }
+
+    def written(**changes: float) -> set[str]:
+        (state,) = states.read_states(found, [False])
+        for name, value in changes.items():
+            state[name][0] = value
+        (restoration,) = states.write_states([state])
+        return set(restoration.parts)
+
+    everything = set(found) - {"snapshot"}
+    assert written() == {"snapshot"}
+    assert written(qpos=2) == written(qvel=2) == {"qpos", "qvel", "qacc_warmstart"}
+    assert written(qacc_warmstart=2) == written(com=2) == everything
+    assert written(qpos=2, com=2) == everything - {"cvel"}
+
+
 def test_the_warm_start_may_be_left_out(client: b4mrl.Client) -> None:
     with client.make("HalfCheetah") as env:
         env.reset(seed=4)

@@ -100,6 +100,13 @@ def test_a_mask_that_is_none_is_refused(client: b4mrl.Client, mask) -> None:
             vec.reset(options={"reset_mask": mask})
 
 
+def test_other_options_are_refused(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        with pytest.raises(errors.InvalidArgumentError, match="options"):
+            vec.reset(options={"reset_mask": np.ones(2, bool), "config": {}})
+        vec.reset(options={})
+
+
 def test_stepping_a_finished_environment_is_refused_in_mode_disabled(client: b4mrl.Client) -> None:
     with client.make_vec("HalfCheetah", 2, autoreset_mode="disabled", config=BRIEF) as vec:
         vec.reset(seed=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -77,6 +78,7 @@ class Benchmark(Shown):
         self.updates = updates
         self.out = out
         self._usage = Usage(client, ledger)
+        self._draws = itertools.count()
         self._curves: dict[int, list[Point]] = {}  # by seed, since its last result
 
     def _facts(self) -> Mapping[str, Any]:
@@ -118,10 +120,13 @@ class Benchmark(Shown):
         actions: ArrayLike,
         *,
         seed: int = 0,
-        draw: int = 0,
+        draw: int | None = None,
         first_row: int = 0,
     ) -> QueryAnswer:
-        """One step of the flawed simulator from each row, as Client.query returns it."""
+        """One step of the flawed simulator from each row, as Client.query returns it.
+
+        Without a `draw`, the object's queries have the draws 0, 1, 2, ...: each its own noise.
+        """
         return self.query_async(
             observations, actions, seed=seed, draw=draw, first_row=first_row
         ).result()
@@ -132,7 +137,7 @@ class Benchmark(Shown):
         actions: ArrayLike,
         *,
         seed: int = 0,
-        draw: int = 0,
+        draw: int | None = None,
         first_row: int = 0,
     ) -> PendingQuery:
         """As query, but does not wait: `query_async(...).result()` has the answer."""
@@ -143,7 +148,7 @@ class Benchmark(Shown):
             actions,
             self.info.simulator,
             seed=seed,
-            draw=draw,
+            draw=next(self._draws) if draw is None else draw,
             first_row=first_row,
             ledger=self._usage.learning,
         )

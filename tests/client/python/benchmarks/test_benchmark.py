@@ -64,6 +64,16 @@ def test_a_benchmark_has_its_two_sources(medium: b4mrl.Client) -> None:
         np.testing.assert_array_equal(answer[0], wanted[0])
 
 
+def test_queries_of_a_benchmark_have_noise_of_their_own(medium: b4mrl.Client) -> None:
+    part = np.zeros((3, 17)), np.zeros((3, 6))
+    medium.query("HalfCheetah", *part, "obs-noise-high")  # counts for the client alone
+    bench = medium.benchmark("HalfCheetah/simulators/obs-noise-high")
+    answers = [bench.query(*part)[0], bench.query_async(*part).result()[0]]
+    for draw, answer in enumerate(answers):
+        np.testing.assert_array_equal(bench.query(*part, draw=draw)[0], answer)
+    assert np.all(answers[0] != answers[1])
+
+
 def test_the_benchmark_of_the_readme_is_evaluated(medium: b4mrl.Client) -> None:
     names: dict[str, object] = {"client": medium, "policy": still}
     exec(program_with("bench.evaluate(policy"), names)
