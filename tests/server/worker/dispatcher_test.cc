@@ -261,6 +261,25 @@ TEST_CASE("A session that nobody uses ends when its lease does") {
   REQUIRE(worker.Reset({1}).code() == StatusCode::kSessionLost);
 }
 
+TEST_CASE("A request renews its session's lease, and one that is under way keeps it") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  worker.Reset({1});
+  const auto age = [&] {
+    worker.state().session(index).last_activity_ms -= limits::kLoopbackLeaseMs + 1;
+  };
+  age();
+  REQUIRE(worker.Step({2}, 0).code() == StatusCode::kOk);
+  worker.dispatcher().ReapIdleSessions();
+  REQUIRE(worker.dispatcher().session_count() == 1);
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({3}), Actions(1, 0)}, true);
+  age();
+  worker.dispatcher().ReapIdleSessions();
+  REQUIRE(worker.dispatcher().session_count() == 1);
+  worker.Work();
+  REQUIRE(worker.answers.back().code() == StatusCode::kOk);
+}
+
 // The record of a session that the worker has built and the gateway has not acknowledged yet.
 uint32_t OpenUnacknowledged(WorkerFixture& worker, const std::string& token) {
   const uint32_t index = worker.Open(2, token);
@@ -329,6 +348,25 @@ TEST_CASE("A reset that ended its worker twice is refused, and another seed is n
   REQUIRE(refused.code() == StatusCode::kFailedPrecondition);
   REQUIRE(refused.envelope.status().message().find("another seed") != std::string::npos);
   REQUIRE(worker.Call(reset, {Numbers({1}), seed(8)}).code() == StatusCode::kOk);
+}
+
+TEST_CASE("A restore that ended its worker twice is refused, and a reset is not") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  pb::Request restore;
+  restore.mutable_restore();
+  const std::vector<double> zeros(9, 0);
+  const Input qpos = Array<double>("qpos", {1, 9}, zeros);
+  const Input qvel = Array<double>("qvel", {1, 9}, zeros);
+  for (int death = 0; death < 2; ++death) {
+    worker.state().lane(0).AddBlame(2, AttemptKey(Operation::kRestore), kCrashBlame);
+  }
+  const Answer refused = worker.Call(restore, {Numbers({2}), qpos, qvel});
+  REQUIRE(refused.code() == StatusCode::kFailedPrecondition);
+  REQUIRE(refused.envelope.status().message().find("allowed: a reset") != std::string::npos);
+  REQUIRE(worker.Reset({2}).code() == StatusCode::kOk);
+  REQUIRE(worker.Call(restore, {Numbers({3}), qpos, qvel}).code() == StatusCode::kOk);
 }
 
 TEST_CASE("A step that ended its worker four times, with what was done instead, is given up") {

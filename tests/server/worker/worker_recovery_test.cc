@@ -91,6 +91,29 @@ TEST_CASE("Snapshots continue exactly, and damaged or foreign ones are refused")
   REQUIRE(worker.state().lane(0).committed() == 5);
 }
 
+TEST_CASE("A Restore sent again is answered with the same observation, and executed once") {
+  WorkerFixture worker;
+  worker.Open(2);
+  worker.Reset({1, 1});
+  pb::Request restore;
+  restore.mutable_restore();
+  const auto restore_lane = [&](uint32_t lane, double position) {
+    const std::vector<double> positions(9, position), velocities(9, 0);
+    const Answer answer =
+        worker.Call(restore, {Numbers({2}), Lanes({lane}), Array<double>("qpos", {1, 9}, positions),
+                              Array<double>("qvel", {1, 9}, velocities)});
+    REQUIRE(answer.code() == StatusCode::kOk);
+    return answer.payload;
+  };
+  // The two lanes in turn, so that no reply finds its bytes left over in the memory it is given.
+  const std::string first = restore_lane(0, 0.25), second = restore_lane(1, 0.5);
+  REQUIRE(first != second);
+  REQUIRE(restore_lane(0, 0.25) == first);
+  REQUIRE(restore_lane(1, 0.5) == second);
+  REQUIRE(restore_lane(0, 0.75) == first);  // what is sent then does not matter
+  REQUIRE(worker.state().lane(0).committed() == 2);
+}
+
 // Changes some bytes, or cuts or extends the string.
 std::string Mutate(std::string text, Rng& rng) {
   const uint64_t changes = rng.Below(4);
