@@ -203,6 +203,47 @@ TEST_CASE("A client that cannot be served is closed at once, and the others go o
   CHECK(recv(clients[limits::kMaxDoors].get(), &greeting, sizeof(greeting), 0) == 0);
 }
 
+// A client that has sent a message and reads no reply.
+struct Reluctant {
+  const std::string name = NewName();
+  const UniqueFd listener = Listen(name);
+  Doors doors{listener.get(), 0};
+  RawClient client{name, doors};
+  RoutingId id;
+
+  Reluctant() {
+    client.Publish(MessageOf(0, 'q'));
+    const std::optional<IncomingMessage> request = doors.TryReceive();
+    REQUIRE(request);
+    id = request->sender;
+  }
+};
+
+TEST_CASE("A client that does not read is sent no more replies than the limit of bytes") {
+  Reluctant it;
+  Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);  // few of its pages are touched
+  const auto send = [&] { return it.doors.Send(it.id, {Frame(), payload.Share()}).code(); };
+  for (size_t i = 0; i < limits::kMaxUnreadBytes / limits::kMaxPayloadBytes; ++i) {
+    REQUIRE(send() == StatusCode::kOk);
+  }
+  CHECK(send() == StatusCode::kLimitExceeded);
+}
+
+TEST_CASE("A client that does not read is sent no more replies than the limit of messages") {
+  Reluctant it;
+  const auto send = [&] { return it.doors.Send(it.id, MessageOf(1, 'r')).code(); };
+  // Those that find room in the ring do not wait; each takes a line of it or more.
+  constexpr int kMost = limits::kHighWaterMark + limits::kRingBytes / kRingLine;
+  int sent = 0;
+  while (sent <= kMost && send() == StatusCode::kOk) ++sent;
+  CHECK(sent > limits::kHighWaterMark);
+  CHECK(sent <= kMost);
+  CHECK(send() == StatusCode::kLimitExceeded);
+  REQUIRE(it.client.Take() == RingResult::kMoved);
+  it.doors.TryReceive();  // publishes what there is room for by now
+  CHECK(send() == StatusCode::kOk);
+}
+
 TEST_CASE("A client that rings without end is dropped") {
   const std::string name = NewName();
   const UniqueFd listener = Listen(name);
@@ -336,22 +377,6 @@ TEST_CASE("A client keeps no descriptor of a greeting that has too many, and doe
   CHECK_FALSE(ClientDoor::Connect(name, Deadline::AfterMs(10'000)).ok());
   worker.join();
   CHECK(OpenDescriptors() == before - 1);  // without the listener's
-}
-
-TEST_CASE("A door's memory can be neither shrunk nor grown, and other memory is not accepted") {
-  const Result<DoorMemory> memory = DoorMemory::Create(limits::kRingBytes, limits::kRingBytes);
-  REQUIRE(memory.ok());
-  CHECK(ftruncate(memory->fd(), 4096) != 0);
-  CHECK(ftruncate(memory->fd(), 1 << 30) != 0);
-
-  DoorGreeting greeting;
-  greeting.up_bytes = greeting.down_bytes = limits::kRingBytes;
-  CHECK(DoorMemory::Map(UniqueFd(dup(memory->fd())), greeting).ok());
-  SECTION("of another version") { greeting.version = 2; }
-  SECTION("of another magic") { greeting.magic = 1; }
-  SECTION("of other sizes") { greeting.down_bytes *= 2; }
-  SECTION("of sizes that no ring has") { greeting.up_bytes = limits::kRingBytes + 64; }
-  CHECK_FALSE(DoorMemory::Map(UniqueFd(dup(memory->fd())), greeting).ok());
 }
 
 }  // namespace
