@@ -212,7 +212,9 @@ TEST_CASE("A refusal of what the relay has sent again does not pass for 'not exe
 TEST_CASE("A copy of a request is passed on, and counts as the same one") {
   Fixture fixture;
   fixture.Open(Token('a'));
-  for (int i = 0; i < 3; ++i) REQUIRE(fixture.Forward("client", Query(1, Token('a'))).ok());
+  for (int i = 0; i < 3; ++i) {
+    REQUIRE(fixture.Forward("client", Query(1, Token('a'), 600'000)).ok());
+  }
   REQUIRE(fixture.relay->in_flight() == 1);
   for (int i = 0; i < 3; ++i) fixture.workers[0]->Reply(fixture.Take(*fixture.workers[0]));
   // The first reply settles it. Others are for the client to drop, if they come along with that
@@ -271,8 +273,10 @@ TEST_CASE("What nobody answers is forgotten after its deadline") {
 TEST_CASE("A client that has gone takes its requests with it") {
   Fixture fixture;
   fixture.Open(Token('a'));
-  REQUIRE(fixture.Forward("client", Query(1, Token('a'))).ok());
-  REQUIRE(fixture.Forward("client", Query(2, Token('a'))).ok());
+  // Requests whose deadline is far away, so that they do not end by it.
+  for (const uint64_t id : {1, 2}) {
+    REQUIRE(fixture.Forward("client", Query(id, Token('a'), 600'000)).ok());
+  }
   fixture.gone_clients.insert("client");
   fixture.workers[0]->Reply(fixture.Take(*fixture.workers[0]));
   const Deadline deadline = Deadline::AfterMs(kPatienceMs);

@@ -1,0 +1,55 @@
+// The reply to ServerStatus, from shared memory that the test fills.
+#include "server/gateway/status_report.h"
+
+#include <catch2/catch.hpp>
+#include <string>
+
+#include "proto/wire/frame.h"
+#include "server/shared_memory/session_table.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr uint32_t kSessions = 1'000;
+constexpr int kListed = 256;  // as proto/b4mrl.proto says
+
+TEST_CASE("A status of many sessions with long names fits an envelope, and counts them all") {
+  SharedState state = Take(SharedState::Create(limits::kMaxWorkers, limits::kLoopbackLeaseMs));
+  SessionTable table(state);
+  pb::OpenRequest open;
+  open.set_environment("HalfCheetah");
+  for (uint32_t i = 0; i < limits::kMaxPerturbations; ++i) {
+    pb::NamedArgument* perturbation = open.add_perturbations();
+    perturbation->set_name("gravity");
+    perturbation->set_argument(std::string(400, '2'));
+  }
+  const std::string bytes = open.SerializeAsString();
+  for (uint32_t i = 0; i < kSessions; ++i) {
+    std::string token = std::to_string(i);
+    token.resize(limits::kTokenBytes, 't');
+    const uint32_t index = Take(table.Allocate({token, bytes, i, 1}));
+    REQUIRE(table.MakeLive(index));
+    state.session(index).steps = UINT64_MAX;
+    state.session(index).last_activity_ms = 0;
+  }
+  // Counters as they may be after years.
+  for (uint32_t child = 0; child < kFirstWorkerChild + limits::kMaxWorkers; ++child) {
+    ChildRecord& record = state.child(child);
+    record.process_id = INT32_MAX;
+    record.restarts = UINT32_MAX;
+    record.steps = record.query_rows = record.requests = record.errors = UINT64_MAX;
+  }
+  pb::Reply reply;
+  StatusReport(state, "/" + std::string(4'000, 'f')).Fill(reply.mutable_server_status());
+  RequireOk(SerializeEnvelope(reply).status());
+  const pb::ServerStatusReply& status = reply.server_status();
+  CHECK(status.sessions_size() == kListed);
+  CHECK(status.session_count() == kSessions);
+  uint32_t of_workers = 0;
+  for (const pb::WorkerStatus& worker : status.workers()) of_workers += worker.sessions();
+  CHECK(of_workers == kSessions);
+}
+
+}  // namespace
+}  // namespace b4mrl
