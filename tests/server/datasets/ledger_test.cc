@@ -44,5 +44,37 @@ TEST_CASE("rows are counted in the ledger that their request names, when they we
   CHECK(Take(ledgers.Read(ledger)) == LedgerCounts{.dataset_rows = 70});
 }
 
+TEST_CASE("rows are neither served nor counted when their turn comes after the deadline") {
+  constexpr uint64_t kLarge = 16;  // requests of 22 MB each, which take 100 ms or more together
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  LedgerTable ledgers(daemon.shared());
+  const uint64_t ledger = Take(ledgers.Open());
+  pb::Request sample;
+  sample.set_protocol_version(limits::kProtocolVersion);
+  sample.set_deadline_ms(kPatienceMs);
+  sample.mutable_sample()->set_fingerprint(
+      daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint());
+  sample.mutable_sample()->set_batches(2);
+  sample.mutable_sample()->set_rows(limits::kMaxRowsPerBatch);
+  // All requests are there when the worker starts, which has mapped nothing then. Mapping takes
+  // 2 ms; if it takes more than the last one's deadline, that one ends by it in the same way.
+  daemon.Stop();
+  DealerSocket client = daemon.Connect();
+  for (uint64_t id = 1; id <= kLarge + 1; ++id) {
+    sample.set_request_id(id);
+    if (id > kLarge) sample.set_deadline_ms(20);
+    if (id > kLarge) sample.mutable_sample()->set_ledger(ledger);
+    REQUIRE(client.Send({SerializeEnvelope(sample).value(), Frame()}).ok());
+  }
+  daemon.Start();
+  for (uint64_t i = 0; i <= kLarge; ++i) {
+    const auto answer = daemon.Receive(client);
+    const bool is_late = answer.reply.request_id() > kLarge;
+    CHECK(answer.code() == (is_late ? StatusCode::kDeadlineExceeded : StatusCode::kOk));
+  }
+  CHECK(Take(ledgers.Read(ledger)) == LedgerCounts{});
+}
+
 }  // namespace
 }  // namespace b4mrl
