@@ -1,0 +1,95 @@
+// The command line and configuration file of `b4mrl-serve`. bad_input_test has what they refuse.
+#include "server/process/options.h"
+
+#include <array>
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+ServeOptions Parse(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "b4mrl-serve");
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  int exit_code = 0;
+  const std::optional<CommandLine> line =
+      ParseCommandLine(static_cast<int>(argv.size()), argv.data(), &exit_code);
+  REQUIRE(line);
+  return line->serve;
+}
+
+// A folder with the folders that options name.
+struct Folders {
+  TemporaryFolder folder;
+  std::string file = folder.File("serve.toml");
+
+  Folders() {
+    for (const char* name : {"data", "models", "suites", "other"}) {
+      std::filesystem::create_directory(folder.File(name));
+    }
+  }
+  ServeOptions ParseFile(const std::string& text, std::vector<std::string> arguments = {}) const {
+    WriteBytes(file, text);
+    arguments.insert(arguments.end(), {"--config", file});
+    return Parse(std::move(arguments));
+  }
+  std::string Quoted(const char* name) const { return "'" + folder.File(name) + "'\n"; }
+};
+
+TEST_CASE("Every key of a configuration file sets its own option") {
+  const Folders folders;
+  const ServeOptions options = folders.ParseFile(
+      "bind = ['tcp://127.0.0.1:1', 'ipc:///tmp/2']\nworkers = 3\nthreads = 4\nlease = 5\n"
+      "memory = 6\nspin = 7\ndata = " +
+      folders.Quoted("data") + "models = " + folders.Quoted("models") +
+      "suites = " + folders.Quoted("suites"));
+  CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:1", "ipc:///tmp/2"});
+  CHECK(options.workers == 3);
+  CHECK(options.threads == 4);
+  CHECK(options.lease_seconds == 5);
+  CHECK(options.memory_mib == 6);
+  CHECK(options.spin_us == 7u);
+  CHECK(options.data_folder == folders.folder.File("data"));
+  CHECK(options.models_folder == folders.folder.File("models"));
+  CHECK(options.suites_folder == folders.folder.File("suites"));
+}
+
+TEST_CASE("Every switch of a configuration file sets its own option alone") {
+  const Folders folders;
+  const std::string data = "data = " + folders.Quoted("data");
+  const auto switches = [&](const std::string& text) {
+    const ServeOptions options = folders.ParseFile(data + text);
+    return std::array{options.insecure, options.pin, options.single_port, options.no_door};
+  };
+  CHECK(switches("") == std::array{false, false, false, false});
+  CHECK(switches("insecure = true\n") == std::array{true, false, false, false});
+  CHECK(switches("pin = true\n") == std::array{false, true, false, false});
+  CHECK(switches("single-port = true\n") == std::array{false, false, true, false});
+  CHECK(switches("no-door = true\n") == std::array{false, false, false, true});
+  CHECK(switches("no-door = false\n") == std::array{false, false, false, false});
+}
+
+TEST_CASE("A flag wins over the key of the configuration file") {
+  const Folders folders;
+  const ServeOptions options = folders.ParseFile(
+      "bind = 'tcp://127.0.0.1:1'\nworkers = 3\nthreads = 4\nlease = 5\nmemory = 6\n"
+      "spin = 7\ndata = 'none'\nmodels = 'none'\nsuites = 'none'\n",
+      {"--bind", "tcp://127.0.0.1:2", "--workers", "13", "--threads", "14", "--lease", "15",
+       "--memory", "16", "--spin", "0", "--data", folders.folder.File("data"), "--models",
+       folders.folder.File("models"), "--suites", folders.folder.File("other")});
+  CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:2"});
+  CHECK(options.workers == 13);
+  CHECK(options.threads == 14);
+  CHECK(options.lease_seconds == 15);
+  CHECK(options.memory_mib == 16);
+  CHECK(options.spin_us == 0u);
+  CHECK(options.data_folder == folders.folder.File("data"));
+  CHECK(options.models_folder == folders.folder.File("models"));
+  CHECK(options.suites_folder == folders.folder.File("other"));
+}
+
+}  // namespace
+}  // namespace b4mrl
