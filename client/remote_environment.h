@@ -77,7 +77,9 @@ struct StepOutcome {
 
 // States of lanes; the first axis of each array is the lanes. A lane restored from `snapshot`
 // continues exactly, random streams included. `parts` can be read and edited, under the
-// environment's own names (MuJoCo: time, qpos, qvel, qacc_warmstart).
+// environment's own names (MuJoCo: time, qpos, qvel, qacc_warmstart). The Humanoid also has com,
+// cinert, cvel, qfrc_actuator and cfrc_ext, which MuJoCo derived from the state before: erase them
+// after a change of qpos or qvel, to have them derived anew.
 struct LaneStates {
   size_t lanes = 0;
   std::vector<uint8_t> snapshot;                     // lanes x bytes
@@ -130,13 +132,15 @@ class RemoteEnvironment {
 
   // Simulates one step from each (observation, action) row; there are as many rows as `output` has
   // rewards. Splits them into requests that are in flight together. The noise of row i is a
-  // function of (seed, draw, first_row + i). kUnsupported with action-delay.
+  // function of (seed, draw, first_row + i). Without a `draw`, it is the number of this object's
+  // earlier calls without one, so that each call has noise of its own. kUnsupported with
+  // action-delay.
   Status Query(std::span<const float> observations, std::span<const float> actions,
-               const QueryResults<float>& output, uint64_t seed = 0, uint64_t draw = 0,
-               uint64_t first_row = 0);
+               const QueryResults<float>& output, uint64_t seed = 0,
+               std::optional<uint64_t> draw = {}, uint64_t first_row = 0);
   Status Query(std::span<const double> observations, std::span<const double> actions,
-               const QueryResults<double>& output, uint64_t seed = 0, uint64_t draw = 0,
-               uint64_t first_row = 0);
+               const QueryResults<double>& output, uint64_t seed = 0,
+               std::optional<uint64_t> draw = {}, uint64_t first_row = 0);
   // The two halves of Query, between which the caller can work. Each SendQuery takes at most
   // limits::kMaxQueryRows rows; several may be in flight, to be received in any order.
   Result<uint64_t> SendQuery(std::span<const float> observations, std::span<const float> actions,
@@ -193,7 +197,7 @@ class RemoteEnvironment {
   Status ReceiveRows(uint64_t id, const QueryResults<Scalar>& output);
   template <typename Scalar>
   Status QueryRows(std::span<const Scalar> observations, std::span<const Scalar> actions,
-                   const QueryResults<Scalar>& output, uint64_t seed, uint64_t draw,
+                   const QueryResults<Scalar>& output, uint64_t seed, std::optional<uint64_t> draw,
                    uint64_t first_row);
   Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
 
@@ -203,6 +207,7 @@ class RemoteEnvironment {
   int64_t deadline_ms_;
   LaneNumbers numbers_;
   std::vector<UnderWay> under_way_;
+  uint64_t next_draw_ = 0;  // of a query without a draw
 };
 
 }  // namespace b4mrl

@@ -101,7 +101,7 @@ template <typename Scalar>
 Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
                                     std::span<const Scalar> actions,
                                     const QueryResults<Scalar>& output, uint64_t seed,
-                                    uint64_t draw, uint64_t first_row) {
+                                    std::optional<uint64_t> draw, uint64_t first_row) {
   struct Chunk {
     uint64_t id;
     size_t first;
@@ -118,14 +118,16 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
                               observations.size(), actions.size(), rows, observation_size, rows,
                               action_size));
   }
+  const uint64_t draw_of_call = draw ? *draw : next_draw_++;
   std::deque<Chunk> chunks;
   Status status;
   for (size_t next = 0; status.ok() && (next < rows || !chunks.empty());) {
     if (next < rows && chunks.size() < kQueryRequestsInFlight) {
       const size_t count = std::min<size_t>(rows - next, limits::kMaxQueryRows);
-      const Result<uint64_t> id = SendRows(
-          observations.subspan(next * observation_size, count * observation_size),
-          actions.subspan(next * action_size, count * action_size), seed, draw, first_row + next);
+      const Result<uint64_t> id =
+          SendRows(observations.subspan(next * observation_size, count * observation_size),
+                   actions.subspan(next * action_size, count * action_size), seed, draw_of_call,
+                   first_row + next);
       if (id.ok()) chunks.push_back({*id, next, count});
       status = id.status();
       next += count;
@@ -140,13 +142,13 @@ Status RemoteEnvironment::QueryRows(std::span<const Scalar> observations,
 }
 
 Status RemoteEnvironment::Query(std::span<const float> observations, std::span<const float> actions,
-                                const QueryResults<float>& output, uint64_t seed, uint64_t draw,
-                                uint64_t first_row) {
+                                const QueryResults<float>& output, uint64_t seed,
+                                std::optional<uint64_t> draw, uint64_t first_row) {
   return QueryRows(observations, actions, output, seed, draw, first_row);
 }
 Status RemoteEnvironment::Query(std::span<const double> observations,
                                 std::span<const double> actions, const QueryResults<double>& output,
-                                uint64_t seed, uint64_t draw, uint64_t first_row) {
+                                uint64_t seed, std::optional<uint64_t> draw, uint64_t first_row) {
   return QueryRows(observations, actions, output, seed, draw, first_row);
 }
 

@@ -178,6 +178,27 @@ TEST_CASE("a query is cut into requests whose answers land in their places") {
   CHECK(right);
 }
 
+TEST_CASE("queries without a draw count through the draws") {
+  std::vector<uint64_t> draws;
+  FakeDaemon daemon([&draws](FakeServer&, FakeCall& call) {
+    if (call.request.has_query()) draws.push_back(call.request.query().draw());
+    return false;
+  });
+  Session session(daemon, {.num_envs = 0});
+  constexpr size_t kRows = limits::kMaxQueryRows + 1;  // two requests of one draw
+  const std::vector<float> observations(kRows * kObservationSize), actions(kRows * kActionSize);
+  std::vector<float> next(observations.size());
+  std::vector<double> rewards(kRows);
+  std::vector<uint8_t> flags(2 * kRows);
+  const std::span<uint8_t> all(flags);
+  const QueryOutput output{next, rewards, all.first(kRows), all.last(kRows)};
+  REQUIRE(session->Query(observations, actions, output).ok());
+  REQUIRE(session->Query(observations, actions, output, 1).ok());
+  REQUIRE(session->Query(observations, actions, output, 1, 0).ok());
+  REQUIRE(session->Query(observations, actions, output).ok());
+  CHECK(draws == std::vector<uint64_t>{0, 0, 1, 1, 0, 0, 2, 2});
+}
+
 TEST_CASE("a refused query ends the call and leaves nothing in flight") {
   FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
     if (call.request.query().first_row() != limits::kMaxQueryRows) return false;
