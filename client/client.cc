@@ -103,7 +103,7 @@ EnvironmentSpec SpecOf(const pb::EnvironmentInfo& info) {
   return spec;
 }
 
-Client::Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
+Client::Client(Context context, std::string endpoint, Connection gateway,
                const std::atomic<bool>* cancelled)
     : context_(std::move(context)),
       endpoint_(std::move(endpoint)),
@@ -122,9 +122,10 @@ void Client::IgnoreCancellation() {
 
 Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
                                const std::atomic<bool>* cancelled) {
-  auto context = std::make_unique<Context>();
-  B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(*context, endpoint, "", cancelled));
-  Client client(std::move(context), endpoint, std::move(gateway), cancelled);
+  B4MRL_ASSIGN_OR_RETURN(deadline_ms, DeadlineInForce("deadline_ms", deadline_ms));
+  const Context context;
+  B4MRL_ASSIGN_OR_RETURN(Connection gateway, Connection::Open(context, endpoint, "", cancelled));
+  Client client(context, endpoint, std::move(gateway), cancelled);
   pb::Request request;
   request.mutable_hello()->set_client(fmt::format("{} {}", kClientName, ProjectVersion()));
   Result<ReceivedReply> reply =
@@ -226,8 +227,8 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(port));
   const bool exists = !address.empty();
   if (exists && !unreachable_.contains(address)) {
-    B4MRL_ASSIGN_OR_RETURN(Connection direct, Connection::OpenDoor(*context_, address, port.door(),
-                                                                   token, cancelled_));
+    B4MRL_ASSIGN_OR_RETURN(Connection direct,
+                           Connection::OpenDoor(context_, address, port.door(), token, cancelled_));
     // Without a relay, the first request waits for the connection until its deadline.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
@@ -241,7 +242,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
       exists ? fmt::format("{} does not answer within {} ms", address, limits::kDirectConnectMs)
              : "the server has no port of its own for this");
   B4MRL_ASSIGN_OR_RETURN(Connection relay,
-                         Connection::Open(*context_, endpoint_, token, cancelled_));
+                         Connection::Open(context_, endpoint_, token, cancelled_));
   relay.set_is_relay();
   return relay;
 }
@@ -262,7 +263,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
   // Open to the gateway and all requests to the session's worker carry the session's token.
   const std::string token = DrawToken();
   B4MRL_ASSIGN_OR_RETURN(Connection opener,
-                         Connection::Open(*context_, endpoint_, token, cancelled_));
+                         Connection::Open(context_, endpoint_, token, cancelled_));
   Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
   // The server may have opened the session already, unless it was never reached.
   if (!session.ok() && opener.connections() > 0) (void)opener.CloseSession();

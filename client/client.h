@@ -4,9 +4,10 @@
 //   auto env = client->Make("HalfCheetah", {.simulator = {{"gravity", ""}}, .num_envs = 64});
 //
 // Errors are Status values with the server's message: kUnavailable (no server answers),
-// kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. Thread rule:
-// one thread at a time may use a Client. Its sessions and datasets are independent of it and of
-// each other, each for one thread; the Client must outlive them.
+// kVersionMismatch, kUnknownName, kInvalidArgument, kLimitExceeded, kDeadlineExceeded. A deadline
+// of 0 means limits::kDefaultDeadlineMs; one above limits::kMaxDeadlineMs counts as that. Thread
+// rule: one thread at a time may use a Client. Its sessions and datasets are independent of it and
+// of each other, each for one thread, and may outlive it. Its benchmarks use it, and may not.
 //
 // Workers and the dataset worker listen on ports of their own. If such a port does not exist, or
 // cannot be reached within limits::kDirectConnectMs, requests go through the gateway, which is
@@ -16,7 +17,6 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <set>
 #include <string>
 #include <string_view>
@@ -75,7 +75,7 @@ class Client {
   Result<RemoteDataset> OpenDataset(const std::string& dataset, DatasetOptions options = {});
 
  private:
-  Client(std::unique_ptr<Context> context, std::string endpoint, Connection gateway,
+  Client(Context context, std::string endpoint, Connection gateway,
          const std::atomic<bool>* cancelled);
   // Opens a ledger (0) or reads one.
   Result<pb::LedgerReply> AskLedger(uint64_t ledger);
@@ -89,7 +89,7 @@ class Client {
   bool CanRelay() const;
   void ReportRelay(const std::string& reason);
 
-  std::unique_ptr<Context> context_;
+  Context context_;
   std::string endpoint_;
   Connection gateway_;
   const std::atomic<bool>* cancelled_;

@@ -30,7 +30,7 @@ Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
 
 }  // namespace
 
-Result<Connection> Connection::OpenDoor(Context& context, const std::string& address,
+Result<Connection> Connection::OpenDoor(const Context& context, const std::string& address,
                                         const std::string& door, std::string token,
                                         const std::atomic<bool>* cancelled) {
   B4MRL_ASSIGN_OR_RETURN(

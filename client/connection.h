@@ -8,8 +8,7 @@
 //     the caller may not have read replies for a while;
 //   - when no reply to any request has come for an eighth of the request's deadline.
 // The daemon executes a numbered step once, however often it arrives. The connection drops replies
-// that come twice, or after their request was given up. Thread rule: one thread. The Context
-// outlives the connection.
+// that come twice, or after their request was given up. Thread rule: one thread.
 #pragma once
 
 #include <atomic>
@@ -65,13 +64,13 @@ class Connection {
   // `token`: the session's token, or "". Returns at once; the first request waits for the
   // handshake. `cancelled`, if given, outlives the connection: once it is true, calls that wait
   // return kUnavailable within 20 ms. Any thread or signal handler may set it.
-  static Result<Connection> Open(Context& context, const std::string& address, std::string token,
-                                 const std::atomic<bool>* cancelled = nullptr) {
+  static Result<Connection> Open(const Context& context, const std::string& address,
+                                 std::string token, const std::atomic<bool>* cancelled = nullptr) {
     return OpenDoor(context, address, "", std::move(token), cancelled);
   }
   // As Open, to a process that also has the local door `door`, if the name is not "". Waits for the
   // door at most limits::kDirectConnectMs; without it, the connection uses `address`.
-  static Result<Connection> OpenDoor(Context& context, const std::string& address,
+  static Result<Connection> OpenDoor(const Context& context, const std::string& address,
                                      const std::string& door, std::string token,
                                      const std::atomic<bool>* cancelled = nullptr);
 

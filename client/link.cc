@@ -4,7 +4,7 @@
 
 namespace b4mrl {
 
-Result<Link> Link::Open(Context& context, const std::string& address, const std::string& door,
+Result<Link> Link::Open(const Context& context, const std::string& address, const std::string& door,
                         const Deadline& deadline, const std::atomic<bool>* cancelled) {
   Link link(context, address);
   if (!door.empty()) {
@@ -19,7 +19,7 @@ Result<Link> Link::Open(Context& context, const std::string& address, const std:
 }
 
 Status Link::OpenSocket() {
-  B4MRL_ASSIGN_OR_RETURN(DealerSocket socket, DealerSocket::Connect(*context_, address_));
+  B4MRL_ASSIGN_OR_RETURN(DealerSocket socket, DealerSocket::Connect(context_, address_));
   socket_.emplace(std::move(socket));
   return Status();
 }

@@ -2,7 +2,7 @@
 // else ZeroMQ. A door that fails for good is given up in silence, and the link goes on over ZeroMQ:
 // for the link's user, that is a reconnection.
 //
-// Thread rule: one thread. The Context outlives the link.
+// Thread rule: one thread.
 #pragma once
 
 #include <atomic>
@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
@@ -24,8 +25,9 @@ class Link {
   // A link to the process that listens on `address`. `door`: the name of its local door, or "".
   // Waits for the door until the deadline at most, or until `cancelled`, if given, turns true; for
   // ZeroMQ not at all.
-  static Result<Link> Open(Context& context, const std::string& address, const std::string& door,
-                           const Deadline& deadline, const std::atomic<bool>* cancelled = nullptr);
+  static Result<Link> Open(const Context& context, const std::string& address,
+                           const std::string& door, const Deadline& deadline,
+                           const std::atomic<bool>* cancelled = nullptr);
 
   // Never waits, but for a message that is longer than the door's ring (ClientDoor::Send).
   // kUnavailable when the queue towards the server is full.
@@ -42,10 +44,11 @@ class Link {
   std::string_view transport() const;
 
  private:
-  Link(Context& context, std::string address) : context_(&context), address_(std::move(address)) {}
+  Link(Context context, std::string address)
+      : context_(std::move(context)), address_(std::move(address)) {}
   Status OpenSocket();
 
-  Context* context_;
+  Context context_;
   std::string address_;
   std::optional<ClientDoor> door_;
   std::optional<DealerSocket> socket_;  // once there is no door

@@ -2,8 +2,8 @@
 //
 // Requests name the dataset by its fingerprint, so a restarted dataset worker can serve them. The
 // rows of batch b are a function of (seed, b, rows of a batch) alone: every client gets the same
-// rows, however often it asks. Thread rule: one thread. The Client that opened the dataset outlives
-// it.
+// rows, however often it asks. Thread rule: one thread. The Client that opened the dataset may end
+// before it.
 #pragma once
 
 #include <cstdint>

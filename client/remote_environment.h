@@ -7,8 +7,12 @@
 // different lanes in flight; a lane has at most one (else kBusy). Every step is executed exactly
 // once, even if the worker dies meanwhile (client/lane_numbers.h). A refused request has changed
 // nothing. After kInternal, kStale, kGap and kSessionLost, and after kDeadlineExceeded or
-// kUnavailable for want of a reply, the lanes of the request cannot be used any more. Thread rule:
-// one thread. The Client that opened the session outlives it. The destructor closes the session.
+// kUnavailable for want of a reply, the lanes of the request cannot be used any more.
+//
+// A session that gets no request for the daemon's lease (session_lease_ms of
+// Client::hello().limits) ends: kSessionLost. Pings and the Client's requests do not keep it; a
+// Snapshot of one lane now and then does, or, without lanes, a Query of one row. Thread rule: one
+// thread. The Client that opened the session may end before it. The destructor closes the session.
 #pragma once
 
 #include <cstdint>

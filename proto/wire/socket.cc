@@ -125,8 +125,9 @@ void SeedFirstRoutingId() {
 
 }  // namespace
 
-Context::Context() : handle_(zmq_ctx_new()) { zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, 65535); }
-Context::~Context() { zmq_ctx_term(handle_); }
+Context::Context() : handle_(zmq_ctx_new(), zmq_ctx_term) {
+  zmq_ctx_set(handle(), ZMQ_MAX_SOCKETS, 65535);
+}
 
 bool CameFromThisMachine(Message& message) {
   // An address in digits over tcp, "localhost:user:group:process" over ipc.
@@ -138,10 +139,10 @@ bool CameFromThisMachine(Message& message) {
   return ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET || IsOwnAddress(address);
 }
 
-Result<RouterSocket> RouterSocket::Bind(Context& context,
+Result<RouterSocket> RouterSocket::Bind(const Context& context,
                                         std::span<const ListeningEndpoint> endpoints) {
   SeedFirstRoutingId();
-  RouterSocket router(zmq_socket(context.handle(), ZMQ_ROUTER));
+  RouterSocket router(context, zmq_socket(context.handle(), ZMQ_ROUTER));
   if (router.socket_ == nullptr) return ZmqError("create", "a socket");
   SetCommonOptions(router.socket_);
   SetInt(router.socket_, ZMQ_ROUTER_MANDATORY, 1);
@@ -155,8 +156,11 @@ Result<RouterSocket> RouterSocket::Bind(Context& context,
 }
 
 RouterSocket::RouterSocket(RouterSocket&& other) noexcept
-    : socket_(std::exchange(other.socket_, nullptr)), unread_(std::move(other.unread_)) {}
+    : context_(std::move(other.context_)),
+      socket_(std::exchange(other.socket_, nullptr)),
+      unread_(std::move(other.unread_)) {}
 RouterSocket& RouterSocket::operator=(RouterSocket&& other) noexcept {
+  std::swap(context_, other.context_);
   std::swap(socket_, other.socket_);
   std::swap(unread_, other.unread_);
   return *this;
@@ -190,7 +194,7 @@ void RouterSocket::LingerOnClose(int64_t linger_ms) {
   SetInt(socket_, ZMQ_LINGER, static_cast<int>(linger_ms));
 }
 
-Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& address) {
+Result<DealerSocket> DealerSocket::Connect(const Context& context, const std::string& address) {
   static std::atomic<uint64_t> monitor_number{0};
   void* socket = zmq_socket(context.handle(), ZMQ_DEALER);
   if (socket == nullptr) return ZmqError("create", "a socket");
@@ -201,7 +205,7 @@ Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& 
   zmq_socket_monitor(socket, monitor_address.c_str(), ZMQ_EVENT_HANDSHAKE_SUCCEEDED);
   void* monitor = zmq_socket(context.handle(), ZMQ_PAIR);
   SetInt(monitor, ZMQ_LINGER, 0);
-  DealerSocket dealer(socket, monitor);
+  DealerSocket dealer(context, socket, monitor);
   if (zmq_connect(monitor, monitor_address.c_str()) != 0) return ZmqError("watch", address);
   if (zmq_connect(socket, address.c_str()) != 0) {
     return InvalidArgument("endpoint", address, "tcp://HOST:PORT or ipc:///PATH");
@@ -210,11 +214,13 @@ Result<DealerSocket> DealerSocket::Connect(Context& context, const std::string& 
 }
 
 DealerSocket::DealerSocket(DealerSocket&& other) noexcept
-    : socket_(std::exchange(other.socket_, nullptr)),
+    : context_(std::move(other.context_)),
+      socket_(std::exchange(other.socket_, nullptr)),
       monitor_(std::exchange(other.monitor_, nullptr)),
       connections_(other.connections_),
       receive_timeout_ms_(other.receive_timeout_ms_) {}
 DealerSocket& DealerSocket::operator=(DealerSocket&& other) noexcept {
+  std::swap(context_, other.context_);
   std::swap(socket_, other.socket_);
   std::swap(monitor_, other.monitor_);
   std::swap(connections_, other.connections_);

@@ -12,6 +12,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "proto/base/clock.h"
@@ -21,17 +22,15 @@
 
 namespace b4mrl {
 
-// Owns ZeroMQ's input/output thread. Outlives the sockets made with it.
+// A handle of ZeroMQ's input/output thread. Copies name the same thread, and every socket keeps
+// one, so the thread ends with the last of them, in whatever order they end.
 class Context {
  public:
   Context();
-  ~Context();
-  Context(const Context&) = delete;
-  Context& operator=(const Context&) = delete;
-  void* handle() const { return handle_; }
+  void* handle() const { return handle_.get(); }
 
  private:
-  void* handle_;
+  std::shared_ptr<void> handle_;
 };
 
 // Where a server listens: an address ("tcp://127.0.0.1:7700", "ipc:///run/b4mrl.sock") and, if
@@ -55,7 +54,8 @@ bool CameFromThisMachine(Message& message);
 
 class RouterSocket {
  public:
-  static Result<RouterSocket> Bind(Context& context, std::span<const ListeningEndpoint> endpoints);
+  static Result<RouterSocket> Bind(const Context& context,
+                                   std::span<const ListeningEndpoint> endpoints);
   RouterSocket(RouterSocket&&) noexcept;
   RouterSocket& operator=(RouterSocket&&) noexcept;
   ~RouterSocket();
@@ -73,7 +73,8 @@ class RouterSocket {
   void* handle() const { return socket_; }
 
  private:
-  explicit RouterSocket(void* socket) : socket_(socket) {}
+  RouterSocket(Context context, void* socket) : context_(std::move(context)), socket_(socket) {}
+  Context context_;
   void* socket_ = nullptr;
   UnreadBytes unread_;
 };
@@ -81,7 +82,7 @@ class RouterSocket {
 class DealerSocket {
  public:
   // Returns at once; ZeroMQ connects, and after a break reconnects, in the background.
-  static Result<DealerSocket> Connect(Context& context, const std::string& address);
+  static Result<DealerSocket> Connect(const Context& context, const std::string& address);
   DealerSocket(DealerSocket&&) noexcept;
   DealerSocket& operator=(DealerSocket&&) noexcept;
   ~DealerSocket();
@@ -103,7 +104,9 @@ class DealerSocket {
   void* monitor_handle() const { return monitor_; }
 
  private:
-  DealerSocket(void* socket, void* monitor) : socket_(socket), monitor_(monitor) {}
+  DealerSocket(Context context, void* socket, void* monitor)
+      : context_(std::move(context)), socket_(socket), monitor_(monitor) {}
+  Context context_;
   void* socket_ = nullptr;
   void* monitor_ = nullptr;
   uint32_t connections_ = 0;
