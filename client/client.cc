@@ -16,6 +16,17 @@ namespace {
 
 constexpr char kClientName[] = "b4mrl-cpp";
 
+// A caller's deadline as the protocol has it: 0 is the default, and there is a largest one.
+Result<int64_t> DeadlineInForce(std::string_view name, int64_t milliseconds) {
+  if (milliseconds < 0) {
+    return InvalidArgument(
+        name, std::to_string(milliseconds),
+        fmt::format("0..{}, where 0 means {}", limits::kMaxDeadlineMs, limits::kDefaultDeadlineMs));
+  }
+  if (milliseconds == 0) return limits::kDefaultDeadlineMs;
+  return std::min(milliseconds, limits::kMaxDeadlineMs);
+}
+
 std::string DrawToken() {
   std::string token(limits::kTokenBytes, '\0');
   // getrandom neither interrupts nor shortens requests of up to 256 bytes (getrandom(2)).
@@ -248,6 +259,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
 }
 
 Result<RemoteEnvironment> Client::Make(const std::string& environment, EnvironmentOptions options) {
+  B4MRL_ASSIGN_OR_RETURN(options.deadline_ms, DeadlineInForce("deadline_ms", options.deadline_ms));
   pb::Request request;
   pb::OpenRequest* open = request.mutable_open();
   open->set_environment(environment);
@@ -300,6 +312,9 @@ Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
 }
 
 Result<RemoteDataset> Client::OpenDataset(const std::string& dataset, DatasetOptions options) {
+  B4MRL_ASSIGN_OR_RETURN(options.deadline_ms, DeadlineInForce("deadline_ms", options.deadline_ms));
+  B4MRL_ASSIGN_OR_RETURN(options.open_deadline_ms,
+                         DeadlineInForce("open_deadline_ms", options.open_deadline_ms));
   B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(hello_.dataset_port(), ""));
   pb::Request request;
   pb::OpenDatasetRequest* open = request.mutable_open_dataset();

@@ -48,10 +48,16 @@ bool Connection::AwaitHandshake(const Deadline& deadline) {
 }
 
 Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline deadline) {
+  if (is_closed_) return Status(StatusCode::kFailedPrecondition, "the session was closed");
   if (in_flight() >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("{} requests in flight, at most {}", in_flight() + 1,
                               limits::kMaxRequestsInFlight));
+  }
+  // A daemon would end the connection each time that such a payload is sent.
+  if (payload.size() > limits::kMaxPayloadBytes) {
+    return InvalidNumber("bytes of the arrays", static_cast<double>(payload.size()),
+                         fmt::format("at most {}", limits::kMaxPayloadBytes));
   }
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_session_token(token_);
@@ -122,9 +128,12 @@ Status Connection::CloseSession(Deadline deadline) {
   arrived_.clear();
   // Even after `cancelled`: otherwise the session would stay until its lease runs out.
   IgnoreCancellation();
+  is_closed_ = false;  // so that a Close whose reply got lost may be tried again
   pb::Request request;
   request.mutable_close();
-  return Call(std::move(request), Frame(), deadline).status();
+  const Status status = Call(std::move(request), Frame(), deadline).status();
+  is_closed_ = true;
+  return status;
 }
 
 Clock::time_point Connection::ResendTime(const Pending& pending) const {

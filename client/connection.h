@@ -76,7 +76,9 @@ class Connection {
 
   // Queues a request and returns its id. The caller has set the payload and the array table of
   // `request`; Send adds version, token, id and deadline. kLimitExceeded while
-  // limits::kMaxRequestsInFlight requests are unanswered, or answered but not yet received.
+  // limits::kMaxRequestsInFlight requests are unanswered, or answered but not yet received;
+  // kInvalidArgument for a message that is larger than a server accepts; kFailedPrecondition after
+  // CloseSession.
   Result<uint64_t> Send(pb::Request request, Frame payload, Deadline deadline);
 
   // Waits for the reply to `id`. Returns an error of the server as its Status, kDeadlineExceeded or
@@ -137,6 +139,7 @@ class Connection {
 
   Link link_;
   bool is_relay_ = false;
+  bool is_closed_ = false;  // CloseSession was called
   std::string token_;
   const std::atomic<bool>* cancelled_;
   uint64_t next_id_ = 1;

@@ -60,6 +60,8 @@ void RemoteEnvironment::EndSession::operator()(Connection* connection) const {
 Status RemoteEnvironment::Close() {
   Status status = connection_->CloseSession(NewDeadline());
   if (status.ok()) connection_.get_deleter().is_open = false;  // else the destructor tries again
+  under_way_.clear();
+  numbers_ = LaneNumbers(num_envs());  // no lane is busy or lost: the session is closed, they say
   return status;
 }
 

@@ -67,7 +67,7 @@ struct StepOutcome {
   std::span<const double> final_infos;  // ended episodes x names
 
   // Whether the step limit alone ended the row's episode: D4RL's timeout.
-  bool timed_out(size_t row) const { return truncated[row] != 0 && terminated[row] == 0; }
+  bool timed_out(size_t row) const { return static_cast<Cause>(causes[row]) == Cause::kLimit; }
   // Whether the daemon or the physics engine gave up the step of this row: it ended its episode
   // through no rule of the task, and its observation is not an outcome of the action.
   bool given_up(size_t row) const {
@@ -165,8 +165,8 @@ class RemoteEnvironment {
   Result<Pictures> Render(std::span<const uint32_t> lanes = {}, uint32_t width = 0,
                           uint32_t height = 0);
 
-  // Drops the requests in flight and ends the session in the daemon. The destructor also does so,
-  // and waits at most half a second.
+  // Drops the requests in flight and ends the session in the daemon; later calls but Close are
+  // refused with kFailedPrecondition. The destructor also ends it, and waits at most half a second.
   Status Close();
 
  private:

@@ -21,7 +21,8 @@ struct DimensionSpec {
   // The quantity in this column, "vx" for "vehicle2-vx", if an observation has rows (Highway's
   // vehicles); "" in other environments.
   std::string feature = "";
-  // Whether the coordinate is 0 or 1 and no measurement (Highway's presence); it gets no noise.
+  // Whether the coordinate is 0 or 1 and no measurement (Highway's presence); it gets no noise. Known
+  // to the server alone: the protocol does not carry it.
   bool flag = false;
 };
 
@@ -54,7 +55,8 @@ struct EnvironmentSpec {
   std::string reward;  // formula of the reward, in words
   uint32_t max_episode_steps = 0;
   double step_seconds = 0;  // simulated time of one step
-  // Features that perturbations may require: "a MuJoCo model", "lower legs", "other cars".
+  // Features that perturbations may require: "a MuJoCo model", "lower legs", "other cars". Known to
+  // the server alone: a client finds in the catalogue to which environments a perturbation applies.
   std::vector<std::string> features;
   // Returns that D4RL's normalised score maps to 0 and 100; no values if D4RL lacks the
   // environment.

@@ -85,10 +85,6 @@ void ClientDoor::Close() {
 }
 
 Status ClientDoor::Send(Message message) {
-  if (message.payload.size() > limits::kMaxPayloadBytes) {
-    return InvalidNumber("bytes of the arrays", static_cast<double>(message.payload.size()),
-                         fmt::format("at most {}", limits::kMaxPayloadBytes));
-  }
   if (!open_) return Status();
   if (open_->writer.queued() >= static_cast<size_t>(limits::kHighWaterMark)) {
     return Status(StatusCode::kUnavailable, "the queue towards the server is full");
