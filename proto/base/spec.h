@@ -21,8 +21,8 @@ struct DimensionSpec {
   // The quantity in this column, "vx" for "vehicle2-vx", if an observation has rows (Highway's
   // vehicles); "" in other environments.
   std::string feature = "";
-  // Whether the coordinate is 0 or 1 and no measurement (Highway's presence); it gets no noise. Known
-  // to the server alone: the protocol does not carry it.
+  // Whether the coordinate is 0 or 1 and no measurement (Highway's presence); it gets no noise.
+  // Known to the server alone: the protocol does not carry it.
   bool flag = false;
 };
 

@@ -21,8 +21,9 @@ double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
   started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
   if (piece.expired) {
     Fail(Status(StatusCode::kDeadlineExceeded,
-                piece.count == items ? "the deadline passed before anything was executed"
-                                     : "the deadline passed before all of it was executed"));
+                piece.count == items && !is_partly_done_
+                    ? "the deadline passed before anything was executed"
+                    : "the deadline passed before all of it was executed"));
     return 0;
   }
   RunItems(piece.first, piece.count, thread);
@@ -35,9 +36,15 @@ bool RequestJob::EndPiece(const Piece& piece) {
   return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
 }
 
-void RequestJob::Fail(Status status) {
+Status RequestJob::Refusal(const Status& status) const {
+  if (!is_partly_done_) return status;
+  return Status(StatusCode::kInternal,
+                status.message() + "; earlier, other lanes of the request were executed");
+}
+
+void RequestJob::Fail(const Status& status) {
   std::lock_guard lock(error_mutex_);
-  if (error_.ok()) error_ = std::move(status);
+  if (error_.ok()) error_ = Refusal(status);
   failed_.store(true, std::memory_order_release);
 }
 

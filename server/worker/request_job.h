@@ -86,12 +86,18 @@ class RequestJob : public QueuedWork {
   virtual void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) = 0;
   // Called after all items if there was no error: adds the arrays whose shape depends on them.
   virtual void FinishReply() {}
-  // The first error becomes the reply. Any thread.
-  void Fail(Status status);
+  // The first error, as Refusal says it, becomes the reply. Any thread.
+  void Fail(const Status& status);
+  // `status` as a reply may say it: kInternal where is_partly_done_, since clients take most other
+  // errors to say that nothing was executed.
+  Status Refusal(const Status& status) const;
 
   pb::Reply& reply_;
   Frame reply_payload_;
   std::vector<uint32_t> busy_lanes_;
+  // Whether some lanes are answered from their slots: a copy of the request, whose worker died, has
+  // executed them.
+  bool is_partly_done_ = false;
 
  private:
   Session* owner_;

@@ -156,6 +156,7 @@ Status RestoreJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), Operation::kRestore));
   if (arrays_->Has("snapshot")) {
     for (const pb::Array& array : request.arrays()) {
+  is_partly_done_ = !selection_.answered.empty();
       if (IsNoPart(array.name()) || array.name() == "snapshot") continue;
       return InvalidArgument("arrays", fmt::format("a snapshot and '{}'", array.name()),
                              "a snapshot, or parts of a state");
@@ -169,8 +170,9 @@ Status RestoreJob::Prepare(const pb::Request& request) {
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
     if (!OperationIsRefused(owner().slot(lane), AttemptKey(Operation::kRestore))) continue;
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane));
+    return Refusal(
+        Status(StatusCode::kFailedPrecondition,
+               fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane)));
   }
   items = static_cast<uint32_t>(selection_.execute.size());
   busy_lanes_ = selection_.lanes;
@@ -219,6 +221,8 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
   const uint32_t lane = selection_.lanes[position];
   const ScopedMark mark =
       ScopedMark::OfLane(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
+  const uint32_t global_lane = owner().global_lane(lane);
+  const uint64_t number = owner().lane(lane).committed + 1;
                          AttemptKey(Operation::kRestore));
   NamedState state;
   for (const auto& [name, view] : parts_) {

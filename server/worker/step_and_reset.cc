@@ -33,7 +33,8 @@ class LaneJob : public RequestJob {
 
  private:
   Status ReadInputs();
-  // kFailedPrecondition if the reset of a lane is refused (server/shared_memory/blame.h).
+  // kFailedPrecondition, or what Refusal makes of it, if the reset of a lane is refused
+  // (server/shared_memory/blame.h).
   Status CheckResets() const;
   void PlanReply();
   // Adds what a step has done to `done`.
@@ -70,6 +71,7 @@ void CountStep(const LaneHeader& before, const LaneHeader& after, LedgerCounts* 
 Status LaneJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), operation_));
+  is_partly_done_ = !selection_.answered.empty();
   B4MRL_RETURN_IF_ERROR(ReadInputs());
   if (operation_ == Operation::kReset) B4MRL_RETURN_IF_ERROR(CheckResets());
   PlanReply();
@@ -122,10 +124,10 @@ Status LaneJob::CheckResets() const {
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
     if (!OperationIsRefused(owner().slot(lane), AttemptKey(operation_, SeedOf(position)))) continue;
-    return Status(StatusCode::kFailedPrecondition,
-                  fmt::format("the start of lane {} ended its worker twice; allowed: a reset with "
-                              "another seed, or a restore",
-                              lane));
+    return Refusal(Status(StatusCode::kFailedPrecondition,
+                          fmt::format("the start of lane {} ended its worker twice; allowed: a "
+                                      "reset with another seed, or a restore",
+                                      lane)));
   }
   return Status();
 }
