@@ -203,6 +203,7 @@ TEST_CASE("The experiment id is equal for equal contents and differs for each th
   const std::string base = id(Options(2, 1));
   REQUIRE(id(Options(2, 1)) == base);
   REQUIRE(id(Options(2, 2)) != base);
+  REQUIRE(id(Options(3, 1)) != base);
   EnvironmentOptions other = Options(2, 1);
   other.simulator[0].argument = "0.51";
   REQUIRE(id(other) != base);
@@ -211,6 +212,12 @@ TEST_CASE("The experiment id is equal for equal contents and differs for each th
   REQUIRE(id(other) != base);
   other = Options(2, 1);
   other.config = R"({"max_episode_steps": 41})";
+  REQUIRE(id(other) != base);
+  other = Options(2, 1);
+  other.autoreset_mode = AutoresetMode::kSameStep;
+  REQUIRE(id(other) != base);
+  other = Options(2, 1);
+  other.observation_dtype = DType::kFloat32;
   REQUIRE(id(other) != base);
 }
 

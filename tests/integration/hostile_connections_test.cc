@@ -149,6 +149,20 @@ TEST_CASE("A message that never ends costs the process that takes it, and nobody
   }
 }
 
+TEST_CASE("A peer that answers no heartbeat is given up after six seconds, not before") {
+  HostileConnections daemon;
+  std::vector<RawZmtp> silent;
+  const Clock::time_point start = Clock::now();
+  for (const std::string& address : daemon.addresses()) {
+    REQUIRE(silent.emplace_back(address).ShakeHands());
+  }
+  for (RawZmtp& connection : silent) {
+    CHECK(connection.AwaitHangUp(kPatienceMs));
+    CHECK(SecondsSince(start) > 1e-3 * limits::kHeartbeatTimeoutMs);
+  }
+  daemon.RequireUnharmed();
+}
+
 // ZMTP's announcement of a frame of `size` bytes.
 std::string LongFrameHeader(uint64_t size) {
   std::string header = "\x02";

@@ -6,11 +6,14 @@
 
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "proto/base/clock.h"
 #include "tests/integration/support/daemon.h"
+#include "tests/loopback.h"
 
 namespace b4mrl {
 namespace {
@@ -163,6 +166,40 @@ TEST_CASE("What the daemon makes is its user's alone, whatever the umask says") 
     INFO(path);
     CHECK((fs::status(path).permissions() & ~fs::perms::owner_all) == fs::perms::none);
   }
+}
+
+// The first of `count` free ports in a row, which are let go again; 0 if some of them were taken.
+uint16_t FreePorts(int count) {
+  std::vector<UniqueFd> held;
+  held.push_back(ListenOnLoopback(0));
+  const int first = PortOf(held[0]);
+  for (int port = first + 1; port < first + count; ++port) {
+    if (port < 65536) held.push_back(ListenOnLoopback(static_cast<uint16_t>(port)));
+    if (port >= 65536 || !held.back().valid()) return 0;
+  }
+  return static_cast<uint16_t>(first);
+}
+
+TEST_CASE("Workers listen on the ports after the gateway's, the dataset worker on the next") {
+  uint16_t port = 0;
+  std::optional<PrivateDaemon> daemon;
+  for (int attempt = 0; attempt < 20 && !daemon; ++attempt) {  // others look for ports, too
+    port = FreePorts(4);
+    const std::string address = "tcp://127.0.0.1:" + std::to_string(port);
+    Result<PrivateDaemon> started =
+        PrivateDaemon::Start({.binary = B4MRL_BINARY_DIR "/b4mrl-serve",
+                              .data_folder = EmptyDataFolder(),
+                              .arguments = {"--workers", "2", "--bind", address}});
+    if (port != 0 && started.ok()) daemon = std::move(*started);
+  }
+  REQUIRE(daemon);
+  Client client = Connect("tcp://127.0.0.1:" + std::to_string(port));
+  const RemoteEnvironment first = Take(client.Make("HalfCheetah"));
+  const RemoteEnvironment second = Take(client.Make("HalfCheetah"));
+  const std::set<uint32_t> workers = {first.in_force().port().tcp(),
+                                      second.in_force().port().tcp()};
+  CHECK(workers == std::set<uint32_t>{port + 1u, port + 2u});
+  CHECK(client.hello().dataset_port().tcp() == port + 3u);
 }
 
 TEST_CASE("An ipc socket left by a killed daemon is taken over") {
