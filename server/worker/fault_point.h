@@ -14,6 +14,8 @@ enum class FaultPoint : uint8_t {
   kSlotHalfWritten,  // the lane's idle buffer holds the new record without its seal
   kAfterCommit,      // the lane's operation is committed, and not answered
   kBeforeQueryRow,   // before a query's row; `lane` is the row's number in the request
+  kBeforeSnapshot,   // before a lane's state is read for a snapshot
+  kBeforeRestore,    // the lane is marked, and its state is still to be set by its parts
 };
 
 // `idle_buffer` is the buffer that is being written, or empty. The hook need not return.

@@ -9,6 +9,7 @@
 #include "proto/base/limits.h"
 #include "server/environments/mujoco/engine_version.h"
 #include "server/shared_memory/blame.h"
+#include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
 #include "server/worker/lane_selection.h"
 #include "server/worker/snapshot_blob.h"
@@ -97,6 +98,7 @@ void SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread)
 
 void SnapshotJob::WriteLane(uint32_t position, Environment& environment) {
   const uint32_t lane = busy_lanes_[position];
+  ReachFaultPoint(FaultPoint::kBeforeSnapshot, owner().global_lane(lane), request_id());
   const size_t bytes = SnapshotBytes(owner().layout());
   WriteSnapshot(owner().simulator().identity_hash(), owner().committed_record(lane),
                 {reply_payload_.data() + snapshot_ + position * bytes, bytes});
@@ -154,9 +156,9 @@ bool IsNoPart(const std::string& name) { return name == "lanes" || name == "numb
 Status RestoreJob::Prepare(const pb::Request& request) {
   B4MRL_ASSIGN_OR_RETURN(arrays_, ArrayReader::Parse(request.arrays(), payload()));
   B4MRL_ASSIGN_OR_RETURN(selection_, SelectLanes(*arrays_, owner(), Operation::kRestore));
+  is_partly_done_ = !selection_.answered.empty();
   if (arrays_->Has("snapshot")) {
     for (const pb::Array& array : request.arrays()) {
-  is_partly_done_ = !selection_.answered.empty();
       if (IsNoPart(array.name()) || array.name() == "snapshot") continue;
       return InvalidArgument("arrays", fmt::format("a snapshot and '{}'", array.name()),
                              "a snapshot, or parts of a state");
@@ -219,11 +221,11 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
     return ReadSnapshot(owner().simulator().identity_hash(), layout, source, record);
   }
   const uint32_t lane = selection_.lanes[position];
-  const ScopedMark mark =
-      ScopedMark::OfLane(thread.mark, owner().global_lane(lane), owner().lane(lane).committed + 1,
   const uint32_t global_lane = owner().global_lane(lane);
   const uint64_t number = owner().lane(lane).committed + 1;
-                         AttemptKey(Operation::kRestore));
+  const ScopedMark mark =
+      ScopedMark::OfLane(thread.mark, global_lane, number, AttemptKey(Operation::kRestore));
+  ReachFaultPoint(FaultPoint::kBeforeRestore, global_lane, number);
   NamedState state;
   for (const auto& [name, view] : parts_) {
     const size_t size = view.shape[1];

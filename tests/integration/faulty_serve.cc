@@ -7,6 +7,8 @@
 //   tear-once:LANE:NUMBER:FILE        killed with the slot's idle buffer half written
 //   kill-after-once:LANE:NUMBER:FILE  killed after the commit and before the reply
 //   crash-query:ROW                   row ROW of any query ends the process, every time
+//   crash-snapshot:LANE               any snapshot of lane LANE ends it, every time
+//   crash-restore:LANE                setting lane LANE by the parts of a state ends it, every time
 //   crash-attach:LANES                building a session of so many lanes ends it, every time
 //   slow-attach:LANES:MS              building a session of so many lanes takes MS ms longer
 //
@@ -84,17 +86,30 @@ void BreakOperation(FaultPoint point, std::span<std::byte> idle_buffer) {
   }
 }
 
+// Whether the process ends at this point of the planned lane, whatever the number.
+bool CrashesAt(FaultPoint point) {
+  switch (point) {
+    case FaultPoint::kBeforeAttach:
+      return planned.kind == "crash-attach";
+    case FaultPoint::kBeforeQueryRow:
+      return planned.kind == "crash-query";
+    case FaultPoint::kBeforeSnapshot:
+      return planned.kind == "crash-snapshot";
+    case FaultPoint::kBeforeRestore:
+      return planned.kind == "crash-restore";
+    default:
+      return false;
+  }
+}
+
 void BreakAtPoint(FaultPoint point, uint32_t lane, uint64_t number,
                   std::span<std::byte> idle_buffer) {
-  if (point == FaultPoint::kBeforeQueryRow) {
-    if (planned.kind == "crash-query" && lane == planned.lane) std::abort();
-  } else if (point == FaultPoint::kBeforeAttach) {
-    if (lane != planned.lane) return;
-    if (planned.kind == "crash-attach") std::abort();
-    if (planned.kind == "slow-attach") poll(nullptr, 0, static_cast<int>(planned.number));
-  } else if (lane == planned.lane && number == planned.number) {
-    BreakOperation(point, idle_buffer);
+  if (lane != planned.lane) return;
+  if (CrashesAt(point)) std::abort();
+  if (point == FaultPoint::kBeforeAttach && planned.kind == "slow-attach") {
+    poll(nullptr, 0, static_cast<int>(planned.number));
   }
+  if (number == planned.number) BreakOperation(point, idle_buffer);
 }
 
 }  // namespace

@@ -158,6 +158,37 @@ TEST_CASE("A query that always ends its process is refused, and the session's st
   RequireSameBytes(walk, ReferenceWalk(50), 50);
 }
 
+TEST_CASE("A snapshot that always ends its process is refused, and the session's steps go on") {
+  PrivateDaemon daemon = StartFaulty("crash-snapshot:4");
+  Client client = Connect(daemon.endpoint());
+  LaneWalk walk = OpenWalk(client);
+  RequireOk(walk.RunTo(10));
+  const uint32_t others[] = {3, 5}, guilty[] = {4};
+  RequireOk(walk.environment().Snapshot(others).status());
+  const Status status = walk.environment().Snapshot(guilty).status();
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kInternal);
+  REQUIRE(LookAt(client, "worker-0").restarts == 2);
+  RequireOk(walk.RunTo(50));
+  RequireSameBytes(walk, ReferenceWalk(50), 50);
+}
+
+TEST_CASE("A restore that always ends its process is refused and changes no lane") {
+  PrivateDaemon daemon = StartFaulty("crash-restore:4");
+  Client client = Connect(daemon.endpoint());
+  LaneWalk walk = OpenWalk(client);
+  RequireOk(walk.RunTo(5));
+  LaneStates states = Take(walk.environment().Snapshot());
+  states.snapshot.clear();  // so that the parts are restored
+  RequireOk(walk.RunTo(10));
+  const Status status = walk.environment().Restore(states).status();
+  INFO(status.ToString());
+  REQUIRE(status.code() == StatusCode::kFailedPrecondition);
+  REQUIRE(LookAt(client, "worker-0").restarts == 2);
+  RequireOk(walk.RunTo(50));
+  RequireSameBytes(walk, ReferenceWalk(50), 50);
+}
+
 TEST_CASE("A session whose opening always ends its worker is refused, and others are opened") {
   PrivateDaemon daemon = StartFaulty("crash-attach:7");
   Result<Client> client = Client::Connect(daemon.endpoint());
