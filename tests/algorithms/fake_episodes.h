@@ -2,6 +2,9 @@
 #pragma once
 
 #include <algorithm>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "client/remote_environment.h"
 #include "tests/client/fake_daemon.h"
@@ -34,5 +37,27 @@ class EndsEveryStep {
  private:
   Cause cause_;
 };
+
+// Every second row of a query, from the row after its first one, reaches an observation that ends
+// an episode. All rows stay where they are.
+inline bool EndOddRows(FakeServer& server, const FakeCall& call) {
+  if (!call.request.has_query()) return false;
+  const std::vector<float> observations = Elements<float>(call, "observations");
+  const size_t rows = observations.size() / kObservationSize;
+  pb::Reply reply;
+  ArrayLayout layout(reply.mutable_arrays());
+  const size_t next = layout.Add("next_observations", DType::kFloat32, {rows, kObservationSize});
+  const size_t rewards = layout.Add("rewards", DType::kFloat64, {rows});
+  const size_t terminated = layout.Add("terminated", DType::kUint8, {rows});
+  const size_t valid = layout.Add("valid", DType::kUint8, {rows});
+  Frame payload = layout.Allocate();
+  std::ranges::copy(observations, ArrayAt<float>(payload, next, observations.size()).begin());
+  std::ranges::fill(ArrayAt<double>(payload, rewards, rows), 0.0);
+  std::ranges::fill(ArrayAt<uint8_t>(payload, valid, rows), uint8_t{1});
+  const std::span<uint8_t> ends = ArrayAt<uint8_t>(payload, terminated, rows);
+  for (size_t row = 0; row < rows; ++row) ends[row] = row % 2 == 0 ? 0 : 1;
+  server.Reply(call, std::move(reply), std::move(payload));
+  return true;
+}
 
 }  // namespace b4mrl

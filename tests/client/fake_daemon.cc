@@ -35,6 +35,7 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
       open->set_observation_size(kObservationSize);
       open->set_action_size(kActionSize);
       open->set_environment(dataset_environment);
+      open->mutable_hidden_dimensions()->Assign(hidden_dimensions.begin(), hidden_dimensions.end());
       return server.Reply(call, std::move(reply));
     }
     case pb::Request::kDatasetStats:

@@ -48,6 +48,7 @@ class FakeDaemon {
   uint32_t protocol_version = limits::kProtocolVersion;
   uint64_t dataset_rows = 100;
   std::string dataset_environment = "Fake";
+  std::vector<uint32_t> hidden_dimensions;  // of the dataset
 
   // Sessions that were given back; a Close that comes twice counts once.
   uint64_t closed_sessions() const {

@@ -10,6 +10,8 @@ LearnerContext ContextOf(std::span<const Hyperparameter> table) {
   LearnerContext context;
   context.environment.action.dimensions.resize(3);
   context.seed = 5;
+  context.threads = 3;
+  context.precision = Precision::kBf16;
   context.hyperparameters = Hyperparameters(table);
   return context;
 }
@@ -34,6 +36,8 @@ void CheckShared(const ActorCriticOptions& options) {
   CHECK(options.gamma == 0.5);
   CHECK(options.tau == 0.125);
   CHECK(options.seed == RoleSeed(5, "core"));
+  CHECK(options.threads == 3);
+  CHECK(options.precision == Precision::kBf16);
 }
 
 TEST_CASE("a learner's hyperparameters reach its core under their standard names") {

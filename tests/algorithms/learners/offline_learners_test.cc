@@ -58,7 +58,7 @@ double OtherValue(const Hyperparameter& entry) {
 TEST_CASE("Each hyperparameter of a learner on a dataset alone changes what it learns") {
   for (const Algorithm& algorithm : Algorithms()) {
     const Hyperparameters values(algorithm.hyperparameters);
-    // Those that learn a model first are tested in model_based_test.cc.
+    // Those that learn a model first: model_based_options_test.cc and mopo_test.cc.
     const bool has_model = values.Find("ensemble-members") != nullptr;
     if (!algorithm.needs.dataset || algorithm.needs.simulator || has_model) continue;
     DYNAMIC_SECTION(algorithm.name) {
