@@ -7,6 +7,7 @@
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -111,6 +112,33 @@ TEST_CASE("An episode that ends by the step limit bootstraps from the observatio
     const float* final = rows.next_observations.view().column(999);
     CHECK(std::abs(final[1] - last[1]) < 1);
   }
+}
+
+TEST_CASE("Actions of the warm-up are uniform in [-1, 1], and new ones in every step and lane") {
+  TestDaemon daemon;
+  const LearnerContext context = ContextOf(daemon, "HalfCheetah");
+  constexpr int kSteps = 300;
+  const ReplayCollector lanes = WarmLanes(context, kSteps * kLanes);
+  double sum = 0, squares = 0;
+  std::set<std::vector<float>> different;
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const BatchBuffer rows = TransitionsOf(lanes, lane, context.action_size());
+    for (int step = 0; step < kSteps; ++step) {
+      const float* action = rows.actions.view().column(step);
+      different.emplace(action, action + rows.actions.rows());
+    }
+    for (const float action : rows.actions.values()) {
+      REQUIRE(std::abs(action) <= 1);
+      sum += action;
+      squares += action * action;
+    }
+  }
+  CHECK(different.size() == kSteps * kLanes);
+  // A draw has the variance 1/3, and its square the mean 1/3 and the variance 1/5 - 1/9; five
+  // deviations of the means.
+  const double count = kSteps * kLanes * context.action_size();
+  CHECK(sum / count == Approx(0).margin(5 / std::sqrt(3 * count)));
+  CHECK(squares / count == Approx(1.0 / 3).margin(5 * std::sqrt(4.0 / 45 / count)));
 }
 
 TEST_CASE("A fall is stored as terminated, and returns are those of whole episodes") {

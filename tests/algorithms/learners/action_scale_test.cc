@@ -1,9 +1,11 @@
 // Learners work with actions in [-1, 1], daemons and datasets with the environment's. Every place
 // where one becomes the other, with bounds that differ from 1 and from one another: a fake daemon's
 // 0.25 and 2.5.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <map>
 #include <mutex>
+#include <set>
 #include <span>
 #include <utility>
 #include <vector>
@@ -92,6 +94,14 @@ PolicyWeights RandomPolicy() {
   return Take(SacCore<float>::Create(options)).Policy();
 }
 
+// Its actions are functions of the noise alone.
+PolicyWeights BlindPolicy() {
+  PolicyWeights policy = RandomPolicy();
+  std::ranges::fill(policy.mean.weight, 0.0f);
+  std::ranges::fill(policy.log_std->weight, 0.0f);
+  return policy;
+}
+
 DynamicsEnsemble<float> RandomEnsemble() {
   DynamicsEnsembleOptions options = SmallEnsembleOptions();
   options.observation_size = kObservation;
@@ -170,7 +180,7 @@ TEST_CASE("A model learns from actions in [-1, 1], and the pre-pass asks about t
   for (size_t i = 0; i < asked.size(); ++i) CHECK(asked[i] == static_cast<float>(i / kActionSize));
 }
 
-TEST_CASE("Rollouts ask about the actions they store, every step of every cycle by its own draw") {
+TEST_CASE("Rollouts ask about the actions they store, each step of a cycle by a draw of its own") {
   RecordingDaemon daemon;
   const LearnerContext context = daemon.Context(AlgorithmOf("hymopo").hyperparameters);
   RemoteEnvironment simulator = Take(OpenTrainingSimulator(context, /*lanes=*/0));
@@ -185,13 +195,18 @@ TEST_CASE("Rollouts ask about the actions they store, every step of every cycle 
   ModelRollout rollout(options, &simulator, &ensemble);
   ReplayBuffer pool = Take(ReplayBuffer::InMemory({kObservation, kAction, 200}));
   for (const uint64_t cycle : {0, 1}) {
-    RequireOk(rollout.Begin(cycle, std::vector<float>(30 * kObservationSize), RandomPolicy()));
+    RequireOk(rollout.Begin(cycle, std::vector<float>(30 * kObservationSize), BlindPolicy()));
     Take(rollout.Finish(pool));
   }
   const BatchBuffer rows = All(pool);
   REQUIRE(rows.size() == 2 * 2 * 30);
   const std::map<RecordingDaemon::QueryId, std::vector<float>> queries = daemon.queries();
   REQUIRE(queries.size() == 2 * 2 * 2);  // cycles, steps, chunks
+  std::set<std::vector<float>> noise;    // of the first ten rows of each
+  for (const auto& [id, actions] : queries) {
+    noise.emplace(actions.begin(), actions.begin() + 10 * kAction);
+  }
+  CHECK(noise.size() == queries.size());
   for (const int cycle : {0, 1}) {
     for (const int step : {0, 1}) {
       INFO(cycle << ", " << step);

@@ -4,6 +4,7 @@
 #include <functional>
 #include <initializer_list>
 #include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -27,9 +28,10 @@ LearnerContext ContextOf(TestDaemon& daemon) {
   return context;
 }
 
-// What the first update of a small learner says when row i of its batch of D, which holds the
-// critics' four rows and then the discriminators' six, is `row(i)`.
-std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>& row) {
+// What each of the first updates of a small learner says when row i of each of its batches of D,
+// which hold the critics' four rows and then the discriminators' six, is `row(i)`.
+std::vector<std::map<std::string, double>> Updates(const std::function<FakeRow(uint64_t)>& row,
+                                                   int updates, double gamma) {
   FakeDaemon daemon([&](FakeServer& server, FakeCall& call) {
     if (!call.request.has_sample()) return false;
     const pb::SampleRequest& sample = call.request.sample();
@@ -47,17 +49,25 @@ std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>
                                                                   {"batch-size", 8},
                                                                   {"real-ratio", 0.5},
                                                                   {"discriminator-batch", 6},
-                                                                  {"gap-samples", 2}}) {
+                                                                  {"gap-samples", 2},
+                                                                  {"gamma", gamma}}) {
     RequireOk(context.hyperparameters.Set(name, value));
   }
   const auto learner = Take(AlgorithmOf("h2o").create(context));
   Progress quiet(true);
   RequireOk(learner->Prepare(quiet));
-  MetricMeans metrics;
-  RequireOk(learner->Update(metrics));
-  std::map<std::string, double> values;
-  for (const Metric& metric : metrics.Take()) values[metric.name] = metric.value;
-  return values;
+  std::vector<std::map<std::string, double>> all;
+  for (int i = 0; i < updates; ++i) {
+    MetricMeans metrics;
+    RequireOk(learner->Update(metrics));
+    std::map<std::string, double>& values = all.emplace_back();
+    for (const Metric& metric : metrics.Take()) values[metric.name] = metric.value;
+  }
+  return all;
+}
+
+std::map<std::string, double> FirstUpdate(const std::function<FakeRow(uint64_t)>& row) {
+  return Updates(row, 1, /*gamma=*/0.99).front();
 }
 
 // Trains and returns the number of simulator steps after each update.
@@ -114,6 +124,15 @@ TEST_CASE("H2O's discriminators and its critics see rows of their own") {
     CHECK(other_for_critics[loss] == original[loss]);
     CHECK(other_for_discriminators[loss] != original[loss]);
   }
+}
+
+TEST_CASE("H2O draws other simulated rows in every update") {
+  const auto row = [](uint64_t) { return FakeRow{0.5f, 0.1f, 0.5f, 0.5f}; };
+  // Updates of one cycle. Without a discount a target is its row's reward, whatever the networks
+  // learn, and the daemon's steps have ten different ones.
+  std::set<double> targets;
+  for (auto& update : Updates(row, 5, /*gamma=*/0)) targets.insert(update["mean_target"]);
+  CHECK(targets.size() > 1);
 }
 
 TEST_CASE("H2O takes a dataset's actions beyond the bounds for the bounds") {

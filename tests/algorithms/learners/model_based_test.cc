@@ -3,6 +3,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <filesystem>
+#include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -52,7 +54,7 @@ struct RolloutResult {
 };
 
 RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options,
-                      DynamicsEnsemble<float> ensemble) {
+                      DynamicsEnsemble<float> ensemble, uint64_t cycle = 2) {
   options.observation_size = kObservation;
   options.action_size = kAction;
   options.action_scale.assign(kAction, 1.0f);
@@ -61,7 +63,7 @@ RolloutResult RollOut(const std::string& rule, ModelRolloutOptions options,
   SacOptions core;
   core.observation_size = kObservation;
   core.action_size = kAction;
-  RequireOk(rollout.Begin(2, Starts(), Take(SacCore<float>::Create(core)).Policy()));
+  RequireOk(rollout.Begin(cycle, Starts(), Take(SacCore<float>::Create(core)).Policy()));
   ReplayBuffer pool = Take(ReplayBuffer::InMemory({kObservation, kAction, 2000}));
   const RolloutCounts counts = Take(rollout.Finish(pool));
   RolloutResult result = {counts,
@@ -293,6 +295,35 @@ TEST_CASE("Each step of a rollout is an elite's, and every elite has its share o
   CHECK(steps_of_member[1] + steps_of_member[2] == kRows);
   CHECK(steps_of_member[1] > kRows / 3);
   CHECK(steps_of_member[2] > kRows / 3);
+}
+
+TEST_CASE("The elite of a row is drawn anew in every step of every cycle") {
+  DynamicsEnsembleOptions options = SmallEnsembleOptions();
+  options.min_log_var = -30;
+  options.max_log_var = -25;  // deviations of 4e-6: a step tells whose it is
+  DynamicsEnsemble<float> ensemble = Take(DynamicsEnsemble<float>::Create(options));
+  // A member's reward is the same for every row then.
+  ensemble.VisitArrays([](const NamedArray<float>& array) {
+    if (array.name == "ensemble/layer4/weight") std::ranges::fill(array.values, 0.0f);
+  });
+  ModelRolloutOptions two_steps;
+  two_steps.horizon = 2;
+  std::set<std::vector<bool>> draws;  // of each step, whose reward is that of the very first row
+  std::optional<float> reward;
+  for (const uint64_t cycle : {0, 1}) {
+    const BatchBuffer rows = RollOut("HalfCheetah", two_steps, ensemble, cycle).rows;
+    REQUIRE(rows.size() == 2 * kRows);
+    if (!reward) reward = rows.rewards[0];
+    for (const int step : {0, 1}) {
+      std::vector<bool> same(kRows);
+      for (int row = 0; row < kRows; ++row) {
+        // Ten deviations; members are tenths apart.
+        same[row] = std::abs(rows.rewards[step * kRows + row] - *reward) < 4e-5f;
+      }
+      draws.insert(same);
+    }
+  }
+  CHECK(draws.size() == 4);
 }
 
 TEST_CASE("The horizon's default is the environment's") {
