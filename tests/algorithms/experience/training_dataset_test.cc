@@ -2,9 +2,11 @@
 #include "algorithms/experience/training_dataset.h"
 
 #include <catch2/catch.hpp>
+#include <memory>
 #include <vector>
 
 #include "tests/algorithms/fixtures.h"
+#include "tests/algorithms/run/small_run.h"
 #include "tests/data/example_dataset.h"
 
 namespace b4mrl {
@@ -42,25 +44,43 @@ TEST_CASE("Trainings of all seeds see one noise matrix, and another one with a c
   CHECK(otherwise != clean);
 }
 
+// The mask of the policy of a small learner, prepared.
+std::vector<float> MaskOf(const Algorithm& algorithm, LearnerContext context) {
+  context.hyperparameters = SmallRun(algorithm.name, "").hyperparameters;
+  const TemporaryFolder folder;
+  context.folder = folder.path();
+  const std::unique_ptr<Learner> learner = Take(algorithm.create(context));
+  Progress quiet(true);
+  RequireOk(learner->Prepare(quiet));
+  return learner->Policy().observation_mask;
+}
+
 TEST_CASE("A policy does not see what the behaviour policy of its dataset could not see") {
   TestDaemon daemon;
   WriteHiding(daemon, "partial-high", {9});
-  for (const char* name : {"td3-bc", "bc", "iql"}) {
-    const Algorithm& algorithm = AlgorithmOf(name);
+  for (const Algorithm& algorithm : Algorithms()) {
+    if (!algorithm.needs.dataset) continue;
+    INFO(algorithm.name);
     LearnerContext context = CheetahContext(daemon, "HalfCheetah/partial-high");
-    context.hyperparameters = Hyperparameters(algorithm.hyperparameters);
-    RequireOk(context.hyperparameters.Set("batch-size", 32));
-    Progress quiet(true);
     std::vector<float> expected(17, 1.0f);
     expected[9] = 0;
-    auto learner = Take(algorithm.create(context));
-    RequireOk(learner->Prepare(quiet));
-    CHECK(learner->Policy().observation_mask == expected);
+    CHECK(MaskOf(algorithm, context) == expected);
     context.corruption = {{"hidden", "16"}};
     expected[16] = 0;
-    learner = Take(algorithm.create(context));
-    RequireOk(learner->Prepare(quiet));
-    CHECK(learner->Policy().observation_mask == expected);
+    CHECK(MaskOf(algorithm, context) == expected);
+  }
+}
+
+TEST_CASE("A policy without a dataset does not see what its simulator hides") {
+  TestDaemon daemon;
+  for (const Algorithm& algorithm : Algorithms()) {
+    if (algorithm.needs.dataset) continue;
+    INFO(algorithm.name);
+    LearnerContext context = CheetahContext(daemon);
+    context.simulator = {{"hidden", "9"}};
+    std::vector<float> expected(17, 1.0f);
+    expected[9] = 0;
+    CHECK(MaskOf(algorithm, context) == expected);
   }
 }
 
