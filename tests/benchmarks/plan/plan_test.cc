@@ -140,6 +140,9 @@ TEST_CASE("Ids hang on what decides a run's numbers and on nothing else") {
   CHECK(run_of(benchmark, budget, 1).id != run.id);
   CHECK(run_of(benchmark, budget, 1).cell_id == run.cell_id);
   other = budget;
+  other.rows = 10'000;  // of every dataset
+  CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
+  other = budget;
   other.hyperparameters["hymopo"]["rollout-lag"] = 1;
   CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
 
