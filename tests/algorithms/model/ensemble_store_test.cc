@@ -109,7 +109,10 @@ TEST_CASE("Whatever an ensemble depends on gives it another key") {
   SECTION("how many members rollouts use") { options.elites = 1; }
   SECTION("the decay factor") { options.decay_scale = 0.5; }
   SECTION("the precision") {
-    if (!HasBf16()) return;
+    if (!HasBf16()) {
+      WARN("skipped: this processor has no AVX512-BF16");
+      return;
+    }
     options.precision = Precision::kBf16;
   }
   SECTION("an observation") { other.observations.view()(0, 299) += 1e-6f; }

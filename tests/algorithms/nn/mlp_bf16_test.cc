@@ -70,7 +70,7 @@ double Deviation(std::span<const float> numbers, std::span<const double> expecte
 
 TEST_CASE("a bf16 network's outputs and gradients are the exact ones within the rounding") {
   if (!HasBf16()) {
-    WARN("not tested: this processor has no AVX512-BF16");
+    WARN("skipped: this processor has no AVX512-BF16");
     return;
   }
   const Activation activation = GENERATE(Activation::kRelu, Activation::kSwish);
@@ -92,7 +92,7 @@ TEST_CASE("a bf16 network's outputs and gradients are the exact ones within the 
 
 TEST_CASE("threads change no bit of a bf16 network's outputs and gradients") {
   if (!HasBf16()) {
-    WARN("not tested: this processor has no AVX512-BF16");
+    WARN("skipped: this processor has no AVX512-BF16");
     return;
   }
   const Pass<float> alone(Activation::kSwish, Precision::kBf16, 1);

@@ -128,7 +128,7 @@ void CheckProduct(const Product& product) {
 
 bool Unavailable() {
   if (HasBf16()) return false;
-  WARN("not tested: this processor has no AVX512-BF16");
+  WARN("skipped: this processor has no AVX512-BF16");
   return true;
 }
 
