@@ -19,9 +19,10 @@ std::string DefaultDataFolder();
 // files there. 0 if the folder or the kernel's boot id cannot be read.
 uint64_t FolderIdentity(const std::string& path);
 
-// A folder of files that come with the project ("models", "agents"): ../share/b4mrl/`name` relative
+// A folder of files that come with the project ("models", "agents"): ../lib/b4mrl/`name` relative
 // to the running program's folder if that exists, as `cmake --install` makes it; otherwise
-// `in_source_tree`, known to the build. So an installation can be moved as a whole.
+// `in_source_tree`, known to the build. So an installation can be moved as a whole. The place is
+// not share/b4mrl, because that is the user's data folder where the prefix is ~/.local.
 std::string SharedFolder(std::string_view name, const std::string& in_source_tree);
 
 }  // namespace b4mrl

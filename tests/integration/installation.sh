@@ -1,14 +1,15 @@
 #!/usr/bin/env bash
-# An installation works, and still does when its folder has been moved: its programs read its own files.
+# An installation works, and still does when its folder has been moved: its programs read its own files,
+# its documents link to nothing that is missing, and below ~/.local it leaves the user's data alone.
 #
 #   tests/integration/installation.sh CMAKE BUILD_FOLDER
 set -eu
 cmake=$1 build=$2
 folder=$(mktemp -d "${TMPDIR:-/tmp}/b4mrl-installation.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
-# Nothing but the installation is to say where things are.
-unset B4MRL_AGENTS B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF
-export XDG_DATA_HOME=$folder/data XDG_CACHE_HOME=$folder/cache
+# Nothing but the installation and the home folder is to say where things are.
+unset B4MRL_AGENTS B4MRL_DATA B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF XDG_DATA_HOME XDG_CACHE_HOME
+export HOME=$folder/home
 
 fail() {
   echo "FAILED: $*" >&2
@@ -16,26 +17,45 @@ fail() {
 }
 
 "$cmake" --install "$build" --prefix "$folder/first" >"$folder/log" || fail "$(cat "$folder/log")"
-mv "$folder/first" "$folder/moved"
-b4mrl=$folder/moved/bin/b4mrl
-for file in share/b4mrl/datasets.toml share/b4mrl/replays/hopper-medium.h5 share/doc/b4mrl/LICENSE share/doc/b4mrl/proto/PROTOCOL.md bin/b4mrl-render; do
-  [ -f "$folder/moved/$file" ] || fail "$file is missing"
+# Where the README installs to, and below which the user's datasets are, too.
+prefix=$HOME/.local
+mkdir "$HOME"
+mv "$folder/first" "$prefix"
+b4mrl=$prefix/bin/b4mrl
+for file in lib/b4mrl/datasets.toml lib/b4mrl/replays/hopper-medium.h5 share/doc/b4mrl/LICENSE share/doc/b4mrl/proto/PROTOCOL.md bin/b4mrl-render; do
+  [ -f "$prefix/$file" ] || fail "$file is missing"
 done
+
+# Every link of a document leads to something; [](const Type& name) of C++ has a space and is none.
+links=0
+while IFS= read -r -d '' document; do
+  while read -r link; do
+    case $link in http://* | https://* | '#'*) continue ;; esac
+    links=$((links + 1))
+    [ -e "$(dirname "$document")/${link%%#*}" ] || fail "$document links to $link, which is missing"
+  done < <(grep -oE '\]\([^) ]+\)' "$document" | sed 's/^](//; s/)$//')
+done < <(find "$prefix/share/doc/b4mrl" -name '*.md' -print0)
+[ "$links" -ge 40 ] || fail "only $links links were found"
+
+# Files that were installed are not the user's datasets: the list has those alone that are published and
+# not made.
+"$b4mrl" list datasets >"$folder/list" || fail "b4mrl list datasets"
+others=$(grep -v -e ' not made; ' -e ' cannot be made: ' "$folder/list") && fail "datasets before any was made: $others"
 
 # A private daemon steps HalfCheetah under the policy that was installed.
 "$b4mrl" dataset make HalfCheetah/medium --rows 100 --quiet || fail "making a dataset"
-[ -f "$folder/data/b4mrl/HalfCheetah/medium-v0.h5" ] || fail "no dataset was written"
+[ -f "$prefix/share/b4mrl/HalfCheetah/medium-v0.h5" ] || fail "no dataset was written"
 "$b4mrl" perf --help >/dev/null || fail "b4mrl perf"
 
 # Whose models and agents it reads shows when they are spoilt.
-echo "no model" >"$folder/moved/share/b4mrl/models/hopper.xml"
+echo "no model" >"$prefix/lib/b4mrl/models/hopper.xml"
 if "$b4mrl" train --algorithm sac --environment Hopper --updates 1 --out "$folder/run" \
   >"$folder/log" 2>&1; then
   fail "a spoilt model was not read"
 fi
-grep -q "$folder/moved/share/b4mrl/models/hopper.xml" "$folder/log" || fail "$(cat "$folder/log")"
-rm "$folder/moved/share/b4mrl/agents/halfcheetah-medium.h5"
+grep -q "$prefix/lib/b4mrl/models/hopper.xml" "$folder/log" || fail "$(cat "$folder/log")"
+rm "$prefix/lib/b4mrl/agents/halfcheetah-medium.h5"
 if "$b4mrl" dataset make HalfCheetah/medium --rows 100 --quiet 2>"$folder/log"; then
   fail "a missing agent was not missed"
 fi
-grep -q "$folder/moved/share/b4mrl/agents" "$folder/log" || fail "$(cat "$folder/log")"
+grep -q "$prefix/lib/b4mrl/agents" "$folder/log" || fail "$(cat "$folder/log")"

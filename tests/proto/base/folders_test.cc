@@ -63,13 +63,13 @@ TEST_CASE("Empty variables and relative folders of XDG or HOME say nothing") {
 TEST_CASE("Shared files are the source tree's unless the program was installed with them") {
   const std::string name = "folders-test-of-" + std::to_string(getpid());
   CHECK(SharedFolder(name, "/sources") == "/sources");
-  const fs::path share = fs::path(ProgramBesideThisOne("")).parent_path().parent_path() / "share";
-  const bool had_share = fs::exists(share);
-  fs::create_directories(share / "b4mrl" / name);
+  const fs::path lib = fs::path(ProgramBesideThisOne("")).parent_path().parent_path() / "lib";
+  const bool had_lib = fs::exists(lib);
+  fs::create_directories(lib / "b4mrl" / name);
   const std::string found = SharedFolder(name, "/sources");
-  fs::remove(share / "b4mrl" / name);
-  if (!had_share) fs::remove_all(share);
-  CHECK(found == share / "b4mrl" / name);
+  fs::remove(lib / "b4mrl" / name);
+  if (!had_lib) fs::remove_all(lib);
+  CHECK(found == lib / "b4mrl" / name);
 }
 
 TEST_CASE("A folder has one identity by whatever path, and no other folder has it") {
