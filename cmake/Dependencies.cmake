@@ -4,10 +4,24 @@ set(CMAKE_FIND_PACKAGE_TARGETS_GLOBAL ON)
 find_package(Threads REQUIRED)
 find_package(PkgConfig REQUIRED)
 find_package(Protobuf REQUIRED)
-find_package(mujoco REQUIRED)
-# Debian's exported target also names a folder of a package that libmujoco-dev does not depend on; the
-# headers stand in /usr/include.
-set_target_properties(mujoco::mujoco PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "")
+# Another version would compute other numbers. A project that adds this one as a folder may have found
+# MuJoCo before; then its target stays as that project made it.
+if(TARGET mujoco::mujoco)
+  set(mujoco_is_ours FALSE)
+else()
+  set(mujoco_is_ours TRUE)
+endif()
+find_package(mujoco 2.2.2 EXACT REQUIRED)
+if(mujoco_is_ours)
+  # Debian's target also names a header folder of a package that libmujoco-dev does not depend on.
+  get_target_property(mujoco_headers mujoco::mujoco INTERFACE_INCLUDE_DIRECTORIES)
+  foreach(folder ${mujoco_headers})
+    if(NOT EXISTS ${folder})
+      list(REMOVE_ITEM mujoco_headers ${folder})
+    endif()
+  endforeach()
+  set_target_properties(mujoco::mujoco PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${mujoco_headers}")
+endif()
 find_package(Eigen3 REQUIRED NO_MODULE)
 find_package(CLI11 REQUIRED)
 find_package(fmt REQUIRED)

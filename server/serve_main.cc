@@ -14,6 +14,7 @@
 #include "data/suites/suites.h"
 #include "server/datasets/dataset_worker.h"
 #include "server/datasets/importer.h"
+#include "server/environments/mujoco/engine_version.h"
 #include "server/models/model_compiler.h"
 #include "server/process/child.h"
 #include "server/process/options.h"
@@ -72,6 +73,10 @@ int ServeMain(int argc, char** argv) {
                                    line->environment, line->cache_folder, line->trial_name}));
   }
   if (line->is_child) return RunChild(std::move(*line));
+  if (const Status engine = CheckEngineVersion(); !engine.ok()) {
+    fmt::print(stderr, "b4mrl serve: {}\n", engine.message());
+    return kExitFailed;
+  }
   // A mistake in a suite is told to who starts the daemon; its gateway reads the suites later.
   const auto suites = ReadSuites({DefaultSuitesFolder(), line->serve.suites_folder});
   if (!suites.ok()) {
