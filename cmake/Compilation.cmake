@@ -19,6 +19,15 @@ option(B4MRL_COVERAGE "Count the executed lines, for gcov" OFF)
 # algorithms/ alone is built for one processor type; everything else stays baseline x86-64, so that
 # simulation, corruption and file bytes do not depend on the machine that compiled them.
 set(B4MRL_ARCH "native" CACHE STRING "-march= for algorithms/ (learners); use x86-64-v3 on clusters")
+# How B4MRL_ARCH is shown: "native" says which processor that was.
+set(B4MRL_ARCHITECTURE ${B4MRL_ARCH})
+if(B4MRL_ARCH STREQUAL "native")
+  execute_process(COMMAND ${CMAKE_CXX_COMPILER} -march=native -Q --help=target
+                  OUTPUT_VARIABLE target ERROR_QUIET)
+  if(target MATCHES "-march=[ \t]+([a-z0-9-]+)")
+    set(B4MRL_ARCHITECTURE "native (${CMAKE_MATCH_1})")
+  endif()
+endif()
 
 add_compile_options(-Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Wno-missing-field-initializers)
 # Contraction would make a*b+c depend on whether the processor has FMA.

@@ -115,7 +115,16 @@ RunSession SessionOf(const Json& json) {
     const auto found = json.find(name);
     return found != json.end() && found->is_string() ? found->get<std::string>() : "";
   };
-  return {text("version"), text("blas_kernel"), text("processor")};
+  return {text("version"), text("blas_kernel"), text("processor"), text("commit"),
+          text("architecture")};
+}
+
+Json ToJson(const RunSession& session) {
+  return {{"version", session.version},
+          {"commit", session.commit},
+          {"architecture", session.architecture},
+          {"blas_kernel", session.blas_kernel},
+          {"processor", session.processor}};
 }
 
 // The record's sessions. A record of an older program version stores only its last session.
@@ -256,14 +265,10 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
   }
   json["command"] = options.command;
   const RunSession present = PresentSession();
-  json["version"] = present.version;
-  json["blas_kernel"] = present.blas_kernel;
-  json["processor"] = present.processor;
+  json.update(ToJson(present));
   json["sessions"] = Json::array();
   for (const RunSession& session : WithPresent(before, present)) {
-    json["sessions"].push_back({{"version", session.version},
-                                {"blas_kernel", session.blas_kernel},
-                                {"processor", session.processor}});
+    json["sessions"].push_back(ToJson(session));
   }
   // `replace` keeps bytes of the command line that are not UTF-8 from throwing.
   return WriteSmallFile(RecordPath(options.folder),
@@ -271,7 +276,16 @@ Status WriteRunRecord(const TrainOptions& options, std::span<const RunSession> b
 }
 
 RunSession PresentSession() {
-  return {std::string(ProjectVersion()), BlasKernelName(), ProcessorName()};
+  return {std::string(ProjectVersion()), BlasKernelName(), ProcessorName(),
+          std::string(BuildCommit()), std::string(LearnerArchitecture())};
+}
+
+std::string RunSession::Text() const {
+  const auto known = [](const std::string& text) {
+    return text.empty() ? "unknown" : text.c_str();
+  };
+  return fmt::format("version {} (commit {}) for {} on BLAS kernel {}", version, known(commit),
+                     known(architecture), blas_kernel);
 }
 
 Status CheckNoEarlierRun(const TrainOptions& options) {

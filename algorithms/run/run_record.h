@@ -57,12 +57,19 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
 struct RunSession {
   std::string version;  // of b4mrl
   std::string blas_kernel;
-  std::string processor;  // "" in records of older versions
+  // "" in records of older versions.
+  std::string processor;
+  std::string commit;        // of the program; "" also if it was not known
+  std::string architecture;  // for which learners were compiled
   bool operator==(const RunSession&) const = default;
-  // Whether the other session would compute the same numbers.
+  // Whether the other session is known to compute the same numbers. Equal commits that end with
+  // "-dirty" may be different programs.
   bool ComputesAs(const RunSession& other) const {
-    return version == other.version && blas_kernel == other.blas_kernel;
+    return version == other.version && blas_kernel == other.blas_kernel && commit == other.commit &&
+           architecture == other.architecture;
   }
+  // "version 0.1.0 (commit 3f2a9c0d1e4b) for native (rocketlake) on BLAS kernel SkylakeX"
+  std::string Text() const;
 };
 RunSession PresentSession();
 

@@ -112,9 +112,9 @@ std::vector<RunSession> TrainRun::EarlierSessions() const {
   const RunSession &last = record->sessions.back(), present = PresentSession();
   if (!last.ComputesAs(present)) {
     progress_.Message(
-        fmt::format("the run was last computed by version {} on BLAS kernel {}, now by {} on {}: "
-                    "from here on its numbers may differ from an uninterrupted run's",
-                    last.version, last.blas_kernel, present.version, present.blas_kernel));
+        fmt::format("the run was last computed by {}, now by {}: from here on its numbers may "
+                    "differ from an uninterrupted run's",
+                    last.Text(), present.Text()));
   }
   return record->sessions;
 }

@@ -84,7 +84,7 @@ int RunBody(const CommandBody& body) {
 int Run(int argc, char** argv) {
   CLI::App app(kDescription, "b4mrl");
   app.require_subcommand(1);
-  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
+  app.set_version_flag("--version", VersionText());
   app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   std::vector<Command> commands;
   for (auto& added : {AddTrainCommand(app, CommandLine(argc, argv)), AddEvaluateCommand(app),

@@ -8,10 +8,12 @@
 #include "benchmarks/pages/report.h"
 #include "benchmarks/pages/writers.h"
 #include "proto/base/exit_codes.h"
+#include "proto/base/version.h"
 
 int main(int argc, char** argv) {
   CLI::App app("Turns results into tables, figures, tested claims and one page to read.",
                "b4mrl report");
+  app.set_version_flag("--version", b4mrl::VersionText());
   b4mrl::ReportOptions options;
   std::string out;
   app.add_option("folder", options.folder, "results, or the --out folder of b4mrl benchmark run")

@@ -104,7 +104,7 @@ int Main(int argc, char** argv) {
   CatchInterrupts();
   CLI::App app("Measures the daemon and the learners against the machine's own limits.",
                "b4mrl perf");
-  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
+  app.set_version_flag("--version", VersionText());
   std::string what = "all";
   Options options;
   bool json = false;

@@ -1,7 +1,6 @@
 // b4mrl benchmark run|slurm|status|evaluate|check|leaderboard: trains what fills the cells of
 // benchmarks, here or on a cluster, says how far that is, evaluates agents side by side, checks
 // results and ranks them.
-#include <commit.h>  // which the build writes
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -31,6 +30,7 @@
 #include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
+#include "proto/base/version.h"
 
 namespace b4mrl {
 namespace {
@@ -219,7 +219,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   }
   if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
   options.suites = choice.suites;
-  options.commit = B4MRL_COMMIT;
+  options.commit = BuildCommit();
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
     B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
@@ -305,6 +305,7 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
 
 int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
+  app.set_version_flag("--version", VersionText());
   app.require_subcommand(1);
   BenchmarkCommand run, cluster, status;
   run.options.jobs = std::max(1u, std::thread::hardware_concurrency());

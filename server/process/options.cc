@@ -209,7 +209,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
 std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_code) {
   CLI::App app("Serves environments, imperfect simulators and corrupted datasets until SIGTERM.",
                "b4mrl serve");
-  app.set_version_flag("--version", fmt::format("b4mrl {}", ProjectVersion()));
+  app.set_version_flag("--version", VersionText());
   CommandLine line;
   Flags flags;
   ServeOptions& serve = flags.serve;

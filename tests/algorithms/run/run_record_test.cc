@@ -110,13 +110,15 @@ TEST_CASE("A record without a precision is of a run in fp32, and an unknown one 
   CHECK(unknown.status().message().find("fp32 or bf16") != std::string::npos);
 }
 
-TEST_CASE("A record keeps each change of version, kernel and processor that the run went through") {
+TEST_CASE("A record keeps each change of program, kernel and processor that the run went through") {
   const TemporaryFolder folder;
   TrainOptions options;
   options.folder = folder.File("");
   const RunSession present = PresentSession(), older = {"0.0.1", "Prescott", ""};
-  RunSession elsewhere = present;
+  RunSession elsewhere = present, earlier = present, for_others = present;
   elsewhere.processor = "another";
+  earlier.commit = "ba9876543210";
+  for_others.architecture = "x86-64-v3";
   const auto write = [&](const std::vector<RunSession>& before) {
     REQUIRE(WriteRunRecord(options, before).ok());
     const Result<RunRecord> record = ReadRunRecord(options.folder);
@@ -127,8 +129,25 @@ TEST_CASE("A record keeps each change of version, kernel and processor that the 
   CHECK(write({present}) == std::vector{present});
   CHECK(write({older}) == std::vector{older, present});
   CHECK(write({elsewhere}) == std::vector{elsewhere, present});
+  CHECK(write({earlier, for_others}) == std::vector{earlier, for_others, present});
   CHECK(write({present, older}) == std::vector{present, older, present});
   CHECK(write(std::vector<RunSession>(500, older)).size() == 100);
+}
+
+TEST_CASE("Another version, kernel, commit or architecture may compute other numbers") {
+  const RunSession present = PresentSession();
+  CHECK(present.commit == "0123456789ab");
+  CHECK(present.ComputesAs(present));
+  for (std::string RunSession::*part : {&RunSession::version, &RunSession::blas_kernel,
+                                        &RunSession::commit, &RunSession::architecture}) {
+    RunSession other = present;
+    other.*part = "another";
+    CHECK_FALSE(other.ComputesAs(present));
+    CHECK_FALSE(other.Text() == present.Text());
+  }
+  RunSession elsewhere = present;
+  elsewhere.processor = "another";
+  CHECK(elsewhere.ComputesAs(present));
 }
 
 TEST_CASE("A record of an older version names one session") {

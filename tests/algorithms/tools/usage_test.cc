@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <string>
 #include <vector>
 
@@ -74,7 +75,11 @@ TEST_CASE("Counts and seeds may be written with an exponent") {
 TEST_CASE("Every program of the command line tells its version and its help") {
   const Outcome version = Run({"--version"});
   REQUIRE(version.exit_code == 0);
-  for (const char* command : {"serve", "perf"}) {
+  CHECK(std::regex_match(
+      version.out,
+      std::regex(
+          R"(b4mrl \d+\.\d+\.\d+, commit (unknown|[0-9a-f]{12}(-dirty)?), learners for .+\n)")));
+  for (const char* command : {"serve", "perf", "benchmark", "report"}) {
     const Outcome outcome = Run({command, "--version"});
     CHECK(outcome.exit_code == 0);
     CHECK(outcome.out == version.out);
