@@ -10,6 +10,11 @@
 // program's own, and a learner's process never holds the simulator. B4MRL_SERVER, B4MRL_PERF,
 // B4MRL_RUNNER, B4MRL_REPORT and B4MRL_TOOLS name another file to run. Links nothing of the
 // project.
+//
+// Every program but the daemon holds learners, which are compiled for one kind of processor. On
+// another one it would end by SIGILL, perhaps before its main function, so the launcher, which runs
+// on every x86-64 processor, looks first.
+#include <needed_features.h>  // B4MRL_NEEDED_FEATURES and B4MRL_ARCHITECTURE, which CMake writes
 #include <unistd.h>
 
 #include <algorithm>
@@ -52,6 +57,16 @@ std::string ProgramPath(const char* variable, std::string_view name) {
   return OwnFolder() + "/" + std::string(name);
 }
 
+// An instruction set that the learners need and this processor lacks; nullptr if it lacks none.
+const char* MissingFeature() {
+  __builtin_cpu_init();
+#define B4MRL_FEATURE(name) \
+  if (!__builtin_cpu_supports(name)) return name;
+  B4MRL_NEEDED_FEATURES
+#undef B4MRL_FEATURE
+  return nullptr;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -64,6 +79,15 @@ int main(int argc, char** argv) {
   const auto* const own = std::find_if(std::begin(kPrograms), std::end(kPrograms),
                                        [&](const Program& p) { return p.command == command; });
   const bool own_program = own != std::end(kPrograms);
+  const char* const missing = command == "serve" ? nullptr : MissingFeature();
+  if (missing != nullptr) {
+    std::fprintf(stderr,
+                 "b4mrl: this processor lacks %s, and the learners were compiled for %s; configure "
+                 "the build with -DB4MRL_ARCH=x86-64-v3, for processors of several kinds, or build "
+                 "on this machine\n",
+                 missing, B4MRL_ARCHITECTURE);
+    return kExitCannotStart;
+  }
   std::string path = own_program ? ProgramPath(own->variable, own->file)
                                  : ProgramPath("B4MRL_TOOLS", "b4mrl-tools");
   // argv[0] stays the program's path; programs of their own do not get the command's word.
