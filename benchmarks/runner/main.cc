@@ -10,7 +10,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -27,6 +26,7 @@
 #include "data/files/atomic_file.h"
 #include "data/files/make_folder.h"
 #include "proto/base/child_program.h"
+#include "proto/base/cores.h"
 #include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
@@ -308,7 +308,7 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", VersionText());
   app.require_subcommand(1);
   BenchmarkCommand run, cluster, status;
-  run.options.jobs = std::max(1u, std::thread::hardware_concurrency());
+  run.options.jobs = ProcessorCount();
   CLI::App* run_app = app.add_subcommand("run", "train the runs that have no result yet");
   run.AddTo(*run_app);
   run.AddRunOptions(*run_app);

@@ -1,6 +1,9 @@
-// The processor, its cores that a thread may use, and pinning threads to cores. Any thread.
+// What of the machine a process may use, its processor's name, and pinning threads to cores. Any
+// thread.
 #pragma once
 
+#include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -11,6 +14,22 @@ std::string ProcessorName();
 // The numbers of the cores that the calling thread may use, ascending; never empty. Call it before
 // the thread is pinned.
 std::vector<int> AvailableCores();
+
+// What the control groups around a process allow it: those of its container, its Slurm job or its
+// systemd unit. Processors are processor time in seconds a second.
+struct GroupLimits {
+  double processors = std::numeric_limits<double>::infinity();
+  uint64_t memory_bytes = std::numeric_limits<uint64_t>::max();
+};
+// Reads them, of cgroup versions 1 and 2, from proc/self/cgroup and sys/fs/cgroup below `root`.
+// What cannot be read limits nothing.
+GroupLimits ReadGroupLimits(const std::string& root = "/");
+// The threads that can compute at once: as many as there are available cores, but no more than
+// control groups allow, rounded up. At least 1.
+uint32_t ProcessorCount();
+// The machine's memory, or what control groups allow of it.
+uint64_t MemoryBytes();
+
 // Pins the calling thread, and the threads that it starts from now on, to these cores. A failure is
 // ignored, since it only costs speed.
 void PinThisThread(const std::vector<int>& cores);

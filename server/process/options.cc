@@ -2,16 +2,15 @@
 
 #include <fmt/format.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <thread>
 
 #include "data/files/make_folder.h"
 #include "data/files/toml_file.h"
+#include "proto/base/cores.h"
 #include "proto/base/count.h"
 #include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
@@ -34,12 +33,8 @@ struct Flags {
 };
 
 uint32_t HalfOfTheMemoryMib() {
-  const uint64_t pages = static_cast<uint64_t>(std::max(sysconf(_SC_PHYS_PAGES), 2l));
-  const uint64_t bytes = pages * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
-  return static_cast<uint32_t>(std::clamp<uint64_t>(bytes >> 21, 1, limits::kMaxMemoryMib));
+  return static_cast<uint32_t>(std::clamp<uint64_t>(MemoryBytes() >> 21, 1, limits::kMaxMemoryMib));
 }
-
-uint32_t CoreCount() { return std::max(1u, std::thread::hardware_concurrency()); }
 
 Status Complain(std::string message) {
   return Status(StatusCode::kInvalidArgument, std::move(message));
@@ -126,9 +121,9 @@ Status Complete(Flags* flags) {
     B4MRL_RETURN_IF_ERROR(ApplyConfigFile(flags->config_file, &serve));
   }
   if (serve.binds.empty()) serve.binds = {"tcp://127.0.0.1:7700"};
-  if (serve.workers == 0) serve.workers = std::min(CoreCount(), 4u);
+  if (serve.workers == 0) serve.workers = std::min(ProcessorCount(), 4u);
   if (!serve.spin_us) serve.spin_us = limits::kDefaultSpinUs;
-  if (serve.threads == 0) serve.threads = std::min(CoreCount(), limits::kMaxThreads);
+  if (serve.threads == 0) serve.threads = std::min(ProcessorCount(), limits::kMaxThreads);
   if (serve.memory_mib == 0) serve.memory_mib = HalfOfTheMemoryMib();
   if (serve.data_folder.empty()) {
     serve.data_folder = DefaultDataFolder();
@@ -226,7 +221,7 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
       ->transform(Count(limits::kMaxLeaseSeconds));
   app.add_option("--memory", serve.memory_mib,
                  "memory in MiB above which a process of the daemon is replaced (default: half of "
-                 "the machine's)")
+                 "the machine's, or of its container's)")
       ->transform(Count(limits::kMaxMemoryMib));
   app.add_flag(
       "--pin", serve.pin,

@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 #include <thread>
 
+#include "proto/base/cores.h"
 #include "proto/base/rng.h"
 #include "server/environments/environment.h"
 #include "tests/integration/support/daemon.h"
@@ -43,7 +44,7 @@ TEST_CASE("Steps that take long are waited for, and nobody is blamed") { StepSlo
 TEST_CASE("96 lanes of steps that take long are waited for", "[.][long]") { StepSlowly(96, 2); }
 
 void SaturateWithQueries(double seconds) {
-  const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const uint32_t cores = ProcessorCount();
   PrivateDaemon daemon =
       StartDaemon({.arguments = {"--workers", "1", "--threads", std::to_string(2 * cores)}});
   Client client = Connect(daemon.endpoint());
