@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 
 import b4mrl
+import numpy as np
 from b4mrl.descriptions import DatasetInfo, NamedArgument
 from b4mrl.display import Listing, Table, table
 
@@ -73,7 +75,7 @@ def test_the_catalogue_is_short_and_its_table_complete(client: b4mrl.Client) -> 
 def test_what_the_daemon_says_is_typed(client: b4mrl.Client) -> None:
     with client.make("HalfCheetah", "gravity", seed=5) as env:
         status = client.server_status()
-        assert status.uptime_ms >= 0 and status.session_count >= 1
+        assert status.session_count >= 1
         assert {type(worker.process_id) for worker in status.workers} == {int}
         assert "gateway" in {worker.role for worker in status.workers}
         Cells(status._repr_html_())
@@ -87,6 +89,36 @@ def test_what_the_daemon_says_is_typed(client: b4mrl.Client) -> None:
     assert ("gravity", "HalfCheetah", "2") in [
         (preset.name, preset.environment, preset.argument) for preset in gravity.presets
     ]
+
+
+def test_the_status_counts_milliseconds(client: b4mrl.Client) -> None:
+    clocks_ms = 20  # the daemon reads a clock that ticks every 4 or 10 ms
+
+    def look() -> tuple[b4mrl.descriptions.ServerStatus, float, float]:
+        """The status, and between which moments it was taken."""
+        before = 1000 * time.monotonic()
+        return client.server_status(), before, 1000 * time.monotonic()
+
+    def idle(status: b4mrl.descriptions.ServerStatus) -> int:
+        (session,) = [each for each in status.sessions if each.perturbations == "gravity=1.23"]
+        return session.idle_ms
+
+    with client.make("HalfCheetah", "gravity=1.23") as env:
+        before = 1000 * time.monotonic()
+        env.reset()
+        after = 1000 * time.monotonic()
+        first, first_before, first_after = look()
+        later, later_before, later_after = look()
+        while later_before < first_after + 300:
+            later, later_before, later_after = look()
+        grown = later.uptime_ms - first.uptime_ms
+        assert later_before - first_after - clocks_ms <= grown
+        assert grown <= later_after - first_before + clocks_ms
+        assert later_before - after - clocks_ms <= idle(later) <= later_after - before + clocks_ms
+        before = 1000 * time.monotonic()
+        env.step(np.zeros(6))
+        used, _, after = look()
+        assert idle(used) <= after - before + clocks_ms
 
 
 def test_whatever_stands_in_a_cell_is_text() -> None:

@@ -136,6 +136,19 @@ def test_so_it_is_with_a_reset(pair, place, when, happens) -> None:
         assert_same(env.step(np.zeros(6)), twin.step(np.zeros(6)))
 
 
+@everywhere
+def test_so_it_is_with_a_state_that_is_set(pair, place, when, happens) -> None:
+    if place.startswith("b4mrl.infos"):
+        pytest.skip("a state has no infos")
+    place = place.replace("OutcomeReader.lane_step", "OutcomeReader.observations")
+    env, twin = pair
+    state = env.get_state()
+    for _ in range(2):
+        interrupt(lambda: env.set_state(state), place, when)
+        assert_same(env.set_state(state), twin.set_state(state))
+        assert_same(env.step(np.ones(6)), twin.step(np.ones(6)))
+
+
 def test_states_are_those_behind_what_was_interrupted(pair) -> None:
     env, twin = pair
     interrupt(lambda: env.step(np.ones(6)), "b4mrl.wire.connection.Connection.await_any", "before")
