@@ -37,7 +37,7 @@ TEST_CASE("The first program of the README is an example that runs") {
   const std::string program = BlockWith("Client::Connect");
   CHECK_THAT(LinesOf("client/examples/first_steps.cc"), Catch::Contains(program));
   TestDaemon daemon;
-  const std::string command = B4MRL_BINARY_DIR "/first_steps " + daemon.endpoint();
+  const std::string command = "'" B4MRL_BINARY_DIR "/first_steps' " + daemon.endpoint();
   FILE* output = popen(command.c_str(), "r");
   REQUIRE(output != nullptr);
   std::array<char, 200> line{};
