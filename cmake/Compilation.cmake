@@ -13,7 +13,8 @@ set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O2 -g")
 set(CMAKE_CXX_FLAGS_MINSIZEREL "-Os -g1")
 set(CMAKE_CXX_FLAGS_DEBUG "-O1 -g")
 
-option(B4MRL_WERROR "Treat warnings as errors" ON)
+# Another project's compiler may warn of what ours does not.
+option(B4MRL_WERROR "Treat warnings as errors" ${PROJECT_IS_TOP_LEVEL})
 set(B4MRL_SANITIZE "" CACHE STRING "Sanitizers to build with, as for -fsanitize=")
 option(B4MRL_COVERAGE "Count the executed lines, for gcov" OFF)
 # algorithms/ alone is built for one processor type; everything else stays baseline x86-64, so that
