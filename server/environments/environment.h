@@ -128,6 +128,9 @@ class EnvironmentModel {
   virtual const EnvironmentSpec& spec() const = 0;
   // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
   virtual std::string Identity() const = 0;
+  // OK unless a user's model is such that no episode would last for more than a step; then the
+  // reason.
+  virtual Status CheckStart() const { return Status(); }
   // OK if an observation tells the state that a query has to start from; else the reason.
   virtual Status CheckQueryable() const { return Status(); }
   virtual Result<std::unique_ptr<Environment>> NewEnvironment() const = 0;

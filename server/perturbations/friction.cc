@@ -1,6 +1,7 @@
 // friction=FACTOR: all three friction coefficients of every geom of the compiled model times a
-// factor, the floor's included, because a contact has the larger coefficient of its two geoms.
-// Preset: 0.3.
+// factor, the floor's included, because a contact has the larger coefficient of its two geoms. A
+// user's model may name pairs of geoms with coefficients of their own (<pair>), which contacts of
+// these pairs have instead. Preset: 0.3.
 #include <mujoco/mujoco.h>
 
 #include "server/perturbations/list.h"
@@ -14,6 +15,7 @@ class Friction final : public NumberPerturbation {
 
   Status OnModel(mjModel* model, double factor) const override {
     for (int i = 0; i < 3 * model->ngeom; ++i) model->geom_friction[i] *= factor;
+    for (int i = 0; i < 5 * model->npair; ++i) model->pair_friction[i] *= factor;
     return Status();
   }
 };

@@ -2,17 +2,22 @@
 // for the Hopper; the paper names the factor and leaves its meaning open, so this reading is ours:
 //
 //   The cylinder of the capsule between knee and ankle gets FACTOR times its length. Its radius and
-//   density stay, so that mass and inertia follow. The knee stays where it is on the thigh; ankle
-//   and foot move along the leg, so that all joints stay connected. The torso starts lower or
-//   higher by the difference, so that the sole hangs as far above the floor as before, and qpos[1]
-//   is still the torso's height above the floor. Healthy heights and the reward are unchanged.
+//   density stay, a user's model's too, so that mass and inertia follow. The knee stays where it is
+//   on the thigh; ankle and foot move along the leg, so that all joints stay connected. The torso
+//   starts lower or higher by the difference, so that the sole hangs as far above the floor as
+//   before, and qpos[1] is still the torso's height above the floor. Healthy heights and the reward
+//   are unchanged.
 //
-// Lengths are rounded to 1e-12 m, as somebody would write them into the MJCF (0.3 for 0.25 * 0.8 +
-// 0.1), which makes the result equal to the compiled model of such a file, bit by bit. The model's
-// quantities that follow from masses and lengths are derived by MuJoCo itself (mj_setConst).
+// Lengths are rounded to 1e-12 m and densities to 12 digits, as somebody would write them into the
+// MJCF (0.3 for 0.25 * 0.8 + 0.1), which makes the result equal to the compiled model of such a
+// file, bit by bit. The model's quantities that follow from masses and lengths are derived by
+// MuJoCo itself (mj_setConst).
 #include <fmt/format.h>
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdlib>
 #include <string>
 
@@ -22,8 +27,6 @@
 
 namespace b4mrl {
 namespace {
-
-constexpr double kDensity = 1000;  // kg/m^3, MuJoCo's default, which both models keep
 
 // Rounds to 1e-12 m, through decimal text, since 3e11 * 1e-12 is not the double nearest to 0.3.
 double Rounded(double metres) {
@@ -35,18 +38,57 @@ struct Leg {
   int body = -1, geom = -1, knee = -1, foot = -1;
 };
 
-// Mass and inertia of a body that is one capsule along z, in the order of MuJoCo's own operations.
-void SetCapsuleInertia(double radius, double half_length, double* mass, double* inertia) {
+// A body that is one capsule along z, of even density. Inertia is about its centre, kg m^2.
+struct Capsule {
+  double mass = 0;  // kg
+  std::array<double, 3> inertia{};
+};
+
+double VolumeOf(double radius, double half_length) {
   const double height = 2 * half_length;
-  const double volume = mjPI * (radius * radius * height + 4 * radius * radius * radius / 3);
-  *mass = kDensity * volume;
-  const double ends = *mass * 4 * radius / (4 * radius + 3 * height);
-  const double cylinder = *mass - ends;
+  return mjPI * (radius * radius * height + 4 * radius * radius * radius / 3);
+}
+
+// In the order of MuJoCo's own operations.
+Capsule MakeCapsule(double radius, double half_length, double density) {
+  const double height = 2 * half_length;
+  Capsule capsule;
+  capsule.mass = density * VolumeOf(radius, half_length);
+  const double ends = capsule.mass * 4 * radius / (4 * radius + 3 * height);
+  const double cylinder = capsule.mass - ends;
   const double ends_inertia = 2 * ends * radius * radius / 5;
+  auto& inertia = capsule.inertia;
   inertia[0] = cylinder * (3 * radius * radius + height * height) / 12;
   inertia[0] += ends_inertia + ends * height * (3 * radius + 2 * height) / 8;
   inertia[1] = inertia[0];
   inertia[2] = cylinder * radius * radius / 2 + ends_inertia;
+  return capsule;
+}
+
+// The density of the leg's capsule, kg/m^3. kUnsupported if the body's mass is not spread like that
+// of its capsule: then nothing says what a longer leg weighs.
+Result<double> DensityOf(const mjModel& model, const Leg& leg) {
+  const double* size = model.geom_size + 3 * leg.geom;
+  const double mass = model.body_mass[leg.body];
+  const double exact = mass / VolumeOf(size[0], size[1]);
+  const double density = std::strtod(fmt::format("{:.12g}", exact).c_str(), nullptr);
+  const Capsule capsule = MakeCapsule(size[0], size[1], density);
+  // Far above rounding, far below a difference that somebody would write down.
+  constexpr double kTolerance = 1e-9;
+  const double* turn = model.geom_quat + 4 * leg.geom;
+  const double cosine = 1 - 2 * (turn[1] * turn[1] + turn[2] * turn[2]);  // of its axis with z
+  bool even = std::abs(cosine) >= 1 - kTolerance;
+  for (int i = 0; i < 3; ++i) {
+    const double centre = model.geom_pos[3 * leg.geom + i];
+    even = even && std::abs(model.body_ipos[3 * leg.body + i] - centre) <= kTolerance &&
+           std::abs(model.body_inertia[3 * leg.body + i] - capsule.inertia[i]) <=
+               kTolerance * capsule.inertia[0];
+  }
+  if (even) return density;
+  return Status(StatusCode::kUnsupported,
+                fmt::format("leg needs a model whose body {} has the mass and inertia of a "
+                            "capsule along z, without an <inertial> of its own",
+                            mj_id2name(&model, mjOBJ_BODY, leg.body)));
 }
 
 class LegLength final : public NumberPerturbation {
@@ -59,7 +101,9 @@ class LegLength final : public NumberPerturbation {
     for (const char* suffix : {"", "_left"}) {
       Leg leg{};
       B4MRL_ASSIGN_OR_RETURN(const bool found, FindLeg(*model, suffix, &leg));
-      if (found) shortened = Resize(leg, factor, model);
+      if (!found) continue;
+      B4MRL_ASSIGN_OR_RETURN(const double density, DensityOf(*model, leg));
+      shortened = Resize(leg, factor, density, model);
     }
     B4MRL_RETURN_IF_ERROR(LowerTorso(shortened, model));
     return Derive(model);
@@ -88,14 +132,15 @@ class LegLength final : public NumberPerturbation {
   }
 
   // Resizes one lower leg; returns by how much the distance from knee to ankle shrinks, in m.
-  static double Resize(const Leg& leg, double factor, mjModel* model) {
+  static double Resize(const Leg& leg, double factor, double density, mjModel* model) {
     double* size = model->geom_size + 3 * leg.geom;
     const double before = size[1];
     const double after = Rounded(before * factor);
     size[1] = after;
     model->geom_rbound[leg.geom] = size[0] + after;
-    SetCapsuleInertia(size[0], after, model->body_mass + leg.body,
-                      model->body_inertia + 3 * leg.body);
+    const Capsule capsule = MakeCapsule(size[0], after, density);
+    model->body_mass[leg.body] = capsule.mass;
+    std::ranges::copy(capsule.inertia, model->body_inertia + 3 * leg.body);
     const double change = before - after;  // of each half of the cylinder, m
     double& leg_z = model->body_pos[3 * leg.body + 2];
     double& knee_z = model->jnt_pos[3 * leg.knee + 2];

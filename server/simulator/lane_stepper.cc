@@ -59,13 +59,17 @@ void ClearOutcome(LaneHeader& header) {
 
 Result<LaneStepper> LaneStepper::Create(std::shared_ptr<const Simulator> simulator,
                                         AutoresetMode mode) {
+  const EnvironmentSpec& spec = simulator->spec();
   const LaneLayout layout = {simulator->state_size(), simulator->perturbation_state_size(),
-                             simulator->spec().observation.size(),
-                             simulator->spec().info_names.size()};
+                             spec.observation.size(), spec.info_names.size()};
   if (layout.bytes() > limits::kLaneBufferBytes) {
-    return InvalidNumber("bytes of a lane's state", static_cast<double>(layout.bytes()),
+    const std::string numbers = fmt::format(
+        "bytes of a lane whose observation has {} numbers ({}) and whose simulator's state has {}",
+        spec.observation.size(), fmt::join(spec.observation.shape, " x "), simulator->state_size());
+    return InvalidNumber(numbers, static_cast<double>(layout.bytes()),
                          fmt::format("at most {}", limits::kLaneBufferBytes));
   }
+  B4MRL_RETURN_IF_ERROR(simulator->CheckStart());
   return LaneStepper(std::move(simulator), mode, layout);
 }
 

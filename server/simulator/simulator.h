@@ -92,6 +92,8 @@ class Simulator {
     return DrawParameters(environment, {DrawContext::Kind::kEpisode, lane_seed, episode, 0});
   }
 
+  // OK when episodes can be played (EnvironmentModel::CheckStart); else the reason.
+  Status CheckStart() const { return model_->CheckStart(); }
   // OK when every perturbation can be applied to single transitions; else the reason.
   Status CheckQueryable() const;
   // Computes one row of T_sim with the perturbations applied, which must be queryable. Sizes as in

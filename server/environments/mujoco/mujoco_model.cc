@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include <algorithm>
 #include <map>
 #include <mutex>
+#include <vector>
 
 #include "server/environments/mujoco/compiled_model.h"
 #include "server/environments/mujoco/engine_version.h"
@@ -84,6 +86,36 @@ const char* JointTypeName(int type) {
   }
 }
 
+// Observations and actions count joints and motors, and know no names. So where a user's model has
+// the joints of the task's own by name, each must stand where the own one does, and a motor of a
+// joint must turn the one that the own motor turns.
+Status CheckOrder(const mjModel& own, const mjModel& model, const std::string& file_name) {
+  const auto names_of = [](const mjModel& of) {
+    std::vector<std::string> names;
+    for (int i = 0; i < of.njnt; ++i) {
+      const char* name = mj_id2name(&of, mjOBJ_JOINT, i);
+      names.emplace_back(name == nullptr ? "" : name);
+    }
+    return names;
+  };
+  const std::vector<std::string> wanted = names_of(own), names = names_of(model);
+  if (!std::is_permutation(names.begin(), names.end(), wanted.begin())) return Status();
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    if (names[i] == wanted[i]) continue;
+    return InvalidArgument(fmt::format("joint {} of {}", i, file_name), names[i], wanted[i]);
+  }
+  for (int i = 0; i < own.nu; ++i) {
+    if (own.actuator_trntype[i] != mjTRN_JOINT) continue;
+    const int type = model.actuator_trntype[i];
+    const auto joint = static_cast<size_t>(model.actuator_trnid[2 * i]);
+    const auto needed = static_cast<size_t>(own.actuator_trnid[2 * i]);
+    if ((type != mjTRN_JOINT && type != mjTRN_JOINTINPARENT) || joint == needed) continue;
+    return InvalidArgument(fmt::format("joint of actuator {} of {}", i, file_name), wanted[joint],
+                           wanted[needed]);
+  }
+  return Status();
+}
+
 // Checks what observations, actions and rewards rely on; a user's model may differ in all else.
 Status CheckFits(const mjModel& own, const mjModel& model, const std::string& file_name) {
   const auto number_of = [&](const char* what) {
@@ -107,7 +139,7 @@ Status CheckFits(const mjModel& own, const mjModel& model, const std::string& fi
                            fmt::format("{} s", model.opt.timestep),
                            fmt::format("{} s, which the task's step is made of", own.opt.timestep));
   }
-  return Status();
+  return CheckOrder(own, model, file_name);
 }
 
 }  // namespace

@@ -53,11 +53,12 @@ struct ModelShape {
 Status CheckModelShape(const LoadedModel& loaded, const char* own_file, const ModelShape& needed);
 
 // Loads a user's model (setup.users_model), which must have the joints, motors and timestep of the
-// task's own, or else the task's own, changed by `adapt`. Then the perturbations apply
-// (setup.change_model), unless they draw numbers anew for each episode. The task's own model is
-// `file_name` of DefaultModelsFolder(), compiled on first use and kept until the process ends, so
-// that a later change of the file has no effect. kIoError or kDataLoss when a file cannot be read
-// or compiled, kInvalidArgument when the user's model does not fit the task.
+// task's own, in its order if it has the own one's names, or else the task's own, changed by
+// `adapt`. Then the perturbations apply (setup.change_model), unless they draw numbers anew for
+// each episode. The task's own model is `file_name` of DefaultModelsFolder(), compiled on first use
+// and kept until the process ends, so that a later change of the file has no effect. kIoError or
+// kDataLoss when a file cannot be read or compiled, kInvalidArgument when the user's model does not
+// fit the task.
 Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::string& file_name,
                                     const std::function<void(mjModel*)>& adapt = {});
 

@@ -10,9 +10,14 @@
 // Immutable; any thread.
 #pragma once
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "server/environments/config_reader.h"
 #include "server/environments/list.h"
@@ -34,6 +39,26 @@ class MujocoTask final : public EnvironmentModel {
     B4MRL_ASSIGN_OR_RETURN(MujocoScratch scratch, MujocoScratch::Create(loaded_));
     return std::unique_ptr<Environment>(
         std::make_unique<Task>(spec_, settings_, std::move(scratch)));
+  }
+
+  // Refuses a user's model that is unhealthy from its start on, as one is whose root's height does
+  // not count from the floor.
+  Status CheckStart() const override {
+    if (loaded_.users_file.empty()) return Status();
+    B4MRL_ASSIGN_OR_RETURN(const std::unique_ptr<Environment> environment, NewEnvironment());
+    const mjModel& model = *loaded_.model;
+    const std::vector<double> start(model.qpos0, model.qpos0 + model.nq);
+    const std::vector<double> at_rest(static_cast<size_t>(model.nv), 0.0);
+    B4MRL_RETURN_IF_ERROR(environment->SetNamedState({{"qpos", start}, {"qvel", at_rest}}));
+    const std::vector<double> action(static_cast<size_t>(model.nu), 0.0);
+    if (!environment->Step(action).terminated) return Status();
+    return Status(
+        StatusCode::kInvalidArgument,
+        fmt::format("{} starts at qpos = ({:g}, ...), from where the first step ends each "
+                    "episode as unhealthy, even with all motors at 0; allowed: a start "
+                    "that the task's healthy ranges accept",
+                    loaded_.users_file,
+                    fmt::join(std::span(start).first(std::min<size_t>(3, start.size())), ", ")));
   }
 
   // The functions of an EnvironmentEntry.

@@ -1,133 +1,17 @@
-// Models of users in their sandboxed process: what fits is compiled to the same bits, what does not
-// is refused with its reason, and nothing ends the parent or is left behind.
+// Models of users in their sandboxed process: what does not fit is refused with its reason, and
+// nothing ends the parent or is left behind.
 #include "server/models/model_compiler.h"
 
 #include <sys/stat.h>
 
-#include <filesystem>
-#include <set>
-
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
 #include "server/environments/mujoco/compiled_model.h"
-#include "server/perturbations/list.h"
 #include "tests/data/file_size_limit.h"
-#include "tests/server/environments/simulation.h"
-#include "tests/server/models/model_fixture.h"
+#include "tests/server/models/model_folders.h"
 
 namespace b4mrl {
 namespace {
-
-constexpr const char* kProgram = B4MRL_BINARY_DIR "/b4mrl-serve";
-
-// A models folder and a cache.
-struct Folders {
-  Folders() : models(folder.File("models")), cache(folder.File("cache")) {
-    std::filesystem::create_directories(models);
-    std::filesystem::create_directories(cache);
-  }
-  Result<std::string> Compile(const std::string& file, const std::string& environment) const {
-    return CompileModelInChild(kProgram, {models, file, environment, cache},
-                               Deadline::AfterMs(limits::kModelCompilerMs));
-  }
-  Result<std::string> CompileText(const std::string& text,
-                                  const std::string& environment = "Hopper") const {
-    WriteBytes(models + "/model.xml", text);
-    return Compile("model.xml", environment);
-  }
-  std::shared_ptr<const Simulator> Open(const std::string& environment, const std::string& file,
-                                        const std::string& hash) const {
-    SimulatorRequest request;
-    request.environment = environment;
-    request.perturbations = {{"model", file}};
-    request.compiled_model = {CompiledModelPath(cache, hash), hash};
-    return Take(Simulator::Open(request));
-  }
-  std::set<std::string> CacheFiles() const {
-    std::set<std::string> names;
-    for (const auto& entry : std::filesystem::directory_iterator(cache)) {
-      names.insert(entry.path().filename());
-    }
-    return names;
-  }
-
-  TemporaryFolder folder;
-  std::string models, cache;
-};
-
-// The digest of a walk: equal digests mean equal trajectories.
-uint64_t Walk(const std::shared_ptr<const Simulator>& simulator) {
-  TestLane lane(simulator);
-  lane.Reset(3);
-  for (uint64_t k = 0; k < 100; ++k) lane.StepRandomly(k);
-  return lane.header().digest;
-}
-
-struct Task {
-  const char* environment;
-  const char* file;
-};
-constexpr Task kTasks[] = {{"HalfCheetah", "half_cheetah.xml"},
-                           {"Hopper", "hopper.xml"},
-                           {"Walker2d", "walker2d.xml"},
-                           {"Humanoid", "humanoid.xml"}};
-
-TEST_CASE("A task's own model, given as a user's, gives the task's own bits") {
-  const Folders folders;
-  for (const Task& task : kTasks) {
-    INFO(task.environment);
-    WriteBytes(folders.models + "/mine.xml", OwnModel(task.file));
-    const std::string hash = Take(folders.Compile("mine.xml", task.environment));
-    REQUIRE(hash == Take(folders.Compile("mine.xml", task.environment)));
-    REQUIRE(folders.CacheFiles().contains(hash + ".mjb"));
-    REQUIRE(Walk(folders.Open(task.environment, "mine.xml", hash)) ==
-            Walk(Take(TryOpen(task.environment))));
-  }
-  CHECK(folders.CacheFiles().size() == std::size(kTasks));
-}
-
-TEST_CASE("An edited file is what the same change of the compiled model is") {
-  const Folders folders;
-  const std::string hash = Take(folders.CompileText(EditedHopper("0 0 -9.81", "0 0 -19.62")));
-  const uint64_t edited = Walk(folders.Open("Hopper", "model.xml", hash));
-  CHECK(edited == Walk(Take(TryOpen("Hopper", "gravity=2"))));
-  CHECK(edited != Walk(Take(TryOpen("Hopper"))));
-}
-
-TEST_CASE("Other perturbations change the user's model, wherever it stands among them") {
-  const Folders folders;
-  const std::string hash = Take(folders.CompileText(EditedHopper("0 0 -9.81", "0 0 -19.62")));
-  SimulatorRequest request;
-  request.environment = "Hopper";
-  request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
-  request.perturbations = {{"friction", "0.5"}, {"model", "model.xml"}, {"leg", "0.8"}};
-  CHECK(Walk(Take(Simulator::Open(request))) ==
-        Walk(Take(TryOpen("Hopper", "gravity=2,friction=0.5,leg=0.8"))));
-}
-
-TEST_CASE("A perturbation that the user's model has no parts for is refused with their names") {
-  const Folders folders;
-  const std::string hash =
-      Take(folders.CompileText(EditedHopper("geom name=\"leg_geom\"", "geom name=\"shank\"")));
-  SimulatorRequest request;
-  request.environment = "Hopper";
-  request.compiled_model = {CompiledModelPath(folders.cache, hash), hash};
-  request.perturbations = {{"model", "model.xml"}, {"leg", "0.8"}};
-  const auto opened = Simulator::Open(request);
-  REQUIRE(opened.status().code() == StatusCode::kUnsupported);
-  CHECK_THAT(opened.status().message(), Catch::Contains("leg_geom"));
-}
-
-TEST_CASE("A compiled copy that has changed on disk is refused") {
-  const Folders folders;
-  const std::string hash = Take(folders.CompileText(OwnModel("hopper.xml")));
-  const std::string path = CompiledModelPath(folders.cache, hash);
-  std::string bytes = ReadBytes(path);
-  bytes[bytes.size() / 2] ^= 1;
-  WriteBytes(path, bytes);
-  const auto opened = Simulator::Open({"Hopper", {{"model", "model.xml"}}, "", {path, hash}});
-  CHECK(opened.status().code() == StatusCode::kDataLoss);
-}
 
 // A file, and what its refusal names.
 struct BadModel {
@@ -152,6 +36,21 @@ std::vector<BadModel> BadModels() {
       {"another joint type",
        EditedHopper(rooty, "<joint name=\"rooty\" class=\"root\" type=\"ball\"/>"),
        "type of joint 2"},
+      {"joints in another order",
+       EditedHopper(
+           "name=\"rootx\" class=\"root\" type=\"slide\" axis=\"1 0 0\" pos=\"0 0 -1.25\"/>\n"
+           "      <joint name=\"rootz\"",
+           "name=\"rootz\" class=\"root\" type=\"slide\" axis=\"1 0 0\" pos=\"0 0 -1.25\"/>\n"
+           "      <joint name=\"rootx\""),
+       "joint 0 of model.xml is 'rootz', allowed: rootx"},
+      {"motors in another order",
+       EditedHopper("<motor name=\"thigh\" joint=\"thigh_joint\"/>\n    <motor name=\"leg\" "
+                    "joint=\"leg_joint\"/>",
+                    "<motor name=\"leg\" joint=\"leg_joint\"/><motor name=\"thigh\" "
+                    "joint=\"thigh_joint\"/>"),
+       "joint of actuator 0 of model.xml is 'leg_joint', allowed: thigh_joint"},
+      {"two motors of one joint", EditedHopper(motor, "<motor joint=\"leg_joint\"/>"),
+       "joint of actuator 2 of model.xml is 'leg_joint'"},
       {"another timestep", EditedHopper("timestep=\"0.002\"", "timestep=\"0.001\""), "timestep"},
       {"actuators with a state",
        EditedHopper(motor, "<general joint=\"foot_joint\" dyntype=\"filter\"/>"), "states"},

@@ -90,6 +90,61 @@ TEST_CASE("A leg of any length is the compiled model of the edited file, byte fo
   }
 }
 
+// The compiled model of `text`, with a leg of `factor` times its length.
+Result<MjModelPtr> CompiledWithLeg(const Task& task, const std::string& text, double factor) {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File(task.file), text);
+  MjModelPtr model = Compiled(folder.File(task.file));
+  const EnvironmentSpec spec = Take(DescribeEnvironment(task.environment));
+  const std::vector<NamedArgument> leg = {{"leg", fmt::format("{}", factor)}};
+  const PerturbationSet set = Take(MakePerturbations(leg, spec, PerturbationUse::kSimulator));
+  B4MRL_RETURN_IF_ERROR(set.OnModel({}, model.get()));
+  return model;
+}
+
+TEST_CASE("A leg of a user's density keeps it, byte for byte") {
+  for (const Task& task : kTasks) {
+    INFO(task.environment);
+    const auto heavy = [&](double factor) {
+      std::string text = EditedText(task, factor);
+      Replace(&text, "geom name=\"leg_geom\"", "geom name=\"leg_geom\" density=\"2710.5\"", 1);
+      return text;
+    };
+    const MjModelPtr model = Take(CompiledWithLeg(task, heavy(1), 0.8));
+    const TemporaryFolder folder;
+    WriteBytes(folder.File(task.file), heavy(0.8));
+    CHECK((BytesOf(*model) == BytesOf(*Compiled(folder.File(task.file)))));
+    CHECK((BytesOf(*model) != BytesOf(*Perturbed(task, "leg=0.8"))));
+  }
+}
+
+TEST_CASE("A leg whose mass is not spread like a capsule's along z is refused") {
+  const Task& task = kTasks[0];
+  const std::string joint = "<joint name=\"leg_joint\"";
+  const auto status = [&](double z, double mass, double inertia) {
+    std::string text = EditedText(task, 1);
+    Replace(&text, "inertiafromgeom=\"true\"", "inertiafromgeom=\"auto\"", 1);
+    const MjModelPtr own = Perturbed(task, "");
+    const int leg = mj_name2id(own.get(), mjOBJ_BODY, "leg");
+    const double* of_own = own->body_inertia + 3 * leg;
+    Replace(
+        &text, joint,
+        fmt::format("<inertial pos=\"0 0 {}\" mass=\"{}\" diaginertia=\"{} {} {}\"/>{}", z,
+                    mass * own->body_mass[leg], inertia * of_own[0], of_own[1], of_own[2], joint),
+        1);
+    return CompiledWithLeg(task, text, 0.8).status();
+  };
+  RequireOk(status(0, 1, 1));  // written down, the capsule's own numbers are an even capsule's
+  for (const Status& refused : {status(0.01, 1, 1), status(0, 1.01, 1), status(0, 1, 1.01)}) {
+    INFO(refused.ToString());
+    CHECK(refused.code() == StatusCode::kUnsupported);
+    CHECK_THAT(refused.message(), Catch::Contains("body leg"));
+  }
+  std::string tilted = EditedText(task, 1);
+  Replace(&tilted, "geom name=\"leg_geom\"", "geom name=\"leg_geom\" axisangle=\"0 1 0 20\"", 1);
+  CHECK(CompiledWithLeg(task, tilted, 0.8).status().code() == StatusCode::kUnsupported);
+}
+
 TEST_CASE("The Hopper's preset has the masses and the start of the definition") {
   const MjModelPtr model = Perturbed(kTasks[0], "leg");
   const int leg = mj_name2id(model.get(), mjOBJ_BODY, "leg");
