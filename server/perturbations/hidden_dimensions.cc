@@ -36,6 +36,8 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
       std::make_unique<HiddenDimensionsPerturbation>(std::move(dimensions)));
 }
 
+// Indices of the observation that an environment has by default, as in the paper
+// (ResolvePerturbation).
 constexpr Preset kPresets[] = {
     {"hidden-low", "HalfCheetah", "hidden", "16"}, {"hidden-low", "Hopper", "hidden", "9"},
     {"hidden-low", "Walker2d", "hidden", "16"},    {"hidden-low", "Highway", "hidden", "vx+vy"},

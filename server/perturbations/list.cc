@@ -61,6 +61,18 @@ const PerturbationEntry* FindEntry(std::string_view name) {
   return nullptr;
 }
 
+// The preset's argument. An index in it counts the dimensions of the environment's default
+// observation, and becomes their name: settings that add dimensions move the indices.
+std::string ArgumentOf(const Preset& preset) {
+  if (FindEntry(preset.parametric)->type == "dimensions") {
+    const Result<EnvironmentSpec> spec = DescribeEnvironment(preset.environment);
+    const Result<uint32_t> index = spec.ok() ? spec->observation.FindDimension(preset.argument)
+                                             : Result<uint32_t>(spec.status());
+    if (index.ok()) return spec->observation.dimensions[*index].name;
+  }
+  return std::string(preset.argument);
+}
+
 // The parametric forms that the environment takes: "gravity=<factor>, friction=<factor>, ...".
 std::string ParametricForms(std::string_view environment) {
   const Result<EnvironmentSpec> spec = DescribeEnvironment(environment);
@@ -165,7 +177,7 @@ Result<NamedArgument> ResolvePerturbation(const NamedArgument& item, std::string
   }
   for (const Preset& preset : PresetList()) {
     if (preset.name == item.name && preset.environment == environment) {
-      return NamedArgument{std::string(preset.parametric), std::string(preset.argument)};
+      return NamedArgument{std::string(preset.parametric), ArgumentOf(preset)};
     }
   }
   return RefusePreset(item.name, environment);

@@ -50,6 +50,29 @@ TEST_CASE("Presets have the paper's values, and the delay ours") {
         "action-noise=0.5,action-noise=1,action-delay=2");
 }
 
+TEST_CASE("A preset hides the same quantity under every setting") {
+  for (const char* environment : {"HalfCheetah", "Hopper", "Walker2d"}) {
+    for (const char* preset : {"hidden-low", "hidden-high"}) {
+      CAPTURE(environment, preset);
+      const auto hidden_name = [&](const std::string& config) {
+        const auto simulator = Take(TryOpen(environment, preset, config));
+        const auto hidden =
+            Take(HiddenDimensions(simulator->resolved_perturbations(), simulator->spec()));
+        REQUIRE(hidden.size() == 1);
+        return simulator->spec().observation.dimensions[hidden[0]].name;
+      };
+      const std::string name = hidden_name("");
+      CHECK(hidden_name(R"({"exclude_current_positions_from_observation": false})") == name);
+      // The dimensions that a list without resolved presets names are the same ones.
+      const auto wider = Take(
+          TryOpen(environment, "", R"({"exclude_current_positions_from_observation": false})"));
+      const std::vector<NamedArgument> written = {{preset, ""}};
+      CHECK(Take(HiddenDimensions(written, wider->spec())) ==
+            std::vector<uint32_t>{Take(wider->spec().observation.FindDimension(name))});
+    }
+  }
+}
+
 TEST_CASE("The report's table of the paper's errors says what the presets are") {
   std::istringstream lines(ReadBytes(B4MRL_SOURCE_DIR "/benchmarks/paper_parameters.csv"));
   std::string line;
