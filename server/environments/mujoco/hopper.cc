@@ -21,6 +21,7 @@ class Hopper final : public PlanarRunner {
   static constexpr ModelShape kShape = {
       .positions = 6, .velocities = 6, .motors = 3, .timestep = 0.002};
   static constexpr double kVelocityLimit = 10;
+  static constexpr Interval kHealthyState = {-100, 100};
 
   Hopper(const EnvironmentSpec& spec, const LocomotionSettings& settings, MujocoScratch scratch)
       : PlanarRunner(spec, settings, PlanarWalkerInfos(settings), std::move(scratch),
@@ -28,7 +29,7 @@ class Hopper final : public PlanarRunner {
 
   static LocomotionSettings ReadSettings(ConfigReader& reader) {
     LocomotionSettings settings = ReadPlanarWalkerSettings(reader, {0.7, kInfinity}, {-0.2, 0.2});
-    settings.healthy_state = reader.Range("healthy_state_range", {-100, 100});
+    settings.healthy_state = reader.Range("healthy_state_range", kHealthyState);
     return settings;
   }
 
@@ -41,10 +42,13 @@ class Hopper final : public PlanarRunner {
     spec.reference_max = 3234.3;
     if (!settings.terminate_when_unhealthy) return spec;
     // MOPO's source takes the absolute value of a comparison instead of the number's, and so tests
-    // the upper bound of healthy_state_range alone. MOPO's published results were made with this
-    // rule.
-    for (uint32_t i = HeightDimension(settings) + 2; i < spec.observation.size(); ++i) {
-      spec.termination->push_back({i, -kInfinity, settings.healthy_state.high});
+    // the upper bound of the default healthy_state_range alone, and not the pitch. MOPO's published
+    // results were made with this rule. It knows no other range: for one the task's own rule holds.
+    const auto [low, high] = settings.healthy_state;
+    const bool is_mopos = low == kHealthyState.low && high == kHealthyState.high;
+    const uint32_t pitch = HeightDimension(settings) + 1;
+    for (uint32_t i = is_mopos ? pitch + 1 : pitch; i < spec.observation.size(); ++i) {
+      spec.termination->push_back({i, is_mopos ? -kInfinity : low, high});
     }
     return spec;
   }

@@ -43,6 +43,27 @@ TEST_CASE("The termination bounds follow the settings") {
         Bounds{{1, 0.5, kInfinity, false}, {2, -1, 1, false}});
   CHECK(BoundsOf("Humanoid", R"({"exclude_current_positions_from_observation": false})") ==
         Bounds{{2, 1, 2, true}});
+  CHECK(BoundsOf("Hopper", R"({"healthy_state_range": [-100, 100]})") == BoundsOf("Hopper"));
+}
+
+TEST_CASE("Of another range of the Hopper's state, both ends count, for the pitch too") {
+  Bounds hopper = {{0, 0.7, kInfinity, false}, {1, -0.2, 0.2, false}};
+  for (uint32_t i = 1; i < 11; ++i) hopper.emplace_back(i, -2, 3, false);
+  CHECK(BoundsOf("Hopper", R"({"healthy_state_range": [-2, 3]})") == hopper);
+  // As the task itself judges: a falling joint, not the torso, ends the episode.
+  const auto terminated = [](const char* config) {
+    TestLane lane(Take(TryOpen("Hopper", "", config)));
+    lane.Reset();
+    RequireOk(lane.TrySetState({{"qpos", {0, 1.25, 0, 0, -2.5, 0}}, {"qvel", {0, 0, 0, 0, 0, 0}}}));
+    lane.Step(std::vector<double>(3, 0.0));
+    return lane.header().terminated == 1;
+  };
+  const char* const anywhere =
+      R"({"healthy_z_range": [null, null], "healthy_angle_range": [null, null],
+          "healthy_state_range": [-2, 3]})";
+  CHECK(terminated(anywhere));
+  CHECK_FALSE(terminated(R"({"healthy_z_range": [null, null],
+                             "healthy_angle_range": [null, null]})"));
 }
 
 }  // namespace
