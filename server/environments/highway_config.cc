@@ -199,6 +199,19 @@ void ReadPictures(ConfigReader& reader) {
   reader.Bool("real_time_rendering", false);
   ReadFixed(reader, "manual_control", false, "actions come from the client");
   ReadFixed(reader, "show_trajectories", false, "pictures show cars, not trajectories");
+  // No effect either: the window's part of the road. A setting that is not given is not completed,
+  // so that experiment ids are those from before these four were known.
+  const auto is_given = [&reader](const char* key) { return reader.Find(key) != nullptr; };
+  if (is_given("centering_position")) {
+    const Config& place = *reader.Find("centering_position");
+    if (!place.is_array() || place.size() != 2 || !place[0].is_number() || !place[1].is_number()) {
+      reader.Fail(InvalidArgument("centering_position", place.dump(), "a list of two numbers"));
+    }
+    reader.Keep("centering_position", place);
+  }
+  if (is_given("scaling")) reader.Number("scaling", 5.5, 0, kLargest);
+  if (is_given("render_agent")) reader.Bool("render_agent", true);
+  if (is_given("lock_window")) reader.Bool("lock_window", false);
 }
 
 HighwaySettings Defaults(ConfigReader& reader) {

@@ -281,6 +281,38 @@ TEST_CASE("Settings that mean something else here are refused with their name") 
       TryOpen("Highway", "", R"({"initial_lane_id": null, "action": {"speed_range": null}})").ok());
 }
 
+TEST_CASE("Settings of highway-env's window are taken and change no picture and no experiment") {
+  const std::string window = R"({"centering_position": [0.5, 0.3], "scaling": 8,
+                                 "render_agent": false, "lock_window": true})";
+  const auto given = OpenHighway("", window);
+  CHECK(OpenHighway("", given->config_json())->config_json() == given->config_json());
+  const std::string plain = OpenHighway()->config_json();
+  for (const char* key : {"centering_position", "scaling", "render_agent", "lock_window"}) {
+    CHECK(plain.find(key) == std::string::npos);
+  }
+  TestLane lane(given), other(OpenHighway());
+  lane.Reset(1);
+  other.Reset(1);
+  lane.StepRandomly(0);
+  other.StepRandomly(0);
+  CHECK(lane.state() == other.state());
+  for (const char* place : {"3", "[1]", R"(["left", 0])", "[1, 2, 3]"}) {
+    CHECK_THAT(Why(R"({"centering_position": )" + std::string(place) + "}"),
+               Contains("centering_position") && Contains("two numbers"));
+  }
+  CHECK_THAT(Why(R"({"scaling": -1})"), Contains("scaling"));
+}
+
+TEST_CASE("Rows and cars beyond a lane's memory are refused with their numbers") {
+  const auto simulator = OpenHighway("", R"({"vehicles_count": 3, "observation": {
+      "vehicles_count": 128, "features": ["presence", "x", "y", "vx", "vy", "heading", "cos_h",
+                                          "sin_h"]}})");
+  const Status status = LaneStepper::Create(simulator, AutoresetMode::kNextStep).status();
+  INFO(status.ToString());
+  CHECK(status.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(status.message(), Contains("1024 numbers (128 x 8)") && Contains("at most 16384"));
+}
+
 TEST_CASE("A completed configuration completes to itself") {
   for (const char* config : {"", R"({"env_id": "highway-v0", "action": {"clip": false}})"}) {
     const std::string once = OpenHighway("", config)->config_json();
