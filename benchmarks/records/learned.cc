@@ -10,6 +10,7 @@
 #include "benchmarks/records/json_file.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
+#include "data/files/file_hash.h"
 #include "proto/base/cores.h"
 #include "proto/base/mean_and_std.h"
 
@@ -19,9 +20,12 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMostReturns = 10'000;
+constexpr size_t kMostPoints = 10'000;  // of a curve
 
 std::string LearnedPath(const std::string& folder) { return folder + "/learned.json"; }
 std::string AgentPath(const std::string& folder) { return folder + "/agent.h5"; }
+std::string ReturnsPath(const std::string& folder) { return folder + "/returns.json"; }
+std::string CurvePath(const std::string& folder) { return folder + "/curve.json"; }
 
 bool Exists(const std::string& path) {
   std::error_code error;
@@ -32,26 +36,60 @@ Status NotUnderstood(const std::string& path, std::string_view allowed) {
   return Status(StatusCode::kDataLoss, fmt::format("{} must be {}", path, allowed));
 }
 
+// The returns of an object in a file of the learner's.
+Result<std::vector<double>> ReturnsOf(const Json& json, const std::string& path) {
+  auto returns = NumbersOf(json, "returns");
+  if (returns && !returns->empty() && returns->size() <= kMostReturns) return *std::move(returns);
+  return NotUnderstood(path,
+                       fmt::format("an object with 1 to {} numbers as \"returns\"", kMostReturns));
+}
+
 // Adds the returns that the learner has measured itself.
 Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
   B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
-  const auto returns = NumbersOf(json, "returns");
-  if (!returns || returns->empty() || returns->size() > kMostReturns) {
-    return NotUnderstood(
-        path, fmt::format("an object with 1 to {} numbers as \"returns\"", kMostReturns));
-  }
+  B4MRL_ASSIGN_OR_RETURN(const auto returns, ReturnsOf(json, path));
   if (!EntryOf(json, "updates").is_null()) {
     const auto updates = CountOf(json, "updates");
     if (!updates) return NotUnderstood(path, "an object with a whole number as \"updates\"");
     (*learned)["updates"] = *updates;
   }
-  const MeanAndStd figures = MeanAndStdOf(*returns);
+  const MeanAndStd figures = MeanAndStdOf(returns);
   const auto score = environment.NormalisedScore(figures.mean);
   learned->update({{"source", "self-scored"},
-                   {"returns", *returns},
+                   {"returns", returns},
                    {"mean_return", figures.mean},
                    {"std_return", figures.std},
                    {"score", score ? Json(*score) : Json()}});
+  return Status();
+}
+
+// Adds what the learner says that it has reached before its last update.
+Status AddOwnCurve(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
+  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
+  const Json& points = EntryOf(json, "curve");
+  if (!points.is_array() || points.size() > kMostPoints) {
+    return NotUnderstood(
+        path, fmt::format("an object with a list of up to {} points as \"curve\"", kMostPoints));
+  }
+  Curve curve;
+  size_t episodes = 0;
+  for (const Json& each : points) {
+    const auto updates = CountOf(each, "updates");
+    if (!updates || (!curve.empty() && *updates <= curve.back().updates)) {
+      return NotUnderstood(path,
+                           "a curve whose points have ascending whole numbers as \"updates\"");
+    }
+    B4MRL_ASSIGN_OR_RETURN(const auto returns, ReturnsOf(each, path));
+    if (*updates >= CountOf(*learned, "updates")) break;  // the score of the last one is known
+    const MeanAndStd figures = MeanAndStdOf(returns);
+    curve.push_back({.updates = *updates,
+                     .steps = CountOf(each, "steps").value_or(0),
+                     .mean_return = figures.mean,
+                     .std_return = figures.std,
+                     .score = environment.NormalisedScore(figures.mean)});
+    episodes += returns.size();
+  }
+  learned->update({{"curve", JsonOf(curve)}, {"curve_episodes", episodes}});
   return Status();
 }
 
@@ -72,38 +110,59 @@ Status CheckAgent(const Agent& agent, const EnvironmentSpec& environment, const 
 
 }  // namespace
 
-bool HasLearned(const std::string& folder) { return Exists(LearnedPath(folder)); }
 bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }
+
+std::string LearnerHash(const PlannedRun& run) { return Sha256OfText(run.learner); }
+
+bool HasLearned(const PlannedRun& run, const std::string& folder) {
+  const auto learned = ReadJsonObject(LearnedPath(folder));
+  return learned.ok() && TextOf(*learned, "learner_sha256") == LearnerHash(run) &&
+         CountOf(*learned, "planned_updates") >= run.updates;
+}
+
+void RemoveLearned(const std::string& folder) {
+  std::error_code ignored;
+  for (const std::string& path :
+       {LearnedPath(folder), AgentPath(folder), ReturnsPath(folder), CurvePath(folder)}) {
+    std::filesystem::remove(path, ignored);
+  }
+}
 
 Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
                    const Json& ledger, const EnvironmentSpec& environment) {
-  Json learned = {{"updates", run.updates},
+  Json learned = {{"learner_sha256", LearnerHash(run)},
+                  {"planned_updates", run.updates},
+                  {"updates", run.updates},
                   {"seconds", seconds},
                   {"ledger", ledger},
                   {"processor", ProcessorName()}};
-  const std::string returns = folder + "/returns.json";
   if (HasAgent(folder)) {
     B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentPath(folder)));
     B4MRL_RETURN_IF_ERROR(CheckAgent(agent, environment, AgentPath(folder)));
     if (agent.provenance.updates > 0) learned["updates"] = agent.provenance.updates;
     learned["source"] = "user";
-  } else if (Exists(returns)) {
-    B4MRL_RETURN_IF_ERROR(AddOwnReturns(returns, environment, &learned));
+  } else if (Exists(ReturnsPath(folder))) {
+    B4MRL_RETURN_IF_ERROR(AddOwnReturns(ReturnsPath(folder), environment, &learned));
   } else {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("left neither agent.h5 nor returns.json in {}", folder));
+  }
+  if (Exists(CurvePath(folder))) {
+    B4MRL_RETURN_IF_ERROR(AddOwnCurve(CurvePath(folder), environment, &learned));
   }
   return WriteSmallFile(LearnedPath(folder), learned.dump() + "\n");
 }
 
 Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   RunOutcome outcome;
-  if (!HasLearned(folder)) return outcome;
+  if (!Exists(LearnedPath(folder))) return outcome;
   B4MRL_ASSIGN_OR_RETURN(const Json learned, ReadJsonObject(LearnedPath(folder)));
   outcome.ended = true;
   outcome.source = TextOf(learned, "source");
   outcome.ledger = EntryOf(learned, "ledger");
   outcome.processor = TextOf(learned, "processor");
+  outcome.planned_updates = CountOf(learned, "planned_updates");
+  outcome.learner_sha256 = TextOf(learned, "learner_sha256");
   if (outcome.source != "user" && outcome.source != "self-scored") {
     return NotUnderstood(LearnedPath(folder), "what the runner has written");
   }
@@ -115,8 +174,10 @@ Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   }
   outcome.returns = EntryOf(scored, "returns");
   if (outcome.ledger.is_object()) {
-    outcome.ledger["evaluation_episodes"] = outcome.source == "user" ? outcome.returns.size() : 0;
+    outcome.ledger["evaluation_episodes"] =
+        outcome.returns.size() + CountOf(learned, "curve_episodes").value_or(0);
   }
+  outcome.curve = ReadCurve(EntryOf(learned, "curve")).value_or(Curve());
   CurvePoint point;
   point.updates = CountOf(learned, "updates").value_or(0);
   point.steps = CountOf(outcome.ledger, "simulator_steps").value_or(0);

@@ -1,6 +1,7 @@
 // What a learner of the user's own has left in its run's folder: "agent.h5", or "returns.json" with
-// {"returns": [...], "updates": N}; and "learned.json", by which a run knows that it has ended.
-// Any thread.
+// {"returns": [...], "updates": N}; if it likes, "curve.json" with what it reached before its last
+// update, {"curve": [{"updates": N, "returns": [...]}, ...]}, each with "steps" if it counts those
+// of its simulator; and "learned.json", by which a run knows that it has ended. Any thread.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -19,9 +20,15 @@ namespace b4mrl {
 // of another environment.
 Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
                    const nlohmann::ordered_json& ledger, const EnvironmentSpec& environment);
-// Whether KeepLearned has succeeded there, and whether the learner has left an agent.
-bool HasLearned(const std::string& folder);
+// Whether KeepLearned has succeeded there for the run's command and for as many updates as it is
+// to do, and whether the learner has left an agent.
+bool HasLearned(const PlannedRun& run, const std::string& folder);
 bool HasAgent(const std::string& folder);
+// Removes what an earlier attempt has left of these files, but nothing else that a learner may keep
+// there to go on from.
+void RemoveLearned(const std::string& folder);
+// By which results know the command of the run's learner: the SHA-256 of its text.
+std::string LearnerHash(const PlannedRun& run);
 // Without a curve while its agent was not evaluated.
 Result<RunOutcome> OutcomeOfLearner(const std::string& folder);
 

@@ -152,14 +152,27 @@ Json RunJson(const PlannedRun& run, const std::optional<UsedDataset>& dataset) {
   return json;
 }
 
+// Whether the run has finished. A learner of the user's own decides that itself.
+bool HasFinished(const RunOutcome& outcome, const ResultOrigin& origin) {
+  const bool did_all = outcome.source != "own" || outcome.curve.back().updates >= origin.updates;
+  return outcome.ended && did_all;
+}
+
+// Whether a result stays as it is beside what its run has come to now.
+bool HasComeFurther(const RunResult& before, const RunOutcome& outcome,
+                    const ResultOrigin& origin) {
+  const bool has_finished = HasFinished(outcome, origin);
+  if (before.finished != has_finished) return before.finished;
+  // A user's learner begins anew when it is asked for more, and says itself how far it came.
+  return outcome.source == "own" && before.updates > outcome.curve.back().updates;
+}
+
 void AddScores(const RunOutcome& outcome, const ResultOrigin& origin, Json* json) {
   const CurvePoint& last = outcome.curve.back();
-  // A learner of the user's own decides itself when it has finished.
-  const bool did_all = outcome.source != "own" || last.updates >= origin.updates;
   const Fifths fifths = FifthsOf(outcome.curve);
   const std::optional<bool> settled = fifths.IsSettled();
   json->update({{"updates", last.updates},
-                {"finished", outcome.ended && did_all},
+                {"finished", HasFinished(outcome, origin)},
                 {"score", OrNull(last.score)},
                 {"return", last.mean_return},
                 {"returns", outcome.returns},
@@ -178,20 +191,27 @@ std::string ResultPath(const std::string& results_folder, const PlannedRun& run)
   return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
 }
 
-Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
-                     const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
-                     const std::string& results_folder) {
+Result<uint64_t> EvaluatedUpdates(const std::string& run_folder) {
+  B4MRL_ASSIGN_OR_RETURN(const Evaluations read, ReadEvaluations(run_folder + "/progress.csv"));
+  return read.curve.empty() ? 0 : read.curve.back().updates;
+}
+
+Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_folder,
+                               const std::optional<UsedDataset>& dataset,
+                               const ResultOrigin& origin, const std::string& results_folder) {
   const std::string path = ResultPath(results_folder, run);
   B4MRL_ASSIGN_OR_RETURN(const RunOutcome outcome, run.is_users() ? OutcomeOfLearner(run_folder)
                                                                   : OutcomeOfTraining(run_folder));
   const Curve& curve = outcome.curve;
+  if (curve.empty()) return 0;
+  const uint64_t updates = curve.back().updates;
   B4MRL_ASSIGN_OR_RETURN(const auto before, ReadResult(path));
-  if (curve.empty() || (before && before->updates > curve.back().updates)) return Status();
+  if (before && HasComeFurther(*before, outcome, origin)) return updates;
   B4MRL_ASSIGN_OR_RETURN(const Json scorings, ScoringsJson(run, run_folder));
   Json json = RunJson(run, dataset);
   json.update({{"hyperparameters", outcome.hyperparameters},
                {"budget", origin.budget},
-               {"planned_updates", origin.updates}});
+               {"planned_updates", outcome.planned_updates.value_or(origin.updates)}});
   AddScores(outcome, origin, &json);
   json.update({{"scorings", scorings},
                {"source", outcome.source},
@@ -203,15 +223,17 @@ Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
                {"commit", OrNull(origin.commit)},
                {"processor", outcome.processor},
                {"sessions", outcome.sessions}});
+  if (!outcome.learner_sha256.empty()) json["learner_sha256"] = outcome.learner_sha256;
   const auto agent = Sha256OfFile(run_folder + "/agent.h5");
   json["agent_sha256"] = agent.ok() ? Json(*agent) : Json();
   json["curve_columns"] = {"updates", "steps", "return", "std", "score"};
   json["curve"] = JsonOf(curve);
-  return WriteSmallFile(path, LinesOf(json));
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, LinesOf(json)));
+  return updates;
 }
 
 bool RunResult::IsDone(const PlannedRun& run, uint64_t target) const {
-  return run.is_users() ? finished : updates > target || (finished && updates >= target);
+  return finished && (run.is_users() ? planned_updates : updates) >= target;
 }
 
 Result<std::optional<RunResult>> ReadResult(const std::string& path) {
@@ -221,11 +243,13 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   RunResult result;
   result.finished = IsTrue(json, "finished");
   result.updates = CountOf(json, "updates").value_or(0);
+  result.planned_updates = CountOf(json, "planned_updates").value_or(0);
   result.settled = IsTrue(json, "settled");
   result.score = NumberOf(json, "score");
   result.mean_return = NumberOf(json, "return").value_or(0);
   result.seconds = NumberOf(json, "seconds").value_or(0);
   result.agent_sha256 = TextOf(json, "agent_sha256");
+  result.learner_sha256 = TextOf(json, "learner_sha256");
   for (const auto& [name, scoring] : EntryOf(json, "scorings").items()) {
     result.scorings.insert(name);
   }

@@ -2,7 +2,8 @@
 // evaluation. A run that goes on replaces its file.
 //
 // The file appears whole or not at all. A run that was cut off has a valid result, that of its last
-// evaluation. Any process; one thread a call.
+// evaluation; one that has finished keeps its result until it has finished with more updates. Any
+// process; one thread a call.
 #pragma once
 
 #include <cstdint>
@@ -35,8 +36,11 @@ struct ResultOrigin {
 
 // What a run has come to, in words of a result.
 struct RunOutcome {
-  Curve curve;                 // empty: there is no evaluation yet
-  bool ended = false;          // whether training has ended in order
+  Curve curve;         // empty: there is no evaluation yet
+  bool ended = false;  // whether training has ended in order
+  // Of a user's learner: what it was asked to do, and which command has done it.
+  std::optional<uint64_t> planned_updates;
+  std::string learner_sha256;
   std::string source = "own";  // "user": a learner of the user's own; "self-scored": by itself
   // JSON of these entries of a result.
   nlohmann::ordered_json returns = nlohmann::ordered_json::array();
@@ -49,16 +53,17 @@ struct RunOutcome {
 struct RunResult {
   bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
+  uint64_t planned_updates = 0;    // that it was told to do
   bool settled = false;            // its mean score no longer moves by more than 1.5 points
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included
   std::string agent_sha256;        // of the agent's file; "": there was none
+  std::string learner_sha256;      // of the command of a user's learner; "": it is not known
   std::set<std::string> scorings;  // names of the further evaluations that it holds
 
-  // Whether the run, which is to do so many updates, has done them. One that was told to do more
-  // and is under way has done those that it has passed. A learner of the user's own decides itself
-  // when it has finished.
+  // Whether the run, which is to do so many updates, has finished with them or with more. A learner
+  // of the user's own that was told to do so many decides itself when it has finished.
   bool IsDone(const PlannedRun& run, uint64_t target) const;
 };
 
@@ -70,11 +75,16 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring);
 
 // Writes the result of a run from what `b4mrl train`, or a learner of the user's own, has left in
 // its folder; `dataset` is unset for runs without one. Does nothing while the run has no
-// evaluation, nor while there is a result that has come further: of a run that was begun anew.
-// Errors: kIoError, kDataLoss.
-Status WriteResultOf(const PlannedRun& run, const std::string& run_folder,
-                     const std::optional<UsedDataset>& dataset, const ResultOrigin& origin,
-                     const std::string& results_folder);
+// evaluation, nor while there is a result that has come further: a finished one, of a run that goes
+// on, or that of a run that was begun anew. Returns the updates of the run's last evaluation; 0:
+// there is none. Errors: kIoError, kDataLoss.
+Result<uint64_t> WriteResultOf(const PlannedRun& run, const std::string& run_folder,
+                               const std::optional<UsedDataset>& dataset,
+                               const ResultOrigin& origin, const std::string& results_folder);
+
+// The updates of the last evaluation of a run of `b4mrl train` in this folder; 0: there is none.
+// Errors as above.
+Result<uint64_t> EvaluatedUpdates(const std::string& run_folder);
 
 // None if there is no such file. kDataLoss if it cannot be read.
 Result<std::optional<RunResult>> ReadResult(const std::string& path);

@@ -44,6 +44,13 @@ RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& re
   return result || Exists(run_folder + "/log") ? RunProgress::kBegun : RunProgress::kWaiting;
 }
 
+// A finished result stays while its run goes on, whose folder then says how far it has come.
+uint64_t UpdatesOf(const PlannedRunStatus& run, const std::string& run_folder) {
+  const auto evaluated = EvaluatedUpdates(run_folder);
+  if (run.progress != RunProgress::kDone && evaluated.ok()) return *evaluated;
+  return run.result ? run.result->updates : 0;
+}
+
 // The numbers of runs in the folder's plan.json by id.
 std::map<std::string, uint64_t> FrozenIndices(const std::string& folder,
                                               std::vector<std::string>* unreadable) {
@@ -90,6 +97,7 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
     const std::string run_folder = RunFolder(folder, run);
     PlannedRunStatus each = {.result = read.ok() ? *read : std::nullopt};
     each.progress = ProgressOf(run, each.result, run_folder);
+    each.updates = UpdatesOf(each, run_folder);
     if (const auto found = indices.find(run.id); found != indices.end()) each.index = found->second;
     if (Exists(run_folder + "/log")) each.log = run_folder + "/log";
     if (each.result) costs.Learn(run, *each.result);
@@ -97,7 +105,7 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
   }
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log] = status.runs[i];
     ++status.counts[progress];
     status.cells += run.benchmarks.size();
     status.seconds += result ? result->seconds : 0;
@@ -105,8 +113,8 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
       status.filled += run.benchmarks.size();
       continue;
     }
-    const uint64_t updates = result ? std::min(result->updates, run.updates) : 0;
-    status.seconds_left += costs.SecondsOf(run, static_cast<double>(run.updates - updates));
+    const uint64_t left = run.updates - std::min(updates, run.updates);
+    status.seconds_left += costs.SecondsOf(run, static_cast<double>(left));
   }
   return status;
 }
@@ -115,10 +123,10 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   std::string text;
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log] = status.runs[i];
     text +=
         fmt::format("{} {:>4} {:<8} {:>9}/{} {}", run.id, index ? fmt::format("{}", *index) : "-",
-                    RunProgressName(progress), result ? result->updates : 0, run.updates, run.name);
+                    RunProgressName(progress), updates, run.updates, run.name);
     if (result) text += fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
     if (!log.empty() && progress != RunProgress::kDone) text += ", " + log;
     text += '\n';
@@ -138,7 +146,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log] = status.runs[i];
     runs.push_back({{"name", run.name},
                     {"id", run.id},
                     {"cell", run.cell_id},
@@ -154,7 +162,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"hyperparameters", run.hyperparameters},
                     {"benchmarks", run.benchmarks},
                     {"planned_updates", run.updates},
-                    {"updates", result ? result->updates : 0},
+                    {"updates", updates},
                     {"state", RunProgressName(progress)},
                     {"done", progress == RunProgress::kDone},
                     {"index", index ? Json(*index) : Json()},

@@ -26,6 +26,7 @@ std::string_view RunProgressName(RunProgress progress);  // "done", "running", .
 struct PlannedRunStatus {
   RunProgress progress = RunProgress::kWaiting;
   std::optional<RunResult> result;
+  uint64_t updates = 0;           // of the run's last evaluation
   std::optional<uint64_t> index;  // in plan.json
   std::string log;                // file of the learner's messages; "": there is none
 };

@@ -45,6 +45,8 @@ std::string DatasetStem(const std::string& folder, std::string dataset) {
 }
 
 void RemoveTraining(const std::string& folder) {
+  const auto state = ReadRunStatus(folder);
+  if (state.ok() && state->state != RunState::kFinished) return;
   RemoveFrom(folder, [](std::string_view name) {
     return name == "replay.bin" || name == "ensemble.h5" || name.starts_with("checkpoint-");
   });

@@ -16,7 +16,8 @@ std::string RunFolder(const std::string& folder, const PlannedRun& run);
 // extensions.
 std::string DatasetStem(const std::string& folder, std::string dataset);
 
-// Removes what only a run that goes on needs: replay memory, ensemble, checkpoints.
+// Removes what only a run that goes on needs: replay memory, ensemble, checkpoints. Leaves it where
+// `b4mrl train` was stopped, on its way to more updates than the run's result has.
 void RemoveTraining(const std::string& folder);
 // Removes the scorings of the agent that is about to be trained further, or anew.
 void RemoveScorings(const PlannedRun& run, const std::string& folder);

@@ -117,16 +117,6 @@ void Runner::ShowProgress() {
   line_.Show(TextOf(progress));
 }
 
-uint64_t Runner::TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const {
-  const bool goes_on = options_.until_settled > 0 && !run.is_users();
-  if (!goes_on || !result || result->updates < run.updates) return run.updates;
-  // As often as it was told to train for its updates until now, and once more if it has not
-  // settled.
-  uint64_t times = (result->updates + run.updates - 1) / run.updates;
-  if (result->updates % run.updates == 0 && result->finished && !result->settled) ++times;
-  return run.updates * std::min<uint64_t>(times, options_.until_settled + 1);
-}
-
 bool Runner::Begin(size_t number) {
   const Result<bool> begun = TryToBegin(number);
   if (begun.ok()) return *begun;
@@ -143,9 +133,14 @@ Result<bool> Runner::TryToBegin(size_t number) {
   if (!claim.valid()) return false;
   // Behind the claim, for another runner may have finished the run a moment ago.
   B4MRL_ASSIGN_OR_RETURN(const auto result, ReadResult(ResultPath(options_.results, run)));
-  task.target = TargetOf(run, result);
+  task.target = UpdatesToTrain(run, result, options_.until_settled);
   if (result) task.updates = result->updates;
   if (result && result->IsDone(run, task.target)) {
+    if (run.is_users() && !result->learner_sha256.empty() &&
+        result->learner_sha256 != LearnerHash(run)) {
+      Say(fmt::format("{} was trained by another --learner; remove {} to train it anew", run.name,
+                      ResultPath(options_.results, run)));
+    }
     // Where the result's agent is not left, the result stays as it is.
     if (const auto agent = Sha256OfFile(task.folder + "/agent.h5");
         agent.ok() && *agent == result->agent_sha256) {
@@ -179,7 +174,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
     if (!dataset) return BeginDataset(run);
   }
-  if (!run.is_users() || !HasLearned(task.folder)) RemoveScorings(run, task.folder);
+  if (!run.is_users() || !HasLearned(run, task.folder)) RemoveScorings(run, task.folder);
   if (!run.is_users()) {
     // The learner of a killed runner may still be about to end.
     if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
@@ -187,11 +182,12 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
         Job job, Job::Start(TrainingOrder(run, budget_, task.target, task.folder, DaemonWords()),
                             std::move(claim)));
     active_.push_back({std::move(job), number, "", std::nullopt});
-  } else if (HasLearned(task.folder)) {  // before a runner was killed
+  } else if (HasLearned(run, task.folder)) {  // before a runner was killed
     B4MRL_RETURN_IF_ERROR(WriteResult(task));
     if (!HasAgent(task.folder)) return false;  // it waits, and has its result
     return BeginMissingScoring(number, {}, claim);
   } else {
+    RemoveLearned(task.folder);  // of an attempt that failed, or of another command
     B4MRL_ASSIGN_OR_RETURN(const uint64_t ledger, client_.OpenLedger());
     const LearnerPlace place = {client_.endpoint(), options_.suites, ledger};
     B4MRL_ASSIGN_OR_RETURN(Job job,
@@ -319,7 +315,7 @@ Status Runner::KeepWork(Active& active) {
 
 bool Runner::HasBrought(const Active& active) const {
   const Task& task = tasks_[*active.task];
-  if (task.run->is_users() && !active.scoring) return HasLearned(task.folder);
+  if (task.run->is_users() && !active.scoring) return HasLearned(*task.run, task.folder);
   const auto result = ReadResult(ResultPath(options_.results, *task.run));
   if (!result.ok() || !*result || !(*result)->IsDone(*task.run, task.target)) return false;
   const bool is_further = active.scoring && active.scoring->name != kOwnScoring;
@@ -373,9 +369,9 @@ Status Runner::WriteResult(Task& task) {
     return Status();
   }
   const ResultOrigin origin = {budget_.name, options_.commit, task.target};
-  B4MRL_RETURN_IF_ERROR(WriteResultOf(*task.run, task.folder, dataset, origin, options_.results));
+  B4MRL_ASSIGN_OR_RETURN(task.updates,
+                         WriteResultOf(*task.run, task.folder, dataset, origin, options_.results));
   B4MRL_ASSIGN_OR_RETURN(const auto written, ReadResult(ResultPath(options_.results, *task.run)));
-  if (written) task.updates = written->updates;
   if (written && ended) costs_.Learn(*task.run, *written);
   return Status();
 }

@@ -70,7 +70,7 @@ class Runner {
     const PlannedRun* run = nullptr;
     std::string folder;
     uint64_t target = 0;   // updates to train for; run->updates, or more until it is settled
-    uint64_t updates = 0;  // of its result
+    uint64_t updates = 0;  // of its last evaluation
     bool ended = false;    // done or failed
     int attempts = 0;
     uint64_t written = 0;    // bytes of progress.csv when the result was last written
@@ -101,8 +101,6 @@ class Runner {
   // Whether a process without this folder's claim is making the dataset.
   bool IsMadeElsewhere(const std::string& full_name) const;
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
-  // Updates for which the run of this result is to be trained.
-  uint64_t TargetOf(const PlannedRun& run, const std::optional<RunResult>& result) const;
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;

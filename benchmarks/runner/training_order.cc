@@ -10,6 +10,17 @@
 
 namespace b4mrl {
 
+uint64_t UpdatesToTrain(const PlannedRun& run, const std::optional<RunResult>& result,
+                        uint32_t until_settled) {
+  const bool goes_on = until_settled > 0 && !run.is_users();
+  if (!goes_on || !result || result->updates < run.updates) return run.updates;
+  // As often as it was told to train for its updates until now, and once more if it has not
+  // settled.
+  uint64_t times = (result->updates + run.updates - 1) / run.updates;
+  if (result->updates % run.updates == 0 && result->finished && !result->settled) ++times;
+  return run.updates * std::min<uint64_t>(times, until_settled + 1);
+}
+
 JobOrder TrainingOrder(const PlannedRun& run, const Budget& budget, uint64_t updates,
                        const std::string& folder, const std::vector<std::string>& daemon_words) {
   // By the run's own number, so that a run that goes on is evaluated at equal distances.

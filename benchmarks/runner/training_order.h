@@ -6,18 +6,26 @@
 // B4MRL_CORRUPTION, B4MRL_WORLD (perturbations of the true environment, in which it will be
 // scored), B4MRL_SEED, B4MRL_UPDATES, B4MRL_LEDGER (where its interactions are to be counted),
 // B4MRL_SUITES (folder of further suites) and B4MRL_OUT, the folder in which it leaves what
-// benchmarks/records/learned.h reads. An exit code other than 0 is a failure.
+// benchmarks/records/learned.h reads; what an earlier attempt has left of these files is removed
+// before. An exit code other than 0 is a failure.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
+#include "benchmarks/records/result_file.h"
 #include "benchmarks/runner/job.h"
 
 namespace b4mrl {
+
+// How far a run with this result is to be trained: for its updates, and for as many again, at most
+// so often, while it has not settled.
+uint64_t UpdatesToTrain(const PlannedRun& run, const std::optional<RunResult>& result,
+                        uint32_t until_settled);
 
 // `updates`: to train for, at least the run's own number. `daemon_words`: options of the command
 // that choose its daemon.

@@ -3,13 +3,15 @@
 //   b4mrl benchmark run 'HalfCheetah/confounding/*' --learner build/release/own_learner --name lms
 //
 // The runner starts this program once for each benchmark and seed. An update is one row of the
-// dataset and one step of least mean squares, normalised by the length of the observation.
+// dataset and one step of least mean squares, normalised by the length of the observation. After
+// each fifth of its updates the policy is scored, for the curve.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "client/benchmark_run.h"
@@ -35,7 +37,16 @@ Status Learn(const b4mrl::BenchmarkRun& run) {
   const size_t size = data.observation_size(), action_size = data.action_size();
   std::vector<float> weights(size * action_size);
   b4mrl::BatchStream batches = data.Stream(/*rows=*/1, run.seed);
-  for (uint64_t update = 0; update < run.updates; ++update) {
+  const auto policy = [&](const b4mrl::PolicyBatch& batch) {
+    std::ranges::fill(batch.actions, 0.0f);
+    for (size_t i = 0; i < batch.episodes.size(); ++i) {
+      Predict(weights, batch.observations.subspan(i * size, size),
+              batch.actions.subspan(i * action_size, action_size));
+    }
+    return Status();
+  };
+  std::vector<std::string> curve;
+  for (uint64_t update = 1; update <= run.updates; ++update) {
     B4MRL_ASSIGN_OR_RETURN(const b4mrl::TransitionRows row, batches.Next());
     std::vector<float> error(action_size);
     Predict(weights, row.observations, error);
@@ -45,18 +56,16 @@ Status Learn(const b4mrl::BenchmarkRun& run) {
       weights[i] -=
           0.1f * (error[i / size] - row.actions[i / size]) * row.observations[i % size] / length;
     }
+    if (update % std::max<uint64_t>(run.updates / 5, 1) != 0 || update == run.updates) continue;
+    B4MRL_ASSIGN_OR_RETURN(const b4mrl::EvaluationResult scores, bench.Evaluate(policy));
+    curve.push_back(fmt::format("{{\"updates\": {}, \"returns\": [{}]}}", update,
+                                fmt::join(scores.returns, ", ")));
   }
-  const auto policy = [&](const b4mrl::PolicyBatch& batch) {
-    std::ranges::fill(batch.actions, 0.0f);
-    for (size_t i = 0; i < batch.episodes.size(); ++i) {
-      Predict(weights, batch.observations.subspan(i * size, size),
-              batch.actions.subspan(i * action_size, action_size));
-    }
-    return Status();
-  };
   B4MRL_ASSIGN_OR_RETURN(const b4mrl::EvaluationResult scores, bench.Evaluate(policy));
   std::ofstream(run.out + "/returns.json") << fmt::format(
       "{{\"returns\": [{}], \"updates\": {}}}\n", fmt::join(scores.returns, ", "), run.updates);
+  std::ofstream(run.out + "/curve.json")
+      << fmt::format("{{\"curve\": [{}]}}\n", fmt::join(curve, ", "));
   return Status();
 }
 

@@ -39,10 +39,11 @@ class Folders {
     WriteBytes(run() + "/result.json",
                R"({"state": ")" + state + R"(", "updates": 500, "returns": [1, 2]})");
   }
+  void AskFor(uint64_t updates) { planned_.updates = updates; }
   void Progress(const std::string& rows) { WriteBytes(run() + "/progress.csv", kHeader + rows); }
   Status Write(const std::optional<UsedDataset>& dataset = {}) {
-    return WriteResultOf(planned_, run(), dataset, {"small", "0a1b2c", planned_.updates},
-                         results());
+    return WriteResultOf(planned_, run(), dataset, {"small", "0a1b2c", planned_.updates}, results())
+        .status();
   }
   nlohmann::json Written() const {
     return nlohmann::json::parse(ReadBytes(path()), nullptr, false);
@@ -120,6 +121,38 @@ TEST_CASE("A run that was begun anew replaces its result once it has come as far
   CHECK(folders.Written()["score"] == 32.5);
 }
 
+TEST_CASE("A finished result stays until its run has finished with more updates") {
+  Folders folders;
+  folders.State("finished");
+  folders.Progress("500,5,1,10,1,20\n");
+  RequireOk(folders.Write());
+  const nlohmann::json finished = folders.Written();
+  CHECK(finished["finished"] == true);
+  folders.AskFor(900);
+  folders.State("interrupted");
+  folders.Progress("500,5,1,10,1,20\n700,7,2,11,1,21\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written() == finished);
+  CHECK(Take(EvaluatedUpdates(folders.run())) == 700);
+  folders.State("finished");
+  folders.Progress("500,5,1,10,1,20\n900,9,3,12,1,22\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["updates"] == 900);
+}
+
+TEST_CASE("The result of a run that was cut off gives way to a finished one of fewer updates") {
+  Folders folders;
+  folders.AskFor(900);
+  folders.Progress("700,7,2,11,1,21\n");
+  RequireOk(folders.Write());
+  folders.AskFor(500);
+  folders.State("finished");
+  folders.Progress("500,5,1,10,1,20\n");
+  RequireOk(folders.Write());
+  CHECK(folders.Written()["updates"] == 500);
+  CHECK(folders.Written()["finished"] == true);
+}
+
 TEST_CASE("Tasks without reference returns have no score") {
   Folders folders;
   folders.Progress("100,5,1,10,1,\n");
@@ -155,19 +188,22 @@ TEST_CASE("Lines of a log that are no evaluation are passed over") {
   CHECK(json["ledger"]["dataset_rows"].is_null());
 }
 
-TEST_CASE("A run is done with the updates that it was told to do, or has passed") {
+TEST_CASE("A run is done when it has finished with the updates that it is to do, or with more") {
   const PlannedRun run;
   CHECK(RunResult{.finished = true, .updates = 100}.IsDone(run, 100));
   CHECK_FALSE(RunResult{.finished = false, .updates = 100}.IsDone(run, 100));
-  CHECK(RunResult{.finished = false, .updates = 101}.IsDone(run, 100));
+  CHECK(RunResult{.finished = true, .updates = 101}.IsDone(run, 100));
+  CHECK_FALSE(RunResult{.finished = false, .updates = 101}.IsDone(run, 100));
   CHECK_FALSE(RunResult{.finished = true, .updates = 99}.IsDone(run, 100));
 }
 
-TEST_CASE("A run of a user's learner is done when the learner says so") {
+TEST_CASE("A run of a user's learner that was asked for as much is done when the learner says so") {
   PlannedRun run;
   run.learner = "python my.py";
-  CHECK(RunResult{.finished = true, .updates = 7}.IsDone(run, 100));
-  CHECK_FALSE(RunResult{.finished = false, .updates = 200}.IsDone(run, 100));
+  CHECK(RunResult{.finished = true, .updates = 7, .planned_updates = 100}.IsDone(run, 100));
+  CHECK_FALSE(RunResult{.finished = true, .updates = 100, .planned_updates = 99}.IsDone(run, 100));
+  CHECK_FALSE(
+      RunResult{.finished = false, .updates = 200, .planned_updates = 200}.IsDone(run, 100));
 }
 
 }  // namespace

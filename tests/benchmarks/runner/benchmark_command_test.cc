@@ -212,6 +212,35 @@ TEST_CASE("A run goes on until its score has settled, as often as is allowed") {
   CHECK(Count(again.err, "start ") == 0);
 }
 
+TEST_CASE("A larger budget that was cut off leaves the result of the smaller one, and goes on") {
+  const Suite suite("td3-bc = 60");
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  const auto before = suite.Results();
+  const auto state = [&] {
+    const Outcome status = Run(suite.Command({"--dry-run", "--json"}));
+    return nlohmann::json::parse(status.out, nullptr, false)[0];
+  };
+  const std::string smaller = ReadBytes(suite.File("budget.toml"));
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 20_000\nepisodes = 1\nrows = 2_000\n"
+             "updates = { td3-bc = 1_000_000 }\n");
+  REQUIRE(Run(suite.Command({"--hours", "0.002"})).exit_code == 0);
+  CHECK(suite.Results() == before);
+  CHECK(state()["state"] == "begun");
+  const uint64_t reached = state()["updates"];
+  const std::string larger = ReadBytes(suite.File("budget.toml"));
+  WriteBytes(suite.File("budget.toml"), smaller);
+  const Outcome done = Run(suite.Command());
+  CHECK(done.out.find("1 of 1 runs done") != std::string::npos);
+  CHECK(done.err.find("start ") == std::string::npos);
+  // Nothing is lost of what the larger one has begun.
+  WriteBytes(suite.File("budget.toml"), larger);
+  REQUIRE(Run(suite.Command({"--hours", "0.001"})).exit_code == 0);
+  const std::string log = ReadBytes(state()["log"].get<std::string>());
+  INFO(log);
+  CHECK(state()["updates"].get<uint64_t>() >= reached);
+}
+
 TEST_CASE("A runner stops when its hours are over and goes on from there") {
   const Suite suite("td3-bc = 1_000_000");
   const Outcome stopped = Run(suite.Command({"--hours", "0.001"}));

@@ -41,5 +41,17 @@ TEST_CASE("What only a run that goes on needs is removed when it has ended") {
   RemoveTraining(folder.File("none"));  // does nothing
 }
 
+TEST_CASE("What a run needs that was stopped on its way is left there") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("checkpoint-10.h5"), "");
+  WriteBytes(folder.File("result.json"),
+             R"({"state": "interrupted", "reason": "", "updates": 10})");
+  RemoveTraining(folder.path());
+  CHECK(fs::exists(folder.File("checkpoint-10.h5")));
+  WriteBytes(folder.File("result.json"), R"({"state": "finished", "reason": "", "updates": 20})");
+  RemoveTraining(folder.path());
+  CHECK_FALSE(fs::exists(folder.File("checkpoint-10.h5")));
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -20,8 +20,12 @@ class UsersSuite {
  public:
   UsersSuite() {
     suite_.pattern = "HalfCheetah/confounding/hidden-*+medium";
+    AskFor("70");
+  }
+  void AskFor(const std::string& updates) const {
     WriteBytes(suite_.File("budget.toml"),
-               "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = 70\nupdates = { bc = 20 }\n");
+               "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = " + updates +
+                   "\nupdates = { bc = 20 }\n");
   }
   Outcome Train(const std::string& learner, const std::string& name = "mine",
                 const Words& more = {}) const {
@@ -71,7 +75,8 @@ TEST_CASE("A learner that leaves an agent is told what to do, and its agent is s
     CHECK(json["ledger"]["dataset_rows"] == 0);
   }
   const Outcome again = suite.Train("false");
-  CHECK(again.exit_code == 0);  // all is done
+  CHECK(again.exit_code == 0);  // all is done, by another command
+  CHECK(again.err.find("was trained by another --learner; remove ") != std::string::npos);
   const Outcome checked = Run({"benchmark", "check", suite.File("suite")});
   INFO(checked.out);
   CHECK(checked.exit_code == 0);
@@ -142,6 +147,89 @@ TEST_CASE("An agent that is not of the environment is refused, and its learner b
   INFO(right.out << right.err);
   CHECK(right.exit_code == 0);
   CHECK(suite.Results().size() == 2);
+}
+
+TEST_CASE("A learner trains again for a larger budget, and what it leaves then is its result") {
+  const UsersSuite suite;
+  const std::string learner =
+      "echo \"{\\\"returns\\\": [$B4MRL_UPDATES]}\" > \"$B4MRL_OUT/returns.json\"";
+  REQUIRE(suite.Train(learner).exit_code == 0);
+  const Outcome same = suite.Train(learner);
+  CHECK(same.err.find("start ") == std::string::npos);
+  CHECK(same.err.find("another --learner") == std::string::npos);
+  suite.AskFor("700");
+  const Outcome more = suite.Train(learner);
+  INFO(more.out << more.err);
+  CHECK(more.exit_code == 0);
+  for (const auto& [name, text] : suite.Results(false)) {
+    const auto json = nlohmann::json::parse(text, nullptr, false);
+    CHECK(json["return"] == 700);
+    CHECK(json["planned_updates"] == 700);
+  }
+  suite.AskFor("70");
+  CHECK(suite.Train(learner).err.find("start ") == std::string::npos);
+}
+
+TEST_CASE("What an earlier attempt has left is not taken for what a learner brings") {
+  const UsersSuite suite;
+  const Outcome failed =
+      suite.Train("cp " + std::string(kAgent) + " \"$B4MRL_OUT/agent.h5\"; exit 3");
+  CHECK(failed.exit_code == 1);
+  const Outcome nothing = suite.Train("true");
+  CHECK(nothing.out.find("left neither agent.h5 nor returns.json") != std::string::npos);
+  REQUIRE(suite.Train("cp " + std::string(kAgent) + " \"$B4MRL_OUT/agent.h5\"; exit 3").exit_code ==
+          1);
+  const Outcome returns = suite.Train("echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"");
+  INFO(returns.out << returns.err);
+  CHECK(returns.exit_code == 0);
+  for (const auto& [name, text] : suite.Results(false)) {
+    CHECK(nlohmann::json::parse(text, nullptr, false)["source"] == "self-scored");
+  }
+}
+
+TEST_CASE("A learner that leaves its curve has settled once the last two fifths agree") {
+  const UsersSuite suite;
+  const auto settled = [&](const std::string& before, const std::string& name) {
+    const Outcome outcome = suite.Train(
+        "echo '{\"curve\": [{\"updates\": 50, \"returns\": [" + before +
+            "], \"steps\": 9}, {\"updates\": 70, \"returns\": [0]}]}' > \"$B4MRL_OUT/curve.json\"; "
+            "echo '{\"returns\": [1, 2]}' > \"$B4MRL_OUT/returns.json\"",
+        name);
+    INFO(outcome.out << outcome.err);
+    REQUIRE(outcome.exit_code == 0);
+    for (const auto& [file, text] : suite.Results(false)) {
+      const auto json = nlohmann::json::parse(text, nullptr, false);
+      if (json["algorithm"] != name) continue;
+      CAPTURE(text);
+      REQUIRE(json["curve"].size() == 2);  // that of the last update is the run's score
+      CHECK(json["curve"][0][0] == 50);
+      CHECK(json["curve"][0][1] == 9);
+      CHECK(json["curve"][1][2] == 1.5);
+      CHECK(json["ledger"]["evaluation_episodes"] == 4);
+      return json["settled"];
+    }
+    return nlohmann::json();
+  };
+  CHECK(settled("3, 5", "steady") == true);
+  CHECK(settled("3, 5000", "moving") == false);
+  const Outcome checked = Run({"benchmark", "check", suite.File("suite")});
+  INFO(checked.out);
+  CHECK(checked.exit_code == 0);
+}
+
+TEST_CASE("A curve that cannot be understood fails its learner's run") {
+  const UsersSuite suite;
+  const auto says = [&](const std::string& curve) {
+    return suite
+        .Train("echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"; echo '" + curve +
+               "' > \"$B4MRL_OUT/curve.json\"")
+        .out;
+  };
+  CHECK_THAT(says("{}"), Catch::Contains("a list of up to 10000 points as \"curve\""));
+  CHECK_THAT(says(R"({"curve": [{"updates": 2, "returns": [1]}, {"updates": 1, "returns": [1]}]})"),
+             Catch::Contains("ascending whole numbers"));
+  CHECK_THAT(says(R"({"curve": [{"updates": 2, "returns": []}]})"),
+             Catch::Contains("numbers as \"returns\""));
 }
 
 TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
