@@ -89,6 +89,23 @@ std::string LevelOfDataset(const std::string& dataset) {
   return name.substr(begin, name.rfind('-') - begin);
 }
 
+// The budget `name` of a file that was read.
+Result<Budget> BudgetOf(const toml::table& all, const std::string& file, const std::string& name) {
+  const toml::table* table = all[name].as_table();
+  if (table == nullptr && all.contains(name)) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("{}: '{}' must be a table, [{}]", file, name, name));
+  }
+  if (table == nullptr) {
+    std::vector<std::string> names;
+    for (const auto& [key, node] : all) names.emplace_back(key.str());
+    return UnknownName(fmt::format("budget of {}", file), name, names);
+  }
+  B4MRL_ASSIGN_OR_RETURN(Budget budget, ReadTable(*table, fmt::format("{}, {}", file, name)));
+  budget.name = name;
+  return budget;
+}
+
 }  // namespace
 
 const std::string& Budget::PrecisionOf(const std::string& algorithm) const {
@@ -127,20 +144,17 @@ std::string Budget::RecipeOf(const std::string& algorithm) const {
 Result<Budget> ReadBudget(const std::string& file, const std::string& name) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table all, ReadTomlFile(file));
   const bool is_only = name.empty() && all.size() == 1;
-  const std::string chosen(is_only ? all.begin()->first.str() : std::string_view(name));
-  const toml::table* table = all[chosen].as_table();
-  if (table == nullptr && all.contains(chosen)) {
-    return Status(StatusCode::kInvalidArgument,
-                  fmt::format("{}: '{}' must be a table, [{}]", file, chosen, chosen));
+  return BudgetOf(all, file, is_only ? std::string(all.begin()->first.str()) : name);
+}
+
+Result<std::vector<Budget>> ReadBudgets(const std::string& file) {
+  B4MRL_ASSIGN_OR_RETURN(const toml::table all, ReadTomlFile(file));
+  std::vector<Budget> budgets;
+  for (const auto& [name, table] : all) {
+    B4MRL_ASSIGN_OR_RETURN(Budget budget, BudgetOf(all, file, std::string(name.str())));
+    budgets.push_back(std::move(budget));
   }
-  if (table == nullptr) {
-    std::vector<std::string> names;
-    for (const auto& [key, node] : all) names.emplace_back(key.str());
-    return UnknownName(fmt::format("budget of {}", file), chosen, names);
-  }
-  B4MRL_ASSIGN_OR_RETURN(Budget budget, ReadTable(*table, fmt::format("{}, {}", file, chosen)));
-  budget.name = chosen;
-  return budget;
+  return budgets;
 }
 
 std::string DefaultBudgetsFile() {

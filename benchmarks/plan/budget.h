@@ -72,6 +72,8 @@ struct Budget {
 // Reads the budget `name` of a file; "" is the only one of a file with one. Errors: kIoError,
 // kUnknownName, kInvalidArgument with the file, the table and what is allowed there.
 Result<Budget> ReadBudget(const std::string& file, const std::string& name);
+// All budgets of a file, by name. Errors as above.
+Result<std::vector<Budget>> ReadBudgets(const std::string& file);
 // A budget of the project by its name, or the only one of a file: what has a '/' or ends with
 // ".toml".
 Result<Budget> FindBudget(const std::string& text);

@@ -170,17 +170,19 @@ Status Planner::SetScorings(const Json& conditions, bool is_users, PlannedRun* r
     items.insert(items.end(), more.begin(), more.end());
   }
   B4MRL_ASSIGN_OR_RETURN(auto through_noise, ParseNamedArguments(run->world));
-  std::vector<NamedArgument> masked = through_noise;
+  std::vector<NamedArgument> masked = through_noise, hidden;
   const size_t of_world = through_noise.size();
   for (const NamedArgument& item : items) {
-    if (item.name == "hidden") masked.push_back(item);
+    if (item.name == "hidden") hidden.push_back(item);
     if (item.name == "obs-noise") through_noise.push_back(item);
   }
+  masked.insert(masked.end(), hidden.begin(), hidden.end());
+  run->hidden = FormatNamedArguments(hidden);
   // The project's agents carry their masks; what users leave may not.
   if (is_users) {
     run->scorings.push_back({kOwnScoring, FormatNamedArguments(masked), "trained"});
   }
-  if (masked.size() > of_world) run->scorings.push_back({"full", run->world, "full"});
+  if (!hidden.empty()) run->scorings.push_back({"full", run->world, "full"});
   if (through_noise.size() > of_world) {
     run->scorings.push_back({"served", FormatNamedArguments(through_noise), "trained"});
   }

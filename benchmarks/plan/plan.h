@@ -53,6 +53,7 @@ struct PlannedRun {
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
   std::string columns_sha256;            // of its dataset as published; "": any rows will do
   std::vector<Scoring> scorings;
+  std::string hidden;  // "hidden=9": what its training did not see, as perturbations
 
   std::string id;                       // 16 hexadecimal digits
   std::string cell_id;                  // likewise

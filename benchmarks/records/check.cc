@@ -12,6 +12,7 @@
 
 #include "algorithms/run/check_training.h"
 #include "benchmarks/plan/suite_plan.h"
+#include "benchmarks/records/budget_check.h"
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
 #include "proto/base/mean_and_std.h"
@@ -24,6 +25,13 @@ using Json = nlohmann::ordered_json;
 // Logs keep nine digits of a number.
 constexpr double kTolerance = 1e-6;
 
+// Null and a number are the same to both sides.
+bool Agree(const std::optional<double>& number, const std::optional<double>& must_be) {
+  return number.has_value() == must_be.has_value() &&
+         (!number ||
+          std::abs(*number - *must_be) <= kTolerance * std::max(1.0, std::abs(*must_be)));
+}
+
 class Checker {
  public:
   Checker(const Json& result, const CheckSources& sources) : result_(result), sources_(sources) {}
@@ -34,23 +42,27 @@ class Checker {
 
  private:
   void CheckEntries();
+  // What ids take for granted.
+  void CheckConditions();
+  void CheckUse();
   void CheckBenchmarks();
   // Whether the perturbations of an entry are these, presets or not: "hidden-high" is "hidden=9".
   bool IsSame(std::string_view key, const std::string& perturbations) const;
   // Whether the run of the result is one of the benchmark.
   bool Fills(const Benchmark& benchmark) const;
-  std::string DatasetName() const;  // without its version
   void CheckDataset();
   void CheckIds(const std::string& file_name);
-  Result<PlannedRun> RunOfResult() const;
+  Result<PlannedRun> Described() const;
   void CheckScores();
   void CheckCurve();
+  void CheckPoints(const Curve& curve, const std::vector<double>& returns);
 
   void Fault(std::string text) { faults_.push_back(std::move(text)); }
   void CheckText(std::string_view key, std::string_view must_be);
-  // Null and a number are the same to both sides.
   void CheckNumber(std::string_view key, const std::optional<double>& must_be);
   bool IsUsers() const { return TextOf(result_, "source") != "own"; }
+  // None for a learner of the user's own.
+  const Algorithm* FindKnownAlgorithm() const;
 
   const Json& result_;
   const CheckSources& sources_;
@@ -62,15 +74,19 @@ void Checker::CheckText(std::string_view key, std::string_view must_be) {
   if (text != must_be) Fault(fmt::format("{} is '{}', must be '{}'", key, text, must_be));
 }
 
+const Algorithm* Checker::FindKnownAlgorithm() const {
+  const std::string name = TextOf(result_, "algorithm");
+  const auto known =
+      std::ranges::find(sources_.plan.algorithms, std::string_view(name), &Algorithm::name);
+  return known == sources_.plan.algorithms.end() ? nullptr : &*known;
+}
+
 void Checker::CheckNumber(std::string_view key, const std::optional<double>& must_be) {
   const std::optional<double> number = NumberOf(result_, key);
   const auto shown = [](const std::optional<double>& value) {
     return value ? fmt::format("{}", *value) : "null";
   };
-  const bool agree =
-      number.has_value() == must_be.has_value() &&
-      (!number || std::abs(*number - *must_be) <= kTolerance * std::max(1.0, std::abs(*must_be)));
-  if (!agree) {
+  if (!Agree(number, must_be)) {
     Fault(
         fmt::format("{} is {}, the other entries make it {}", key, shown(number), shown(must_be)));
   }
@@ -98,10 +114,39 @@ void Checker::CheckEntries() {
   if (source != "own" && source != "user" && source != "self-scored") {
     Fault(fmt::format("source is '{}', allowed: own, user, self-scored", source));
   }
-  for (const char* key : {"simulator_steps", "query_rows", "dataset_rows", "evaluation_episodes"}) {
-    if (!CountOf(EntryOf(result_, "ledger"), key)) {
-      Fault(fmt::format("ledger.{} must be a whole number", key));
+}
+
+void Checker::CheckConditions() {
+  for (const auto& [key, must_be] : {std::pair{"corruption_seed", 0u}, std::pair{"history", 1u}}) {
+    if (CountOf(result_, key) != must_be) {
+      Fault(fmt::format("{} is {}, must be {}", key, EntryOf(result_, key).dump(), must_be));
     }
+  }
+  CheckText("transitions", "stored");
+}
+
+void Checker::CheckUse() {
+  if (NumberOf(result_, "seconds").value_or(0) < 0) {
+    Fault(fmt::format("seconds is {}, must be at least 0", EntryOf(result_, "seconds").dump()));
+  }
+  const auto used = [&](const char* key) { return CountOf(EntryOf(result_, "ledger"), key); };
+  for (const char* key : {"simulator_steps", "query_rows", "dataset_rows", "evaluation_episodes"}) {
+    if (!used(key)) Fault(fmt::format("ledger.{} must be a whole number", key));
+  }
+  const Algorithm* algorithm = FindKnownAlgorithm();
+  if (algorithm == nullptr || IsUsers()) return;
+  if (algorithm->needs.dataset && used("dataset_rows") == 0) {
+    Fault(fmt::format("ledger.dataset_rows is 0, but {} learns from a dataset", algorithm->name));
+  }
+  if (algorithm->needs.simulator && used("simulator_steps") == 0 && used("query_rows") == 0) {
+    Fault(fmt::format("ledger has no steps and no queries, but {} learns from a simulator",
+                      algorithm->name));
+  }
+  // The returns of the last evaluation, and an episode or more of each before.
+  const size_t least = EntryOf(result_, "returns").size() + EntryOf(result_, "curve").size();
+  if (used("evaluation_episodes").value_or(least) + 1 < least) {
+    Fault(fmt::format("ledger.evaluation_episodes is {}, fewer than the curve has",
+                      *used("evaluation_episodes")));
   }
 }
 
@@ -127,12 +172,6 @@ void Checker::CheckBenchmarks() {
   }
 }
 
-std::string Checker::DatasetName() const {
-  // "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
-  const std::string name = TextOf(EntryOf(result_, "dataset"), "name");
-  return sources_.published->contains(name) ? name.substr(0, name.rfind("-v")) : name;
-}
-
 bool Checker::IsSame(std::string_view key, const std::string& perturbations) const {
   const std::string environment = TextOf(result_, "environment");
   const auto own = Parametric(TextOf(result_, key), environment, *sources_.plan.catalogue);
@@ -141,16 +180,17 @@ bool Checker::IsSame(std::string_view key, const std::string& perturbations) con
 }
 
 bool Checker::Fills(const Benchmark& benchmark) const {
-  const std::string algorithm = TextOf(result_, "algorithm");
-  const auto known =
-      std::ranges::find(sources_.plan.algorithms, std::string_view(algorithm), &Algorithm::name);
+  const Algorithm* known = FindKnownAlgorithm();
   // Nobody knows what a learner of the user's own uses.
-  const bool is_known = known != sources_.plan.algorithms.end();
-  const bool has_simulator = !is_known || known->needs.simulator;
-  const bool has_dataset = !is_known || known->needs.dataset;
+  const bool has_simulator = known == nullptr || known->needs.simulator;
+  const bool has_dataset = known == nullptr || known->needs.dataset;
+  const bool has_values = std::ranges::all_of(benchmark.hyperparameters, [&](const auto& value) {
+    return known == nullptr ||
+           NumberOf(EntryOf(result_, "hyperparameters"), value.first) == value.second;
+  });
   const std::string expected = has_dataset ? benchmark.dataset : "";
-  const std::string dataset = DatasetName();
-  return benchmark.DefinedFor(algorithm) &&
+  const std::string dataset = DatasetName(result_, sources_);
+  return benchmark.DefinedFor(TextOf(result_, "algorithm")) && has_values &&
          TextOf(result_, "environment") == benchmark.environment &&
          IsSame("world", benchmark.world) &&
          IsSame("simulator", has_simulator ? benchmark.simulator : "") &&
@@ -164,13 +204,15 @@ void Checker::CheckDataset() {
   const std::string name = TextOf(dataset, "name");
   const auto published = sources_.published->find(name);
   if (published == sources_.published->end()) return;  // of the user's own, or D4RL's
-  const bool is_whole = CountOf(dataset, "rows") == published->second.rows;
+  const auto budget = std::ranges::find(sources_.budgets, TextOf(result_, "budget"), &Budget::name);
+  const bool is_whole = CountOf(dataset, "rows") == published->second.rows ||
+                        (budget != sources_.budgets.end() && !budget->rows);
   if (is_whole && TextOf(dataset, "columns_sha256") != published->second.columns_sha256) {
     Fault(fmt::format("dataset {} has other rows than the published ones", name));
   }
 }
 
-Result<PlannedRun> Checker::RunOfResult() const {
+Result<PlannedRun> Checker::Described() const {
   PlannedRun run;
   run.algorithm = TextOf(result_, "algorithm");
   run.environment = TextOf(result_, "environment");
@@ -180,14 +222,13 @@ Result<PlannedRun> Checker::RunOfResult() const {
   run.suite = TextOf(result_, "suite");
   run.precision = TextOf(result_, "precision");
   run.seed = CountOf(result_, "seed").value_or(0);
-  run.dataset = DatasetName();
+  run.dataset = DatasetName(result_, sources_);
   for (const Json& name : EntryOf(result_, "benchmarks")) {
     if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
   }
   if (IsUsers()) return run;
-  const auto algorithm = std::ranges::find(sources_.plan.algorithms,
-                                           std::string_view(run.algorithm), &Algorithm::name);
-  if (algorithm == sources_.plan.algorithms.end()) {
+  const Algorithm* algorithm = FindKnownAlgorithm();
+  if (algorithm == nullptr) {
     return Status(StatusCode::kUnknownName,
                   fmt::format("'{}' is no algorithm of b4mrl; source must be user", run.algorithm));
   }
@@ -204,7 +245,7 @@ Result<PlannedRun> Checker::RunOfResult() const {
 }
 
 Result<PlannedRun> Checker::Identify() const {
-  B4MRL_ASSIGN_OR_RETURN(PlannedRun run, RunOfResult());
+  B4MRL_ASSIGN_OR_RETURN(PlannedRun run, Described());
   B4MRL_RETURN_IF_ERROR(
       IdentifyRun(&run, CountOf(EntryOf(result_, "dataset"), "rows"), sources_.plan));
   return run;
@@ -234,7 +275,9 @@ void Checker::CheckCurve() {
   if (!curve || curve->empty()) {
     return Fault("curve must be a list of [updates, steps, return, std, score], updates ascending");
   }
+  if (const auto returns = NumbersOf(result_, "returns")) CheckPoints(*curve, *returns);
   const CurvePoint& last = curve->back();
+  CheckNumber("environment_steps", static_cast<double>(last.steps));
   CheckNumber("updates", static_cast<double>(last.updates));
   CheckNumber("return", last.mean_return);
   CheckNumber("score", last.score);
@@ -249,8 +292,32 @@ void Checker::CheckCurve() {
   }
 }
 
+void Checker::CheckPoints(const Curve& curve, const std::vector<double>& returns) {
+  const auto environment = sources_.find_environment(TextOf(result_, "environment"));
+  if (!environment.ok()) return;  // which CheckScores says
+  for (const CurvePoint& each : curve) {
+    const auto score = environment->NormalisedScore(each.mean_return);
+    if (!Agree(each.score, score)) {
+      return Fault(fmt::format("curve: the score after {} updates is not that of its return, {}",
+                               each.updates, each.mean_return));
+    }
+    if (each.std_return < 0) {
+      return Fault(
+          fmt::format("curve: the standard deviation after {} updates is {}, must be at "
+                      "least 0",
+                      each.updates, each.std_return));
+    }
+  }
+  if (!returns.empty() && !Agree(curve.back().std_return, MeanAndStdOf(returns).std)) {
+    Fault(fmt::format("curve: the last standard deviation is {}, the returns make it {}",
+                      curve.back().std_return, MeanAndStdOf(returns).std));
+  }
+}
+
 std::vector<std::string> Checker::Check(const std::string& file_name) {
   CheckEntries();
+  CheckConditions();
+  CheckUse();
   CheckBenchmarks();
   CheckDataset();
   CheckIds(file_name);
@@ -261,9 +328,19 @@ std::vector<std::string> Checker::Check(const std::string& file_name) {
 
 }  // namespace
 
+std::string DatasetName(const Json& result, const CheckSources& sources) {
+  // "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
+  const std::string name = TextOf(EntryOf(result, "dataset"), "name");
+  return sources.published->contains(name) ? name.substr(0, name.rfind("-v")) : name;
+}
+
+Result<PlannedRun> RunOfResult(const Json& result, const CheckSources& sources) {
+  return Checker(result, sources).Identify();
+}
+
 Result<std::string> ScoredUnder(const Json& result, const CheckSources& sources) {
   if (TextOf(result, "source") == "own") return TextOf(result, "world");
-  B4MRL_ASSIGN_OR_RETURN(const PlannedRun run, Checker(result, sources).Identify());
+  B4MRL_ASSIGN_OR_RETURN(const PlannedRun run, RunOfResult(result, sources));
   for (const Scoring& scoring : run.scorings) {
     if (scoring.name == kOwnScoring) return scoring.simulator;
   }
@@ -272,7 +349,9 @@ Result<std::string> ScoredUnder(const Json& result, const CheckSources& sources)
 
 Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources) {
   B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(path));
-  return Checker(result, sources).Check(std::filesystem::path(path).filename());
+  auto faults = Checker(result, sources).Check(std::filesystem::path(path).filename());
+  for (std::string& fault : BudgetFaults(result, sources)) faults.push_back(std::move(fault));
+  return faults;
 }
 
 }  // namespace b4mrl

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "algorithms/datasets/published_datasets.h"
+#include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
 #include "data/suites/suites.h"
 #include "proto/base/spec.h"
@@ -17,17 +18,25 @@ namespace b4mrl {
 
 struct CheckSources {
   std::vector<Benchmark> benchmarks;
+  std::vector<Budget> budgets;  // of the project, whose names stand for what they say
   PlanSources plan;
   const PublishedDatasets* published = nullptr;
   std::function<Result<EnvironmentSpec>(const std::string& name)> find_environment;
 };
 
+// The name of a result's dataset as plans have it, without its version.
+std::string DatasetName(const nlohmann::ordered_json& result, const CheckSources& sources);
+
+// The run of a result, with its ids. kUnknownName and others where its entries make none.
+Result<PlannedRun> RunOfResult(const nlohmann::ordered_json& result, const CheckSources& sources);
+
 // The perturbations of the true environment under which a result's agent was scored: its world and,
 // for a learner of the user's own, what its benchmark hides.
 Result<std::string> ScoredUnder(const nlohmann::ordered_json& result, const CheckSources& sources);
 
-// What is wrong with the result in this file, one line each; none: nothing is. Its agent is not
-// looked at. kIoError and kDataLoss if the file cannot be read as a JSON object.
+// What is wrong with the result in this file, one line each; none: nothing is. Its agent
+// (agent_check.h) and other results (copied_seeds.h) are not looked at. kIoError and kDataLoss if
+// the file cannot be read as a JSON object.
 Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources);
 
 }  // namespace b4mrl

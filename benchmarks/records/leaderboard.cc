@@ -23,6 +23,15 @@ using Json = nlohmann::ordered_json;
 // What an entry asks for (benchmarks/RULES.md).
 constexpr uint64_t kSeedsOfAnEntry[] = {0, 1, 2};
 constexpr size_t kEpisodesOfAnEntry = 10;
+constexpr size_t kHashDigits = 12;  // shown of a hash
+
+// Whether a result's dataset has the rows that were published under its name.
+bool IsPublished(const Json& dataset, const PublishedDatasets& published) {
+  if (dataset.is_null()) return true;  // trained without data
+  const auto found = published.find(TextOf(dataset, "name"));
+  return found != published.end() &&
+         TextOf(dataset, "columns_sha256") == found->second.columns_sha256;
+}
 
 // Results of one cell.
 struct Cell {
@@ -50,13 +59,14 @@ struct Cell {
     for (const Json* result : results) counts.insert(CountOf(*result, key).value_or(0));
     return counts;
   }
-  bool IsEntry() const {
+  bool IsEntry(const PublishedDatasets& published) const {
     const std::set<uint64_t> seeds = Counts("seed"), updates = Counts("updates");
-    const bool has_episodes = std::ranges::all_of(results, [](const Json* result) {
-      return EntryOf(*result, "returns").size() >= kEpisodesOfAnEntry;
+    const bool are_ruled = std::ranges::all_of(results, [&](const Json* result) {
+      return EntryOf(*result, "returns").size() >= kEpisodesOfAnEntry &&
+             IsPublished(EntryOf(*result, "dataset"), published);
     });
     return std::ranges::all_of(kSeedsOfAnEntry, [&](uint64_t s) { return seeds.contains(s); }) &&
-           seeds.size() == results.size() && updates.size() == 1 && has_episodes &&
+           seeds.size() == results.size() && updates.size() == 1 && are_ruled &&
            !Texts("source").contains("self-scored") && Texts("precision").size() == 1;
   }
 };
@@ -73,28 +83,42 @@ std::string Deviation(const std::optional<MeanAndStd>& figures, int digits) {
   return figures ? fmt::format("{:.{}f}", figures->std, digits) : "";
 }
 
-std::string RowOf(const std::string& benchmark, const Cell& cell) {
+// The columns dataset, rows and rows_sha256; results of one cell have the same rows.
+std::string DataColumns(const Cell& cell) {
+  const Json& dataset = EntryOf(*cell.results.front(), "dataset");
+  const auto rows = CountOf(dataset, "rows");
+  return fmt::format("{},{},{}", Joined(cell.Texts("name", "dataset")),
+                     rows ? fmt::format("{}", *rows) : "",
+                     TextOf(dataset, "columns_sha256").substr(0, kHashDigits));
+}
+
+std::string RowOf(const std::string& benchmark, const Cell& cell,
+                  const PublishedDatasets& published) {
   const auto score = cell.Figures("score"), episode_return = cell.Figures("return");
   const bool all_settled = std::ranges::all_of(
       cell.results, [](const Json* result) { return IsTrue(*result, "settled"); });
   auto hours = cell.Figures("seconds");
   if (hours) hours->mean /= 3600;
   return fmt::format(
-      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
+      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
       Joined(cell.Texts("algorithm")), Joined(cell.Texts("recipe")), Joined(cell.Texts("source")),
-      Mean(score, 2), Deviation(score, 2), Mean(episode_return, 1), Deviation(episode_return, 1),
-      cell.Counts("seed").size(), Mean(cell.Figures("updates"), 0), all_settled ? "yes" : "no",
-      Joined(cell.Texts("precision")), Mean(hours, 2),
+      DataColumns(cell), Mean(score, 2), Deviation(score, 2), Mean(episode_return, 1),
+      Deviation(episode_return, 1), cell.Counts("seed").size(), Mean(cell.Figures("updates"), 0),
+      all_settled ? "yes" : "no", Joined(cell.Texts("precision")), Mean(hours, 2),
       Mean(cell.Figures("simulator_steps", "ledger"), 0),
       Mean(cell.Figures("query_rows", "ledger"), 0),
-      Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry() ? "yes" : "no");
+      Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry(published) ? "yes" : "no");
 }
 
 }  // namespace
 
 Result<std::string> Leaderboard(const std::string& results_folder,
-                                const std::vector<Benchmark>& benchmarks) {
+                                const std::vector<Benchmark>& benchmarks,
+                                const PublishedDatasets& published) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(results_folder, ".json"));
+  if (files.empty()) {
+    return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
+  }
   std::vector<Json> results;
   for (const std::string& file : files) {
     auto json = ReadJsonObject(file);
@@ -113,8 +137,9 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     }
   }
   std::string csv =
-      "benchmark,algorithm,recipe,source,score,score_std,return,return_std,seeds,updates,settled,"
-      "precision,core_hours,simulator_steps,query_rows,dataset_rows,entry\n";
+      "benchmark,algorithm,recipe,source,dataset,rows,rows_sha256,score,score_std,return,return_"
+      "std,"
+      "seeds,updates,settled,precision,core_hours,simulator_steps,query_rows,dataset_rows,entry\n";
   for (const Benchmark& benchmark : benchmarks) {
     const auto found = cells.find(benchmark.name);
     if (found == cells.end()) continue;
@@ -123,7 +148,7 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     std::ranges::stable_sort(ranked, std::ranges::greater(), [](const Cell* cell) {
       return cell->Figures("return").value_or(MeanAndStd()).mean;
     });
-    for (const Cell* cell : ranked) csv += RowOf(benchmark.name, *cell);
+    for (const Cell* cell : ranked) csv += RowOf(benchmark.name, *cell, published);
   }
   return csv;
 }

@@ -283,6 +283,7 @@ Result<int> RecordsCommand::Check() const {
   CheckSources sources = {.plan = knowledge.sources(), .published = &knowledge.published()};
   sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
   B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(sources.budgets, ReadBudgets(DefaultBudgetsFile()));
   B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
   size_t sound = 0;
   for (const CheckedResult& result : checked) {
@@ -298,7 +299,8 @@ Result<int> RecordsCommand::Check() const {
 
 Result<int> RecordsCommand::PrintLeaderboard() const {
   B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
-  B4MRL_ASSIGN_OR_RETURN(const std::string csv, Leaderboard(results, benchmarks));
+  B4MRL_ASSIGN_OR_RETURN(const auto published, ReadPublishedDatasets());
+  B4MRL_ASSIGN_OR_RETURN(const std::string csv, Leaderboard(results, benchmarks, published));
   fmt::print("{}", csv);
   return kExitDone;
 }

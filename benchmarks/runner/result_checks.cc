@@ -10,10 +10,13 @@
 #include <system_error>
 #include <utility>
 
+#include "benchmarks/records/agent_check.h"
+#include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/runner/evaluation_job.h"
 #include "benchmarks/runner/job_queue.h"
 #include "client/interrupt.h"
+#include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/child_program.h"
@@ -69,6 +72,15 @@ struct Active {
   Job job;
 };
 
+// Compares an agent, whose file another process has read without harm, with its result.
+Status Compare(const std::string& agent_path, const nlohmann::ordered_json& result,
+               const CheckSources& sources, CheckedResult* checked) {
+  B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_path));
+  B4MRL_ASSIGN_OR_RETURN(const auto faults, AgentFaults(agent, result, sources));
+  checked->faults.insert(checked->faults.end(), faults.begin(), faults.end());
+  return Status();
+}
+
 // Compares an evaluation with the result of the same agent.
 Status Compare(const std::string& evaluation, const nlohmann::ordered_json& result,
                CheckedResult* checked) {
@@ -88,6 +100,9 @@ Status Compare(const std::string& evaluation, const nlohmann::ordered_json& resu
 Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& options,
                                                 const CheckSources& sources) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, ResultsOf(options.path));
+  if (files.empty()) {
+    return Status(StatusCode::kIoError, fmt::format("{} holds no results", options.path));
+  }
   B4MRL_ASSIGN_OR_RETURN(const auto agents, AgentsBeside(options.path));
   B4MRL_ASSIGN_OR_RETURN(std::string folder, MakeTemporaryFolder("b4mrl-check"));
   const ScratchFolder scratch(std::move(folder));
@@ -103,6 +118,10 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
     if (agents.contains(TextOf(results.back(), "agent_sha256"))) {
       waiting.push_back(checked.size() - 1);
     }
+  }
+  const auto copied = CopiedSeeds(results, files);
+  for (size_t i = 0; i < checked.size(); ++i) {
+    checked[i].faults.insert(checked[i].faults.end(), copied[i].begin(), copied[i].end());
   }
   std::list<Active> active;
   const auto begin = [&](size_t number) {
@@ -128,7 +147,11 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
       return;
     }
     Status compared = KeepEvaluation(file);
-    if (compared.ok()) compared = Compare(file, results[ended.number], &which);
+    const nlohmann::ordered_json& result = results[ended.number];
+    if (compared.ok()) compared = Compare(file, result, &which);
+    if (compared.ok()) {
+      compared = Compare(agents.at(TextOf(result, "agent_sha256")), result, sources, &which);
+    }
     if (!compared.ok()) which.faults.push_back(compared.message());
   };
   while (!Interrupted() && !(active.empty() && waiting.empty())) {

@@ -24,6 +24,12 @@ TEST_CASE("The project's budgets can be read") {
   CHECK(paper.hyperparameters.empty());
 }
 
+TEST_CASE("All budgets of a file can be read at once") {
+  std::vector<std::string> names;
+  for (const Budget& budget : Take(ReadBudgets(DefaultBudgetsFile()))) names.push_back(budget.name);
+  CHECK(names == std::vector<std::string>{"early", "long-ensemble", "paper", "small", "smoke"});
+}
+
 TEST_CASE("An algorithm has the budget's precision or its own") {
   const TemporaryFolder folder;
   WriteBytes(folder.File("mine.toml"),

@@ -28,7 +28,7 @@ Json ResultOf(const std::string& algorithm, uint64_t seed, double score) {
           {"settled", true},
           {"precision", "fp32"},
           {"seconds", 1800},
-          {"dataset", {{"columns_sha256", "aa"}}},
+          {"dataset", {{"name", "E/data-v0"}, {"rows", 9}, {"columns_sha256", "aa"}}},
           {"ledger", {{"simulator_steps", 1}, {"query_rows", 2}, {"dataset_rows", 3}}}};
 }
 
@@ -47,7 +47,9 @@ class Results {
   }
   // The rows without the columns' names.
   std::vector<std::string> Rows() const {
-    const std::string csv = Take(Leaderboard(folder_.path(), TwoBenchmarks()));
+    PublishedDatasets published;
+    published["E/data-v0"].columns_sha256 = "aa";
+    const std::string csv = Take(Leaderboard(folder_.path(), TwoBenchmarks(), published));
     std::vector<std::string> rows;
     for (size_t at = csv.find('\n') + 1; at < csv.size();) {
       const size_t end = csv.find('\n', at);
@@ -68,7 +70,8 @@ TEST_CASE("Rows come in the order of benchmarks, the best algorithm first") {
   results.Add(ResultOf("high", 0, 30));
   const auto rows = results.Rows();
   REQUIRE(rows.size() == 4);
-  CHECK(rows[0] == "E/a,high,,own,30.00,0.00,300.0,0.0,1,100,yes,fp32,0.50,1,2,3,no");
+  CHECK(rows[0] ==
+        "E/a,high,,own,E/data-v0,9,aa,30.00,0.00,300.0,0.0,1,100,yes,fp32,0.50,1,2,3,no");
   CHECK(rows[1].starts_with("E/a,low,"));
   CHECK(rows[2].starts_with("E/b,high,"));
   CHECK(rows[3].starts_with("E/b,low,"));
@@ -79,7 +82,8 @@ TEST_CASE("Seeds of a cell are averaged, and three of them are an entry") {
   for (uint64_t seed = 0; seed < 3; ++seed) {
     results.Add(ResultOf("mine", seed, 10 + 3 * static_cast<double>(seed)));
   }
-  CHECK(results.Rows()[0] == "E/a,mine,,own,13.00,2.45,130.0,24.5,3,100,yes,fp32,0.50,1,2,3,yes");
+  CHECK(results.Rows()[0] ==
+        "E/a,mine,,own,E/data-v0,9,aa,13.00,2.45,130.0,24.5,3,100,yes,fp32,0.50,1,2,3,yes");
 }
 
 TEST_CASE("Rows of different data, precisions or scorers are no entry") {
@@ -110,14 +114,31 @@ TEST_CASE("Results on other rows are a row of their own") {
   results.Add(other);
   const auto rows = results.Rows();
   REQUIRE(rows.size() == 4);
-  CHECK(rows[0].starts_with("E/a,mine,,own,20.00,0.00,200.0,0.0,1,"));
-  CHECK(rows[1].starts_with("E/a,mine,,own,10.00,0.00,100.0,0.0,1,"));
+  CHECK(rows[0].starts_with("E/a,mine,,own,E/data-v0,9,bb,20.00,0.00,200.0,0.0,1,"));
+  CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,0.00,100.0,0.0,1,"));
+}
+
+TEST_CASE("Three seeds on other data than the published ones are no entry") {
+  const auto entry = [](const Json& dataset) {
+    Results results;
+    for (uint64_t seed = 0; seed < 3; ++seed) {
+      Json result = ResultOf("mine", seed, 10);
+      result["dataset"] = dataset;
+      results.Add(result);
+    }
+    const std::string row = results.Rows()[0];
+    return row.substr(row.rfind(',') + 1);
+  };
+  CHECK(entry({{"name", "E/data-v0"}, {"rows", 3}, {"columns_sha256", "cc"}}) == "no");
+  CHECK(entry({{"name", "d4rl/e-data-v2"}, {"rows", 9}, {"columns_sha256", "aa"}}) == "no");
+  CHECK(entry(nullptr) == "yes");  // as of SAC, which has no dataset
 }
 
 TEST_CASE("A seed that was run twice makes no entry") {
   Results results;
   for (const uint64_t seed : {0, 1, 2, 2}) results.Add(ResultOf("mine", seed, 10));
-  CHECK(results.Rows()[0] == "E/a,mine,,own,10.00,0.00,100.0,0.0,3,100,yes,fp32,0.50,1,2,3,no");
+  CHECK(results.Rows()[0] ==
+        "E/a,mine,,own,E/data-v0,9,aa,10.00,0.00,100.0,0.0,3,100,yes,fp32,0.50,1,2,3,no");
 }
 
 TEST_CASE("A result that names a benchmark twice counts there once") {
@@ -126,7 +147,7 @@ TEST_CASE("A result that names a benchmark twice counts there once") {
   twice["benchmarks"] = {"E/a", "E/a"};
   results.Add(twice);
   results.Add(ResultOf("mine", 1, 20));
-  CHECK(results.Rows()[0].starts_with("E/a,mine,,own,15.00,5.00,150.0,50.0,2,"));
+  CHECK(results.Rows()[0].starts_with("E/a,mine,,own,E/data-v0,9,aa,15.00,5.00,150.0,50.0,2,"));
 }
 
 TEST_CASE("Runs that have not finished, and files that are no results, have no row") {

@@ -1,11 +1,14 @@
 // b4mrl benchmark check says whether results are what they say, and leaderboard ranks them.
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "tests/benchmarks/runner/suite.h"
 
@@ -46,19 +49,64 @@ TEST_CASE("An agent beside its result is scored again") {
   CHECK(altered.out.find("its agent has the returns") != std::string::npos);
 }
 
-// The text of the only fault that a change makes to one of the project's results.
-std::string FaultOf(const std::string& key, const Json& value) {
-  const fs::path original = [] {
+TEST_CASE("An agent that was trained on other data than its result says is no evidence for it") {
+  Suite suite("bc = 20");
+  suite.pattern = "HalfCheetah/clean/medium";
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  const fs::path clean = fs::directory_iterator(suite.Out() + "/results")->path();
+  suite.pattern = "HalfCheetah/confounding/hidden-high+medium";
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  for (const auto& entry : fs::directory_iterator(suite.Out() + "/results")) {
+    if (entry.path() == clean) continue;
+    Json hidden = Json::parse(ReadBytes(entry.path()), nullptr, false);
+    hidden["agent_sha256"] = Json::parse(ReadBytes(clean), nullptr, false)["agent_sha256"];
+    WriteBytes(entry.path(), hidden.dump());
+  }
+  const Outcome checked = Run({"benchmark", "check", suite.Out()});
+  INFO(checked.out << checked.err);
+  CHECK(checked.out.find("1 of 2 results are sound") != std::string::npos);
+  CHECK(checked.out.find("its agent has the corruption '', the result 'hidden=9'") !=
+        std::string::npos);
+  CHECK(checked.out.find("its agent sees dimension 9, which was hidden from it") !=
+        std::string::npos);
+}
+
+TEST_CASE("One seed's result does not stand for another's") {
+  const Suite suite("bc = 20");
+  REQUIRE(Run(suite.Command({"--seeds", "0..1"})).exit_code == 0);
+  std::vector<fs::path> seeds;
+  for (const auto& entry : fs::directory_iterator(suite.Out() + "/results")) {
+    seeds.push_back(entry.path());
+  }
+  std::ranges::sort(seeds);
+  REQUIRE(seeds.size() == 2);
+  Json copy = Json::parse(ReadBytes(seeds[0]), nullptr, false);
+  const Json other = Json::parse(ReadBytes(seeds[1]), nullptr, false);
+  for (const char* key : {"id", "seed"}) copy[key] = other[key];
+  WriteBytes(seeds[1], copy.dump());
+  const Outcome checked = Run({"benchmark", "check", suite.Out()});
+  INFO(checked.out << checked.err);
+  CHECK(checked.out.find("1 of 2 results are sound") != std::string::npos);
+  for (const char* fault : {"its agent is that of seed 0 in ", "its curve is that of seed 0 in ",
+                            "its agent has the seed 0, the result 1"}) {
+    CAPTURE(fault);
+    CHECK(checked.out.find(fault) != std::string::npos);
+  }
+}
+
+// What `check` says of one of the project's results in which some entries were changed.
+std::string FaultsOf(const std::string& run, const std::map<std::string, Json>& changes) {
+  const fs::path original = [&] {
     for (const auto& entry : fs::directory_iterator(kResults)) {
       const std::string name = entry.path().filename();
-      if (name.starts_with("HalfCheetah-iql-medium-s0-")) return entry.path();
+      if (name.starts_with(run)) return entry.path();
     }
     return fs::path();
   }();
   const TemporaryFolder folder;
   Json result = Json::parse(ReadBytes(original), nullptr, false);
   REQUIRE(result.is_object());
-  result[Json::json_pointer(key)] = value;
+  for (const auto& [key, value] : changes) result[Json::json_pointer(key)] = value;
   WriteBytes(folder.File(original.filename()), result.dump());
   const Outcome outcome = Run({"benchmark", "check", folder.File(original.filename())});
   CHECK(outcome.exit_code == 1);
@@ -68,7 +116,7 @@ std::string FaultOf(const std::string& key, const Json& value) {
 
 TEST_CASE("What does not fit the rest of a result is named") {
   const auto says = [](const std::string& key, const Json& value, const std::string& words) {
-    const std::string text = FaultOf(key, value);
+    const std::string text = FaultsOf("HalfCheetah-iql-medium-s0-", {{key, value}});
     CAPTURE(key, value.dump(), words, text);
     return text.find(words) != std::string::npos;
   };
@@ -98,6 +146,39 @@ TEST_CASE("What does not fit the rest of a result is named") {
   CHECK(says("/finished", false, "has not finished"));
   CHECK(says("/ledger", Json(), "ledger.dataset_rows"));
   CHECK(says("/environment", "HalfCheeta", "HalfCheetah"));
+  CHECK(says("/corruption_seed", 5, "corruption_seed is 5, must be 0"));
+  CHECK(says("/history", 7, "history is 7, must be 1"));
+  CHECK(says("/transitions", "d4rl", "transitions is 'd4rl'"));
+  CHECK(says("/seconds", -5, "seconds is -5, must be at least 0"));
+  CHECK(says("/environment_steps", 7, "environment_steps is 7"));
+  CHECK(says("/ledger/dataset_rows", 0, "iql learns from a dataset"));
+  CHECK(says("/ledger/evaluation_episodes", 9, "fewer than the curve has"));
+  CHECK(says("/curve/3/4", 99, "the score after 8000 updates is not that of its return"));
+  CHECK(says("/curve/3/3", -1, "the standard deviation after 8000 updates is -1"));
+  CHECK(says("/curve/49/3", 1e6, "the last standard deviation is 1000000"));
+}
+
+TEST_CASE("Names of the project's budgets and recipes stand for what they say") {
+  const auto says = [](const std::string& run, const std::map<std::string, Json>& changes,
+                       const std::string& words) {
+    CHECK_THAT(FaultsOf(run, changes), Catch::Contains(words));
+  };
+  const std::string iql = "HalfCheetah-iql-medium-s0-", mopo = "HalfCheetah-mopo-random-s0-";
+  const std::string sac = "HalfCheetah-sac-gravity-s0-";
+  says(iql, {{"/budget", "paper"}}, "updates is 100000, fewer than the 1000000 of the budget");
+  says(iql, {{"/budget", "long-ensemble"}}, "budget is 'long-ensemble', which has no such run");
+  says(iql, {{"/recipe", "short"}}, "recipe is 'short', the budget 'small' makes it ''");
+  says(iql, {{"/dataset/rows", 10}, {"/dataset/columns_sha256", "00"}},
+       "has other rows than the published ones");
+  says(mopo, {{"/budget", "paper"}, {"/recipe", "paper"}},
+       "budget is 'paper', in which mopo has other hyperparameters");
+  says(mopo, {{"/budget", "mine"}, {"/recipe", "paper"}},
+       "recipe is 'paper', which has other hyperparameters");
+  // Its one hyperparameter is another than MOPO's.
+  const std::string no_penalty = "HalfCheetah/controls/no-penalty+medium";
+  says("HalfCheetah-mopo-medium-s0-48d70dbf", {{"/benchmarks/0", no_penalty}},
+       "the run fills no cell of benchmark '" + no_penalty);
+  says(sac, {{"/ledger/simulator_steps", 0}}, "sac learns from a simulator");
 }
 
 TEST_CASE("A file that is no result is named and keeps no other back") {
