@@ -61,12 +61,25 @@ std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
   return {};
 }
 
+// The first run of a cell, which no other cell has.
+const std::string& RunIn(const ScoreTable& table, const Series& series,
+                         const Benchmark& benchmark) {
+  return table.Find(benchmark.name, series)->runs.front()->id;
+}
+
 bool HasEnoughRuns(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
   std::set<std::string> cells;
-  for (const Benchmark* benchmark : benchmarks) {
-    cells.insert(table.Find(benchmark->name, series)->runs.front()->id);
-  }
+  for (const Benchmark* benchmark : benchmarks) cells.insert(RunIn(table, series, *benchmark));
   return cells.size() >= kLeastBenchmarks;
+}
+
+size_t DistinctPairs(const ScoreTable& table, const Series& one, const Series& other,
+                     const Benchmarks& benchmarks) {
+  std::set<std::pair<std::string, std::string>> pairs;
+  for (const Benchmark* benchmark : benchmarks) {
+    pairs.emplace(RunIn(table, one, *benchmark), RunIn(table, other, *benchmark));
+  }
+  return pairs.size();
 }
 
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
@@ -145,6 +158,7 @@ std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores
           ImprovementOf(scores[better], scores[worse], has_intervals[i] && has_intervals[j]);
       improvement.better = series[better];
       improvement.worse = series[worse];
+      improvement.pairs = DistinctPairs(table, series[better], series[worse], benchmarks);
       aggregates.improvements.push_back(std::move(improvement));
     }
   }

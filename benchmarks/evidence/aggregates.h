@@ -32,6 +32,7 @@ struct Aggregate {
 struct Improvement {
   Series better, worse;
   double probability = 0.5;
+  size_t pairs = 0;  // of cells that it rests on: one run may fill many benchmarks
   std::optional<Interval> interval;
 };
 

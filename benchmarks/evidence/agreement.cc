@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <map>
 #include <set>
 #include <utility>
@@ -28,6 +29,27 @@ struct Item {
 
 // Scores by the run that they are of (SharedRun).
 using Table = std::map<std::string, double>;
+
+// The runs that one benchmark ranks.
+using Ranking = std::set<std::string>;
+
+// The rankings of the cells' benchmarks, without those whose runs another one ranks too: offline
+// learners fill all benchmarks of a dataset, and each pair of runs is to count as one observation.
+std::vector<Ranking> RankingsOf(const std::vector<Item>& cells) {
+  std::map<const Benchmark*, Ranking> by_benchmark;
+  for (const Item& item : cells) by_benchmark[item.benchmark].insert(item.run);
+  std::set<Ranking> distinct;
+  for (const auto& [benchmark, runs] : by_benchmark) {
+    if (runs.size() >= kLeastRanked) distinct.insert(runs);
+  }
+  std::vector<Ranking> rankings;
+  std::ranges::copy_if(distinct, std::back_inserter(rankings), [&](const Ranking& runs) {
+    return std::ranges::none_of(distinct, [&](const Ranking& other) {
+      return other.size() > runs.size() && std::ranges::includes(other, runs);
+    });
+  });
+  return rankings;
+}
 
 bool IsOnline(const std::string& algorithm) {
   const auto known = FindAlgorithm(algorithm);
@@ -68,9 +90,9 @@ class Comparer {
   template <typename Figure>
   std::optional<double> Ceiling(Figure figure) const;
 
-  std::vector<Item> cells_;    // all of the paper's that we have too
-  std::vector<Item> runs_;     // of them each run once
+  std::vector<Item> runs_;     // the paper's that we have too
   std::vector<Item> effects_;  // of the runs, those with another one as reference
+  std::vector<Ranking> rankings_;
   Table ours_, means_;
   std::map<std::string, double> deviations_;
   Table floor_;
@@ -79,6 +101,7 @@ class Comparer {
 Comparer::Comparer(const CellScores& paper, const CellScores& ours,
                    const std::vector<Benchmark>& benchmarks, const AgreementOptions& options) {
   std::map<std::string, std::vector<double>> known;  // by KnownToFloor
+  std::vector<Item> cells;
   for (const Benchmark& benchmark : benchmarks) {
     for (const auto& [algorithm, unused] : benchmark.paper) {
       const CellScore& score = *Find(paper, benchmark.name, algorithm);
@@ -96,10 +119,11 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
         deviations_[item.run] = score.std * std::sqrt(1.5);
         runs_.push_back(item);
       }
-      cells_.push_back(std::move(item));
+      cells.push_back(std::move(item));
     }
   }
-  for (const Item& item : cells_) {
+  rankings_ = RankingsOf(cells);
+  for (const Item& item : cells) {
     floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
   for (const Item& item : runs_) {
@@ -135,21 +159,18 @@ std::optional<double> Comparer::EffectsBeside(const Table& table) const {
 }
 
 std::optional<double> Comparer::RankingsBeside(const Table& table) const {
-  std::map<const Benchmark*, std::pair<std::vector<double>, std::vector<double>>> rows;
-  for (const Item& item : cells_) {
-    rows[item.benchmark].first.push_back(means_.at(item.run));
-    rows[item.benchmark].second.push_back(table.at(item.run));
-  }
+  if (rankings_.empty()) return std::nullopt;
   double sum = 0;
-  size_t count = 0;
-  for (const auto& [benchmark, row] : rows) {
-    if (row.first.size() < kLeastRanked) continue;
+  for (const Ranking& runs : rankings_) {
+    std::vector<double> paper, other;
+    for (const std::string& run : runs) {
+      paper.push_back(means_.at(run));
+      other.push_back(table.at(run));
+    }
     // A table that cannot tell the algorithms apart orders none of them.
-    sum += Kendall(row.first, row.second).value_or(0);
-    ++count;
+    sum += Kendall(paper, other).value_or(0);
   }
-  if (count == 0) return std::nullopt;
-  return sum / static_cast<double>(count);
+  return sum / static_cast<double>(rankings_.size());
 }
 
 template <typename Figure>
@@ -175,11 +196,7 @@ PaperAgreement Comparer::Compare() const {
   fill(&Comparer::EffectsBeside, effects_.size(), &agreement.effects);
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
-  std::map<const Benchmark*, size_t> sizes;
-  for (const Item& item : cells_) ++sizes[item.benchmark];
-  const auto ranked =
-      std::ranges::count_if(sizes, [](const auto& each) { return each.second >= kLeastRanked; });
-  fill(&Comparer::RankingsBeside, static_cast<size_t>(ranked), &agreement.rankings);
+  fill(&Comparer::RankingsBeside, rankings_.size(), &agreement.rankings);
   return agreement;
 }
 

@@ -19,7 +19,7 @@ namespace b4mrl {
 
 struct Agreement {
   std::optional<double> ours, floor, ceiling;  // nothing where ranks are not defined
-  size_t count = 0;                            // of runs, effects or benchmarks
+  size_t count = 0;                            // of runs, effects or rankings
 };
 
 struct PaperAgreement {
@@ -27,7 +27,9 @@ struct PaperAgreement {
   // Spearman of what a flaw changes: the score minus that of the same algorithm and dataset where
   // nothing else is wrong: with clean data, and in the simulator with the gravity error.
   Agreement effects;
-  Agreement rankings;  // mean over benchmarks of Kendall's tau of the algorithms inside one
+  // Mean over benchmarks of Kendall's tau of the algorithms inside one. Of benchmarks that rank the
+  // same runs, or some of another's, one counts.
+  Agreement rankings;
 };
 
 struct AgreementOptions {

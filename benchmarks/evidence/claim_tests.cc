@@ -158,7 +158,7 @@ Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResul
 
 Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
   size_t failing = 0;
-  std::vector<double> chances_of_claim, chances_of_opposite;
+  std::vector<double> chances_of_claim;
   for (const auto& [comparisons, chance, lacking] : units) {
     ++result->comparisons;
     if (!std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
@@ -170,14 +170,13 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
     result->lacking.insert(lacking.begin(), lacking.end());
     // More than half is claimed, and what equally good algorithms would do proves nothing.
     chances_of_claim.push_back(std::max(0.5, chance));
-    chances_of_opposite.push_back(std::max(0.5, 1 - chance));
     const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
     result->holding += std::ranges::all_of(comparisons, holds) ? 1 : 0;
     failing += std::ranges::none_of(comparisons, holds) ? 1 : 0;
     for (const Comparison& comparison : comparisons) CountDifference(comparison, result);
   }
   return {ChanceOfAtLeast(result->holding, chances_of_claim),
-          ChanceOfAtLeast(failing, chances_of_opposite)};
+          ChanceOfAtLeast(failing, std::vector(result->decided, 0.5))};
 }
 
 // The claim's units, without those whose cells the same runs fill as those of an earlier unit.

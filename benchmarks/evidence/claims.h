@@ -5,9 +5,9 @@
 // decides nothing. How a claim is tested:
 //   "cells"       Every comparison must hold. A comparison is Welch's test of two means.
 //   "benchmarks"  Most units must hold. A unit holds if all its comparisons do, and fails if none
-//                 does; an exact sign test of either against chances of one half or, where the best
-//                 of k algorithms is compared with the best of m, of k / (k + m) and m / (k + m) if
-//                 these are more: that often, one of k that are equally good is the best of all.
+//                 does; an exact sign test of either against chances of one half. Where the best of
+//                 k algorithms is claimed to be above the best of m, its chance is k / (k + m) if
+//                 that is more: so often, one of k that are equally good is the best of all.
 //                 Units that the same runs fill count once.
 // A verdict needs a probability of error of at most 5% over all claims together, by Holm's method.
 // Pure functions; any thread.

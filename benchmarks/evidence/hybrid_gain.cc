@@ -35,6 +35,7 @@ std::vector<HybridGain> HybridGains(const CellScores& scores,
          entry != scores.end() && entry->first.first == benchmark.name; ++entry) {
       const auto& [name, score] = *entry;
       if (std::ranges::find(kSingles, name.second) != std::end(kSingles)) continue;
+      if (score.has_one_source) continue;
       HybridGain gain = common;
       gain.algorithm = name.second;
       gain.gain = score.mean - best->mean;

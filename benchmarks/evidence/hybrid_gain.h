@@ -17,7 +17,7 @@ inline constexpr size_t kSingleSourceAlgorithms = 6;
 
 struct HybridGain {
   std::string benchmark;
-  std::string algorithm;  // the hybrid, or a user's own, of which nobody knows what it uses
+  std::string algorithm;  // a hybrid, or a user's own that is not known to use one source alone
   double gain = 0;        // points
   std::string best;       // the best algorithm with one source
   size_t compared = 0;    // algorithms with one source that have a score

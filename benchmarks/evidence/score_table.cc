@@ -99,7 +99,9 @@ Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
   run.is_return = !last.score;
   run.score = last.score.value_or(last.mean_return);
   const bool ended = IsTrue(json, "finished") || end < all;
-  run.settled = ended && FifthsOf(run.curve).IsSettled().value_or(false);
+  const std::optional<bool> is_settled = FifthsOf(run.curve).IsSettled();
+  run.settled = ended && is_settled.value_or(false);
+  run.too_few_evaluations = ended && !is_settled;
   // The agent's scores seen otherwise belong to the end of the run.
   if (last.updates == all) ReadScorings(EntryOf(json, "scorings"), &run);
   return run;
@@ -121,6 +123,12 @@ bool Cell::IsSettled() const {
   return std::ranges::all_of(runs, [](const ScoredRun* run) { return run->settled; });
 }
 
+bool Cell::HasTooFewEvaluations() const {
+  return !IsSettled() && std::ranges::all_of(runs, [](const ScoredRun* run) {
+    return run->settled || run->too_few_evaluations;
+  });
+}
+
 uint64_t Cell::LeastUpdates() const {
   return (*std::ranges::min_element(runs, {}, &ScoredRun::updates))->updates;
 }
@@ -129,6 +137,9 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
                                     const std::vector<Benchmark>& benchmarks,
                                     const ReadingLimit& limit) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(folder, ".json"));
+  if (files.empty()) {
+    return Status(StatusCode::kIoError, fmt::format("{} holds no results", folder));
+  }
   ScoreTable table;
   table.runs_ = std::make_shared<std::vector<ScoredRun>>();
   for (const std::string& path : files) {

@@ -39,6 +39,7 @@ struct ScoredRun {
   // Training ended, and the mean score of its last fifth differs by at most 1.5 points from that of
   // the fifth before.
   bool settled = false;
+  bool too_few_evaluations = false;       // to say whether it has settled
   Curve curve;                            // until then
   std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
   double core_hours = 0;                  // of the whole run
@@ -53,6 +54,8 @@ struct Cell {
   double Mean() const;
   double Deviation() const;  // over the seeds, divided by their number
   bool IsSettled() const;    // every run is
+  // Not settled, and no run is known to move.
+  bool HasTooFewEvaluations() const;
   uint64_t LeastUpdates() const;
 };
 

@@ -131,6 +131,12 @@ std::optional<double> BorrowedDeviations::Of(const std::string& environment,
   return found == deviations_.end() ? std::nullopt : std::optional(found->second);
 }
 
+// Whether the run is known to have used one source alone.
+bool HasOneSource(const ScoredRun* run) {
+  if (!run->simulator_steps || !run->query_rows || !run->dataset_rows) return false;
+  return (*run->simulator_steps + *run->query_rows == 0) || *run->dataset_rows == 0;
+}
+
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations) {
   CellScore score;
@@ -138,6 +144,8 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();
   score.settled = cell.IsSettled();
+  score.too_few_evaluations = cell.HasTooFewEvaluations();
+  score.has_one_source = std::ranges::all_of(cell.runs, HasOneSource);
   for (const ScoredRun* run : cell.runs) score.runs += run->id;
   if (score.seeds >= kSeedsForAnError) {
     SetErrorOfMean(&score);

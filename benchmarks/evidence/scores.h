@@ -27,6 +27,9 @@ struct CellScore {
   double std = 0;  // between seeds, divided by their number; 0 with one seed
   size_t seeds = 0;
   bool settled = true;
+  bool too_few_evaluations = false;  // to say whether it has settled
+  // A user's algorithm that has used a simulator or a dataset alone.
+  bool has_one_source = false;
   // Of the mean; infinite where nothing is known: a user's algorithm with fewer than three seeds.
   double standard_error = std::numeric_limits<double>::infinity();
   double degrees = std::numeric_limits<double>::infinity();  // of freedom, of Student's t

@@ -41,11 +41,14 @@ Table ImprovementsTable(const Aggregates& aggregates) {
   table.title = "Probability of improvement.";
   table.caption =
       "How likely a run of the first algorithm scores higher than a run of the second on the same "
-      "benchmark, equal scores counted half.";
-  table.columns = {{"Algorithm"}, {"Over"}, {"Probability", true}, {"95% interval", true}};
+      "benchmark, equal scores counted half. A run may stand for many benchmarks: pairs are those "
+      "of different runs.";
+  table.columns = {
+      {"Algorithm"}, {"Over"}, {"Probability", true}, {"Pairs", true}, {"95% interval", true}};
   for (const Improvement& each : aggregates.improvements) {
     table.rows.push_back({DisplayName(each.better), DisplayName(each.worse),
-                          Fixed(each.probability, 2), IntervalEntry(each.interval, 2)});
+                          Fixed(each.probability, 2), fmt::format("{}", each.pairs),
+                          IntervalEntry(each.interval, 2)});
   }
   return table;
 }
@@ -69,7 +72,8 @@ Section AggregatesSection(const Evidence& evidence) {
   }
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
-      "same runs counted once: {}.",
+      "same runs counted once: {}. Runs that learn nothing settle first, so while others still "
+      "learn these figures are too low.",
       aggregates->benchmarks.size(), names)});
   section.blocks.emplace_back(EstimatesTable(*aggregates));
   section.blocks.emplace_back(ImprovementsTable(*aggregates));

@@ -26,7 +26,9 @@ Table RanksTable(const Evidence& evidence) {
   table.id = "agreement";
   table.title = "Rank correlations with the paper.";
   table.caption =
-      "Each run counts once, however many benchmarks it fills. An effect is the score minus that "
+      "Each run counts once, however many benchmarks it fills, and so does each ranking: of "
+      "benchmarks that hold the same runs, or some of another's, one counts. An effect is the "
+      "score minus that "
       "of the same algorithm and dataset with clean data and the gravity error alone. Floor: a "
       "table that knows algorithm and dataset alone, as the means of the paper's cells (of SAC and "
       "TD3, which use no dataset, over all of them). Ceiling: "

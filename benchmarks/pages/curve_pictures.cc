@@ -195,13 +195,12 @@ Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates) 
   picture.id = "profiles";
   Figure& figure = picture.figure;
   figure.title = "Share of runs with a score above";
-  figure.sentences = {
-      fmt::format("Over {} benchmarks; bands are intervals of 95%.", aggregates.benchmarks.size())};
   auto [names, numbers] = NumberSeries(evidence);
   figure.series = std::move(names);
   Panel panel;
   panel.x = {.name = "normalised score", .unit = ""};
   panel.y = {.name = "share of runs", .unit = ""};
+  bool has_bands = false;
   for (const Aggregate& each : aggregates.series) {
     const size_t number = numbers.at(each.series);
     Band band = {number, aggregates.thresholds, {}, {}};
@@ -209,9 +208,12 @@ Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates) 
       band.low.push_back(interval.low);
       band.high.push_back(interval.high);
     }
+    has_bands |= !band.low.empty();
     if (!band.low.empty()) panel.marks.emplace_back(std::move(band));
     panel.marks.emplace_back(Line{number, false, aggregates.thresholds, each.profile});
   }
+  figure.sentences = {fmt::format("Over {} benchmarks{}.", aggregates.benchmarks.size(),
+                                  has_bands ? "; bands are intervals of 95%" : "")};
   figure.panels = {std::move(panel)};
   FitX(figure.panels);
   FitY(figure.panels);

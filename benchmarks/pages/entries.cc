@@ -23,18 +23,23 @@ constexpr PaperTable kPaperTables[] = {
     {"simulators", "sim2real_res"},
 };
 
+std::string MarkOf(bool settled, bool too_few_evaluations) {
+  if (settled) return "";
+  return fmt::format(" {}", too_few_evaluations ? kUntoldMark : kUnsettledMark);
+}
+
 }  // namespace
 
 std::string ScoreEntry(const CellScore& score) {
   std::string text = fmt::format("{:.1f}", score.mean);
   if (score.seeds > 1) text += fmt::format(" ± {:.1f}", score.std);
-  return score.settled ? text : fmt::format("{} {}", text, kUnsettledMark);
+  return text + MarkOf(score.settled, score.too_few_evaluations);
 }
 
 std::string CellEntry(const Cell& cell) {
   std::string text = fmt::format("{:.1f}", cell.Mean());
   if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
-  if (!cell.IsSettled()) text += fmt::format(" {}", kUnsettledMark);
+  text += MarkOf(cell.IsSettled(), cell.HasTooFewEvaluations());
   return fmt::format("{} ({}×{})", text, cell.runs.size(), Amount(cell.LeastUpdates()));
 }
 

@@ -13,6 +13,7 @@ namespace b4mrl {
 inline constexpr char kMissing[] = "-";        // of a cell that nothing fills
 inline constexpr char kNotDefined[] = "n/a";   // of a cell that nothing can fill
 inline constexpr char kUnsettledMark[] = "↗";  // the score still moves, so it decides nothing
+inline constexpr char kUntoldMark[] = "?";     // nor does one of which that cannot be told
 
 // "46.4", "46.4 ± 0.3" from several seeds, "46.4 ↗" of a cell that has not settled.
 std::string ScoreEntry(const CellScore& score);

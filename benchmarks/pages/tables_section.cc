@@ -171,10 +171,11 @@ Section TablesSection(const Evidence& evidence) {
       "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± "
       "is the deviation over seeds (divided by their number), which a single seed has not. The "
       "paper's have three seeds. {} marks a score that still moves by more than 1.5 points from "
-      "one fifth of its training to the next, and decides nothing below; {} a cell that nothing "
-      "has filled yet, {} one that is not defined. The gain of a hybrid is its score minus the "
+      "one fifth of its training to the next, {} one that was evaluated too rarely to say; both "
+      "decide nothing below. {} is a cell that nothing has filled yet, {} one that is not defined. "
+      "The gain of a hybrid is its score minus the "
       "best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
-      kUnsettledMark, kMissing, kNotDefined)});
+      kUnsettledMark, kUntoldMark, kMissing, kNotDefined)});
   // One table for each environment's challenge, in the order of the suites.
   std::vector<std::pair<std::string, std::vector<const Benchmark*>>> tables;
   for (const Benchmark& benchmark : evidence.benchmarks) {

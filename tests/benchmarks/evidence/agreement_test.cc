@@ -45,6 +45,30 @@ TEST_CASE("Reversed scores disagree, and unsettled ones are left out") {
   CHECK(offline.scores.count == 192 - 52 - 16);
 }
 
+TEST_CASE("Benchmarks that rank the same runs count as one ranking") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours;
+  const auto take = [&](const std::string& dataset, std::initializer_list<const char*> algorithms) {
+    for (const Benchmark& benchmark : OwnBenchmarks()) {
+      for (const char* algorithm : algorithms) {
+        const CellScore* score = Find(paper, benchmark.name, algorithm);
+        if (benchmark.dataset == dataset && benchmark.corruption.empty() && score)
+          ours[{benchmark.name, algorithm}] = *score;
+      }
+    }
+  };
+  // They use no simulator: one run each fills every benchmark on the dataset.
+  take("HalfCheetah/medium", {"td3-bc", "iql", "mopo"});
+  const auto ranked = [&] { return AgreementWith(paper, ours, OwnBenchmarks(), {}).rankings; };
+  CHECK(ranked().count == 1);
+  take("HalfCheetah/random", {"td3-bc", "iql", "mopo"});
+  CHECK(ranked().count == 2);
+  // HyMOPO's run in one simulator holds the others' ranking, and adds to it.
+  const std::string gravity = "HalfCheetah/modelling-error/gravity+medium";
+  ours[{gravity, "hymopo"}] = *Find(paper, gravity, "hymopo");
+  CHECK(ranked().count == 2);
+}
+
 TEST_CASE("Nothing to compare is no agreement") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   const PaperAgreement none = AgreementWith(paper, {}, OwnBenchmarks(), {});

@@ -169,6 +169,17 @@ TEST_CASE("The best of many is expected to beat the best of few as often as chan
   CHECK(Test(claim, scores).p == Approx(2 * std::pow(0.5, 10)));
 }
 
+TEST_CASE("A claim about most benchmarks is contradicted where it fails in most of them") {
+  // That one algorithm is below the best of two would be so in two cases of three by chance; but
+  // it is claimed to be above in most.
+  auto [claim, scores] = UnitsClaim(12, 0);
+  claim.pairs = ClaimPairs::kBest;
+  const ClaimResult result = Test(claim, scores);
+  CHECK(result.holding == 0);
+  CHECK(result.p == Approx(2 * std::pow(0.5, 12)));
+  CHECK(result.verdict == Verdict::kContradicted);
+}
+
 TEST_CASE("The best of a side is compared once all who have a score there have settled") {
   auto [claim, scores] = UnitsClaim(10, 10);
   claim.pairs = ClaimPairs::kBest;

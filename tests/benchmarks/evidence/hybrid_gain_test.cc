@@ -36,6 +36,8 @@ TEST_CASE("A gain is taken from the best single source and rests on settled scor
   CHECK(gains[0].settled);
   CHECK(gains[1].algorithm == "mine");
   CHECK(gains[1].gain == 10);
+  scores[{benchmark, "mine"}].has_one_source = true;
+  CHECK(HybridGains(scores, OwnBenchmarks()).size() == 1);
   scores[{benchmark, "sac"}].settled = false;
   gains = HybridGains(scores, OwnBenchmarks());
   CHECK_FALSE(gains[0].settled);

@@ -105,6 +105,10 @@ TEST_CASE("Until a number of updates, a run counts as it was then") {
   const ScoreTable whole = results.Read(OwnBenchmarks());
   CHECK(whole.runs()[0].updates == 1000);
   CHECK_FALSE(whole.runs()[0].settled);
+  CHECK_FALSE(whole.runs()[0].too_few_evaluations);
+  const auto early = [](const ScoredRun&) { return std::optional<uint64_t>(100); };
+  const ScoreTable once = results.Read(OwnBenchmarks(), early);
+  CHECK(once.Find(kClean, once.series()[0])->HasTooFewEvaluations());
   CHECK(whole.runs()[0].further.at("full") == 41);
 }
 

@@ -39,6 +39,22 @@ TEST_CASE("From three seeds on an interval is that of Student's t") {
   CHECK(interval.high == Approx(51.957).margin(0.001));
 }
 
+TEST_CASE("A ledger says which algorithms have used one source alone") {
+  MadeResults results(std::vector{MadeResult{.algorithm = "both", .benchmarks = {kClean}}});
+  nlohmann::ordered_json cloned = JsonOf(MadeResult{.algorithm = "cloned", .benchmarks = {kClean}});
+  cloned["ledger"] = {{"simulator_steps", 0}, {"query_rows", 0}, {"dataset_rows", 3}};
+  results.Add(cloned.dump());
+  cloned["algorithm"] = "untold";
+  cloned["cell"] = "untold";
+  cloned.erase("ledger");
+  results.Add(cloned.dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const CellScores scores = OwnScores(table, BorrowedDeviations());
+  CHECK(scores.at({kClean, "cloned"}).has_one_source);
+  CHECK_FALSE(scores.at({kClean, "both"}).has_one_source);
+  CHECK_FALSE(scores.at({kClean, "untold"}).has_one_source);
+}
+
 TEST_CASE("Below three seeds the deviation is borrowed, and of unknown algorithms there is none") {
   const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
                              {.algorithm = "bc", .benchmarks = {kClean}, .score = 40},
