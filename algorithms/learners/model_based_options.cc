@@ -7,6 +7,7 @@
 #include "algorithms/experience/training_dataset.h"
 #include "algorithms/learners/core_options.h"
 #include "data/hdf5/hdf5_file.h"
+#include "proto/base/folders.h"
 
 namespace b4mrl {
 namespace {

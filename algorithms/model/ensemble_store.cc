@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <span>
 #include <system_error>
@@ -236,14 +235,6 @@ Status TrainOn(const std::string& key, const DynamicsData<float>& data, const En
 }
 
 }  // namespace
-
-std::string DefaultCacheFolder() {
-  const char* cache = std::getenv("XDG_CACHE_HOME");
-  if (cache != nullptr && *cache == '/') return fmt::format("{}/b4mrl", cache);
-  const char* home = std::getenv("HOME");
-  if (home != nullptr && *home == '/') return fmt::format("{}/.cache/b4mrl", home);
-  return "";
-}
 
 Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
                                   DynamicsEnsemble<float>& ensemble, Progress& progress,

@@ -23,9 +23,6 @@
 
 namespace b4mrl {
 
-// $XDG_CACHE_HOME/b4mrl, otherwise $HOME/.cache/b4mrl; "" when neither is set.
-std::string DefaultCacheFolder();
-
 struct EnsembleFiles {
   std::string run_folder;
   std::string cache_folder;               // "": finished ensembles are neither kept nor reused

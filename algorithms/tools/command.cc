@@ -116,7 +116,13 @@ Result<std::string> DaemonConnection::DataFolder() {
     return Status(StatusCode::kFailedPrecondition,
                   "the daemon is older than this command and does not say where its datasets are");
   }
-  if (FolderIdentity(folder) != status.data_folder_id() || status.data_folder_id() == 0) {
+  if (status.data_folder_id() == 0) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("the daemon's data folder, {}, does not exist or cannot be read: let "
+                              "--data or B4MRL_DATA name another one when the daemon begins",
+                              folder));
+  }
+  if (FolderIdentity(folder) != status.data_folder_id()) {
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("the daemon's data folder, {}, is not a folder that this command can "
                               "reach: run it where the daemon runs, or without an endpoint",

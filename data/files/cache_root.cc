@@ -1,15 +1,21 @@
 #include "data/files/cache_root.h"
 
+#include <fmt/format.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cerrno>
+#include <filesystem>
 
 #include "data/files/atomic_file.h"
+#include "data/files/make_folder.h"
+#include "proto/base/folders.h"
+#include "proto/base/rng.h"
 
 namespace b4mrl {
 namespace {
 
-Status MakeFolder(const std::string& path, mode_t mode) {
+Status MakeFolderWithMode(const std::string& path, mode_t mode) {
   if (mkdir(path.c_str(), mode) != 0 && errno != EEXIST) return IoError("create", path, errno);
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) return IoError("inspect", path, errno);
@@ -21,17 +27,37 @@ Status MakeFolder(const std::string& path, mode_t mode) {
   return Status();
 }
 
+std::string InDataFolder(const std::string& data_folder) { return data_folder + "/.cache"; }
+
 }  // namespace
 
-std::string CacheRoot(const std::string& data_folder) { return data_folder + "/.cache"; }
+std::string CacheRoot(const std::string& data_folder) {
+  const std::string usual = InDataFolder(data_folder);
+  struct stat info {};
+  const bool is_made = stat(usual.c_str(), &info) == 0;
+  // access() heeds file systems that are mounted read-only, for root, too.
+  if (access((is_made ? usual : data_folder).c_str(), W_OK) == 0) return usual;
+  const std::string users = DefaultCacheFolder();
+  if (users.empty()) return usual;
+  std::error_code error;
+  const std::filesystem::path path = std::filesystem::weakly_canonical(data_folder, error);
+  return fmt::format("{}/data-{:016x}", users, HashName(error ? data_folder : path.string()));
+}
 
 Status MakeCacheRoot(const std::string& data_folder) {
+  const std::string root = CacheRoot(data_folder);
+  if (root != InDataFolder(data_folder)) {
+    B4MRL_RETURN_IF_ERROR(MakeFolder(FolderOf(root)));
+    return MakeFolderWithMode(root, 0700);
+  }
   const mode_t mode = ModeInside(data_folder);
-  return MakeFolder(CacheRoot(data_folder), (mode & S_IWGRP) != 0 ? mode : 0700);
+  Status made = MakeFolderWithMode(root, (mode & S_IWGRP) != 0 ? mode : 0700);
+  if (made.ok() || !DefaultCacheFolder().empty()) return made;
+  return Status(made.code(), made.message() + "; XDG_CACHE_HOME may name a folder for it");
 }
 
 Status MakeFolderInside(const std::string& folder) {
-  return MakeFolder(folder, ModeInside(FolderOf(folder)));
+  return MakeFolderWithMode(folder, ModeInside(FolderOf(folder)));
 }
 
 }  // namespace b4mrl

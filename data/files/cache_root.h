@@ -1,7 +1,8 @@
 // The folder DATA/.cache, where the daemon's processes keep files that they can make again. Only
 // the daemon's user may read DATA/.cache, unless the group may write to DATA: then DATA/.cache has
 // the permissions of DATA, as the daemons of the group's members share their caches. The umask does
-// not matter. Any thread.
+// not matter. Where the daemon cannot write there, as on a read-only file system, a folder of this
+// user's cache stands in for it. Any thread.
 #pragma once
 
 #include <string>
@@ -10,8 +11,10 @@
 
 namespace b4mrl {
 
+// DATA/.cache, or data-<hash of the path DATA> in the user's own cache (DefaultCacheFolder) if this
+// process may not write to DATA/.cache and the user has a cache.
 std::string CacheRoot(const std::string& data_folder);
-// Makes the folder DATA/.cache if it is missing, and sets its mode. Error: kIoError.
+// Makes that folder if it is missing, and sets its mode. Error: kIoError.
 Status MakeCacheRoot(const std::string& data_folder);
 // Makes a folder with the permissions of its parent; OK if it exists already. Error: kIoError.
 Status MakeFolderInside(const std::string& folder);

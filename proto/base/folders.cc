@@ -23,6 +23,14 @@ std::string DefaultDataFolder() {
   return "/var/lib/.local/share/b4mrl";
 }
 
+std::string DefaultCacheFolder() {
+  const char* cache = std::getenv("XDG_CACHE_HOME");
+  if (cache != nullptr && *cache == '/') return fmt::format("{}/b4mrl", cache);
+  const char* home = std::getenv("HOME");
+  if (home != nullptr && *home == '/') return fmt::format("{}/.cache/b4mrl", home);
+  return "";
+}
+
 uint64_t FolderIdentity(const std::string& path) {
   // The boot id stays the same until the machine restarts, so its file is read once.
   static const std::string boot = [] {

@@ -14,6 +14,10 @@ namespace b4mrl {
 // for a daemon and a command with different working directories.
 std::string DefaultDataFolder();
 
+// The user's folder of files that can be made again: $XDG_CACHE_HOME/b4mrl, else
+// $HOME/.cache/b4mrl, else "". It need not exist.
+std::string DefaultCacheFolder();
+
 // A number that identifies the folder among all folders of all hosts, whatever path leads to it,
 // until its host boots again: two processes that compute equal numbers for their paths can exchange
 // files there. 0 if the folder or the kernel's boot id cannot be read.

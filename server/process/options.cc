@@ -1,6 +1,7 @@
 #include "server/process/options.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
@@ -127,9 +128,13 @@ Status Complete(Flags* flags) {
   if (serve.memory_mib == 0) serve.memory_mib = HalfOfTheMemoryMib();
   if (serve.data_folder.empty()) {
     serve.data_folder = DefaultDataFolder();
-    B4MRL_RETURN_IF_ERROR(MakeFolder(serve.data_folder).WithContext("the default of --data"));
+    // Simulators need no data, so a user without a home folder gets a daemon without datasets.
+    if (const Status made = MakeFolder(serve.data_folder); !made.ok()) {
+      spdlog::warn("no datasets: {}; --data or B4MRL_DATA names another folder", made.message());
+    }
+  } else {
+    B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
   }
-  B4MRL_RETURN_IF_ERROR(CheckFolder("--data", serve.data_folder));
   if (!serve.models_folder.empty()) {
     B4MRL_RETURN_IF_ERROR(CheckFolder("--models", serve.models_folder));
   }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <catch2/catch.hpp>
+#include <cstdlib>
 #include <filesystem>
 
 #include "tests/data/temporary_folder.h"
@@ -89,6 +90,19 @@ TEST_CASE("A flag wins over the key of the configuration file") {
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));
   CHECK(options.suites_folder == folders.folder.File("other"));
+}
+
+TEST_CASE("A daemon begins where its default data folder cannot be made") {
+  const Folders folders;
+  WriteBytes(folders.folder.File("no-folder"), "");
+  const std::string none = folders.folder.File("no-folder/data");
+  setenv("B4MRL_DATA", none.c_str(), 1);
+  CHECK(Parse({}).data_folder == none);
+  const std::string made = folders.folder.File("new/data");
+  setenv("B4MRL_DATA", made.c_str(), 1);
+  CHECK(Parse({}).data_folder == made);
+  CHECK(std::filesystem::is_directory(made));
+  unsetenv("B4MRL_DATA");
 }
 
 }  // namespace

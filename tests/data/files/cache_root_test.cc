@@ -1,0 +1,89 @@
+#include "data/files/cache_root.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A user whose cache is in a folder of its own, as long as it lives.
+class User {
+ public:
+  User() { setenv("XDG_CACHE_HOME", folder_.File("cache").c_str(), 1); }
+  ~User() {
+    if (before_.empty()) {
+      unsetenv("XDG_CACHE_HOME");
+    } else {
+      setenv("XDG_CACHE_HOME", before_.c_str(), 1);
+    }
+  }
+  User(const User&) = delete;
+  User& operator=(const User&) = delete;
+  std::string File(const std::string& name) const { return folder_.File(name); }
+
+ private:
+  const std::string before_ =
+      std::getenv("XDG_CACHE_HOME") == nullptr ? "" : std::getenv("XDG_CACHE_HOME");
+  TemporaryFolder folder_;
+};
+
+mode_t ModeOf(const std::string& path) {
+  struct stat info {};
+  REQUIRE(stat(path.c_str(), &info) == 0);
+  return info.st_mode & 07777;
+}
+
+TEST_CASE("Caches are in the data folder, for its user alone") {
+  const User user;
+  fs::create_directory(user.File("data"));
+  REQUIRE(CacheRoot(user.File("data")) == user.File("data/.cache"));
+  REQUIRE(MakeCacheRoot(user.File("data")).ok());
+  CHECK(ModeOf(user.File("data/.cache")) == 0700);
+  CHECK_FALSE(fs::exists(user.File("cache")));
+}
+
+TEST_CASE("Caches of a data folder to which nothing can be written are in the user's cache") {
+  const User user;
+  // A folder that is missing, because root may write to every folder that there is.
+  const std::string data = user.File("data"), root = CacheRoot(data);
+  REQUIRE(root.starts_with(user.File("cache/b4mrl/data-")));
+  CHECK(CacheRoot(user.File("other/../data")) == root);
+  CHECK(CacheRoot(user.File("other")) != root);
+  REQUIRE(MakeCacheRoot(data).ok());
+  CHECK(ModeOf(root) == 0700);
+  CHECK_FALSE(fs::exists(data));
+  REQUIRE(MakeFolderInside(root + "/index").ok());
+  CHECK(ModeOf(root + "/index") == 0700);
+}
+
+TEST_CASE("A data folder or a cache of somebody else's is not written to") {
+  if (geteuid() == 0) {
+    WARN("skipped: root may write to every folder");
+    return;
+  }
+  const User user;
+  const std::string data = user.File("data");
+  fs::create_directories(data + "/.cache");
+  chmod((data + "/.cache").c_str(), 0500);
+  CHECK(CacheRoot(data).starts_with(user.File("cache/b4mrl/data-")));
+  chmod((data + "/.cache").c_str(), 0700);
+  chmod(data.c_str(), 0500);
+  CHECK(CacheRoot(data) == data + "/.cache");
+  fs::permissions(data, fs::perms::owner_all);
+  fs::remove(data + "/.cache");
+  chmod(data.c_str(), 0500);
+  CHECK(CacheRoot(data).starts_with(user.File("cache/b4mrl/data-")));
+  chmod(data.c_str(), 0700);
+}
+
+}  // namespace
+}  // namespace b4mrl
