@@ -58,6 +58,8 @@ struct BenchmarkCommand {
   std::vector<std::string> TaskWords() const;
   // Submits one task for each run that is neither done nor in Slurm's queue.
   Result<int> Submit(const std::vector<PlannedRun>& plan);
+  // Submits a job for each block, or prints the scripts of a dry run.
+  Status SubmitBlocks(const std::vector<RunBlock>& blocks);
   int Report(const RunnerSummary& summary, size_t runs) const;
 };
 
@@ -114,7 +116,8 @@ void BenchmarkCommand::AddSlurmOptions(CLI::App& app) {
   app.add_option("--time", slurm.time,
                  "time limit of a task, as sbatch reads it; a run that needs longer is saved and "
                  "queued again [4:00:00]");
-  app.add_option("--array-parallelism", slurm.parallel_tasks, "tasks at a time [no limit]")
+  app.add_option("--array-parallelism", slurm.parallel_tasks,
+                 "tasks at a time; several jobs share the number [no limit]")
       ->check(CLI::Range(1, 1'000'000));
   app.add_option("--sbatch-option", slurm.sbatch_options,
                  "a further option of sbatch, as in --sbatch-option=--partition=long; may be "
@@ -158,8 +161,10 @@ Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
   B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
   B4MRL_ASSIGN_OR_RETURN(const auto indices, IndicesOf(plan, frozen));
   std::set<uint64_t> queued;
+  const Result<uint64_t> array_size = MaxArraySize();
   if (!dry_run) {
-    B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(options.folder));
+    B4MRL_RETURN_IF_ERROR(array_size.status());
+    B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(options.folder, frozen.size(), *array_size));
   }
   // Behind the look at the queue: what has left it by now is done, or is submitted.
   const PlanStatus status = StatusOf(plan, options.folder, options.results);
@@ -178,20 +183,33 @@ Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
   std::ranges::sort(left);
   fmt::print(stderr, "{} of {} runs done, {} in the queue, {} to be submitted\n",
              status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size());
-  if (left.empty()) return kExitDone;
-  slurm.folder = options.folder;
-  slurm.command = TaskWords();
-  B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(slurm, left));
-  const std::string path = options.folder + "/slurm.sh";
-  B4MRL_RETURN_IF_ERROR(MakeFolder(options.folder + "/logs"));
-  B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));
-  if (dry_run) {
-    fmt::print("{}", script);
-    return kExitDone;
-  }
-  B4MRL_ASSIGN_OR_RETURN(const std::string job, SubmitScript(path));
-  fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", job, left.size(), options.folder);
+  B4MRL_RETURN_IF_ERROR(
+      SubmitBlocks(BlocksOf(left, array_size.ok() ? *array_size : kUsualArraySize)));
   return kExitDone;
+}
+
+Status BenchmarkCommand::SubmitBlocks(const std::vector<RunBlock>& blocks) {
+  if (blocks.empty()) return Status();
+  SlurmJob job = slurm;
+  job.folder = options.folder;
+  job.command = TaskWords();
+  if (job.parallel_tasks > 0) {  // of all blocks together, but one of each at least
+    job.parallel_tasks = std::max(1u, job.parallel_tasks / static_cast<uint32_t>(blocks.size()));
+  }
+  B4MRL_RETURN_IF_ERROR(MakeFolder(options.folder + "/logs"));
+  for (const RunBlock& block : blocks) {
+    B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(job, block));
+    const std::string path = options.folder + "/" + ScriptName(block);
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));
+    if (dry_run) {
+      fmt::print("{}", script);
+      continue;
+    }
+    B4MRL_ASSIGN_OR_RETURN(const std::string id, SubmitScript(path));
+    fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", id, block.indices.size(),
+               options.folder);
+  }
+  return Status();
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
@@ -315,7 +333,7 @@ int Main(int argc, char** argv) {
   run.AddTo(*run_app);
   run.AddRunOptions(*run_app);
   CLI::App* slurm_app = app.add_subcommand(
-      "slurm", "submit the runs that have no result yet to Slurm, as one array job");
+      "slurm", "submit the runs that have no result yet to Slurm, as an array job");
   cluster.AddTo(*slurm_app);
   cluster.AddSlurmOptions(*slurm_app);
   CLI::App* status_app = app.add_subcommand(

@@ -4,10 +4,12 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 #include <string_view>
 #include <system_error>
 
@@ -25,12 +27,14 @@ namespace fs = std::filesystem;
 constexpr int kSecondsToSave = 120;
 constexpr int64_t kSlurmDeadlineMs = 120'000;  // for answers of a busy controller
 
-// {0}: lines of #SBATCH, {1}: folder in which the command was given, {2}: the task's command.
+// {0}: lines of #SBATCH, {1}: folder in which the command was given, {2}: the task's command, {3}:
+// the run's number.
 constexpr char kScript[] = R"(#!/bin/bash
 {0}
-# A task trains the run of plan.json that has the task's number. Shortly before the task's time
-# limit (signal USR2) the run is saved and the task is queued again. After a node has failed, Slurm
-# itself queues the task again. In both cases the run goes on from its last checkpoint.
+# A task trains the run of plan.json that has the task's number, counted from the first run of this
+# script's block. Shortly before the task's time limit (signal USR2) the run is saved and the task is
+# queued again. After a node has failed, Slurm itself queues the task again. In both cases the run
+# goes on from its last checkpoint.
 set -u
 cd {1} || exit 1
 child= time_is_up=no stops=no
@@ -40,7 +44,7 @@ stop() {{
 }}
 trap 'time_is_up=yes; stop' USR2
 trap stop TERM
-{2} --index "$SLURM_ARRAY_TASK_ID" &
+{2} --index "{3}" &
 child=$!
 [ $stops = no ] || stop  # the signal came before the child's id was known
 while kill -0 "$child" 2>/dev/null; do wait "$child"; done  # a signal ends a wait early
@@ -93,11 +97,49 @@ Result<std::string> OutputOf(const std::vector<std::string>& words) {
   return Status(StatusCode::kUnavailable, fmt::format("Slurm's {} failed", words.front()));
 }
 
+// "" for the first block, "+1001" for the one that begins with run 1001.
+std::string SuffixOf(uint64_t first_run) {
+  return first_run == 0 ? "" : fmt::format("+{}", first_run);
+}
+
+// The whole number at the beginning of a text, and nothing without one.
+std::optional<uint64_t> LeadingNumber(std::string_view text) {
+  uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return error == std::errc() ? std::optional(number) : std::nullopt;
+}
+
 }  // namespace
 
-Result<std::string> SlurmJobName(const std::string& folder) {
+Result<std::string> SlurmJobName(const std::string& folder, uint64_t first_run) {
   B4MRL_ASSIGN_OR_RETURN(const std::string whole, WholePath(folder));
-  return "b4mrl-" + Sha256OfText(whole).substr(0, 16);
+  return "b4mrl-" + Sha256OfText(whole).substr(0, 16) + SuffixOf(first_run);
+}
+
+Result<uint64_t> MaxArraySize() {
+  B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"scontrol", "show", "config"}));
+  for (const std::string_view line : LinesOf(output)) {
+    if (!line.starts_with("MaxArraySize")) continue;
+    const size_t value = line.find_first_of("0123456789");
+    const auto size = LeadingNumber(line.substr(std::min(value, line.size())));
+    if (size && *size > 0) return *size;
+  }
+  return Status(StatusCode::kDataLoss,
+                "scontrol show config must say a whole number above 0 as MaxArraySize");
+}
+
+std::vector<RunBlock> BlocksOf(const std::vector<uint64_t>& indices, uint64_t array_size) {
+  std::vector<RunBlock> blocks;
+  for (const uint64_t index : indices) {
+    const uint64_t first_run = index / array_size * array_size;
+    if (blocks.empty() || blocks.back().first_run != first_run) blocks.push_back({first_run, {}});
+    blocks.back().indices.push_back(index);
+  }
+  return blocks;
+}
+
+std::string ScriptName(const RunBlock& block) {
+  return fmt::format("slurm{}.sh", SuffixOf(block.first_run));
 }
 
 std::string CompactList(const std::vector<uint64_t>& indices) {
@@ -112,11 +154,11 @@ std::string CompactList(const std::vector<uint64_t>& indices) {
   return list;
 }
 
-Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>& indices) {
+Result<std::string> BatchScript(const SlurmJob& job, const RunBlock& block) {
   std::error_code error;
   const std::string here = fs::current_path(error).string();
   if (error) return IoError("find", "the working folder", error.value());
-  B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(job.folder));
+  B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(job.folder, block.first_run));
   B4MRL_ASSIGN_OR_RETURN(const std::string folder, WholePath(job.folder));
   const std::string logs = folder + "/logs";
   // Slurm gives these characters a meaning of its own, with quotes or without.
@@ -126,16 +168,22 @@ Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>
                               "\\ or line break",
                               job.folder));
   }
+  std::vector<uint64_t> tasks;
+  for (const uint64_t index : block.indices) tasks.push_back(index - block.first_run);
+  const std::string suffix = SuffixOf(block.first_run);  // of logs too, whose %a is the task
+  const std::string number = block.first_run == 0
+                                 ? "$SLURM_ARRAY_TASK_ID"
+                                 : fmt::format("$(({} + SLURM_ARRAY_TASK_ID))", block.first_run);
   std::string limit = job.parallel_tasks > 0 ? fmt::format("%{}", job.parallel_tasks) : "";
   std::vector<std::string> options = {"--job-name=" + name,
-                                      "--array=" + CompactList(indices) + limit,
+                                      "--array=" + CompactList(tasks) + limit,
                                       "--time=" + job.time,
                                       "--ntasks=1",
                                       "--cpus-per-task=1",
                                       "--mem=4G",
                                       "--requeue",
                                       "--open-mode=append",
-                                      fmt::format("--output=\"{}/%a.log\"", logs),
+                                      fmt::format("--output=\"{}/%a{}.log\"", logs, suffix),
                                       fmt::format("--signal=B:USR2@{}", kSecondsToSave)};
   options.insert(options.end(), job.sbatch_options.begin(), job.sbatch_options.end());
   std::string lines, command;
@@ -151,18 +199,24 @@ Result<std::string> BatchScript(const SlurmJob& job, const std::vector<uint64_t>
   for (const std::string& word : job.command) {
     command += (command.empty() ? "" : " ") + Quoted(word);
   }
-  return fmt::format(kScript, lines, Quoted(here), command);
+  return fmt::format(kScript, lines, Quoted(here), command, number);
 }
 
-Result<std::set<uint64_t>> QueuedIndices(const std::string& folder) {
+Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t runs,
+                                         uint64_t array_size) {
   B4MRL_ASSIGN_OR_RETURN(const std::string name, SlurmJobName(folder));
+  std::string names = name;
+  for (uint64_t first = array_size; first < runs; first += array_size) {
+    names += "," + name + SuffixOf(first);
+  }
   B4MRL_ASSIGN_OR_RETURN(const std::string output, OutputOf({"squeue", "--array", "--noheader",
-                                                             "--format=%K", "--name=" + name}));
+                                                             "--format=%K %j", "--name=" + names}));
   std::set<uint64_t> indices;
   for (const std::string_view line : LinesOf(output)) {
-    uint64_t index = 0;
-    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), index);
-    if (error == std::errc()) indices.insert(index);
+    const auto task = LeadingNumber(line);
+    const size_t suffix = line.find('+');
+    const auto first = suffix == line.npos ? 0 : LeadingNumber(line.substr(suffix + 1));
+    if (task && first) indices.insert(*first + *task);
   }
   return indices;
 }

@@ -6,6 +6,8 @@
 
 #include <catch2/catch.hpp>
 #include <cstdlib>
+#include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -19,9 +21,9 @@ namespace {
 // Slurm does.
 class Task {
  public:
-  explicit Task(const std::vector<std::string>& command) {
+  explicit Task(const std::vector<std::string>& command, uint64_t first_run = 0) {
     const SlurmJob job = {.folder = folder_.path(), .command = command};
-    WriteBytes(folder_.File("script"), Take(BatchScript(job, {7})));
+    WriteBytes(folder_.File("script"), Take(BatchScript(job, {first_run, {first_run + 7}})));
     WriteBytes(folder_.File("scontrol"),
                fmt::format("#!/bin/sh\necho $@ >{}\nkill -KILL $PPID\n", folder_.File("told")));
     Shell("chmod +x " + folder_.File("scontrol"));
@@ -59,6 +61,48 @@ TEST_CASE("A task's command reaches the program word by word, with the number of
   CHECK(task.told().empty());
 }
 
+TEST_CASE("Runs with greater numbers than an array may have become blocks that count anew") {
+  const auto blocks = BlocksOf({0, 999, 1001, 2002, 2399}, 1001);
+  REQUIRE(blocks.size() == 3);
+  CHECK(blocks[0].indices == std::vector<uint64_t>{0, 999});
+  CHECK(ScriptName(blocks[0]) == "slurm.sh");
+  CHECK(blocks[1].first_run == 1001);
+  CHECK(ScriptName(blocks[1]) == "slurm+1001.sh");
+  CHECK(BlocksOf({5}, 5).front().first_run == 5);
+  CHECK(BlocksOf({}, 5).empty());
+  const std::string script = Take(BatchScript({.folder = "suite"}, blocks[2]));
+  CHECK(script.find("#SBATCH --array=0,397\n") != std::string::npos);
+  CHECK(script.find("/logs/%a+2002.log\"\n") != std::string::npos);
+  CHECK(script.find("--job-name=" + Take(SlurmJobName("suite")) + "+2002\n") != std::string::npos);
+  Task task({"printf", "%s|"}, 2002);
+  CHECK(task.Run() == 0);
+  CHECK(task.printed() == "--index|2009|");
+}
+
+TEST_CASE("The queue and the array size are asked of Slurm's programs") {
+  const TemporaryFolder folder;
+  const auto programs = [&](const std::string& scontrol, const std::string& squeue) {
+    WriteBytes(folder.File("scontrol"), "#!/bin/sh\n" + scontrol + "\n");
+    WriteBytes(folder.File("squeue"), "#!/bin/sh\n" + squeue + "\n");
+    for (const char* name : {"scontrol", "squeue"}) {
+      std::filesystem::permissions(folder.File(name), std::filesystem::perms::owner_all);
+    }
+  };
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", (folder.path() + ":" + path).c_str(), 1);
+  programs("echo 'MaxArraySize            = 1001'",
+           "echo \"$@\" >" + folder.File("told") + "; echo '3 x'; echo '3 x+500'; echo 'N/A x'");
+  CHECK(Take(MaxArraySize()) == 1001);
+  CHECK(Take(QueuedIndices(folder.path(), 1001, 500)) == std::set<uint64_t>{3, 503});
+  const std::string name = Take(SlurmJobName(folder.path()));
+  CHECK(ReadBytes(folder.File("told")) == "--array --noheader --format=%K %j --name=" + name + "," +
+                                              name + "+500," + name + "+1000\n");
+  programs("echo 'MaxArraySize = none'", "exit 1");
+  CHECK(MaxArraySize().status().code() == StatusCode::kDataLoss);
+  CHECK(QueuedIndices(folder.path(), 1, 500).status().code() == StatusCode::kUnavailable);
+  setenv("PATH", path.c_str(), 1);
+}
+
 TEST_CASE("A task that is told of its time limit stops its run and is queued again") {
   // Signals the script as Slurm does, and ends like a runner that is told to stop.
   Task task({"sh", "-c", "trap 'exit 143' TERM; kill -USR2 $PPID; while :; do sleep 0.01; done"});
@@ -83,16 +127,16 @@ TEST_CASE("A task that is told to end stops its run and is not queued again") {
 
 TEST_CASE("What cannot stand in a batch script is refused") {
   SlurmJob job = {.folder = "a%b"};
-  CHECK(BatchScript(job, {0}).status().code() == StatusCode::kInvalidArgument);
+  CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);
   job.folder = "suite";
   for (const char* option : {"partition=long", "", "--comment=a\nrm -r x"}) {
     CAPTURE(option);
     job.sbatch_options = {option};
-    CHECK(BatchScript(job, {0}).status().code() == StatusCode::kInvalidArgument);
+    CHECK(BatchScript(job, {0, {0}}).status().code() == StatusCode::kInvalidArgument);
   }
   job.sbatch_options = {"--partition=long", "-A lab"};
   job.parallel_tasks = 3;
-  const std::string script = Take(BatchScript(job, {0, 1, 5}));
+  const std::string script = Take(BatchScript(job, {0, {0, 1, 5}}));
   CHECK(script.find("#SBATCH --array=0-1,5%3\n") != std::string::npos);
   CHECK(script.find("#SBATCH --partition=long\n#SBATCH -A lab\n") != std::string::npos);
 }
