@@ -31,29 +31,12 @@
 #include "algorithms/experience/replay_collector.h"
 #include "algorithms/experience/training_dataset.h"
 #include "algorithms/learners/core_options.h"
+#include "algorithms/learners/h2o_options.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr std::string_view kAuthors = "t6-thu/H2O, which the paper's authors ran";
-
-H2oOptions CoreOptions(const LearnerContext& context, const DatasetStats& stats) {
-  const Hyperparameters& values = context.hyperparameters;
-  H2oOptions options;
-  SetSacOptions(context, context.observation_size(), options);
-  options.discriminator_batch_max = 2 * values.Integer("discriminator-batch");
-  options.discriminator_learning_rate = values.Number("learning-rate");
-  options.discriminator_noise = values.Number("discriminator-noise");
-  options.ratio_min = values.Number("ratio-min");
-  options.gap_samples = values.Integer("gap-samples");
-  options.gap_noise = GapNoise(stats.observation_mean, stats.observation_std,
-                               static_cast<GapNoiseStd>(values.Integer("gap-noise-std")),
-                               values.Number("gap-noise"));
-  options.gap_max = values.Number("gap-max");
-  options.gap_weight = values.Number("gap-weight");
-  options.gap_limit = values.Number("gap-limit");
-  return options;
-}
 
 class H2o final : public Learner {
  public:
@@ -172,7 +155,7 @@ Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
       TrainingDataset dataset,
       TrainingDataset::Open(context, RealRows(values) + values.Integer("discriminator-batch")));
   B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset.remote().Stats());
-  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(CoreOptions(context, stats)));
+  B4MRL_ASSIGN_OR_RETURN(H2oCore<float> core, H2oCore<float>::Create(H2oOptionsOf(context, stats)));
   B4MRL_ASSIGN_OR_RETURN(ReplayCollector collector, ReplayCollector::Open(context, dataset.mask()));
   return std::unique_ptr<Learner>(
       std::make_unique<H2o>(context, std::move(core), std::move(dataset), std::move(collector)));
