@@ -1,8 +1,11 @@
 // MOPO as a learner: what its batches are made of. A fake daemon serves its dataset.
 #include <catch2/catch.hpp>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "algorithms/policy/inference.h"
 #include "tests/algorithms/learners/small_model_based.h"
@@ -24,7 +27,7 @@ TEST_CASE("MOPO's penalty lowers the rewards that its policy learns from") {
     SmallModelBased mopo("mopo", {{"real-ratio", 0}, {"gamma", 0}, {"penalty", penalty}});
     return Update(*mopo.CreatePrepared(), 1)["mean_target"];
   };
-  // The deviations of an untrained network are about 1, and a norm of four of them about 1.6.
+  // The deviations of an untrained network are about 0.8, and the norm of all four about 1.6.
   const double plain = mean_target(0), penalised = mean_target(100);
   CHECK(plain - penalised > 100);
   CHECK(plain - penalised < 250);
@@ -36,6 +39,21 @@ TEST_CASE("MOPO draws other rows of its rollouts in every update") {
   // Of one cycle. Without a discount a target is its row's reward, whatever the networks learn.
   const double first = Update(*learner, 1)["mean_target"];
   CHECK(Update(*learner, 1)["mean_target"] != first);
+}
+
+TEST_CASE("MOPO rolls out at the start of each cycle, and keeps and begins as many as told") {
+  const int lag = GENERATE(0, 1);
+  SmallModelBased mopo("mopo", {{"rollout-every", 2}, {"model-retain", 2}, {"rollout-lag", lag}});
+  const std::unique_ptr<Learner> learner = mopo.CreatePrepared();
+  for (int update = 0; update < 6; ++update) {
+    CHECK(Update(*learner, 1).contains("rollout_reward") == (update % 2 == 0));
+  }
+  CheckpointWriter writer = Take(CheckpointWriter::Create(mopo.File("checkpoint.h5")));
+  RequireOk(learner->Save(writer));
+  RequireOk(writer.Commit());
+  CheckpointReader reader = Take(CheckpointReader::Open(mopo.File("checkpoint.h5")));
+  CHECK(reader.Unsigned("generations") == 2);  // of three
+  CHECK(reader.Unsigned("pending") == static_cast<uint64_t>(lag));
 }
 
 TEST_CASE("MOPO's rollouts do not end by a dimension that its dataset hides") {
