@@ -35,6 +35,7 @@ class BcCore : public TrainedParts<BcCore, float> {
         actor_({.shape = ActorShape(options, options.action_size),
                 .learning_rate = options.actor_learning_rate,
                 .batch_max = options.batch_max,
+                .precision = options.precision,
                 .weights = {Rng(options.seed, "td3-actor-weights")}}),  // as TD3-BC draws them
         actions_(options.action_size, options.batch_max),
         gradient_(options.action_size, options.batch_max) {}

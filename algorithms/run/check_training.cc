@@ -8,6 +8,23 @@
 #include "data/d4rl/agent_file.h"
 
 namespace b4mrl {
+namespace {
+
+// Refuses a precision that no product of the run would have. An ensemble has four hidden layers.
+Status CheckPrecisionHasProducts(const TrainOptions& options, const Algorithm& algorithm) {
+  const Hyperparameters& values = options.hyperparameters;
+  if (options.precision == Precision::kFp32 || values.NumberOr("hidden-layers", 2) > 1 ||
+      values.Find("ensemble-members") != nullptr) {
+    return Status();
+  }
+  return InvalidArgument(
+      "--precision", PrecisionName(options.precision),
+      fmt::format("{} with the one hidden layer of {}: a lower precision is for products between "
+                  "two hidden layers",
+                  PrecisionName(Precision::kFp32), algorithm.name));
+}
+
+}  // namespace
 
 Result<Hyperparameters> ReadHyperparameters(
     const Algorithm& algorithm, const std::string& environment,
@@ -34,6 +51,11 @@ Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm) {
   if (!algorithm.needs.dataset && options.corruption_seed != 0) {
     return refuse("--corruption-seed", fmt::format("{}", options.corruption_seed), "nothing");
   }
+  // A run that an earlier version began can be resumed: the seed changes nothing of it.
+  if (options.corruption.empty() && options.corruption_seed != 0 && !options.resume) {
+    return InvalidArgument("--corruption-seed", fmt::format("{}", options.corruption_seed),
+                           "0 without --corruption, whose noise it seeds");
+  }
   if (!algorithm.needs.dataset && options.transitions != "stored") {
     return refuse("--transitions", options.transitions, "nothing");
   }
@@ -53,6 +75,8 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
   context.seed = options.seed;
   context.precision = options.precision;
   context.hyperparameters = options.hyperparameters;
+  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
+  B4MRL_RETURN_IF_ERROR(CheckPrecisionHasProducts(options, *algorithm));
   B4MRL_RETURN_IF_ERROR(CheckPrecision(options.precision));
   const uint64_t values = environment.observation.size();
   const uint64_t most = std::min<uint64_t>(kMaxAgentHistory, kMaxAgentLayerWidth / values);
@@ -66,7 +90,6 @@ Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environ
         "--stop-at-score", *options.stop_at_score,
         fmt::format("nothing in {}, which has no scores but returns alone", environment.name));
   }
-  B4MRL_ASSIGN_OR_RETURN(const Algorithm* algorithm, FindAlgorithm(options.algorithm));
   return algorithm->check == nullptr ? Status() : algorithm->check(context);
 }
 

@@ -20,12 +20,14 @@ Result<Hyperparameters> ReadHyperparameters(
     std::span<const std::pair<std::string, std::string>> texts);
 
 // kInvalidArgument, naming the option, if the options give a simulator, dataset or history that the
-// algorithm does not take, or lack an environment or a needed dataset. Asks no daemon.
+// algorithm does not take, lack an environment or a needed dataset, or give a corruption's seed
+// without a corruption. Asks no daemon.
 Status CheckNeeds(const TrainOptions& options, const Algorithm& algorithm);
 
 // kInvalidArgument, naming the option, for a --history longer than an agent file holds, for a
-// --stop-at-score in an environment without normalised scores, and for hyperparameters that
-// contradict each other or `environment`. Train runs this check, too.
+// --stop-at-score in an environment without normalised scores, for a --precision that would change
+// nothing, and for hyperparameters that contradict each other or `environment`. Train runs this
+// check, too.
 Status CheckTraining(const TrainOptions& options, const EnvironmentSpec& environment);
 
 }  // namespace b4mrl

@@ -74,6 +74,34 @@ TEST_CASE("A score to stop at is refused where there are returns alone") {
   CHECK(CheckTraining(options, scored).ok());
 }
 
+TEST_CASE("bf16 is refused where there are no two hidden layers to multiply between") {
+  for (const Algorithm& algorithm : Algorithms()) {
+    INFO(algorithm.name);
+    TrainOptions options = OptionsOf(std::string(algorithm.name));
+    options.precision = Precision::kBf16;
+    const bool has_ensemble = options.hyperparameters.Find("ensemble-members") != nullptr;
+    REQUIRE(options.hyperparameters.Set("hidden-layers", 1).ok());
+    CHECK(Names(CheckTraining(options, kCheetah), "--precision") == !has_ensemble);
+    REQUIRE(options.hyperparameters.Set("hidden-layers", 2).ok());
+    // A processor without bf16 gets another error.
+    CHECK_FALSE(Names(CheckTraining(options, kCheetah), "--precision"));
+  }
+}
+
+TEST_CASE("The seed of a corruption is refused without a corruption, but not of a run begun so") {
+  const Algorithm& cloning = **FindAlgorithm("bc");
+  TrainOptions options = OptionsOf("bc");
+  options.environment = "HalfCheetah";
+  options.dataset = "HalfCheetah/medium";
+  options.corruption_seed = 1;
+  CHECK(Names(CheckNeeds(options, cloning), "--corruption-seed"));
+  options.resume = true;
+  CHECK(CheckNeeds(options, cloning).ok());
+  options.resume = false;
+  options.corruption = "obs-noise=0.1";
+  CHECK(CheckNeeds(options, cloning).ok());
+}
+
 TEST_CASE("An ensemble that its file could not give back is refused, and the bound is exact") {
   const Status status = CheckWith("mopo", "ensemble-width", 4096);
   INFO(status.ToString());
