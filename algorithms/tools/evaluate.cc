@@ -71,6 +71,17 @@ Result<std::vector<NamedArgument>> NoiseOfTraining(const AgentProvenance& proven
                 "file names no such training");
 }
 
+// Says so where an agent acts in another world than the one it was trained for, whose score it may
+// be taken for.
+void SayWorldOf(const AgentProvenance& provenance, const std::vector<NamedArgument>& simulator) {
+  const auto world = ParseNamedArguments(provenance.world);
+  if (provenance.world.empty() || (world.ok() && *world == simulator)) return;
+  fmt::print(stderr,
+             "b4mrl: the agent was trained for the world {0}, and is scored in {1}; --simulator "
+             "\"{0}\" scores it there\n",
+             provenance.world, simulator.empty() ? "the true environment" : "another one");
+}
+
 std::optional<Failure> EvaluateCommand::Run() {
   auto agent = ReadAgent(agent_path);
   if (!agent.ok()) return BadInput(agent.status());
@@ -86,6 +97,7 @@ std::optional<Failure> EvaluateCommand::Run() {
   }
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());
+  SayWorldOf(agent->provenance, *perturbations);
   if (observe == "served") {
     const auto noise = NoiseOfTraining(agent->provenance);
     if (!noise.ok()) return BadInput(noise.status());

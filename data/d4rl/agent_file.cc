@@ -111,6 +111,7 @@ Status ReadProvenance(const Hdf5Reader& file, AgentProvenance* out) {
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/iteration", kMaxExactInteger, &out->updates));
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/command", &out->command));
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/simulator", &out->simulator));
+  B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/world", &out->world));
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/dataset", &out->dataset));
   B4MRL_RETURN_IF_ERROR(ReadOptional(file, "metadata/dataset_sha256", &out->dataset_sha256));
   return ReadOptional(file, "metadata/corruption", &out->corruption);
@@ -124,6 +125,9 @@ Status WriteProvenance(Hdf5Writer& file, const AgentProvenance& provenance) {
       file.WriteInteger("metadata/iteration", static_cast<int64_t>(provenance.updates)));
   B4MRL_RETURN_IF_ERROR(file.WriteString("metadata/command", provenance.command));
   B4MRL_RETURN_IF_ERROR(file.WriteString("metadata/simulator", provenance.simulator));
+  if (!provenance.world.empty()) {  // without one, files keep the bytes of older program versions
+    B4MRL_RETURN_IF_ERROR(file.WriteString("metadata/world", provenance.world));
+  }
   B4MRL_RETURN_IF_ERROR(file.WriteString("metadata/dataset", provenance.dataset));
   B4MRL_RETURN_IF_ERROR(file.WriteString("metadata/dataset_sha256", provenance.dataset_sha256));
   return file.WriteString("metadata/corruption", provenance.corruption);

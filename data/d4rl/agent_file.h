@@ -48,9 +48,12 @@ struct AgentProvenance {
   std::string environment;  // "HalfCheetah": the task that the agent is meant for
   std::string algorithm;    // "SAC" in D4RL's files
   uint64_t seed = 0;
-  uint64_t updates = 0;        // gradient steps; metadata/iteration in D4RL's files
-  std::string command;         // the command line that trained the agent
-  std::string simulator;       // perturbations of the simulator of the training; "" for none
+  uint64_t updates = 0;   // gradient steps; metadata/iteration in D4RL's files
+  std::string command;    // the command line that trained the agent
+  std::string simulator;  // perturbations of the simulator of the training; "" for none
+  // Perturbations of the true environment for which the agent was trained, and in which it was
+  // evaluated meanwhile; "" for none, and in files of older program versions.
+  std::string world;
   std::string dataset;         // the dataset of the training; "" for none
   std::string dataset_sha256;  // SHA-256 of the training dataset's file
   std::string corruption;      // corruptions of the training dataset; "" for none

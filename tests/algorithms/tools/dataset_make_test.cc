@@ -252,6 +252,21 @@ TEST_CASE("A learner is evaluated in the world that it is given") {
       Run({"evaluate", "--agent", folder.File("world/agent.h5"), "--environment", "HalfCheetah",
            "--simulator", "gravity=0.5", "--episodes", "2", "--json"});
   CHECK(nlohmann::json::parse(evaluated.out, nullptr, false)["returns"] == in_world);
+  CHECK(evaluated.err.find("world") == std::string::npos);
+  // Elsewhere its scores could be taken for those of its training.
+  const Words elsewhere = {"evaluate", "--environment", "HalfCheetah", "--episodes", "1"};
+  const auto said = [&](const std::string& agent, const Words& more) {
+    Words words = elsewhere;
+    words.insert(words.end(), {"--agent", folder.File(agent + "/agent.h5")});
+    words.insert(words.end(), more.begin(), more.end());
+    return Run(words).err;
+  };
+  CHECK(said("world", {})
+            .find("trained for the world gravity=0.5, and is scored in the true "
+                  "environment") != std::string::npos);
+  CHECK(said("world", {"--simulator", "friction"}).find("scored in another one") !=
+        std::string::npos);
+  CHECK(said("true", {"--simulator", "gravity=0.5"}).find("world") == std::string::npos);
 }
 
 }  // namespace

@@ -41,6 +41,7 @@ Agent MakeAgent() {
                       .updates = 123456,
                       .command = "b4mrl train --algorithm sac",
                       .simulator = "gravity=2",
+                      .world = "action-delay",
                       .dataset_sha256 = std::string(64, 'a')};
   return agent;
 }
@@ -67,7 +68,22 @@ TEST_CASE("an agent file reads back equal") {
   CHECK(read->provenance.updates == agent.provenance.updates);
   CHECK(read->provenance.command == agent.provenance.command);
   CHECK(read->provenance.simulator == agent.provenance.simulator);
+  CHECK(read->provenance.world == agent.provenance.world);
   CHECK(read->provenance.dataset.empty());
+}
+
+TEST_CASE("an agent for the true environment has a file as versions before worlds wrote it") {
+  const TemporaryFolder folder;
+  Agent agent = MakeAgent();
+  agent.provenance.world = "";
+  REQUIRE(WriteAgent(folder.File("a.h5"), agent).ok());
+  const auto file = Hdf5Reader::Open(folder.File("a.h5"));
+  REQUIRE(file.ok());
+  CHECK(file->Exists("metadata/simulator"));
+  CHECK_FALSE(file->Exists("metadata/world"));
+  const auto read = ReadAgent(folder.File("a.h5"));
+  REQUIRE(read.ok());
+  CHECK(read->provenance.world.empty());
 }
 
 TEST_CASE("equal agents give equal bytes") {
