@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "algorithms/experience/training_simulator.h"
@@ -117,6 +118,13 @@ Status ReplayCollector::Collect(const PolicyWeights& policy, uint64_t steps, Met
   return Status();
 }
 
+Status ReplayCollector::KeepSession() {
+  if (!IsDueAgain(*context_->client, asked_)) return Status();
+  asked_ = Clock::now();
+  constexpr std::array<uint32_t, 1> kFirstLane = {0};
+  return simulator_.Snapshot(kFirstLane).status();
+}
+
 void ReplayCollector::Explore(const FixedOrderPolicy& policy) {
   Rng rng(RoleSeed(context_->seed, "explore"), "actions", vector_steps_);
   rng.FillNormal(noise_.values());
@@ -135,6 +143,7 @@ Result<StepOutcome> ReplayCollector::StepAndStore() {
     }
   }
   B4MRL_ASSIGN_OR_RETURN(StepOutcome outcome, simulator_.Step(scaled_actions_.values()));
+  asked_ = Clock::now();
   ++vector_steps_;
   size_t ended = 0;  // position in final_lanes, which are in order
   for (uint32_t lane = 0; lane < count_; ++lane) {

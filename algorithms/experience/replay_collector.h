@@ -24,6 +24,7 @@
 #include "algorithms/experience/replay_buffer.h"
 #include "algorithms/policy/observation_history.h"
 #include "client/remote_environment.h"
+#include "proto/base/clock.h"
 
 namespace b4mrl {
 
@@ -52,6 +53,10 @@ class ReplayCollector {
 
   // Takes vector steps under `policy` until the lanes have taken at least `steps` steps together.
   Status Collect(const PolicyWeights& policy, uint64_t steps, MetricMeans& metrics);
+
+  // Keeps the session from ending by its lease (client/remote_environment.h). To be called often
+  // by a learner that takes no step for long; asks the daemon for something now and then.
+  Status KeepSession();
 
   uint32_t lanes() const { return count_; }
   uint64_t environment_steps() const { return vector_steps_ * count_; }
@@ -88,6 +93,7 @@ class ReplayCollector {
   MatrixBuffer<float> actions_;             // in [-1, 1]
   MatrixBuffer<float> scaled_actions_;      // actions_ in the environment's units
   MatrixBuffer<float> noise_;
+  Clock::time_point asked_ = Clock::now();  // when the session last got a request
   uint64_t vector_steps_ = 0;
   uint64_t warm_up_steps_ = 0;  // vector steps of the warm-up
 };

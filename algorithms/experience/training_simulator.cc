@@ -30,4 +30,10 @@ Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, u
   return session;
 }
 
+bool IsDueAgain(const Client& client, Clock::time_point asked) {
+  const uint64_t lease_ms = client.hello().limits().session_lease_ms();
+  // Daemons of older versions do not say how long they wait.
+  return lease_ms > 0 && SecondsSince(asked) * 1000 > static_cast<double>(lease_ms) / 3;
+}
+
 }  // namespace b4mrl

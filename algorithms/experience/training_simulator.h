@@ -5,6 +5,7 @@
 
 #include "algorithms/base/learner.h"
 #include "client/remote_environment.h"
+#include "proto/base/clock.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -13,5 +14,9 @@ namespace b4mrl {
 // within the step that ends one; with 0 lanes the session serves queries alone. kInvalidArgument
 // when the simulator's observation or action has another size than the environment's.
 Result<RemoteEnvironment> OpenTrainingSimulator(const LearnerContext& context, uint32_t lanes);
+
+// Whether a session that got its last request at `asked` should get another one or be opened again,
+// since the daemon ends sessions that get none for its lease: after a third of the lease.
+bool IsDueAgain(const Client& client, Clock::time_point asked);
 
 }  // namespace b4mrl

@@ -88,6 +88,7 @@ Status H2o::Prepare(Progress&) {
 
 Status H2o::Update(MetricMeans& metrics) {
   if (updates() % updates_per_cycle_ == 0) B4MRL_RETURN_IF_ERROR(Simulate(metrics));
+  B4MRL_RETURN_IF_ERROR(collector_.KeepSession());  // for the next cycle
   B4MRL_RETURN_IF_ERROR(FillBatches());
   AddMetrics(core_.Update({batch_.view(), real_rows_},
                           {discriminator_batch_.view(), discriminator_real_rows_}),

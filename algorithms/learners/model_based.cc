@@ -47,6 +47,7 @@ Status ModelBased::TrainModel(const ModelData& data, Progress& progress) {
   // The training may have outlasted the idle session's lease.
   if (simulator_) {
     B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenTrainingSimulator(context_, /*lanes=*/0));
+    last_rollout_ = Clock::now();
   }
   dataset_.Start(0);
   return Status();
@@ -85,6 +86,11 @@ Result<ModelBased::Generation> ModelBased::BeginRollout(uint64_t cycle,
       DrawStarts(dataset_.remote(),
                  static_cast<uint32_t>(context_.hyperparameters.Integer("rollout-rows")),
                  RoleSeed(context_.seed, "rollout-starts"), cycle));
+  // The updates since the last cycle may have outlasted the idle session's lease.
+  if (simulator_ && IsDueAgain(*context_.client, last_rollout_)) {
+    B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenTrainingSimulator(context_, /*lanes=*/0));
+  }
+  last_rollout_ = Clock::now();
   B4MRL_RETURN_IF_ERROR(rollout_.Begin(cycle, std::move(starts), policy));
   return Generation{cycle, FlattenPolicy(policy), 0};
 }

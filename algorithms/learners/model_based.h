@@ -25,6 +25,7 @@
 #include "algorithms/model/dynamics_ensemble.h"
 #include "algorithms/model/model_data.h"
 #include "algorithms/model/model_rollout.h"
+#include "proto/base/clock.h"
 
 namespace b4mrl {
 
@@ -82,10 +83,11 @@ class ModelBased : public Learner {
   const bool lag_;
   std::string ensemble_key_;
   ModelRollout rollout_;
-  ReplayBuffer pool_;                   // D_model
-  std::deque<Generation> generations_;  // in D_model, oldest first
-  std::optional<Generation> pending_;   // being rolled out, with `rollout-lag` 1
-  BatchBuffer batch_;                   // dataset rows, then rows of D_model
+  Clock::time_point last_rollout_ = Clock::now();  // its beginning, or the session's
+  ReplayBuffer pool_;                              // D_model
+  std::deque<Generation> generations_;             // in D_model, oldest first
+  std::optional<Generation> pending_;              // being rolled out, with `rollout-lag` 1
+  BatchBuffer batch_;                              // dataset rows, then rows of D_model
   std::vector<float> action_scale_;
 };
 

@@ -10,6 +10,9 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
   switch (call.request.payload_case()) {
     case pb::Request::kHello:
       reply.mutable_hello()->set_protocol_version(protocol_version);
+      if (session_lease_ms > 0) {
+        reply.mutable_hello()->mutable_limits()->set_session_lease_ms(session_lease_ms);
+      }
       reply.mutable_hello()->mutable_dataset_port()->set_ipc(address().substr(6));
       return server.Reply(call, std::move(reply));
     case pb::Request::kOpen:

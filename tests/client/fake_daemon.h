@@ -46,6 +46,7 @@ class FakeDaemon {
   // Of the session that is opened next; set before the client connects.
   pb::OpenReply open_reply;
   uint32_t protocol_version = limits::kProtocolVersion;
+  uint64_t session_lease_ms = 0;  // which Hello says; 0: nothing. No session ends by it.
   uint64_t dataset_rows = 100;
   std::string dataset_environment = "Fake";
   std::vector<uint32_t> hidden_dimensions;  // of the dataset
