@@ -288,8 +288,15 @@ std::string RunSession::Text() const {
                      known(architecture), blas_kernel);
 }
 
-Status CheckNoEarlierRun(const TrainOptions& options) {
-  if (options.resume || ListCheckpoints(options.folder).empty()) return Status();
+Status CheckEarlierRun(const TrainOptions& options) {
+  const std::vector<uint64_t> checkpoints = ListCheckpoints(options.folder);
+  if (checkpoints.empty()) return Status();
+  if (options.resume) {
+    if (options.updates >= checkpoints.front()) return Status();
+    return InvalidArgument(
+        "--updates", fmt::format("{}", options.updates),
+        fmt::format("at least {}, which the run to be resumed has done", checkpoints.front()));
+  }
   return Status(StatusCode::kFailedPrecondition,
                 fmt::format("{} holds an earlier run; continue it with --resume, or choose another "
                             "--out",

@@ -11,6 +11,7 @@
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/base/metrics.h"
+#include "algorithms/base/within_memory.h"
 #include "algorithms/list.h"
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/policy/agent_policy.h"
@@ -37,7 +38,7 @@ class TrainRun {
   Status Open();
   Status Run();
   // The summary of a run that ended with `status`.
-  TrainSummary Summary(const Status& status) const;
+  TrainSummary Summary(const Status& status);
 
  private:
   std::vector<RunSession> EarlierSessions() const;
@@ -85,7 +86,7 @@ class TrainRun {
 Status TrainRun::TakeFolder() {
   B4MRL_RETURN_IF_ERROR(MakeFolder(options_.folder));
   B4MRL_ASSIGN_OR_RETURN(lock_, LockRunFolder(options_.folder));
-  B4MRL_RETURN_IF_ERROR(CheckNoEarlierRun(options_));
+  B4MRL_RETURN_IF_ERROR(CheckEarlierRun(options_));
   resumes_ = options_.resume && !ListCheckpoints(options_.folder).empty();
   return resumes_ ? WriteResultState(options_, RunState::kRunning, "")
                   : WriteResult(options_, TrainSummary());
@@ -254,8 +255,11 @@ Status TrainRun::Evaluate() {
   return log_->Write(TakeRow(), std::move(result), ledger_->use());
 }
 
-// Evaluates the last update if it has no evaluation. Checkpoints do not store this evaluation.
-Status TrainRun::Conclude() { return row_update_ == update_ ? Status() : Evaluate(); }
+// Evaluates the last update if it has no evaluation; update 0 has none. Checkpoints do not store
+// this evaluation.
+Status TrainRun::Conclude() {
+  return row_update_ == update_ && update_ > 0 ? Status() : Evaluate();
+}
 
 MetricRow TrainRun::TakeRow() {
   const double seconds = Seconds();
@@ -325,6 +329,7 @@ Agent TrainRun::PresentAgent() const {
   agent.provenance.updates = update_;
   agent.provenance.command = options_.command;
   agent.provenance.simulator = options_.simulator;
+  agent.provenance.world = options_.world;
   DatasetIdentity dataset = learner_->dataset_identity();
   agent.provenance.dataset = std::move(dataset.full_name);
   agent.provenance.dataset_sha256 = std::move(dataset.sha256);
@@ -332,7 +337,12 @@ Agent TrainRun::PresentAgent() const {
   return agent;
 }
 
-TrainSummary TrainRun::Summary(const Status& status) const {
+TrainSummary TrainRun::Summary(const Status& status) {
+  // The last checkpoint of a run without an error has refreshed the ledger. A daemon that is gone
+  // is not waited for.
+  const bool lost =
+      status.code() == StatusCode::kUnavailable || status.code() == StatusCode::kDeadlineExceeded;
+  if (!status.ok() && !lost) RefreshLedger();
   TrainSummary summary;
   summary.dataset = learner_->dataset_identity();
   summary.updates = update_;
@@ -366,14 +376,15 @@ TrainSummary TrainRun::Summary(const Status& status) const {
 
 Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress& progress,
                            const std::atomic<bool>& stop) {
+  constexpr std::string_view kPurpose = "these networks and batch";
   TrainRun run(options, client, progress, stop);
   B4MRL_RETURN_IF_ERROR(run.TakeFolder());
-  if (const Status status = run.Open(); !status.ok()) {
+  if (const Status status = WithinMemory(kPurpose, [&] { return run.Open(); }); !status.ok()) {
     // Report Open's error, even if result.json cannot be written and goes on saying "running".
     static_cast<void>(WriteResultState(options, RunState::kFailed, status.ToString()));
     return status;
   }
-  const Status status = run.Run();
+  const Status status = WithinMemory(kPurpose, [&] { return run.Run(); });
   const TrainSummary summary = run.Summary(status);
   const Status written = WriteResult(options, summary);
   B4MRL_RETURN_IF_ERROR(status);

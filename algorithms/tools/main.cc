@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/base/within_memory.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/config_file.h"
 #include "client/interrupt.h"
@@ -70,7 +71,12 @@ std::vector<Command> AddOtherPrograms(CLI::App& app) {
 }
 
 int RunBody(const CommandBody& body) {
-  std::optional<Failure> failure = body();
+  std::optional<Failure> failure;
+  const Status memory = WithinMemory("this command", [&] {
+    failure = body();
+    return Status();
+  });
+  if (!memory.ok()) failure = Failure{kExitFailed, memory};
   if (!failure) return kExitDone;
   // Other errors after an interrupt are reported, such as a checkpoint on a full disk.
   const bool by_interrupt = failure->status.code() == StatusCode::kUnavailable;

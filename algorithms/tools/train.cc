@@ -93,6 +93,15 @@ std::string AlgorithmHelp(const std::string& chosen, const std::string& environm
   return text;
 }
 
+// "sac, td3": the algorithms that `picks` picks.
+std::string AlgorithmNames(bool (*picks)(const Algorithm&)) {
+  std::string names;
+  for (const Algorithm& algorithm : Algorithms()) {
+    if (picks(algorithm)) names += fmt::format("{}{}", names.empty() ? "" : ", ", algorithm.name);
+  }
+  return names;
+}
+
 void TrainCommand::AddOptions() {
   app->add_option("--algorithm", options.algorithm,
                   "the learner to train: one of those listed below");
@@ -111,9 +120,14 @@ void TrainCommand::AddOptions() {
   AddCorruptionSeed(*app, options.corruption_seed);
   AddTransitions(*app, options.transitions);
   app->add_option("--history", options.history_length,
-                  "number of most recent observations in the policy's input [1]")
+                  fmt::format("number of most recent observations in the policy's input; above 1 "
+                              "with {} alone [1]",
+                              AlgorithmNames([](const Algorithm& a) { return a.needs.history; })))
       ->transform(Count(1, kMaxAgentHistory));
-  app->add_option("--seed", options.seed, "seed of everything random in the run [0]")
+  app->add_option(
+         "--seed", options.seed,
+         "seed of everything random in the training; the starts of evaluations and the noise of "
+         "corruptions do not depend on it [0]")
       ->transform(Seed());
   app->add_option("--precision", precision,
                   "precision of matrix products between two hidden layers: fp32, or bf16, which is "
@@ -144,7 +158,8 @@ void TrainCommand::AddOptions() {
   app->add_option(
       "--out", options.folder,
       "folder that keeps the run's files [runs/NAME, with the name made of environment, "
-      "algorithm, simulator, dataset, corruption, history, precision and seed]");
+      "algorithm, simulator, dataset, corruption and its seed, transitions, world, history, "
+      "precision and seed]");
   app->add_flag("--resume", options.resume,
                 "continue the run in --out from its last checkpoint, if it has one");
   app->add_flag("--quiet", quiet, "show no progress on stderr");
@@ -157,11 +172,9 @@ void TrainCommand::AddOptions() {
 
 Result<const Algorithm*> TrainCommand::ChosenAlgorithm() const {
   if (!options.algorithm.empty()) return FindAlgorithm(options.algorithm);
-  std::string names;
-  for (const Algorithm& algorithm : Algorithms()) {
-    names += fmt::format("{}{}", names.empty() ? "" : ", ", algorithm.name);
-  }
-  return Status(StatusCode::kInvalidArgument, fmt::format("--algorithm is missing: {}", names));
+  return Status(StatusCode::kInvalidArgument,
+                fmt::format("--algorithm is missing: {}",
+                            AlgorithmNames([](const Algorithm&) { return true; })));
 }
 
 std::optional<Failure> TrainCommand::ChooseFolder() {
@@ -324,7 +337,7 @@ std::optional<Failure> TrainCommand::Run() {
   if (Status status = CheckNeeds(options, **algorithm); !status.ok()) {
     return BadUsage(std::move(status));
   }
-  if (Status status = CheckNoEarlierRun(options); !status.ok()) return BadInput(std::move(status));
+  if (Status status = CheckEarlierRun(options); !status.ok()) return BadInput(std::move(status));
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());

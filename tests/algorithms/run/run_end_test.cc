@@ -32,11 +32,25 @@ class LosableDaemon {
 
   Client Connect() const { return Take(Client::Connect(daemon_.address())); }
   std::atomic<bool> lost = false;
+  // How it refuses; set before it is lost.
+  StatusCode loss = StatusCode::kUnavailable;
+  // What its ledgers say from the first refusal on, and how often they were asked then.
+  std::atomic<uint64_t> used_rows = 0;
+  std::atomic<int> asked_for_ledgers = 0;
 
  private:
   bool Play(FakeServer& server, FakeCall& call) {
     if (lost && picks_(call.request)) {
-      server.ReplyError(call, Status(StatusCode::kUnavailable, "the daemon is lost"));
+      refused_ = true;
+      server.ReplyError(call, Status(loss, "the daemon is lost"));
+      return true;
+    }
+    if (call.request.has_ledger()) {
+      if (refused_) ++asked_for_ledgers;
+      pb::Reply reply;
+      reply.mutable_ledger()->set_ledger(1);
+      reply.mutable_ledger()->set_dataset_rows(refused_ ? used_rows.load() : 0);
+      server.Reply(call, std::move(reply));
       return true;
     }
     if (!call.request.has_catalogue()) return EndsEveryStep(Cause::kLimit)(server, call);
@@ -61,6 +75,7 @@ class LosableDaemon {
   }
 
   Picks picks_;
+  std::atomic<bool> refused_ = false;
   FakeDaemon daemon_;  // last: its thread uses the members above
 };
 
@@ -233,6 +248,71 @@ TEST_CASE("A run that could not begin says why") {
   const TrainOptions options = SmallRun("td3-bc", folder.File("run"));
   CHECK_FALSE(TryTraining(options, client).ok());
   CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kFailed);
+}
+
+TEST_CASE("A run that failed says what it has used, unless that means to wait for its daemon") {
+  const bool gone = GENERATE(false, true);
+  INFO(gone);
+  const TemporaryFolder folder;
+  LosableDaemon daemon(
+      [](const pb::Request& request) { return IsSampleOf(request, "batches", 25); });
+  daemon.loss = gone ? StatusCode::kUnavailable : StatusCode::kInternal;
+  daemon.used_rows = 77;
+  daemon.lost = true;
+  Client client = daemon.Connect();
+  const TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  CHECK(TryTraining(options, client).status().code() == daemon.loss);
+  CHECK(ResultOf(options)["ledger"]["dataset_rows"] == (gone ? 0 : 77));
+  CHECK((daemon.asked_for_ledgers == 0) == gone);
+}
+
+TEST_CASE("A run without updates is evaluated, and goes on as if it had not been") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request&) { return false; });
+  Client client = daemon.Connect();
+  const TrainOptions straight = SmallRun("td3-bc", folder.File("straight"));
+  RequireOk(TryTraining(straight, client).status());
+  TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  options.updates = 0;
+  const TrainSummary summary = Take(TryTraining(options, client));
+  CHECK(summary.state == RunState::kFinished);
+  REQUIRE(summary.last);
+  CHECK(summary.last->returns.size() == 1);
+  CHECK(Take(ReadAgent(options.folder + "/agent.h5")).provenance.updates == 0);
+  CHECK(LoggedRows(options.folder).size() == 1);
+  options.updates = straight.updates;
+  options.resume = true;
+  RequireOk(TryTraining(options, client).status());
+  CHECK(RowsWithoutTimes(straight.folder) == RowsWithoutTimes(options.folder));
+}
+
+TEST_CASE("A run cannot be resumed with fewer updates than it has done") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request&) { return false; });
+  Client client = daemon.Connect();
+  TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  options.updates = 20;
+  RequireOk(TryTraining(options, client).status());
+  const std::string before = ReadBytes(options.folder + "/config.toml");
+  options.resume = true;
+  options.updates = 19;
+  const Status refused = TryTraining(options, client).status();
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(refused.message(), Catch::Contains("--updates") && Catch::Contains("at least 20"));
+  CHECK(ReadBytes(options.folder + "/config.toml") == before);
+  CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kFinished);
+  options.updates = 20;
+  RequireOk(TryTraining(options, client).status());
+}
+
+TEST_CASE("An agent's file says for which world it was trained") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request&) { return false; });
+  Client client = daemon.Connect();
+  TrainOptions options = SmallRun("td3-bc", folder.File("run"));
+  options.world = "action-delay";
+  RequireOk(TryTraining(options, client).status());
+  CHECK(Take(ReadAgent(options.folder + "/agent.h5")).provenance.world == "action-delay");
 }
 
 }  // namespace b4mrl

@@ -131,6 +131,7 @@ TEST_CASE("Help and the version end with code 0") {
   const Outcome help = Run({"train", "--help"});
   CHECK(help.exit_code == 0);
   CHECK(help.out.find("hymopo") != std::string::npos);
+  CHECK(help.out.find("above 1 with sac, td3 alone") != std::string::npos);
   CHECK(Run({"--version"}).exit_code == 0);
 }
 
