@@ -79,9 +79,11 @@ class DatasetWorker {
   void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
   void SubmitLoad(const std::string& fingerprint, PendingRequest pending);
-  // Keeps a request until its completion or its deadline and returns its id; 0 when too many wait
-  // already, which is the reply then.
+  // Keeps a request until its completion or its deadline and returns its id; 0 for a copy of a
+  // request that waits, and when too many wait already, which is the reply then.
   uint64_t Park(PendingRequest pending);
+  // The parked request that its sender sent before with the same id and contents, or null.
+  PendingRequest* FindOriginal(const PendingRequest& copy);
   // Takes out the parked request `id`; nothing if it was answered at its deadline.
   std::optional<PendingRequest> Unpark(uint64_t id);
   void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
@@ -183,7 +185,27 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
   (this->*handler->handle)(std::move(pending));
 }
 
+// The bytes that do not differ between two copies of a request.
+std::string WithoutDeadline(pb::Request request) {
+  request.clear_deadline_ms();
+  return request.SerializeAsString();
+}
+
+PendingRequest* DatasetWorker::FindOriginal(const PendingRequest& copy) {
+  for (auto& [id, parked] : parked_) {
+    if (parked.from.request_id == copy.from.request_id && parked.from.peer == copy.from.peer &&
+        WithoutDeadline(parked.request) == WithoutDeadline(copy.request)) {
+      return &parked;
+    }
+  }
+  return nullptr;
+}
+
 uint64_t DatasetWorker::Park(PendingRequest pending) {
+  if (PendingRequest* original = FindOriginal(pending)) {
+    original->deadline = pending.deadline;  // the time that its sender gives it by now
+    return 0;
+  }
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
   const size_t backlog =
