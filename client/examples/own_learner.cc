@@ -29,6 +29,13 @@ void Predict(const std::vector<float>& weights, std::span<const float> observati
   }
 }
 
+Status WriteFile(const std::string& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (file.flush()) return Status();
+  return Status(b4mrl::StatusCode::kIoError, "cannot write " + path);
+}
+
 Status Learn(const b4mrl::BenchmarkRun& run) {
   B4MRL_ASSIGN_OR_RETURN(b4mrl::Client client, b4mrl::Client::Connect(run.endpoint));
   B4MRL_ASSIGN_OR_RETURN(b4mrl::RemoteBenchmark bench,
@@ -62,11 +69,11 @@ Status Learn(const b4mrl::BenchmarkRun& run) {
                                 fmt::join(scores.returns, ", ")));
   }
   B4MRL_ASSIGN_OR_RETURN(const b4mrl::EvaluationResult scores, bench.Evaluate(policy));
-  std::ofstream(run.out + "/returns.json") << fmt::format(
-      "{{\"returns\": [{}], \"updates\": {}}}\n", fmt::join(scores.returns, ", "), run.updates);
-  std::ofstream(run.out + "/curve.json")
-      << fmt::format("{{\"curve\": [{}]}}\n", fmt::join(curve, ", "));
-  return Status();
+  B4MRL_RETURN_IF_ERROR(WriteFile(run.out + "/returns.json",
+                                  fmt::format("{{\"returns\": [{}], \"updates\": {}}}\n",
+                                              fmt::join(scores.returns, ", "), run.updates)));
+  return WriteFile(run.out + "/curve.json",
+                   fmt::format("{{\"curve\": [{}]}}\n", fmt::join(curve, ", ")));
 }
 
 int main() {
