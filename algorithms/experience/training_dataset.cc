@@ -3,12 +3,53 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
 #include <utility>
 
 #include "algorithms/policy/observation_mask.h"
 #include "client/client.h"
 
 namespace b4mrl {
+
+namespace {
+
+// A number of the dataset that is not finite: kDataLoss, which names dataset, place and number.
+Status NotFinite(const RemoteDataset& dataset, const std::string& what, double value) {
+  return Status(StatusCode::kDataLoss, fmt::format("dataset {}: {} is {}, allowed: finite numbers",
+                                                   dataset.in_force().info().name(), what, value));
+}
+
+// What can be known without reading all rows.
+Status CheckFinite(RemoteDataset& dataset) {
+  if (dataset.rows() == 0) return Status();  // statistics of no rows are NaN
+  B4MRL_ASSIGN_OR_RETURN(const DatasetStats stats, dataset.Stats());
+  for (size_t i = 0; i < stats.observation_mean.size(); ++i) {
+    if (!std::isfinite(stats.observation_mean[i])) {
+      return NotFinite(dataset, fmt::format("the mean of observation dimension {}", i),
+                       stats.observation_mean[i]);
+    }
+    if (!std::isfinite(stats.observation_std[i])) {
+      return NotFinite(dataset, fmt::format("the std of observation dimension {}", i),
+                       stats.observation_std[i]);
+    }
+  }
+  for (const double reward : {stats.scores.min_reward(), stats.scores.max_reward()}) {
+    if (!std::isfinite(reward)) return NotFinite(dataset, "a reward", reward);
+  }
+  return Status();
+}
+
+// Without an early end, so that the compiler makes vector instructions of it.
+bool AllFiniteFast(std::span<const float> values) {
+  constexpr float kMax = std::numeric_limits<float>::max();
+  int others = 0;
+  for (const float value : values) others += std::abs(value) <= kMax ? 0 : 1;
+  return others == 0;
+}
+
+}  // namespace
 
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context) {
   DatasetOptions options;
@@ -31,6 +72,7 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
                     context.environment.name, context.environment.observation.size(),
                     context.environment.action.size()));
   }
+  B4MRL_RETURN_IF_ERROR(CheckFinite(*dataset));
   return dataset;
 }
 
@@ -79,7 +121,39 @@ void TrainingDataset::Start(uint64_t update) {
 }
 
 Result<TransitionRows> TrainingDataset::Next() {
-  return rows_ > 0 ? stream_->Next() : TransitionRows();
+  if (rows_ == 0) return TransitionRows();
+  B4MRL_ASSIGN_OR_RETURN(TransitionRows rows, stream_->Next());
+  // The opening has looked at the observations.
+  if (AllFiniteFast(rows.actions) && AllFiniteFast(rows.rewards) &&
+      AllFiniteFast(rows.next_observations)) {
+    return rows;
+  }
+  return NotFiniteIn(rows);
+}
+
+Status TrainingDataset::NotFiniteIn(const TransitionRows& rows) {
+  struct Column {
+    std::string_view name;
+    std::span<const float> values;
+  };
+  for (const auto& [name, values] : {Column{"action", rows.actions}, Column{"reward", rows.rewards},
+                                     Column{"next observation", rows.next_observations}}) {
+    const size_t width = values.size() / rows.rows;
+    for (size_t i = 0; i < values.size(); ++i) {
+      if (std::isfinite(values[i])) continue;
+      // Batches come without their rows' numbers: ask for the same batch again, with them.
+      const uint64_t batch = rows.first_batch;
+      const float value = values[i];
+      B4MRL_ASSIGN_OR_RETURN(const TransitionRows again,
+                             remote_->Sample(static_cast<uint32_t>(rows_), seed_, batch, 1,
+                                             /*with_indices=*/true));
+      return NotFinite(*remote_,
+                       fmt::format("dimension {} of the {} in row {}", i % width, name,
+                                   again.indices[i / width]),
+                       value);
+    }
+  }
+  return Status();
 }
 
 Status TrainingDataset::Load(CheckpointReader& reader, uint64_t update) {

@@ -2,7 +2,8 @@
 // and checked by a resumed run to be the same dataset.
 //
 // The rows of update u are a function of (run seed, u), so a resumed learner need only name its
-// next update. Thread rule: one thread. Errors: those of the daemon and its connection.
+// next update. Thread rule: one thread. Errors: those of the daemon and its connection, and
+// kDataLoss for numbers that are not finite: learners would diverge and not say why.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +22,9 @@ namespace b4mrl {
 
 // Opens the context's dataset with its corruptions, whose noise does not depend on the run's seed.
 // kInvalidArgument when the dataset was recorded in another environment, or its sizes are not the
-// environment's. A pointer, since streams need the dataset to stay where it is.
+// environment's; kDataLoss, naming the dimension, when an observation or reward is not finite, as
+// far as the dataset's statistics tell. A pointer, since streams need the dataset to stay where it
+// is.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
 class TrainingDataset {
@@ -31,7 +34,8 @@ class TrainingDataset {
 
   // Must be called before the first Next, with the number of the update whose rows Next returns.
   void Start(uint64_t update);
-  // The next update's rows, valid until the next call; empty where an update takes none.
+  // The next update's rows, valid until the next call; empty where an update takes none. kDataLoss,
+  // naming the row, if an action, reward or next observation among them is not finite.
   Result<TransitionRows> Next();
 
   void Save(CheckpointWriter& writer) const { writer.Text("dataset", remote_->fingerprint()); }
@@ -51,6 +55,8 @@ class TrainingDataset {
 
  private:
   TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed);
+  // Names the first number of a batch that is not finite.
+  Status NotFiniteIn(const TransitionRows& rows);
 
   std::unique_ptr<RemoteDataset> remote_;  // stream_ points at the dataset
   int rows_;

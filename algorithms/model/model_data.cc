@@ -2,12 +2,13 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <deque>
 #include <limits>
+#include <span>
 #include <utility>
 #include <vector>
 
+#include "proto/base/finite.h"
 #include "proto/base/limits.h"
 
 namespace b4mrl {
@@ -83,9 +84,11 @@ class Columns {
   }
 
   bool Valid(int row) const {
-    const float* target = data_.targets.view().column(row);
-    return valid_[row] != 0 && has_target_[row] != 0 &&
-           std::all_of(target, target + size_ + 1, [](float x) { return std::isfinite(x); });
+    const auto finite = [row](const MatrixBuffer<float>& columns) {
+      return AllFinite(std::span(columns.view().column(row), static_cast<size_t>(columns.rows())));
+    };
+    return valid_[row] != 0 && has_target_[row] != 0 && finite(data_.actions) &&
+           finite(data_.targets);
   }
 
   void DropInvalid() {

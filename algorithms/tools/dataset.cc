@@ -4,10 +4,12 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <span>
 
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_pictures.h"
 #include "algorithms/tools/dataset_source.h"
+#include "proto/base/finite.h"
 
 namespace b4mrl {
 namespace {
@@ -47,15 +49,36 @@ void AddProvenance(const pb::OpenDatasetReply& source, nlohmann::ordered_json* o
   }
 }
 
+// How many rows hold a NaN or an infinity. `b4mrl train` refuses a dataset with such rows.
+Result<uint64_t> CountNonfiniteRows(RemoteDataset& dataset) {
+  uint64_t count = 0;
+  B4MRL_RETURN_IF_ERROR(ForEachRows(dataset, [&](const TransitionRows& rows) {
+    for (size_t row = 0; row < rows.rows; ++row) {
+      const auto finite = [&](std::span<const float> column) {
+        const size_t width = column.size() / rows.rows;
+        return AllFinite(column.subspan(row * width, width));
+      };
+      const bool all_finite = finite(rows.observations) && finite(rows.actions) &&
+                              finite(rows.rewards) && finite(rows.next_observations);
+      count += all_finite ? 0 : 1;
+    }
+    return Status();
+  }));
+  return count;
+}
+
 // Prints the description, after the pictures have been written if they are wanted.
 std::optional<Failure> InfoCommand::Describe(Client& client, RemoteDataset& dataset) const {
   const auto stats = dataset.Stats();
   if (!stats.ok()) return FromDaemon(stats.status());
+  const auto nonfinite_rows = CountNonfiniteRows(dataset);
+  if (!nonfinite_rows.ok()) return FromDaemon(nonfinite_rows.status());
   const pb::DatasetStatsReply& scores = stats->scores;
   const pb::DatasetInfo& info = dataset.in_force().info();
   nlohmann::ordered_json out = {{"name", info.name()},
                                 {"environment", dataset.environment()},
                                 {"rows", dataset.rows()},
+                                {"nonfinite_rows", *nonfinite_rows},
                                 {"episodes", scores.episodes()},
                                 {"observation_size", dataset.observation_size()},
                                 {"action_size", dataset.action_size()},

@@ -213,25 +213,28 @@ TEST_CASE("A run whose loss is not finite stops and names the loss and the last 
     options.action_dimensions = 6;
     DatasetWriter writer =
         Take(DatasetWriter::Create(daemon.folder("data/HalfCheetah/small.h5"), options));
-    const std::vector<float> rewards(100, std::numeric_limits<float>::quiet_NaN());
+    // Finite, as a dataset has to be, but no float holds their sum.
+    const std::vector<float> observations(100 * 17, std::numeric_limits<float>::max());
     const std::vector<uint8_t> no_timeouts(100, 0);
     DatasetRows out;
     out.rows = 100;
-    out.observations = rows.observations;
+    out.observations = observations;
     out.actions = rows.actions;
     out.next_observations = rows.next_observations;
-    out.rewards = rewards;
+    out.rewards = rows.rewards;
     out.terminals = rows.terminals;
     out.timeouts = no_timeouts;
     RequireOk(writer.Append(out));
     RequireOk(writer.Commit());
   }
-  const TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  TrainOptions options = SmallRun("td3-bc", daemon.folder("run"));
+  RequireOk(options.hyperparameters.Set("normalise", 0));
   const std::atomic<bool> stop = false;
   Progress quiet(true);
   const Status status = Train(options, daemon.client(), quiet, stop).status();
   CHECK(status.code() == StatusCode::kFailedPrecondition);
-  CHECK(status.message().find("critic_loss became nan at update 1") != std::string::npos);
+  // A processor makes a NaN with a sign of its own.
+  CHECK_THAT(status.message(), Catch::Matches(".*critic_loss became -?(nan|inf) at update 1;.*"));
   CHECK(status.message().find(CheckpointPath(options.folder, 0)) != std::string::npos);
   RequireOk(CheckpointReader::Open(CheckpointPath(options.folder, 0)).status());
   const RunStatus left = Take(ReadRunStatus(options.folder));
