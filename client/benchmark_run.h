@@ -6,9 +6,9 @@
 //
 // The program trains, leaves one of two files in the folder `out`, and ends with exit code 0:
 // "agent.h5", which data/d4rl/agent_file.h writes, or "returns.json", with returns that it has
-// measured itself: {"returns": [...], "updates": N}. It may leave "curve.json" as well, with returns
-// from before its last update: {"curve": [{"updates": N, "returns": [...]}, ...]}. What an earlier
-// attempt has left of these was removed.
+// measured itself: {"returns": [...], "updates": N}. It may leave "curve.json" as well, with
+// returns from before its last update: {"curve": [{"updates": N, "returns": [...]}, ...]}. What an
+// earlier attempt has left of these was removed.
 #pragma once
 
 #include <cstdint>

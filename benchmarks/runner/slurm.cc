@@ -32,9 +32,9 @@ constexpr int64_t kSlurmDeadlineMs = 120'000;  // for answers of a busy controll
 constexpr char kScript[] = R"(#!/bin/bash
 {0}
 # A task trains the run of plan.json that has the task's number, counted from the first run of this
-# script's block. Shortly before the task's time limit (signal USR2) the run is saved and the task is
-# queued again. After a node has failed, Slurm itself queues the task again. In both cases the run
-# goes on from its last checkpoint.
+# script's block. Shortly before the task's time limit (signal USR2) the run is saved and the task
+# is queued again. After a node has failed, Slurm itself queues the task again. In both cases the
+# run goes on from its last checkpoint.
 set -u
 cd {1} || exit 1
 child= time_is_up=no stops=no

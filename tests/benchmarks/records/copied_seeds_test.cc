@@ -25,8 +25,8 @@ TEST_CASE("Two seeds share neither their agent nor their curve") {
   CHECK(FaultsOfSecond(first, ResultOf(1, "aa", 2)) == 1);
   CHECK(FaultsOfSecond(first, ResultOf(1, "bb", 1)) == 1);
   CHECK(FaultsOfSecond(first, ResultOf(1, "aa", 1)) == 2);
-  CHECK(CopiedSeeds({first, ResultOf(1, "aa", 2)}, {"a.json", "b.json"})[1].front() ==
-        "its agent is that of seed 0 in a.json");
+  CHECK(CopiedSeeds({first, ResultOf(1, "aa", 2)}, {"a.json", "b.json"})[1] ==
+        std::vector<std::string>{"its agent is that of seed 0 in a.json"});
 }
 
 TEST_CASE("One seed may be there twice, and cells may share an agent") {
