@@ -2,8 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <limits>
+#include <filesystem>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -43,21 +44,14 @@ Failure FromDaemon(Status status) {
   }
 }
 
-Status UnknownOption(const CLI::App& app, std::string_view option,
-                     const std::vector<std::string>& more) {
-  std::vector<std::string> names = more;
-  for (const CLI::Option* known : app.get_options()) {
-    for (const std::string& name : known->get_lnames()) names.push_back("--" + name);
-  }
-  return UnknownName("option", option.substr(0, option.find('=')), names);
-}
-
-CLI::Validator Count(uint64_t low, uint64_t high) {
-  return CLI::Validator(CountText(low, high), fmt::format("{}..{}", low, high));
-}
-
-CLI::Validator Seed() {
-  return CLI::Validator(CountText(0, std::numeric_limits<uint64_t>::max()), "");
+std::optional<Failure> CheckOutputFile(std::string_view name, const std::string& path,
+                                       bool replace) {
+  std::error_code unknown;  // what cannot be looked at cannot be written either
+  if (!std::filesystem::exists(path, unknown)) return std::nullopt;
+  if (!replace) return BadInput(InvalidArgument(name, path, "a new file, or --replace"));
+  // A device, such as /dev/null, must not become a file.
+  if (std::filesystem::is_regular_file(path, unknown)) return std::nullopt;
+  return BadInput(InvalidArgument(name, path, "a regular file to replace"));
 }
 
 void AddCorruptionSeed(CLI::App& app, uint64_t& seed) {

@@ -28,16 +28,10 @@ Failure BadInput(Status status);
 // the session, 3 for errors of files, 1 for kInternal, 5 otherwise.
 Failure FromDaemon(Status status);
 
-// The error "unknown option '--updats'; did you mean '--updates'?", with the options of `app` and
-// the names in `more` as known names.
-Status UnknownOption(const CLI::App& app, std::string_view option,
-                     const std::vector<std::string>& more = {});
-
-// Accepts a whole number in low..high as an option's value, written as proto/base/count.h allows:
-// `app.add_option(...)->transform(Count(1, 9))`.
-CLI::Validator Count(uint64_t low, uint64_t high);
-// Accepts any unsigned 64-bit number as an option's value, in the same notation as Count.
-CLI::Validator Seed();
+// Refuses to write a file where something is, unless it is a regular file and may be replaced.
+// `name` is that of the argument that gives the path.
+std::optional<Failure> CheckOutputFile(std::string_view name, const std::string& path,
+                                       bool replace);
 
 // Options of several commands that open a dataset: --corruption-seed and --transitions.
 void AddCorruptionSeed(CLI::App& app, uint64_t& seed);

@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -213,9 +212,11 @@ std::optional<Failure> ExportCommand::Run() const {
   if (!id.empty()) {
     if (Status status = CheckMinariId(id); !status.ok()) return BadUsage(std::move(status));
   }
-  std::error_code unknown;  // what cannot be looked at cannot be written either
-  if (format != "minari" && !replace && std::filesystem::exists(path, unknown)) {
-    return BadInput(InvalidArgument("path", path, "a new file, or --replace"));
+  if (format == "minari" && replace) {
+    return BadUsage(InvalidArgument("--replace", "given", "--format d4rl or csv alone"));
+  }
+  if (format != "minari") {
+    if (auto failure = CheckOutputFile("path", path, replace)) return failure;
   }
   return source.Open([this](Client& client, RemoteDataset& dataset) -> std::optional<Failure> {
     if (format == "minari") return FailureOf(WriteMinari(client, dataset));

@@ -21,6 +21,7 @@ struct EvaluateCommand {
   uint32_t episodes = 10;
   uint64_t seed = 0;
   bool anyway = false;
+  bool replace = false;
   bool json = false;
 
   void AddOptions();
@@ -50,6 +51,7 @@ void EvaluateCommand::AddOptions() {
          "[trained]")
       ->check(CLI::IsMember({"trained", "full", "served"}));
   app->add_option("--video", video_path, "file for a film of the first episode (needs ffmpeg)");
+  app->add_flag("--replace", replace, "replace a --video that is there already")->needs("--video");
   app->add_flag("--anyway", anyway,
                 "evaluate the agent even in an environment other than its training's");
   app->add_flag("--json", json, "print returns and score as one JSON object");
@@ -94,6 +96,9 @@ std::optional<Failure> EvaluateCommand::Run() {
         Status(StatusCode::kInvalidArgument,
                fmt::format("{} was trained on {}, not on {}; --anyway evaluates it there",
                            agent_path, home, environment)));
+  }
+  if (!video_path.empty()) {
+    if (auto failure = CheckOutputFile("--video", video_path, replace)) return failure;
   }
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());

@@ -1,17 +1,23 @@
 #include "algorithms/tools/video_writer.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
+#include <stdlib.h>
 
 #include <cerrno>
 #include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 #include <vector>
 
+#include "data/files/atomic_file.h"
 #include "proto/base/child_program.h"
 
 namespace b4mrl {
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr int64_t kFrameMs = 30'000;    // for ffmpeg to take one picture
 constexpr int64_t kFinishMs = 120'000;  // for ffmpeg to encode the pictures that it still holds
@@ -37,32 +43,44 @@ std::vector<std::string> CommandLine(const std::string& path, uint32_t width, ui
 
 }  // namespace
 
-VideoWriter::VideoWriter(std::string path, pid_t process_id, UniqueFd pipe)
-    : path_(std::move(path)), process_id_(process_id), pipe_(std::move(pipe)) {}
+VideoWriter::VideoWriter(std::string path, std::string folder)
+    : path_(std::move(path)), folder_(std::move(folder)) {}
 
 VideoWriter::VideoWriter(VideoWriter&& other) noexcept
     : path_(std::move(other.path_)),
+      folder_(std::exchange(other.folder_, "")),
       process_id_(std::exchange(other.process_id_, 0)),
       pipe_(std::move(other.pipe_)) {}
 
 VideoWriter::~VideoWriter() {
-  if (process_id_ == 0) return;
-  kill(process_id_, SIGKILL);
-  WaitForExit(process_id_, Deadline::AfterMs(kFrameMs));
-  unlink(path_.c_str());
+  if (process_id_ != 0) {
+    kill(process_id_, SIGKILL);
+    WaitForExit(process_id_, Deadline::AfterMs(kFrameMs));
+  }
+  std::error_code error;
+  if (!folder_.empty()) fs::remove_all(folder_, error);
+}
+
+std::string VideoWriter::FilmPath() const {
+  return fs::path(folder_) / fs::path(path_).filename();  // with the ending, for ffmpeg
 }
 
 Result<VideoWriter> VideoWriter::Open(const std::string& path, uint32_t width, uint32_t height,
                                       double frames_per_second) {
+  std::string folder = FolderOf(path) + "/.b4mrl-film-XXXXXX";
+  if (mkdtemp(folder.data()) == nullptr) return IoError("write beside", path, errno);
+  VideoWriter writer(path, std::move(folder));
   ProgramOnSocket ffmpeg;
-  const int error =
-      StartOnSocket("ffmpeg", CommandLine(path, width, height, frames_per_second), &ffmpeg);
+  const int error = StartOnSocket(
+      "ffmpeg", CommandLine(writer.FilmPath(), width, height, frames_per_second), &ffmpeg);
   if (error == ENOENT) {
     return Status(StatusCode::kUnsupported,
                   "a video needs the program ffmpeg (Debian: apt install ffmpeg)");
   }
   if (error != 0) return IoError("start", "ffmpeg", error);
-  return VideoWriter(path, ffmpeg.process_id, std::move(ffmpeg.socket));
+  writer.process_id_ = ffmpeg.process_id;
+  writer.pipe_ = std::move(ffmpeg.socket);
+  return writer;
 }
 
 Status VideoWriter::Failed() {
@@ -78,9 +96,9 @@ Status VideoWriter::Finish() {
   pipe_ = UniqueFd();  // ends ffmpeg's input
   const int wait_status = WaitForExit(process_id_, Deadline::AfterMs(kFinishMs));
   process_id_ = 0;
-  if (wait_status == 0) return Status();  // exit code 0, no signal
-  unlink(path_.c_str());
-  return Failed();
+  if (wait_status != 0) return Failed();  // a signal, or another exit code than 0
+  if (rename(FilmPath().c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
+  return Status();
 }
 
 }  // namespace b4mrl

@@ -1,5 +1,7 @@
 // A video file, written by the program ffmpeg (which must be installed): raw pictures in, H.264
-// out. Thread rule: one thread. Every wait is bounded: an ffmpeg that stops reading is ended.
+// out. It is filmed into a folder of its own beside its place, so that what lies in its place stays
+// until the film is whole. Thread rule: one thread. Every wait is bounded: an ffmpeg that stops
+// reading is ended.
 #pragma once
 
 #include <sys/types.h>
@@ -15,27 +17,32 @@ namespace b4mrl {
 
 class VideoWriter {
  public:
-  // Replaces the file `path`, whose ending chooses the container (".mp4"). Width and height, in
-  // pixels, must be even, as H.264 demands. kUnsupported if ffmpeg is not installed.
+  // `path` is the file that Finish makes; its ending chooses the container (".mp4"). Width and
+  // height, in pixels, must be even, as H.264 demands. kUnsupported if ffmpeg is not installed,
+  // kIoError if nothing can be written beside `path`.
   static Result<VideoWriter> Open(const std::string& path, uint32_t width, uint32_t height,
                                   double frames_per_second);
   VideoWriter(VideoWriter&& other) noexcept;
   VideoWriter& operator=(VideoWriter&&) = delete;
-  // Ends ffmpeg and removes the file, unless Finish was called.
+  // Ends ffmpeg and removes what it has filmed, unless Finish was called.
   ~VideoWriter();
 
   // Adds a picture. `frame`: height x width x (red, green, blue), top row first. kIoError when
   // ffmpeg does not take the picture; ffmpeg reports the reason on stderr.
   Status Write(std::span<const uint8_t> frame);
-  // Waits until ffmpeg has completed the file. kIoError if ffmpeg failed; the file is then removed.
+  // Waits until ffmpeg has completed the film and puts it in its place, whatever file lay there.
+  // kIoError if one of them failed.
   Status Finish();
 
  private:
-  VideoWriter(std::string path, pid_t process_id, UniqueFd pipe);
+  VideoWriter(std::string path, std::string folder);
+  // Where it is filmed.
+  std::string FilmPath() const;
   Status Failed();
 
   std::string path_;
-  pid_t process_id_;
+  std::string folder_;    // holds the unfinished film alone; "" once another object has it
+  pid_t process_id_ = 0;  // of ffmpeg; 0 while it does not run
   UniqueFd pipe_;
 };
 

@@ -1,4 +1,7 @@
 // `b4mrl evaluate --video`: a film of the first episode, and what happens where there can be none.
+#include <sys/stat.h>
+
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdio>
 #include <cstdlib>
@@ -45,6 +48,16 @@ std::string Probe(const std::string& path) {
   return text;
 }
 
+// The names in a folder, hidden ones included, in order.
+Words FilesIn(const std::string& folder) {
+  Words names;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    names.push_back(entry.path().filename());
+  }
+  std::ranges::sort(names);
+  return names;
+}
+
 TEST_CASE("A film has one picture for the start and one for each step of the first episode") {
   if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) {
     WARN("skipped: ffmpeg is not installed");
@@ -75,6 +88,73 @@ TEST_CASE("A film does not change the scores") {
   CHECK(filmed.out == Run(plain).out);
 }
 
+TEST_CASE("A film replaces a file only where it may, and only once it is whole") {
+  TemporaryFolder folder;
+  const std::string agent = WriteFallingAgent(folder);
+  const std::string notes = folder.File("notes.txt");  // no film has this ending
+  WriteBytes(notes, "mine");
+  const Outcome refused = Run(Evaluate(agent, notes));
+  CHECK(refused.exit_code == 3);
+  CHECK(refused.err.find("--video is '" + notes + "', allowed: a new file, or --replace") !=
+        std::string::npos);
+  for (const std::string& file : {notes, agent}) {
+    const std::string before = ReadBytes(file);
+    Words words = Evaluate(agent, file);
+    words.emplace_back("--replace");
+    CHECK(Run(words).exit_code == 3);
+    CHECK(ReadBytes(file) == before);
+  }
+  CHECK(FilesIn(folder.path()) == Words{"falls.h5", "notes.txt"});
+
+  Words alone = Evaluate(agent, "");
+  alone.resize(alone.size() - 2);
+  alone.emplace_back("--replace");
+  CHECK(Run(alone).exit_code == 2);
+  if (std::system("ffmpeg -version > /dev/null 2>&1") != 0) return;
+  const std::string video = folder.File("hopper.mp4");
+  WriteBytes(video, "an older film");
+  Words words = Evaluate(agent, video);
+  words.emplace_back("--replace");
+  CHECK(Run(words).exit_code == 0);
+  CHECK(Probe(video).starts_with("480,480,"));
+  CHECK(FilesIn(folder.path()) == Words{"falls.h5", "hopper.mp4", "notes.txt"});
+}
+
+TEST_CASE("A film that ffmpeg gives up leaves the file in its place as it was") {
+  TemporaryFolder folder;
+  const std::string agent = WriteFallingAgent(folder);
+  const std::string video = folder.File("hopper.mp4");
+  WriteBytes(video, "an older film");
+  // Begins its file, the last argument, and fails.
+  const std::string program = folder.File("ffmpeg");
+  WriteBytes(program, "#!/bin/sh\nfor file; do :; done\necho begun > \"${file#file:}\"\nexit 1\n");
+  std::filesystem::permissions(program, std::filesystem::perms::owner_all);
+  Words words = Evaluate(agent, video);
+  words.emplace_back("--replace");
+  const Outcome outcome = Run(words, {"PATH=" + folder.path()});
+  CHECK(outcome.exit_code == 3);
+  CHECK(outcome.err.find("ffmpeg cannot write " + video) != std::string::npos);
+  CHECK(ReadBytes(video) == "an older film");
+  CHECK(FilesIn(folder.path()) == Words{"falls.h5", "ffmpeg", "hopper.mp4"});
+}
+
+TEST_CASE("A device is not replaced by a file") {
+  TemporaryFolder folder;
+  const std::string pipe =
+      folder.File("pipe.mp4");  // stands for a device, which only root can make
+  REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+  const std::string agent = WriteFallingAgent(folder);
+  Words words = Evaluate(agent, pipe);
+  words.emplace_back("--replace");
+  const Words exported = {"dataset", "export", "HalfCheetah/none", pipe, "--replace"};
+  for (const Words& command : {words, exported}) {
+    const Outcome outcome = Run(command);
+    CHECK(outcome.exit_code == 3);
+    CHECK(outcome.err.find("a regular file to replace") != std::string::npos);
+  }
+  CHECK(std::filesystem::is_fifo(pipe));
+}
+
 TEST_CASE("A film that cannot be made is bad input and leaves no file") {
   TemporaryFolder folder;
   const std::string agent = WriteFallingAgent(folder);
@@ -85,6 +165,7 @@ TEST_CASE("A film that cannot be made is bad input and leaves no file") {
   const Outcome without = Run(Evaluate(agent, folder.File("hopper.mp4")), {"PATH=/nowhere"});
   CHECK(without.exit_code == 3);
   CHECK(without.err.find("apt install ffmpeg") != std::string::npos);
+  CHECK(FilesIn(folder.path()) == Words{"falls.h5"});
 }
 
 }  // namespace
