@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "client/interrupt.h"
-#include "proto/base/count.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 
@@ -73,7 +72,8 @@ void DaemonOptions::AddTo(CLI::App& app) {
   app.add_option("--endpoint", endpoint,
                  "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is "
                  "started for this command]")
-      ->envname("B4MRL_ENDPOINT");
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
   app.add_option("--data", data_folder,
                  "folder of datasets for the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; "
                  "a running daemon has its own");

@@ -1,4 +1,4 @@
-// Shared by the commands of b4mrl-tools: exit codes, option values, the connection to a daemon.
+// Shared by the commands of b4mrl-tools: exit codes, options, the connection to a daemon.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -14,6 +14,7 @@
 #include "client/private_daemon.h"
 #include "proto/base/exit_codes.h"
 #include "proto/base/status.h"
+#include "proto/command_line/words.h"
 
 namespace b4mrl {
 

@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,6 +11,8 @@
 #include "algorithms/tools/config_file.h"
 #include "client/interrupt.h"
 #include "proto/base/version.h"
+#include "proto/command_line/program.h"
+#include "proto/command_line/words.h"
 
 namespace b4mrl {
 namespace {
@@ -23,25 +24,6 @@ std::string CommandLine(int argc, char** argv) {
   std::string line = "b4mrl";
   for (int i = 1; i < argc; ++i) line += fmt::format(" {}", argv[i]);
   return line;
-}
-
-// The error for a first word that is no command; CLI11's message would not suggest a name.
-std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std::string>& words) {
-  if (words.empty() || words[0].starts_with("-")) return std::nullopt;
-  std::vector<std::string> names;
-  for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
-  if (std::find(names.begin(), names.end(), words[0]) != names.end()) return std::nullopt;
-  return UnknownName("command", words[0], names);
-}
-
-// The error for the first word that the command did not take.
-Status UnknownArgument(const CLI::App& app) {
-  const CLI::App* command = &app;
-  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
-  const std::vector<std::string> words = app.remaining(/*recurse=*/true);
-  if (words.empty()) return InvalidArgument("argument", "", "options and values as in --help");
-  if (words[0].starts_with("--")) return UnknownOption(*command, words[0]);
-  return InvalidArgument("argument", words[0], "options and values as in --help");
 }
 
 int Report(const Failure& failure) {
@@ -101,16 +83,7 @@ int Run(int argc, char** argv) {
 
   auto arguments = ExpandConfigFile({argv + 1, argv + argc});
   if (!arguments.ok()) return Report(BadInput(arguments.status()));
-  if (const auto unknown = UnknownCommand(app, *arguments)) return Report(BadUsage(*unknown));
-  std::reverse(arguments->begin(), arguments->end());  // CLI11 takes arguments in reverse
-  try {
-    app.parse(*std::move(arguments));
-  } catch (const CLI::ExtrasError&) {
-    return Report(BadUsage(UnknownArgument(app)));
-  } catch (const CLI::ParseError& error) {
-    const int code = app.exit(error);  // prints help to stdout, errors to stderr
-    return code == 0 ? kExitDone : kExitBadUsage;
-  }
+  if (const auto code = ParseWords(app, *std::move(arguments))) return *code;
   for (const Command& command : commands) {
     if (command.app->parsed()) return RunBody(command.body);
   }
@@ -122,5 +95,5 @@ int Run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   b4mrl::CatchInterrupts();
-  return b4mrl::Run(argc, argv);
+  return b4mrl::RunProgram("b4mrl", [=] { return b4mrl::Run(argc, argv); });
 }

@@ -80,7 +80,8 @@ std::vector<Command> AddStatusCommand(CLI::App& app) {
   auto command = std::make_shared<StatusCommand>();
   CLI::App* sub = app.add_subcommand("status", "a running daemon's sessions, workers and rates");
   sub->add_option("--endpoint", command->endpoint, "address of the daemon [tcp://127.0.0.1:7700]")
-      ->envname("B4MRL_ENDPOINT");
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
   sub->add_flag("--json", command->json, "print the status as one JSON object");
   return {{sub, [command] { return command->Run(); }}};
 }

@@ -15,8 +15,9 @@
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/support/ping_pong.h"
 #include "client/interrupt.h"
-#include "proto/base/count.h"
 #include "proto/base/version.h"
+#include "proto/command_line/program.h"
+#include "proto/command_line/words.h"
 
 namespace b4mrl::perf {
 namespace {
@@ -105,6 +106,7 @@ int Main(int argc, char** argv) {
   CLI::App app("Measures the daemon and the learners against the machine's own limits.",
                "b4mrl perf");
   app.set_version_flag("--version", VersionText());
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   std::string what = "all";
   Options options;
   bool json = false;
@@ -113,28 +115,27 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--endpoint", options.endpoint,
                  "address of a running daemon (default: a daemon started for the measurement)")
-      ->envname("B4MRL_ENDPOINT");
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
   app.add_option("--turns", options.turns, "how often a value and its limit are measured, in turns")
-      ->transform(CLI::Validator(CountText(1, 100), "1..100"))
+      ->transform(Count(1, 100))
       ->capture_default_str();
   app.add_option("--seconds", options.seconds,
                  "length of a turn in which a rate is measured, in seconds")
-      ->check(CLI::Range(0.05, 60.0))
+      ->check(Number(0.05, 60))
       ->capture_default_str();
   app.add_option("--agent", options.agent_file,
                  "agent file whose policy visits the states that queries and rollouts start from "
                  "(default: the policy of HalfCheetah/medium)")
       ->check(CLI::ExistingFile);
   app.add_flag("--json", json, "print each row as one JSON object");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
+  if (const auto code = ParseWords(app, {argv + 1, argv + argc})) return *code;
   return Measure(what, options, json);
 }
 
 }  // namespace
 }  // namespace b4mrl::perf
 
-int main(int argc, char** argv) { return b4mrl::perf::Main(argc, argv); }
+int main(int argc, char** argv) {
+  return b4mrl::RunProgram("b4mrl perf", [=] { return b4mrl::perf::Main(argc, argv); });
+}

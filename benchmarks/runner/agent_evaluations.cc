@@ -73,6 +73,9 @@ class Evaluations {
 
 Result<AgentEvaluationSummary> Evaluations::Work() {
   B4MRL_ASSIGN_OR_RETURN(const auto paths, AgentsIn(options_.folder));
+  if (paths.empty()) {
+    return Status(StatusCode::kIoError, fmt::format("{} holds no agents", options_.folder));
+  }
   const std::string folder = options_.folder + "/evaluations";
   B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   std::set<std::string> hashes;

@@ -31,6 +31,8 @@
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/version.h"
+#include "proto/command_line/program.h"
+#include "proto/command_line/words.h"
 
 namespace b4mrl {
 namespace {
@@ -91,24 +93,26 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("--endpoint", options.endpoint,
                  "address of a daemon that all processes are to use, with its datasets "
                  "[$B4MRL_ENDPOINT, else each starts its own]")
-      ->envname("B4MRL_ENDPOINT");
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
 }
 
 void BenchmarkCommand::AddRunOptions(CLI::App& app) {
-  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->check(CLI::Range(1, 1024));
+  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->transform(Count(1, 1024));
   app.add_option("--hours", options.hours,
                  "stop after so many hours, to be resumed; runs that can end by then come first")
-      ->check(CLI::Range(0.0, 1e5));
+      ->check(Number(0, 1e5));
   app.add_option("--until-settled", options.until_settled,
                  "how often a run goes on for its updates again whose last fifth's mean score "
                  "differs from that of the fifth before by more than 1.5 points [0]")
-      ->check(CLI::Range(0, 1'000));
+      ->transform(Count(0, 1'000));
   app.add_option("--index", index,
                  "only the run with this number in plan.json, in --out, which is written if it is "
-                 "missing; waits while another process has the run");
+                 "missing; waits while another process has the run")
+      ->transform(Seed());
   app.add_flag("--retry", options.retry, "begin diverged runs anew");
-  app.add_flag("--dry-run", dry_run, "list the runs and train nothing");
-  app.add_flag("--json", json, "list the runs of a dry run as one JSON array");
+  auto* dry = app.add_flag("--dry-run", dry_run, "list the runs and train nothing");
+  app.add_flag("--json", json, "list the runs of a dry run as one JSON array")->needs(dry);
   app.add_flag("--quiet", options.quiet, "show no progress on stderr");
 }
 
@@ -118,7 +122,7 @@ void BenchmarkCommand::AddSlurmOptions(CLI::App& app) {
                  "queued again [4:00:00]");
   app.add_option("--array-parallelism", slurm.parallel_tasks,
                  "tasks at a time; several jobs share the number [no limit]")
-      ->check(CLI::Range(1, 1'000'000));
+      ->transform(Count(1, 1'000'000));
   app.add_option("--sbatch-option", slurm.sbatch_options,
                  "a further option of sbatch, as in --sbatch-option=--partition=long; may be "
                  "repeated, and comes after the script's own")
@@ -264,15 +268,17 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
 
 void AddEvaluationOptions(CLI::App& app, AgentEvaluationOptions& options) {
   app.add_option("folder", options.folder, "folder with agents")->required();
-  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->check(CLI::Range(1, 1024));
+  app.add_option("--jobs", options.jobs, "processes at a time [cores]")->transform(Count(1, 1024));
   app.add_option("--episodes", options.episodes, "episodes of each agent [100]")
-      ->check(CLI::Range(1u, limits::kMaxLanesPerSession));
+      ->transform(Count(1, limits::kMaxLanesPerSession));
   app.add_option("--seed", options.seed,
-                 "seed of the starts; 0 has those of training's evaluations [1]");
+                 "seed of the starts; 0 has those of training's evaluations [1]")
+      ->transform(Seed());
   app.add_option("--endpoint", options.endpoint,
                  "address of a daemon that all processes are to use [$B4MRL_ENDPOINT, else each "
                  "starts its own]")
-      ->envname("B4MRL_ENDPOINT");
+      ->envname("B4MRL_ENDPOINT")
+      ->check(Address());
   app.add_flag("--quiet", options.quiet, "show no progress on stderr");
 }
 
@@ -327,6 +333,7 @@ int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
   app.set_version_flag("--version", VersionText());
   app.require_subcommand(1);
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   BenchmarkCommand run, cluster, status;
   run.options.jobs = ProcessorCount();
   CLI::App* run_app = app.add_subcommand("run", "train the runs that have no result yet");
@@ -353,18 +360,14 @@ int Main(int argc, char** argv) {
       "check", "say whether results are sound, and score again the agents that lie beside them");
   check_app->add_option("path", records.check.path, "a result, or a folder of results")->required();
   check_app->add_option("--jobs", records.check.jobs, "processes at a time [cores]")
-      ->check(CLI::Range(1, 1024));
+      ->transform(Count(1, 1024));
   CLI::App* leaderboard_app = app.add_subcommand(
       "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
   leaderboard_app->add_option("results", records.results, "folder of results")->required();
   for (CLI::App* each : {check_app, leaderboard_app}) {
     each->add_option("--suites", records.suites, "folder of further suites");
   }
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? kExitDone : kExitBadUsage;
-  }
+  if (const auto word_code = ParseWords(app, {argv + 1, argv + argc})) return *word_code;
   CatchInterrupts();
   const Result<int> code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
                            : check_app->parsed()       ? records.Check()
@@ -389,4 +392,6 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace b4mrl
 
-int main(int argc, char** argv) { return b4mrl::Main(argc, argv); }
+int main(int argc, char** argv) {
+  return b4mrl::RunProgram("b4mrl benchmark", [=] { return b4mrl::Main(argc, argv); });
+}

@@ -100,7 +100,7 @@ void NearestName::Consider(std::string_view candidate) {
 Status UnknownNameOf(std::string_view kind, std::string_view name, std::string_view known_list,
                      const NearestName& nearest) {
   std::string message = fmt::format("unknown {} '{}'", kind, name.substr(0, 100));
-  if (nearest.nearest()) message += fmt::format("; did you mean '{}'?", *nearest.nearest());
+  message += nearest.nearest() ? fmt::format("; did you mean '{}'?", *nearest.nearest()) : ";";
   // A list that fills the screen would hide the name that was meant.
   constexpr size_t kMaxShown = 1000;
   const bool is_cut = known_list.size() > kMaxShown;

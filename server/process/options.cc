@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -12,20 +11,15 @@
 #include "data/files/make_folder.h"
 #include "data/files/toml_file.h"
 #include "proto/base/cores.h"
-#include "proto/base/count.h"
 #include "proto/base/exit_codes.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
 #include "proto/base/version.h"
+#include "proto/command_line/words.h"
 
 namespace b4mrl {
 namespace {
-
-// A whole number of 1..most, as proto/base/count.h has it.
-CLI::Validator Count(uint64_t most) {
-  return CLI::Validator(CountText(1, most), fmt::format("1..{}", most));
-}
 
 // Options as the command line gives them; 0 and "" stand for options that were not given.
 struct Flags {
@@ -210,6 +204,7 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
   CLI::App app("Serves environments, imperfect simulators and corrupted datasets until SIGTERM.",
                "b4mrl serve");
   app.set_version_flag("--version", VersionText());
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   CommandLine line;
   Flags flags;
   ServeOptions& serve = flags.serve;
@@ -217,17 +212,17 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  "tcp://HOST:PORT or ipc://PATH; may be repeated; port 0 picks a free one "
                  "(default tcp://127.0.0.1:7700)");
   app.add_option("--workers", serve.workers, "environment workers (default: cores, at most 4)")
-      ->transform(Count(limits::kMaxWorkers));
+      ->transform(Count(1, limits::kMaxWorkers));
   app.add_option("--threads", serve.threads, "threads of each worker (default: cores)")
-      ->transform(Count(limits::kMaxThreads));
+      ->transform(Count(1, limits::kMaxThreads));
   app.add_option("--lease", serve.lease_seconds,
                  "seconds after which a session without requests ends (default: 3600, or 300 where "
                  "other machines can connect)")
-      ->transform(Count(limits::kMaxLeaseSeconds));
+      ->transform(Count(1, limits::kMaxLeaseSeconds));
   app.add_option("--memory", serve.memory_mib,
                  "memory in MiB above which a process of the daemon is replaced (default: half of "
                  "the machine's, or of its container's)")
-      ->transform(Count(limits::kMaxMemoryMib));
+      ->transform(Count(1, limits::kMaxMemoryMib));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
@@ -249,14 +244,11 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  fmt::format("longest busy wait of a worker's threads, and of clients with shared "
                              "memory, before they sleep, in microseconds; 0: none (default {})",
                              limits::kDefaultSpinUs))
-      ->transform(CLI::Validator(CountText(0, limits::kMaxSpinUs),
-                                 fmt::format("0..{}", limits::kMaxSpinUs)));
+      ->transform(Count(0, limits::kMaxSpinUs));
   ChildFlags child_flags;
   AddChildFlags(app, &line, &child_flags);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    *exit_code = app.exit(error) == 0 ? kExitDone : kExitBadUsage;
+  if (const auto code = ParseWords(app, {argv + 1, argv + argc})) {
+    *exit_code = *code;
     return std::nullopt;
   }
   if (!line.child.role.empty()) {

@@ -1,12 +1,14 @@
 // What the command line accepts, how it explains itself, and what it says when it does not.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "algorithms/list.h"
@@ -48,6 +50,14 @@ std::vector<CountOption> CountOptions() {
     options.push_back({{"serve"}, name});
   }
   options.push_back({{"perf", "batch"}, "--turns"});
+  for (const char* name : {"--jobs", "--until-settled", "--index"}) {
+    options.push_back({{"benchmark", "run"}, name});
+  }
+  for (const char* name : {"--jobs", "--episodes", "--seed"}) {
+    options.push_back({{"benchmark", "evaluate", "none"}, name});
+  }
+  options.push_back({{"benchmark", "check", "none"}, "--jobs"});
+  options.push_back({{"benchmark", "slurm"}, "--array-parallelism"});
   return options;
 }
 
@@ -70,6 +80,92 @@ TEST_CASE("Counts and seeds may be written with an exponent") {
   REQUIRE(plain.exit_code == 0);
   CHECK(Run({"demo", "confounding", "--decisions", "2e3", "--seed=1e1"}).out == plain.out);
   CHECK(Run({"demo", "confounding", "--decisions", "2e-1"}).exit_code == 2);
+}
+
+TEST_CASE("A number that is none ends with code 2") {
+  const Outcome hours = Run({"benchmark", "run", "nothing", "--hours", "nan"});
+  CHECK(hours.exit_code == 2);
+  CHECK(Says(hours.err, "--hours: nan is not a number in 0"));
+  const Outcome seconds = Run({"perf", "nothing", "--seconds", "nan"});
+  CHECK(seconds.exit_code == 2);
+  CHECK(Says(seconds.err, "--seconds: nan is not a number in 0"));
+}
+
+TEST_CASE("A misspelt word is named with what it might mean") {
+  const std::vector<std::pair<Words, std::string>> cases = {
+      {{"trein"}, "unknown command 'trein'; did you mean 'train'"},
+      {{"dataset", "mke"}, "unknown command 'mke'; did you mean 'make'"},
+      {{"benchmark", "rn"}, "unknown command 'rn'; did you mean 'run'"},
+      {{"evaluate", "--agnt", "x"}, "unknown option '--agnt'; did you mean '--agent'"},
+      {{"benchmark", "run", "--budjet=x"}, "unknown option '--budjet'; did you mean '--budget'"},
+      // A hyperparameter, which is no option of the command, is not taken for the mistake.
+      {{"train", "--gamma", "0.9", "--updates", "x"}, "--updates: x is not a whole number"},
+      {{"serve", "--wrokers", "3"}, "unknown option '--wrokers'; did you mean '--workers'"},
+      {{"report", "--ou", "x"}, "unknown option '--ou'; did you mean '--out'"},
+      {{"perf", "--tuns", "3"}, "unknown option '--tuns'; did you mean '--turns'"}};
+  for (const auto& [words, message] : cases) {
+    const Outcome outcome = Run(words);
+    INFO(outcome.err);
+    CHECK(outcome.exit_code == 2);
+    CHECK(Says(outcome.err, message));
+    CHECK_FALSE(Says(outcome.err, "--role"));  // hidden options are not for users
+  }
+}
+
+TEST_CASE("Options without an effect are refused, and so is an address that is none") {
+  const std::vector<std::pair<Words, std::string>> cases = {
+      {{"benchmark", "run", "nothing", "--json"}, "--dry-run"},
+      {{"dataset", "export", "a/b", "c", "--format", "minari", "--replace"}, "--replace"},
+      {{"status", "--endpoint", ""}, "--endpoint"},
+      {{"list", "environments", "--endpoint", ""}, "--endpoint"},
+      {{"benchmark", "run", "nothing", "--endpoint", ""}, "--endpoint"},
+      {{"perf", "nothing", "--endpoint", ""}, "--endpoint"}};
+  for (const auto& [words, name] : cases) {
+    const Outcome outcome = Run(words);
+    INFO(outcome.err);
+    CHECK(outcome.exit_code == 2);
+    CHECK(Says(outcome.err, name));
+  }
+  CHECK(Run({"list", "algorithms"}, {"B4MRL_ENDPOINT="}).exit_code == 0);
+}
+
+TEST_CASE("The last of an option's values counts") {
+  const Outcome outcome = Run({"report", "none", "--at", "no budget", "--at", "5"});
+  CHECK(outcome.exit_code == 3);
+  CHECK(Says(outcome.err, "cannot list none"));
+  // Each value of a list counts.
+  const Outcome binds = Run({"serve", "--bind", "first", "--bind", "second"});
+  CHECK(Says(binds.err, "address is 'first'"));
+}
+
+TEST_CASE("A folder that holds no results is bad input") {
+  const TemporaryFolder folder;
+  for (const Words& words : {Words{"report"}, Words{"benchmark", "check"},
+                             Words{"benchmark", "leaderboard"}, Words{"benchmark", "evaluate"}}) {
+    Words command = words;
+    command.push_back(folder.path());
+    const Outcome outcome = Run(command);
+    INFO(outcome.err);
+    CHECK(outcome.exit_code == 3);
+    CHECK(Says(outcome.err, folder.path() + " holds no "));
+  }
+  CHECK(std::filesystem::is_empty(folder.path()));
+}
+
+TEST_CASE("Every program ends with code 3 where its output finds no room") {
+  const std::string results = B4MRL_SOURCE_DIR "/benchmarks/results";
+  for (const std::string& words :
+       {std::string("demo confounding --decisions 1000"), std::string("list algorithms --json"),
+        "report " + results, "benchmark leaderboard " + results, std::string("perf --help")}) {
+    INFO(words);
+    const std::string command = B4MRL_BINARY_DIR "/b4mrl " + words + " 2>&1 >/dev/full";
+    FILE* pipe = popen(command.c_str(), "r");
+    REQUIRE(pipe != nullptr);
+    std::string err;
+    for (int c = 0; (c = std::fgetc(pipe)) != EOF;) err += static_cast<char>(c);
+    CHECK(WEXITSTATUS(pclose(pipe)) == 3);
+    CHECK(Says(err, ": cannot write stdout: No space left on device\n"));
+  }
 }
 
 TEST_CASE("Every program of the command line tells its version and its help") {

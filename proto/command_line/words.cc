@@ -1,0 +1,97 @@
+#include "proto/command_line/words.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "proto/base/count.h"
+#include "proto/base/exit_codes.h"
+
+namespace b4mrl {
+namespace {
+
+int Refuse(const CLI::App& app, const Status& status) {
+  fmt::print(stderr, "{}: {}\n", app.get_name(), status.message());
+  return kExitBadUsage;
+}
+
+// The error of a word in the place of a command that is none; CLI11's message would not name it.
+std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std::string>& words) {
+  const CLI::App* group = &app;
+  for (const std::string& word : words) {
+    const std::vector<const CLI::App*> commands = group->get_subcommands({});
+    if (commands.empty() || word.starts_with("-")) return std::nullopt;
+    std::vector<std::string> names;
+    for (const CLI::App* command : commands) names.push_back(command->get_name());
+    const auto found = std::ranges::find(names, word);
+    if (found == names.end()) return UnknownName("command", word, names);
+    group = commands[static_cast<size_t>(found - names.begin())];
+  }
+  return std::nullopt;
+}
+
+// The error of the first word that the command did not take; nothing if it took all.
+std::optional<Status> UnknownWord(const CLI::App& app) {
+  const CLI::App* command = &app;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  if (command->get_allow_extras()) return std::nullopt;
+  const std::vector<std::string> words = app.remaining(/*recurse=*/true);
+  if (words.empty()) return std::nullopt;
+  if (words[0].starts_with("--")) return UnknownOption(*command, words[0]);
+  return InvalidArgument("argument", words[0], "options and values as in --help");
+}
+
+}  // namespace
+
+CLI::Validator Count(uint64_t low, uint64_t high) {
+  return CLI::Validator(CountText(low, high), fmt::format("{}..{}", low, high));
+}
+
+CLI::Validator Seed() {
+  return CLI::Validator(CountText(0, std::numeric_limits<uint64_t>::max()), "");
+}
+
+CLI::Validator Number(double low, double high) {
+  const auto check = [low, high](const std::string& text) -> std::string {
+    double value = 0;
+    if (CLI::detail::lexical_cast(text, value) && value >= low && value <= high) return "";
+    return fmt::format("{} is not a number in {}..{}", text, low, high);
+  };
+  return CLI::Validator(check, fmt::format("{}..{}", low, high));
+}
+
+CLI::Validator Address() {
+  const auto check = [](const std::string& text) {
+    return text.empty() ? "'' is no address, as tcp://HOST:PORT or ipc://PATH" : "";
+  };
+  return CLI::Validator(check, "");
+}
+
+Status UnknownOption(const CLI::App& app, std::string_view option,
+                     const std::vector<std::string>& more) {
+  std::vector<std::string> names = more;
+  for (const CLI::Option* known : app.get_options()) {
+    if (known->get_group().empty()) continue;
+    for (const std::string& name : known->get_lnames()) names.push_back("--" + name);
+  }
+  return UnknownName("option", option.substr(0, option.find('=')), names);
+}
+
+std::optional<int> ParseWords(CLI::App& app, std::vector<std::string> words) {
+  if (const auto unknown = UnknownCommand(app, words)) return Refuse(app, *unknown);
+  std::ranges::reverse(words);  // as CLI11 takes them
+  try {
+    app.parse(std::move(words));
+    return std::nullopt;
+  } catch (const CLI::ParseError& error) {
+    const bool is_fault = error.get_exit_code() != 0;  // and not a call for help
+    // A misspelt option may show as a missing one.
+    if (const auto unknown = UnknownWord(app); is_fault && unknown) return Refuse(app, *unknown);
+    // Prints help and version to stdout, errors to stderr.
+    return app.exit(error) == 0 ? kExitDone : kExitBadUsage;
+  }
+}
+
+}  // namespace b4mrl
