@@ -126,9 +126,17 @@ void Client::set_reporter(std::function<void(const std::string&)> reporter) {
   reporter_ = std::move(reporter);
 }
 
-void Client::IgnoreCancellation() {
-  cancelled_ = nullptr;
-  gateway_.IgnoreCancellation();
+void Client::DelayCancellation(Clock::duration grace) {
+  grace_ = grace;
+  gateway_.DelayCancellation(grace);
+}
+
+Result<Connection> Client::ConnectTo(const std::string& address, const std::string& door,
+                                     const std::string& token) {
+  B4MRL_ASSIGN_OR_RETURN(Connection connection,
+                         Connection::OpenDoor(context_, address, door, token, cancelled_));
+  connection.DelayCancellation(grace_);
+  return connection;
 }
 
 Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
@@ -238,8 +246,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   B4MRL_ASSIGN_OR_RETURN(const std::string address, AddressOf(port));
   const bool exists = !address.empty();
   if (exists && !unreachable_.contains(address)) {
-    B4MRL_ASSIGN_OR_RETURN(Connection direct,
-                           Connection::OpenDoor(context_, address, port.door(), token, cancelled_));
+    B4MRL_ASSIGN_OR_RETURN(Connection direct, ConnectTo(address, port.door(), token));
     // Without a relay, the first request waits for the connection until its deadline.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
@@ -252,8 +259,7 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
   ReportRelay(
       exists ? fmt::format("{} does not answer within {} ms", address, limits::kDirectConnectMs)
              : "the server has no port of its own for this");
-  B4MRL_ASSIGN_OR_RETURN(Connection relay,
-                         Connection::Open(context_, endpoint_, token, cancelled_));
+  B4MRL_ASSIGN_OR_RETURN(Connection relay, ConnectTo(endpoint_, "", token));
   relay.set_is_relay();
   return relay;
 }
@@ -274,8 +280,7 @@ Result<RemoteEnvironment> Client::Make(const std::string& environment, Environme
 
   // Open to the gateway and all requests to the session's worker carry the session's token.
   const std::string token = DrawToken();
-  B4MRL_ASSIGN_OR_RETURN(Connection opener,
-                         Connection::Open(context_, endpoint_, token, cancelled_));
+  B4MRL_ASSIGN_OR_RETURN(Connection opener, ConnectTo(endpoint_, "", token));
   Result<RemoteEnvironment> session = OpenSession(opener, token, std::move(request), options);
   // The server may have opened the session already, unless it was never reached.
   if (!session.ok() && opener.connections() > 0) (void)opener.CloseSession();

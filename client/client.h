@@ -27,6 +27,7 @@
 #include "client/remote_dataset.h"
 #include "client/remote_environment.h"
 #include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
 #include "proto/base/ledger_counts.h"
 #include "proto/base/limits.h"
 #include "proto/base/spec.h"
@@ -42,9 +43,10 @@ class Client {
                                 int64_t deadline_ms = limits::kDefaultDeadlineMs,
                                 const std::atomic<bool>* cancelled = nullptr);
 
-  // From now on nothing cancels the waits of the client and of sessions and datasets that it opens.
-  // For a program that needs the server to end in order.
-  void IgnoreCancellation();
+  // From now on the waits of the client, and of sessions and datasets that it opens, are cancelled
+  // only when the server does not reply for so long. For a program that needs the server to end in
+  // order.
+  void DelayCancellation(Clock::duration grace);
 
   const pb::HelloReply& hello() const { return hello_; }
   // The address given to Connect.
@@ -82,6 +84,9 @@ class Client {
   // Sends an Open request over `opener` and connects to the session's worker.
   Result<RemoteEnvironment> OpenSession(Connection& opener, const std::string& token,
                                         pb::Request request, const EnvironmentOptions& options);
+  // A connection to `address`, or to its local door.
+  Result<Connection> ConnectTo(const std::string& address, const std::string& door,
+                               const std::string& token);
   // A connection to the process that listens on `port`: directly, or through the gateway.
   Result<Connection> Reach(const pb::Port& port, const std::string& token);
   // The address of `port` on the gateway's host; "" if the port does not exist.
@@ -93,6 +98,7 @@ class Client {
   std::string endpoint_;
   Connection gateway_;
   const std::atomic<bool>* cancelled_;
+  Clock::duration grace_{0};  // before it ends a wait
   pb::HelloReply hello_;
   std::set<std::string> unreachable_;  // addresses that did not answer; they are not tried again
   bool relayed_ = false;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 #include "proto/base/limits.h"
@@ -11,6 +12,8 @@ namespace b4mrl {
 namespace {
 
 constexpr int kPatienceFraction = 8;
+constexpr std::chrono::seconds kQuiet{1};     // before anything looks for the daemon's end
+constexpr std::chrono::seconds kRestart{10};  // for a daemon that has ended to be started again
 
 Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
   if (Status status = GetStatus(envelope.status()); !status.ok()) {
@@ -36,7 +39,17 @@ Result<Connection> Connection::OpenDoor(const Context& context, const std::strin
   B4MRL_ASSIGN_OR_RETURN(
       Link link,
       Link::Open(context, address, door, Deadline::AfterMs(limits::kDirectConnectMs), cancelled));
-  return Connection(std::move(link), std::move(token), cancelled);
+  Listening listening(address, link.transport() == "door" ? door : "");
+  return Connection(std::move(link), std::move(listening), std::move(token), cancelled);
+}
+
+bool Connection::IsCancelled() {
+  if (cancelled_ == nullptr || !*cancelled_) return false;
+  const Clock::time_point now = Clock::now();
+  if (!cancelled_since_) cancelled_since_ = now;
+  Clock::time_point since = std::max(*cancelled_since_, last_reply_);
+  if (!pending_.empty()) since = std::max(since, pending_.back().asked);
+  return now - since >= grace_;
 }
 
 bool Connection::AwaitHandshake(const Deadline& deadline) {
@@ -63,7 +76,7 @@ Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline d
   request.set_session_token(token_);
   request.set_request_id(next_id_);
   const Clock::time_point now = Clock::now();
-  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline,
+  pending_.push_back({next_id_, std::move(request), std::move(payload), deadline, now,
                       (deadline.at() - now) / kPatienceFraction, 0, now});
   if (Status status = Transmit(pending_.back()); !status.ok()) {
     pending_.pop_back();
@@ -127,13 +140,32 @@ Status Connection::CloseSession(Deadline deadline) {
   pending_.clear();
   arrived_.clear();
   // Even after `cancelled`: otherwise the session would stay until its lease runs out.
-  IgnoreCancellation();
+  cancelled_ = nullptr;
   is_closed_ = false;  // so that a Close whose reply got lost may be tried again
   pb::Request request;
   request.mutable_close();
   const Status status = Call(std::move(request), Frame(), deadline).status();
   is_closed_ = true;
   return status;
+}
+
+Clock::time_point Connection::EndOf(const Pending& pending) const {
+  const Clock::time_point gone_since = listening_.gone_since();
+  if (gone_since == Clock::time_point::max()) return pending.deadline.at();
+  return std::min(pending.deadline.at(), std::max(gone_since, pending.asked) + kRestart);
+}
+
+Status Connection::NoAnswer() {
+  const std::string& address = listening_.address();
+  if (listening_.gone_since() != Clock::time_point::max()) {
+    return Status(StatusCode::kUnavailable,
+                  fmt::format("nobody listens at {} any more; has the daemon ended?", address));
+  }
+  if (link_.connections() > 0) {
+    return Status(StatusCode::kDeadlineExceeded,
+                  fmt::format("no answer from {} within the deadline", address));
+  }
+  return Status(StatusCode::kUnavailable, fmt::format("{} cannot be reached", address));
 }
 
 Clock::time_point Connection::ResendTime(const Pending& pending) const {
@@ -143,7 +175,7 @@ Clock::time_point Connection::ResendTime(const Pending& pending) const {
 Deadline Connection::NextWake() const {
   Clock::time_point first = Clock::time_point::max();
   for (const Pending& pending : pending_) {
-    first = std::min({first, pending.deadline.at(), ResendTime(pending)});
+    first = std::min({first, EndOf(pending), ResendTime(pending)});
   }
   return Deadline::After(std::chrono::ceil<std::chrono::milliseconds>(first - Clock::now()));
 }
@@ -178,6 +210,9 @@ void Connection::Resend() {
   connections_seen_ = link_.connections();
   if (connections_seen_ == 0) return;  // all of it is still queued for the first one
   const Clock::time_point now = Clock::now();
+  const bool is_quiet = std::ranges::any_of(
+      pending_, [now](const Pending& pending) { return pending.asked + kQuiet < now; });
+  if (is_quiet) listening_.Look(now);
   for (Pending& pending : pending_) {
     const bool is_reconnected = pending.connection < connections_seen_;
     if (!is_reconnected && ResendTime(pending) > now) continue;
@@ -194,16 +229,13 @@ void Connection::Resend() {
 }
 
 void Connection::ExpirePending() {
+  const Clock::time_point now = Clock::now();
   for (auto it = pending_.begin(); it != pending_.end();) {
-    if (!it->deadline.expired()) {
+    if (EndOf(*it) > now) {
       ++it;
       continue;
     }
-    const bool connected = link_.connections() > 0;
-    arrived_.push_back({it->id, Delivery::Kind::kNoAnswer,
-                        connected
-                            ? Status(StatusCode::kDeadlineExceeded, "no answer within the deadline")
-                            : Status(StatusCode::kUnavailable, "the server cannot be reached")});
+    arrived_.push_back({it->id, Delivery::Kind::kNoAnswer, NoAnswer()});
     it = pending_.erase(it);
   }
 }

@@ -7,6 +7,9 @@
 //     requests. At the first reconnection, a request gets at least an eighth of its deadline, since
 //     the caller may not have read replies for a while;
 //   - when no reply to any request has come for an eighth of the request's deadline.
+// Where nobody listens on the daemon's machine any more, the daemon has ended
+// (proto/wire/listening.h). Requests are then given up after ten seconds, long enough to start the
+// daemon again, if their own deadlines are not shorter.
 // The daemon executes a numbered step once, however often it arrives. The connection drops replies
 // that come twice, or after their request was given up. Thread rule: one thread.
 #pragma once
@@ -15,6 +18,7 @@
 #include <cstdint>
 #include <deque>
 #include <initializer_list>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -25,6 +29,7 @@
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 #include "proto/wire/frame.h"
+#include "proto/wire/listening.h"
 #include "proto/wire/socket.h"
 #include "proto/wire/tensor.h"
 
@@ -95,8 +100,9 @@ class Connection {
   // its lease. Also works after `cancelled` turned true.
   Status CloseSession(Deadline deadline = Deadline::AfterMs(500));
 
-  // From now on `cancelled` ends no wait.
-  void IgnoreCancellation() { cancelled_ = nullptr; }
+  // From now on `cancelled` ends a wait only when the server has not replied for so long since then
+  // and since the last request.
+  void DelayCancellation(Clock::duration grace) { grace_ = grace; }
 
   // Waits for the first connection; returns whether it was made before the deadline.
   bool AwaitHandshake(const Deadline& deadline);
@@ -116,6 +122,7 @@ class Connection {
     pb::Request request;
     Frame payload;
     Deadline deadline;
+    Clock::time_point asked;   // when the caller sent the request
     Clock::duration patience;  // time without any reply after which the request is sent again
     uint32_t connection;       // number, from 1, of the connection that last sent the request
     Clock::time_point sent;    // when the request was last sent
@@ -123,9 +130,12 @@ class Connection {
     bool renewed = false;      // whether its deadline was extended after a reconnection
   };
 
-  Connection(Link link, std::string token, const std::atomic<bool>* cancelled)
-      : link_(std::move(link)), token_(std::move(token)), cancelled_(cancelled) {}
-  bool IsCancelled() const { return cancelled_ != nullptr && *cancelled_; }
+  Connection(Link link, Listening listening, std::string token, const std::atomic<bool>* cancelled)
+      : link_(std::move(link)),
+        listening_(std::move(listening)),
+        token_(std::move(token)),
+        cancelled_(cancelled) {}
+  bool IsCancelled();
   Status Transmit(Pending& pending);
   // Waits for one message and accepts it, or resends and gives up requests that are due.
   void Pump();
@@ -134,14 +144,20 @@ class Connection {
   void Resend();
   void ExpirePending();
   Clock::time_point ResendTime(const Pending& pending) const;
+  // The time at which a request is given up: its deadline, or earlier if the daemon has ended.
+  Clock::time_point EndOf(const Pending& pending) const;
+  Status NoAnswer();
   // The time at which the first pending request is sent again or given up.
   Deadline NextWake() const;
 
   Link link_;
+  Listening listening_;
   bool is_relay_ = false;
   bool is_closed_ = false;  // CloseSession was called
   std::string token_;
   const std::atomic<bool>* cancelled_;
+  Clock::duration grace_{0};
+  std::optional<Clock::time_point> cancelled_since_;
   uint64_t next_id_ = 1;
   uint32_t connections_seen_ = 0;
   Clock::time_point last_reply_{};

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -19,6 +20,8 @@
 namespace b4mrl {
 namespace {
 
+// How long an interrupted run waits for a daemon that does not answer.
+constexpr std::chrono::seconds kInterruptPatience{5};
 constexpr uint64_t kMaxUpdates = 1'000'000'000'000;  // would take years
 
 // Names and values of hyperparameters as the user wrote them, in the order given.
@@ -47,6 +50,7 @@ struct TrainCommand {
   bool Given(const std::string& name) const { return app->count("--" + name) > 0; }
   template <typename T>
   Status Merge(const std::string& name, T& given, const T& recorded);
+  Failure RunFailure(const Status& status) const;
   void PrintSummary(const TrainSummary& summary) const;
 };
 
@@ -298,10 +302,16 @@ std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
 }
 
 // Exit code of a run that had started. Divergence is a failure (1), not bad input (3).
-Failure RunFailure(const Status& status) {
+Failure TrainCommand::RunFailure(const Status& status) const {
   if (status.code() == StatusCode::kFailedPrecondition) return {kExitFailed, status};
   if (status.code() == StatusCode::kBusy) return BadInput(status);  // another run in the folder
-  return FromDaemon(status);
+  Failure failure = FromDaemon(status);
+  if (failure.exit_code != kExitNoDaemon || !HasRunRecord(options.folder)) return failure;
+  failure.status = Status(status.code(), fmt::format("{}; continue with --resume --out {}",
+                                                     status.message(), options.folder));
+  const bool by_interrupt = Interrupted() && status.code() == StatusCode::kUnavailable;
+  if (by_interrupt) failure.exit_code = kExitInterrupted;
+  return failure;
 }
 
 // Reports the state of the run that will be resumed.
@@ -344,7 +354,7 @@ std::optional<Failure> TrainCommand::Run() {
   if (auto failure = CheckEnvironment(connection->client())) return failure;
   if (auto failure = CompleteDatasetName(connection->client())) return failure;
   // From here on an interrupt ends the run with a checkpoint, for which learners ask the daemon.
-  connection->client().IgnoreCancellation();
+  connection->client().DelayCancellation(kInterruptPatience);
   Progress progress(quiet);
   if (Given("eval-inline")) {
     progress.Message("--eval-inline changes nothing: every evaluation runs in this process");

@@ -2,9 +2,12 @@
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "client/private_daemon.h"
+#include "proto/base/clock.h"
 #include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
 #include "tests/client/fake_server.h"
@@ -57,6 +60,42 @@ TEST_CASE("A dataset that is interrupted while it is made leaves nothing behind"
   tool.Signal(SIGINT);
   CheckInterrupted(tool);
   CHECK(fs::is_empty(data.File("HalfCheetah")));
+}
+
+TEST_CASE(
+    "A training whose daemon has been killed ends soon, sooner with Ctrl-C, and says how to "
+    "resume") {
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
+  REQUIRE(daemon.ok());
+  const TemporaryFolder folder;
+  const auto train = [&](const std::string& run) {
+    fs::create_directory(run);
+    FolderWatch watch(run);
+    auto tool = std::make_unique<Tool>(Words{"train", "--algorithm", "sac", "--environment",
+                                             "HalfCheetah", "--updates", "1e9", "--warm-up", "300",
+                                             "--hidden-width", "16", "--batch-size", "32", "--out",
+                                             run, "--quiet", "--endpoint", daemon->endpoint()});
+    REQUIRE(watch.WaitFor("checkpoint-0.h5"));
+    return tool;
+  };
+  const std::string left = folder.File("left"), interrupted = folder.File("interrupted");
+  const auto left_alone = train(left), told_to_end = train(interrupted);
+  const Clock::time_point start = Clock::now();
+  kill(daemon->process_id(), SIGKILL);
+  told_to_end->Signal(SIGINT);
+  const Outcome soon = told_to_end->Wait();
+  INFO(soon.err);
+  CHECK(soon.exit_code == 130);
+  CHECK(soon.err.find("interrupted") != std::string::npos);
+  CHECK(soon.err.find("continue with --resume --out " + interrupted) != std::string::npos);
+  const Outcome lost = left_alone->Wait();
+  INFO(lost.err);
+  CHECK(lost.exit_code == 4);
+  CHECK(lost.err.find("nobody listens at ipc://") != std::string::npos);
+  CHECK(lost.err.find("continue with --resume --out " + left) != std::string::npos);
+  CHECK(SecondsSince(start) < 60);  // half of the deadline of a learner's request
 }
 
 TEST_CASE("A training that a script put into the background outlives the script's Ctrl-C") {
