@@ -1,6 +1,7 @@
 #include "algorithms/base/progress.h"
 
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -25,6 +26,12 @@ std::string FormatRate(double rate, std::string_view unit) {
 }
 
 }  // namespace
+
+size_t ColumnsOfTerminal() {
+  winsize window{};
+  const bool has_width = ioctl(STDERR_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col > 0;
+  return has_width ? window.ws_col - 1 : std::string::npos;  // the cursor takes the last column
+}
 
 std::string FormatDuration(double seconds) {
   const auto whole = static_cast<int64_t>(std::max(seconds, 0.0) + 0.5);
@@ -54,8 +61,12 @@ void Progress::Update(uint64_t done, std::string_view note) {
   if (quiet_ || !open_) return;
   if (SecondsSince(last_drawn_) < (terminal_ ? kTerminalSeconds : kPlainSeconds)) return;
   last_drawn_ = Clock::now();
-  Print(terminal_ ? "\r" + Line(true) + "\x1b[K" : Line(false) + "\n");
   drawn_ = terminal_;
+  if (!terminal_) return Print(Line(false) + "\n");
+  const size_t columns = ColumnsOfTerminal();
+  std::string line = Line(true);
+  if (line.size() > columns) line = Line(false).substr(0, columns);
+  Print("\r" + line + "\x1b[K");
 }
 
 void Progress::Message(std::string_view text) {

@@ -1,10 +1,12 @@
 // Progress of a long piece of work, on stderr.
 //
 // On a terminal: one line that is redrawn at most ten times a second, with a bar, the rate and the
-// time left. Elsewhere: a plain line every 30 seconds and one at the end, so that a log stays
-// short. Other messages go through Message, which keeps the bar intact. Thread rule: one thread.
+// time left; a narrow terminal shows no bar, and as much of the rest as there is room for.
+// Elsewhere: a plain line every 30 seconds and one at the end, so that a log stays short. Other
+// messages go through Message, which keeps the bar intact. Thread rule: one thread.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -43,6 +45,10 @@ class Progress {
   uint64_t first_ = 0, total_ = 0, done_ = 0;
   Clock::time_point start_, last_drawn_;
 };
+
+// How many characters of a line the terminal of stderr shows so that the line can be drawn over; as
+// many as there may be where that is not known.
+size_t ColumnsOfTerminal();
 
 // A duration as "h:mm:ss", or as "m:ss" below one hour.
 std::string FormatDuration(double seconds);

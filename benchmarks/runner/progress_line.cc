@@ -1,7 +1,6 @@
 #include "benchmarks/runner/progress_line.h"
 
 #include <fmt/format.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -34,12 +33,7 @@ void ProgressLine::Message(const std::string& text) {
 
 void ProgressLine::Show(const std::string& text) {
   if (!terminal_ || text == shown_) return;
-  // A line that is wider than the terminal could not be drawn over.
-  winsize window{};
-  const bool has_width = ioctl(STDERR_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col > 0;
-  const std::string_view fitting =
-      std::string_view(text).substr(0, has_width ? window.ws_col - 1 : std::string::npos);
-  fmt::print(stderr, "\r{}\x1b[K", fitting);
+  fmt::print(stderr, "\r{}\x1b[K", std::string_view(text).substr(0, ColumnsOfTerminal()));
   std::fflush(stderr);
   shown_ = text;
 }
