@@ -15,6 +15,7 @@
 #include "algorithms/list.h"
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/policy/agent_policy.h"
+#include "algorithms/run/check_opening.h"
 #include "algorithms/run/check_training.h"
 #include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_log.h"
@@ -378,6 +379,7 @@ Result<TrainSummary> Train(const TrainOptions& options, Client& client, Progress
                            const std::atomic<bool>& stop) {
   constexpr std::string_view kPurpose = "these networks and batch";
   TrainRun run(options, client, progress, stop);
+  B4MRL_RETURN_IF_ERROR(CheckOpening(options, client));
   B4MRL_RETURN_IF_ERROR(run.TakeFolder());
   if (const Status status = WithinMemory(kPurpose, [&] { return run.Open(); }); !status.ok()) {
     // Report Open's error, even if result.json cannot be written and goes on saying "running".

@@ -2,12 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <cerrno>
 #include <filesystem>
 #include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "algorithms/datasets/dataset_recipes.h"
 #include "client/interrupt.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
@@ -41,6 +43,15 @@ Failure FromDaemon(Status status) {
     default:
       return {kExitRefused, std::move(status)};
   }
+}
+
+Failure FromDataset(Status status, const std::string& dataset) {
+  const bool is_missing = status.code() == StatusCode::kUnknownName &&
+                          status.message().starts_with("unknown dataset ");  // and no corruption
+  const DatasetRecipe* const recipe = is_missing ? FindRecipe(dataset) : nullptr;
+  if (recipe == nullptr || !recipe->missing.empty()) return FromDaemon(std::move(status));
+  return FromDaemon(Status(status.code(), fmt::format("{}; `b4mrl dataset make {}` makes it",
+                                                      status.message(), dataset)));
 }
 
 std::optional<Failure> CheckOutputFile(std::string_view name, const std::string& path,
@@ -90,6 +101,11 @@ Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
   DaemonConnection connection;
   std::string endpoint = options.endpoint;
   if (endpoint.empty()) {
+    std::error_code error;
+    if (const std::string& folder = options.data_folder;
+        !folder.empty() && !std::filesystem::is_directory(folder, error)) {
+      return IoError("use --data", folder, error ? error.value() : ENOTDIR);
+    }
     PrivateDaemonOptions daemon_options;
     daemon_options.data_folder = options.data_folder;
     daemon_options.niceness = kDaemonGivesWay;

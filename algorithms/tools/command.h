@@ -28,6 +28,8 @@ Failure BadInput(Status status);
 // The failure of a command that uses a daemon: exit code 4 if the daemon does not answer or lost
 // the session, 3 for errors of files, 1 for kInternal, 5 otherwise.
 Failure FromDaemon(Status status);
+// The failure of a command that opened a dataset; says which command makes one that is missing.
+Failure FromDataset(Status status, const std::string& dataset);
 
 // Refuses to write a file where something is, unless it is a regular file and may be replaced.
 // `name` is that of the argument that gives the path.

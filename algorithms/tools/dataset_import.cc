@@ -150,12 +150,13 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
                          : Copy(source, destination.path());
   if (!status.ok()) return BadInput(std::move(status));
   const auto opened = destination.client().OpenDataset(dataset, {});
-  if (!opened.ok() && !LiesInFile(opened.status())) {
+  if (!opened.ok() && !LiesInFile(opened.status()) && !Interrupted()) {
     return BadInput(opened.status().WithContext(fmt::format(
         "{} was copied to {}, where it stays, but not imported yet", source, destination.path())));
   }
   if (!opened.ok()) {
-    std::error_code ignored;  // a file that is no dataset must not stay under a dataset's name
+    // A file that is no dataset, or was not checked, must not stay under a dataset's name.
+    std::error_code ignored;
     fs::remove(destination.path(), ignored);
     return BadInput(InTermsOf(source, destination.path(), opened.status()));
   }

@@ -25,7 +25,7 @@ std::optional<Failure> DatasetSource::Open(const Use& use) const {
   options.seed = corruption_seed;
   options.transition_rule = transitions;
   auto dataset = connection->client().OpenDataset(name, options);
-  if (!dataset.ok()) return FromDaemon(dataset.status());
+  if (!dataset.ok()) return FromDataset(dataset.status(), name);
   return use(connection->client(), *dataset);
 }
 

@@ -296,7 +296,7 @@ std::optional<Failure> TrainCommand::CheckEnvironment(Client& client) const {
 std::optional<Failure> TrainCommand::CompleteDatasetName(Client& client) {
   if (options.dataset.empty()) return std::nullopt;
   const auto dataset = client.OpenDataset(options.dataset);
-  if (!dataset.ok()) return FromDaemon(dataset.status());
+  if (!dataset.ok()) return FromDataset(dataset.status(), options.dataset);
   options.dataset = dataset->in_force().info().name();
   return std::nullopt;
 }

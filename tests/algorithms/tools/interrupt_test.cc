@@ -1,16 +1,22 @@
 // Ctrl-C: every command ends with code 130 and a word, and leaves nothing half-made.
+#include <sys/prctl.h>
+#include <sys/wait.h>
+
 #include <catch2/catch.hpp>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
+#include <future>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "client/private_daemon.h"
 #include "proto/base/clock.h"
+#include "proto/base/folders.h"
 #include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
-#include "tests/client/fake_server.h"
+#include "tests/client/fake_daemon.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
@@ -62,9 +68,56 @@ TEST_CASE("A dataset that is interrupted while it is made leaves nothing behind"
   CHECK(fs::is_empty(data.File("HalfCheetah")));
 }
 
+TEST_CASE("An import that is interrupted while the daemon checks the file leaves no copy") {
+  const TemporaryFolder folder;
+  const std::string data = folder.File("data");
+  fs::create_directory(data);
+  WriteBytes(folder.File("file.h5"), "any");
+  std::promise<void> asked;
+  const FakeDaemon slow([&](FakeServer& server, FakeCall& call) {
+    if (call.request.has_open_dataset()) {
+      asked.set_value();
+      return true;  // no answer
+    }
+    if (!call.request.has_server_status()) return false;
+    pb::Reply reply;
+    reply.mutable_server_status()->set_data_folder(data);
+    reply.mutable_server_status()->set_data_folder_id(FolderIdentity(data));
+    server.Reply(call, std::move(reply));
+    return true;
+  });
+  Tool tool({"dataset", "import", folder.File("file.h5"), "--name", "zz/y", "--endpoint",
+             slow.address()});
+  REQUIRE(asked.get_future().wait_for(std::chrono::minutes(1)) == std::future_status::ready);
+  CHECK(fs::exists(data + "/zz/y.h5"));
+  tool.Signal(SIGINT);
+  CheckInterrupted(tool);
+  CHECK(fs::is_empty(data));
+}
+
+TEST_CASE("A command that is killed leaves no temporary folder") {
+  const TemporaryFolder folder;
+  const std::string temporary = folder.File("tmp");
+  fs::create_directory(temporary);
+  // Its daemon becomes this process's child, so that its end can be waited for.
+  REQUIRE(prctl(PR_SET_CHILD_SUBREAPER, 1) == 0);
+  fs::create_directory(folder.File("run"));
+  FolderWatch watch(folder.File("run"));
+  Tool tool({"train", "--algorithm", "sac", "--environment", "HalfCheetah", "--updates", "1e9",
+             "--warm-up", "300", "--hidden-width", "16", "--batch-size", "32", "--out",
+             folder.File("run"), "--quiet"},
+            {"TMPDIR=" + temporary});
+  REQUIRE(watch.WaitFor("checkpoint-0.h5"));
+  CHECK_FALSE(fs::is_empty(temporary));
+  tool.Kill();
+  while (waitpid(-1, nullptr, 0) > 0) {
+  }
+  prctl(PR_SET_CHILD_SUBREAPER, 0);
+  CHECK(fs::is_empty(temporary));
+}
+
 TEST_CASE(
-    "A training whose daemon has been killed ends soon, sooner with Ctrl-C, and says how to "
-    "resume") {
+    "A training whose daemon was killed ends soon, sooner with Ctrl-C, and tells the way on") {
   PrivateDaemonOptions options;
   options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
   Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);

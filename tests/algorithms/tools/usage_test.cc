@@ -91,53 +91,6 @@ TEST_CASE("A number that is none ends with code 2") {
   CHECK(Says(seconds.err, "--seconds: nan is not a number in 0"));
 }
 
-TEST_CASE("A misspelt word is named with what it might mean") {
-  const std::vector<std::pair<Words, std::string>> cases = {
-      {{"trein"}, "unknown command 'trein'; did you mean 'train'"},
-      {{"dataset", "mke"}, "unknown command 'mke'; did you mean 'make'"},
-      {{"benchmark", "rn"}, "unknown command 'rn'; did you mean 'run'"},
-      {{"evaluate", "--agnt", "x"}, "unknown option '--agnt'; did you mean '--agent'"},
-      {{"benchmark", "run", "--budjet=x"}, "unknown option '--budjet'; did you mean '--budget'"},
-      // A hyperparameter, which is no option of the command, is not taken for the mistake.
-      {{"train", "--gamma", "0.9", "--updates", "x"}, "--updates: x is not a whole number"},
-      {{"serve", "--wrokers", "3"}, "unknown option '--wrokers'; did you mean '--workers'"},
-      {{"report", "--ou", "x"}, "unknown option '--ou'; did you mean '--out'"},
-      {{"perf", "--tuns", "3"}, "unknown option '--tuns'; did you mean '--turns'"}};
-  for (const auto& [words, message] : cases) {
-    const Outcome outcome = Run(words);
-    INFO(outcome.err);
-    CHECK(outcome.exit_code == 2);
-    CHECK(Says(outcome.err, message));
-    CHECK_FALSE(Says(outcome.err, "--role"));  // hidden options are not for users
-  }
-}
-
-TEST_CASE("Options without an effect are refused, and so is an address that is none") {
-  const std::vector<std::pair<Words, std::string>> cases = {
-      {{"benchmark", "run", "nothing", "--json"}, "--dry-run"},
-      {{"dataset", "export", "a/b", "c", "--format", "minari", "--replace"}, "--replace"},
-      {{"status", "--endpoint", ""}, "--endpoint"},
-      {{"list", "environments", "--endpoint", ""}, "--endpoint"},
-      {{"benchmark", "run", "nothing", "--endpoint", ""}, "--endpoint"},
-      {{"perf", "nothing", "--endpoint", ""}, "--endpoint"}};
-  for (const auto& [words, name] : cases) {
-    const Outcome outcome = Run(words);
-    INFO(outcome.err);
-    CHECK(outcome.exit_code == 2);
-    CHECK(Says(outcome.err, name));
-  }
-  CHECK(Run({"list", "algorithms"}, {"B4MRL_ENDPOINT="}).exit_code == 0);
-}
-
-TEST_CASE("The last of an option's values counts") {
-  const Outcome outcome = Run({"report", "none", "--at", "no budget", "--at", "5"});
-  CHECK(outcome.exit_code == 3);
-  CHECK(Says(outcome.err, "cannot list none"));
-  // Each value of a list counts.
-  const Outcome binds = Run({"serve", "--bind", "first", "--bind", "second"});
-  CHECK(Says(binds.err, "address is 'first'"));
-}
-
 TEST_CASE("A folder that holds no results is bad input") {
   const TemporaryFolder folder;
   for (const Words& words : {Words{"report"}, Words{"benchmark", "check"},
@@ -211,6 +164,26 @@ TEST_CASE("perf python says why it measures nothing") {
   setenv("PATH", before.c_str(), 1);
   CHECK(outcome.exit_code == 4);
   CHECK(Says(outcome.err, "this Python has no package b4mrl"));
+}
+
+TEST_CASE("A data folder that is none is bad input") {
+  const TemporaryFolder folder;
+  const Outcome missing = Run({"list", "datasets", "--data", folder.File("none")});
+  CHECK(missing.exit_code == 3);
+  CHECK(Says(missing.err, "cannot use --data " + folder.File("none") + ": No such file"));
+  WriteBytes(folder.File("file"), "");
+  const Outcome file = Run({"list", "datasets", "--data", folder.File("file")});
+  CHECK(file.exit_code == 3);
+  CHECK(Says(file.err, folder.File("file") + ": Not a directory"));
+}
+
+TEST_CASE("A temporary folder too deep for sockets is not used for them") {
+  const TemporaryFolder folder;
+  const std::string deep = folder.File(std::string(140, 'd'));
+  std::filesystem::create_directory(deep);
+  const Outcome outcome = Run({"list", "environments"}, {"TMPDIR=" + deep});
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 0);
 }
 
 TEST_CASE("A learner with an ensemble has two threads unless it is told otherwise") {

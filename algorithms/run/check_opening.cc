@@ -1,0 +1,22 @@
+#include "algorithms/run/check_opening.h"
+
+#include <string>
+
+#include "proto/wire/named_arguments.h"
+
+namespace b4mrl {
+
+Status CheckOpening(const TrainOptions& options, Client& client) {
+  for (const std::string& text : {options.simulator, options.world}) {
+    if (text.empty()) continue;  // every environment opens without perturbations
+    EnvironmentOptions session;
+    B4MRL_ASSIGN_OR_RETURN(session.simulator, ParseNamedArguments(text));
+    B4MRL_RETURN_IF_ERROR(client.Make(options.environment, session).status());
+  }
+  if (options.corruption.empty()) return Status();
+  DatasetOptions dataset;
+  B4MRL_ASSIGN_OR_RETURN(dataset.corruption, ParseNamedArguments(options.corruption));
+  return client.OpenDataset(options.dataset, dataset).status();
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,15 @@
+// Whether a daemon would open what a run will ask it for. Thread rule: the client's.
+#pragma once
+
+#include "algorithms/run/run_record.h"
+#include "client/client.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+// Opens, and closes again, the run's simulator, the world of its evaluations and its dataset with
+// their perturbations and corruptions, so that a misspelt one is refused before the run has a
+// folder. Nothing is counted in a ledger. The daemon's errors.
+Status CheckOpening(const TrainOptions& options, Client& client);
+
+}  // namespace b4mrl
