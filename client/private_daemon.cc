@@ -5,6 +5,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -32,9 +33,10 @@ std::vector<std::string> CommandLine(const PrivateDaemonOptions& options, const 
                                      const std::string& folder) {
   std::vector<std::string> words = {
       binary, "--bind", options.tcp ? "tcp://127.0.0.1:0" : "ipc://" + folder + "/serve"};
-  if (!options.data_folder.empty()) {
-    words.insert(words.end(), {"--data", options.data_folder});
-  }
+  const std::string data = options.no_data ? folder + "/data" : options.data_folder;
+  if (!data.empty()) words.insert(words.end(), {"--data", data});
+  // So the folder does not stay where this process is killed.
+  if (!options.tcp) words.push_back("--own-folder");
   words.insert(words.end(), options.arguments.begin(), options.arguments.end());
   return words;
 }
@@ -90,6 +92,8 @@ Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) 
   PrivateDaemon daemon;
   if (!options.tcp) {
     B4MRL_ASSIGN_OR_RETURN(daemon.folder_, MakeTemporaryFolder("b4mrl"));
+    const std::string data = daemon.folder_ + "/data";
+    if (options.no_data && mkdir(data.c_str(), 0700) != 0) return IoError("make", data, errno);
   }
   std::vector<std::string> words = CommandLine(options, binary, daemon.folder_);
   std::vector<std::string> variables = Environment(options);

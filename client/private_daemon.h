@@ -20,6 +20,7 @@ struct PrivateDaemonOptions {
   std::string binary;       // "": $B4MRL_SERVER, else b4mrl-serve beside the running program
   bool tcp = false;         // whether to listen on free ports of loopback instead of ipc sockets
   std::string data_folder;  // "": the daemon's default
+  bool no_data = false;     // whether its data folder is an empty one, which ends with it; not tcp
   std::vector<std::string> arguments;    // further options of `b4mrl serve`
   std::vector<std::string> environment;  // "NAME=value", added to this process's variables
   int niceness = 0;                      // added to this process's niceness

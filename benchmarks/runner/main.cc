@@ -3,6 +3,7 @@
 // results and ranks them.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -242,10 +243,13 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
   options.suites = choice.suites;
   options.commit = BuildCommit();
+  const bool looks = work == PlanWork::kShow || (work == PlanWork::kTrain && dry_run);
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
-    B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
-    B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start({.data_folder = options.data_folder}));
+    if (!looks) B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
+    PrivateDaemonOptions own = {.data_folder = options.data_folder};
+    own.no_data = access(options.data_folder.c_str(), F_OK) != 0;
+    B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start(own));
   }
   B4MRL_ASSIGN_OR_RETURN(Client client,
                          Client::Connect(daemon ? daemon->endpoint() : options.endpoint,
@@ -255,7 +259,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
   if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
-  if (work == PlanWork::kShow || dry_run) {
+  if (looks) {
     const PlanStatus status = StatusOf(plan, options.folder, options.results);
     for (const std::string& problem : status.unreadable) fmt::print(stderr, "{}\n", problem);
     fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
@@ -364,7 +368,7 @@ int Main(int argc, char** argv) {
   CLI::App* leaderboard_app = app.add_subcommand(
       "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
   leaderboard_app->add_option("results", records.results, "folder of results")->required();
-  for (CLI::App* each : {check_app, leaderboard_app}) {
+  for (CLI::App* each : {check_app, leaderboard_app})
     each->add_option("--suites", records.suites, "folder of further suites");
   }
   if (const auto word_code = ParseWords(app, {argv + 1, argv + argc})) return *word_code;

@@ -6,6 +6,7 @@
 #include <spawn.h>
 #include <sys/socket.h>
 #include <sys/syscall.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -131,9 +132,11 @@ int WaitForExit(pid_t child, const Deadline& deadline) {
 }
 
 Result<std::string> MakeTemporaryFolder(std::string_view name) {
-  const char* base = std::getenv("TMPDIR");
-  std::string path =
-      fmt::format("{}/{}-XXXXXX", base != nullptr && *base != '\0' ? base : "/tmp", name);
+  constexpr size_t kRoomForNames = 48;  // "/b4mrl-gateway-XXXXXX/serve.worker-1023" and more
+  const char* const set = std::getenv("TMPDIR");
+  std::string_view base = set == nullptr ? "" : set;
+  if (base.empty() || base.size() + kRoomForNames >= sizeof(sockaddr_un::sun_path)) base = "/tmp";
+  std::string path = fmt::format("{}/{}-XXXXXX", base, name);
   if (mkdtemp(path.data()) == nullptr) return IoError("make the folder", path, errno);
   return path;
 }

@@ -58,7 +58,8 @@ Status WaitUntilReady(int fd, short events, const Deadline& deadline);
 // status.
 int WaitForExit(pid_t child, const Deadline& deadline);
 
-// Makes a new folder "<name>-XXXXXX" in $TMPDIR or /tmp, which only this user may enter.
+// Makes a new folder "<name>-XXXXXX" in $TMPDIR, or in /tmp where that is not set or too long for
+// the addresses of sockets below it, which have 107 bytes at most. Only this user may enter it.
 Result<std::string> MakeTemporaryFolder(std::string_view name);
 
 }  // namespace b4mrl

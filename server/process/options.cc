@@ -240,6 +240,8 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                "clients behind a tunnel, a firewall or a container's one port");
   app.add_flag("--no-door", serve.no_door,
                "offer no shared memory to clients of this machine: they use sockets, too");
+  // For PrivateDaemon, whose process may be killed before it could remove the folder.
+  app.add_flag("--own-folder", serve.own_folder)->group("");
   app.add_option("--spin", serve.spin_us,
                  fmt::format("longest busy wait of a worker's threads, and of clients with shared "
                              "memory, before they sleep, in microseconds; 0: none (default {})",

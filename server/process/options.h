@@ -24,6 +24,7 @@ struct ServeOptions {
   bool insecure = false;       // allow addresses that other machines can reach
   bool single_port = false;    // clients reach the gateway alone, which relays
   bool no_door = false;        // clients of this machine use sockets, too
+  bool own_folder = false;     // the folder of the first ipc address ends with the daemon
   std::optional<uint32_t>
       spin_us;  // longest spin of workers and clients with a local door; 0: none
 };

@@ -193,6 +193,7 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   }
   for (const std::string& path : plan.ipc) {
     B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
+    if (options.own_folder) listeners->private_folder = path.substr(0, path.rfind('/'));
   }
   if (!options.single_port) {
     B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));

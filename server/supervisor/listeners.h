@@ -29,7 +29,7 @@ struct Listeners {
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;
   bool loopback_only = true;
-  std::string private_folder;  // holds the ipc sockets of --single-port; "" if there is none
+  std::string private_folder;  // holds nothing but ipc sockets, and is the daemon's; "": none
 };
 
 // Malformed addresses are kInvalidArgument; addresses in use, missing folders and other errors of

@@ -78,11 +78,12 @@ TEST_CASE("a daemon gets its address, folder, arguments and variables") {
     const Result<PrivateDaemon> daemon = PrivateDaemon::Start(options);
     REQUIRE(daemon.ok());
     std::ifstream file(folder.File("arguments"));
-    std::string bind, data, data_folder, workers, count, variable;
-    file >> bind >> address >> data >> data_folder >> workers >> count >> variable;
+    std::string bind, data, data_folder, own, workers, count, variable;
+    file >> bind >> address >> data >> data_folder >> own >> workers >> count >> variable;
     CHECK(bind == "--bind");
     CHECK(address.starts_with("ipc:///"));
     CHECK(data + " " + data_folder == "--data /some/data");
+    CHECK(own == "--own-folder");
     CHECK(workers + " " + count == "--workers 2");
     CHECK(variable == "variable");
   }

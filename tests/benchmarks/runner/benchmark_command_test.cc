@@ -34,6 +34,10 @@ TEST_CASE("A suite makes its data, trains each distinct run once and keeps the r
   INFO(listed.err);
   CHECK(listed.exit_code == 0);
   CHECK(listed.out.find("0 of 4 cells filled") != std::string::npos);
+  Words words = suite.Command();
+  words[1] = "status";
+  CHECK(Run(words).out == listed.out);
+  CHECK_FALSE(fs::exists(suite.Out()));  // who looks makes nothing
 
   const Outcome first = Run(suite.Command());
   INFO(first.out << first.err);

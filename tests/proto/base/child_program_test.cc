@@ -7,6 +7,7 @@
 #include <catch2/catch.hpp>
 #include <cerrno>
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <string>
 
@@ -77,6 +78,23 @@ TEST_CASE("A temporary folder is new and nobody else's") {
   REQUIRE((info.st_mode & 0777) == 0700);
   std::filesystem::remove(*one);
   std::filesystem::remove(*other);
+}
+
+TEST_CASE("A temporary folder is in TMPDIR, unless that leaves no room for a socket's address") {
+  const char* const set = std::getenv("TMPDIR");
+  const std::string before = set == nullptr ? "" : set;
+  const std::string base = *MakeTemporaryFolder("b4mrl-test");
+  const std::string deep = base + "/" + std::string(100, 'd');
+  std::filesystem::create_directory(deep);
+  setenv("TMPDIR", base.c_str(), 1);
+  CHECK(MakeTemporaryFolder("b4mrl-test")->starts_with(base + "/b4mrl-test-"));
+  setenv("TMPDIR", deep.c_str(), 1);
+  const Result<std::string> elsewhere = MakeTemporaryFolder("b4mrl-test");
+  set == nullptr ? unsetenv("TMPDIR") : setenv("TMPDIR", before.c_str(), 1);
+  REQUIRE(elsewhere.ok());
+  CHECK(std::filesystem::path(*elsewhere).parent_path() == "/tmp");
+  std::filesystem::remove(*elsewhere);
+  std::filesystem::remove_all(base);
 }
 
 }  // namespace
