@@ -370,7 +370,6 @@ int Main(int argc, char** argv) {
   leaderboard_app->add_option("results", records.results, "folder of results")->required();
   for (CLI::App* each : {check_app, leaderboard_app})
     each->add_option("--suites", records.suites, "folder of further suites");
-  }
   if (const auto word_code = ParseWords(app, {argv + 1, argv + argc})) return *word_code;
   CatchInterrupts();
   const Result<int> code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
