@@ -29,14 +29,23 @@ Status MakeFolderWithMode(const std::string& path, mode_t mode) {
 
 std::string InDataFolder(const std::string& data_folder) { return data_folder + "/.cache"; }
 
+// Whether this process may write to a folder, or to the folder in which it would have to be made.
+bool MayWriteTo(const std::string& folder) {
+  std::error_code error;
+  std::filesystem::path path = std::filesystem::absolute(folder, error);
+  // access() heeds file systems that are mounted read-only, for root, too.
+  while (!error && access(path.c_str(), W_OK) != 0) {
+    if (errno != ENOENT || path == path.parent_path()) return false;
+    path = path.parent_path();
+  }
+  return !error;
+}
+
 }  // namespace
 
 std::string CacheRoot(const std::string& data_folder) {
   const std::string usual = InDataFolder(data_folder);
-  struct stat info {};
-  const bool is_made = stat(usual.c_str(), &info) == 0;
-  // access() heeds file systems that are mounted read-only, for root, too.
-  if (access((is_made ? usual : data_folder).c_str(), W_OK) == 0) return usual;
+  if (MayWriteTo(usual)) return usual;
   const std::string users = DefaultCacheFolder();
   if (users.empty()) return usual;
   std::error_code error;
@@ -50,6 +59,7 @@ Status MakeCacheRoot(const std::string& data_folder) {
     B4MRL_RETURN_IF_ERROR(MakeFolder(FolderOf(root)));
     return MakeFolderWithMode(root, 0700);
   }
+  B4MRL_RETURN_IF_ERROR(MakeFolder(data_folder));
   const mode_t mode = ModeInside(data_folder);
   Status made = MakeFolderWithMode(root, (mode & S_IWGRP) != 0 ? mode : 0700);
   if (made.ok() || !DefaultCacheFolder().empty()) return made;

@@ -12,9 +12,9 @@
 namespace b4mrl {
 
 // DATA/.cache, or data-<hash of the path DATA> in the user's own cache (DefaultCacheFolder) if this
-// process may not write to DATA/.cache and the user has a cache.
+// process may not write there, nor where it would be made, and the user has a cache.
 std::string CacheRoot(const std::string& data_folder);
-// Makes that folder if it is missing, and sets its mode. Error: kIoError.
+// Makes that folder, and those around it, if they are missing, and sets its mode. Error: kIoError.
 Status MakeCacheRoot(const std::string& data_folder);
 // Makes a folder with the permissions of its parent; OK if it exists already. Error: kIoError.
 Status MakeFolderInside(const std::string& folder);

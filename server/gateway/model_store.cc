@@ -11,7 +11,6 @@
 
 #include "data/files/atomic_file.h"
 #include "data/files/cache_root.h"
-#include "data/files/make_folder.h"
 #include "proto/base/limits.h"
 #include "proto/base/unique_fd.h"
 #include "server/environments/mujoco/compiled_model.h"
@@ -115,7 +114,6 @@ Result<std::string> ModelStore::Compile(const std::string& environment, const st
   if (content) {
     if (const auto known = Recall(environment, file, *content)) return path_of(*known);
   }
-  B4MRL_RETURN_IF_ERROR(MakeFolder(options_.data_folder));
   B4MRL_RETURN_IF_ERROR(MakeCacheRoot(options_.data_folder));
   B4MRL_RETURN_IF_ERROR(MakeFolderInside(cache_folder_));
   const Result<std::string> hash = CompileModelInChild(

@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <string>
 
 #include "tests/data/temporary_folder.h"
@@ -53,16 +54,27 @@ TEST_CASE("Caches are in the data folder, for its user alone") {
 
 TEST_CASE("Caches of a data folder to which nothing can be written are in the user's cache") {
   const User user;
-  // A folder that is missing, because root may write to every folder that there is.
-  const std::string data = user.File("data"), root = CacheRoot(data);
+  // A path through a file, because root may write to every folder.
+  std::ofstream(user.File("file")) << "no folder";
+  const std::string data = user.File("file/data"), root = CacheRoot(data);
   REQUIRE(root.starts_with(user.File("cache/b4mrl/data-")));
-  CHECK(CacheRoot(user.File("other/../data")) == root);
-  CHECK(CacheRoot(user.File("other")) != root);
+  CHECK(CacheRoot(user.File("cache/../file/data")) == root);
+  CHECK(CacheRoot(user.File("file/other")) != root);
   REQUIRE(MakeCacheRoot(data).ok());
   CHECK(ModeOf(root) == 0700);
   CHECK_FALSE(fs::exists(data));
   REQUIRE(MakeFolderInside(root + "/index").ok());
   CHECK(ModeOf(root + "/index") == 0700);
+}
+
+TEST_CASE("Caches of a data folder that is still to be made will be in it") {
+  const User user;
+  const std::string data = user.File("not/yet");
+  REQUIRE(CacheRoot(data) == data + "/.cache");
+  REQUIRE(MakeCacheRoot(data).ok());
+  CHECK(fs::is_directory(data + "/.cache"));
+  CHECK(CacheRoot(data) == data + "/.cache");
+  CHECK_FALSE(fs::exists(user.File("cache")));
 }
 
 TEST_CASE("A data folder or a cache of somebody else's is not written to") {
