@@ -32,7 +32,8 @@ std::string InDataFolder(const std::string& data_folder) { return data_folder + 
 // Whether this process may write to a folder, or to the folder in which it would have to be made.
 bool MayWriteTo(const std::string& folder) {
   std::error_code error;
-  std::filesystem::path path = std::filesystem::absolute(folder, error);
+  std::filesystem::path path =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(folder, error), error);
   // access() heeds file systems that are mounted read-only, for root, too.
   while (!error && access(path.c_str(), W_OK) != 0) {
     if (errno != ENOENT || path == path.parent_path()) return false;

@@ -74,6 +74,11 @@ TEST_CASE("Caches of a data folder that is still to be made will be in it") {
   REQUIRE(MakeCacheRoot(data).ok());
   CHECK(fs::is_directory(data + "/.cache"));
   CHECK(CacheRoot(data) == data + "/.cache");
+
+  const fs::path before = fs::current_path();
+  fs::current_path(data);
+  CHECK(CacheRoot("here") == "here/.cache");
+  fs::current_path(before);
   CHECK_FALSE(fs::exists(user.File("cache")));
 }
 
