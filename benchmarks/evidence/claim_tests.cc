@@ -70,12 +70,31 @@ Unit UnitOfBest(const Claim& claim, const CellScores& scores, size_t benchmark) 
   return unit;
 }
 
-Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
+// Algorithms that a claim about benchmarks names and nobody has run: no benchmark of a side has a
+// score of theirs. They are left out, or the others' scores would decide nothing.
+std::set<std::string> NeverRun(const Claim& claim, const CellScores& scores) {
+  std::set<std::string> missing;
+  if (claim.test != ClaimTest::kBenchmarks) return missing;
+  for (const ClaimSide* side : {&claim.higher, &claim.lower}) {
+    for (const std::string& algorithm : side->algorithms) {
+      const bool has_score = std::ranges::any_of(side->benchmarks, [&](const std::string& name) {
+        return Find(scores, name, algorithm) != nullptr;
+      });
+      if (!has_score) missing.insert(algorithm);
+    }
+  }
+  return missing;
+}
+
+Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark,
+            const std::set<std::string>& never_run) {
   if (claim.pairs == ClaimPairs::kBest) return UnitOfBest(claim, scores, benchmark);
   Unit unit;
+  unit.lacking = never_run;
   for (const std::string& one : claim.higher.algorithms) {
     for (const std::string& other : claim.lower.algorithms) {
       if (claim.pairs == ClaimPairs::kSame && one != other) continue;
+      if (never_run.contains(one) || never_run.contains(other)) continue;
       unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
                                   ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
     }
@@ -161,7 +180,7 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
   std::vector<double> chances_of_claim;
   for (const auto& [comparisons, chance, lacking] : units) {
     ++result->comparisons;
-    if (!std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
+    if (comparisons.empty() || !std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
     if (!std::ranges::all_of(comparisons, &Comparison::IsSettled)) {
       ++result->unsettled;
       continue;
@@ -183,8 +202,9 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
 std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores) {
   std::vector<Unit> units;
   std::set<std::string> seen;
+  const std::set<std::string> never_run = NeverRun(claim, scores);
   for (size_t i = 0; i < claim.higher.benchmarks.size(); ++i) {
-    Unit unit = UnitOf(claim, scores, i);
+    Unit unit = UnitOf(claim, scores, i, never_run);
     std::string runs;
     for (const Comparison& comparison : unit.comparisons) {
       if (comparison.IsThere()) {

@@ -70,7 +70,8 @@ Section ClaimsSection(const Evidence& evidence) {
       "by Welch's test. p is two-sided, and takes runs that several benchmarks share for "
       "independent ones; in brackets, adjusted by Holm's method over all claims of its column "
       "that have a p, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
-      "scores have settled (of how many there are). Differences: the least and the greatest, in "
+      "scores have settled (of how many there are); without: algorithms that they lack. "
+      "Differences: the least and the greatest, in "
       "points, of the claimed direction. As long as no other of the {} claims is decided, one "
       "about "
       "benchmarks needs {} of them that all point in one direction.",

@@ -197,6 +197,23 @@ TEST_CASE("The best of a side is compared once all who have a score there have s
   CHECK(Test(claim, scores).verdict == Verdict::kNotSettled);
 }
 
+TEST_CASE("Of a claim about benchmarks, an algorithm that nobody has run is left out and named") {
+  auto [claim, scores] = UnitsClaim(10, 10);
+  claim.higher.algorithms.emplace_back("h2o");
+  const ClaimResult result = Test(claim, scores);
+  CHECK(result.verdict == Verdict::kSupported);
+  CHECK(result.decided == 10);
+  CHECK(result.lacking == std::set<std::string>{"h2o"});
+  // Once it has run on one of the benchmarks, those without it decide nothing.
+  scores[{claim.higher.benchmarks[0], "h2o"}] = Score(60, 1, "h2o");
+  const ClaimResult begun = Test(claim, scores);
+  CHECK(begun.decided == 1);
+  CHECK(begun.lacking.empty());
+  // Nothing is left to compare.
+  claim.higher.algorithms = {"iql"};
+  CHECK(Test(claim, scores).verdict == Verdict::kNotRun);
+}
+
 TEST_CASE("A claim of equality needs differences within the margin, errors included") {
   Claim claim = CellsClaim();
   claim.is_equality = true;
