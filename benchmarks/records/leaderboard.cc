@@ -79,8 +79,9 @@ std::string Mean(const std::optional<MeanAndStd>& figures, int digits) {
   return figures ? fmt::format("{:.{}f}", figures->mean, digits) : "";
 }
 
-std::string Deviation(const std::optional<MeanAndStd>& figures, int digits) {
-  return figures ? fmt::format("{:.{}f}", figures->std, digits) : "";
+// Over results of several seeds; a single one has none.
+std::string Deviation(const std::optional<MeanAndStd>& figures, size_t seeds, int digits) {
+  return figures && seeds > 1 ? fmt::format("{:.{}f}", figures->std, digits) : "";
 }
 
 // The columns dataset, rows and rows_sha256; results of one cell have the same rows.
@@ -97,13 +98,14 @@ std::string RowOf(const std::string& benchmark, const Cell& cell,
   const auto score = cell.Figures("score"), episode_return = cell.Figures("return");
   const bool all_settled = std::ranges::all_of(
       cell.results, [](const Json* result) { return IsTrue(*result, "settled"); });
+  const size_t seeds = cell.Counts("seed").size();
   auto hours = cell.Figures("seconds");
   if (hours) hours->mean /= 3600;
   return fmt::format(
       "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
       Joined(cell.Texts("algorithm")), Joined(cell.Texts("recipe")), Joined(cell.Texts("source")),
-      DataColumns(cell), Mean(score, 2), Deviation(score, 2), Mean(episode_return, 1),
-      Deviation(episode_return, 1), cell.Counts("seed").size(), Mean(cell.Figures("updates"), 0),
+      DataColumns(cell), Mean(score, 2), Deviation(score, seeds, 2), Mean(episode_return, 1),
+      Deviation(episode_return, seeds, 1), seeds, Mean(cell.Figures("updates"), 0),
       all_settled ? "yes" : "no", Joined(cell.Texts("precision")), Mean(hours, 2),
       Mean(cell.Figures("simulator_steps", "ledger"), 0),
       Mean(cell.Figures("query_rows", "ledger"), 0),
