@@ -61,10 +61,6 @@ std::string KnownToFloor(const Benchmark& benchmark, const std::string& algorith
   return IsOnline(algorithm) ? algorithm : algorithm + " " + benchmark.dataset;
 }
 
-bool IsChosen(const AgreementOptions& options, const std::string& algorithm) {
-  return (options.with_h2o || algorithm != "h2o") && (options.with_online || !IsOnline(algorithm));
-}
-
 // The benchmark with the gravity error and, of this one, the dataset as recorded.
 const Benchmark* ReferenceOf(const Benchmark& benchmark, const std::vector<Benchmark>& all) {
   const auto found = std::ranges::find_if(all, [&](const Benchmark& other) {
@@ -107,7 +103,7 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
       const CellScore& score = *Find(paper, benchmark.name, algorithm);
       if (benchmark.dataset.empty()) continue;
       known[KnownToFloor(benchmark, algorithm)].push_back(score.mean);
-      if (!IsChosen(options, algorithm)) continue;
+      if (options.without.contains(algorithm)) continue;
       const CellScore* own = Find(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;
       Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm), ""};
@@ -215,11 +211,11 @@ std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& our
   for (const Benchmark& benchmark : benchmarks) {
     for (const auto& [algorithm, unused] : benchmark.paper) {
       const CellScore* own = Find(ours, benchmark.name, algorithm);
-      if (own == nullptr || !own->settled) continue;
+      if (own == nullptr) continue;
       if (!counted.insert(SharedRun(benchmark, algorithm)).second) continue;
       const double printed = Find(paper, benchmark.name, algorithm)->mean;
       if (std::abs(own->mean - printed) <= points) continue;
-      deviations.push_back({benchmark.name, algorithm, own->mean, printed});
+      deviations.push_back({benchmark.name, algorithm, *own, printed});
     }
   }
   return deviations;

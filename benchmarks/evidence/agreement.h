@@ -9,6 +9,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -34,7 +35,7 @@ struct PaperAgreement {
 
 struct AgreementOptions {
   bool settled_only = true;
-  bool with_h2o = true, with_online = true;
+  std::set<std::string> without;  // algorithms that are left out
 };
 
 PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
@@ -44,9 +45,10 @@ PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
 // A cell whose score and the paper's differ.
 struct Deviation {
   std::string benchmark, algorithm;  // of the first benchmark that its run fills
-  double ours = 0, paper = 0;
+  CellScore ours;
+  double paper = 0;
 };
-// The settled cells that differ by more than `points`, a run once, in the order of the benchmarks.
+// The cells that differ by more than `points`, a run once, in the order of the benchmarks.
 std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& ours,
                                   const std::vector<Benchmark>& benchmarks, double points);
 

@@ -28,6 +28,7 @@ std::vector<HybridGain> HybridGains(const CellScores& scores,
       if (best != nullptr && best->mean >= score->mean) continue;
       best = score;
       common.best = single;
+      common.best_recipe = score->recipe;
     }
     if (best == nullptr) continue;
     std::vector<HybridGain> of_benchmark;
@@ -38,6 +39,7 @@ std::vector<HybridGain> HybridGains(const CellScores& scores,
       if (score.has_one_source) continue;
       HybridGain gain = common;
       gain.algorithm = name.second;
+      gain.recipe = score.recipe;
       gain.gain = score.mean - best->mean;
       gain.settled = all_settled && score.settled;
       of_benchmark.push_back(std::move(gain));

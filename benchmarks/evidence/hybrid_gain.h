@@ -18,10 +18,12 @@ inline constexpr size_t kSingleSourceAlgorithms = 6;
 struct HybridGain {
   std::string benchmark;
   std::string algorithm;  // a hybrid, or a user's own that is not known to use one source alone
+  std::string recipe;     // of its score
   double gain = 0;        // points
   std::string best;       // the best algorithm with one source
-  size_t compared = 0;    // algorithms with one source that have a score
-  bool settled = false;   // all scores that it rests on have settled
+  std::string best_recipe;
+  size_t compared = 0;   // algorithms with one source that have a score
+  bool settled = false;  // all scores that it rests on have settled
 };
 
 // On every benchmark with a simulator and a dataset, for each hybrid with a score beside an

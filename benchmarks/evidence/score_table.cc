@@ -49,6 +49,7 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
   run->precision = TextOf(json, "precision");
   run->source = TextOf(json, "source");
   run->version = TextOf(json, "version");
+  run->commit = TextOf(json, "commit");
   run->processor = TextOf(json, "processor");
   run->columns_sha256 = TextOf(EntryOf(json, "dataset"), "columns_sha256");
   std::set<std::string> kernels;

@@ -44,7 +44,7 @@ struct ScoredRun {
   std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
   double core_hours = 0;                  // of the whole run
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
-  std::string budget, precision, source, version, processor, kernel, columns_sha256;
+  std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 };
 
 struct Cell {

@@ -140,6 +140,7 @@ bool HasOneSource(const ScoredRun* run) {
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations) {
   CellScore score;
+  score.recipe = cell.runs.front()->series.recipe;
   score.mean = cell.Mean();
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();
@@ -157,14 +158,18 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   return score;
 }
 
-CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations) {
+CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
+                     const std::string& recipe) {
   CellScores scores;
   for (const Series& series : table.series()) {
-    if (table.MainSeries(series.algorithm) != series) continue;
+    const bool is_asked_for = !recipe.empty() && series.recipe == recipe;
+    if (!is_asked_for && table.MainSeries(series.algorithm) != series) continue;
     for (const Benchmark* benchmark : table.benchmarks()) {
       const Cell* cell = table.Find(benchmark->name, series);
       if (cell == nullptr) continue;
-      scores[{benchmark->name, series.algorithm}] = ScoreOf(*benchmark, *cell, deviations);
+      CellScore& score = scores[{benchmark->name, series.algorithm}];
+      if (score.seeds > 0 && !is_asked_for) continue;  // the recipe's is there
+      score = ScoreOf(*benchmark, *cell, deviations);
     }
   }
   return scores;

@@ -23,6 +23,7 @@
 namespace b4mrl {
 
 struct CellScore {
+  std::string recipe;  // of its series; "" for the paper's, and for algorithms with a single one
   double mean = 0;
   double std = 0;  // between seeds, divided by their number; 0 with one seed
   size_t seeds = 0;
@@ -74,7 +75,8 @@ class BorrowedDeviations {
 
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations);
-// Of results, each algorithm by its main series.
-CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations);
+// Of results, each algorithm by its main series; where it has a cell of the recipe, by that one.
+CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
+                     const std::string& recipe = "");
 
 }  // namespace b4mrl

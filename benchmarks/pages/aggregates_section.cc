@@ -1,6 +1,8 @@
 // What the algorithms are worth over many benchmarks.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "benchmarks/evidence/aggregates.h"
@@ -53,6 +55,18 @@ Table ImprovementsTable(const Aggregates& aggregates) {
   return table;
 }
 
+// Series that are not compared: " Left out, ...: HyMOPO (short)."; "" if there are none.
+std::string LeftOut(const ScoreTable& table, const Aggregates& aggregates) {
+  std::vector<std::string> names;
+  for (const Series& series : table.series()) {
+    if (std::ranges::count(aggregates.series, series, &Aggregate::series) > 0) continue;
+    names.push_back(DisplayName(series));
+  }
+  if (names.empty()) return "";
+  return fmt::format(" Left out, for with any of them fewer benchmarks would have all: {}.",
+                     fmt::join(names, ", "));
+}
+
 }  // namespace
 
 Section AggregatesSection(const Evidence& evidence) {
@@ -72,9 +86,9 @@ Section AggregatesSection(const Evidence& evidence) {
   }
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
-      "same runs counted once: {}. Runs that learn nothing settle first, so while others still "
+      "same runs counted once: {}.{} Runs that learn nothing settle first, so while others still "
       "learn these figures are too low.",
-      aggregates->benchmarks.size(), names)});
+      aggregates->benchmarks.size(), names, LeftOut(evidence.table, *aggregates))});
   section.blocks.emplace_back(EstimatesTable(*aggregates));
   section.blocks.emplace_back(ImprovementsTable(*aggregates));
   section.blocks.emplace_back(ProfilesPicture(evidence, *aggregates));

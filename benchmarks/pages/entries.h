@@ -31,6 +31,8 @@ std::string IntervalEntry(const CellScore& score);
 
 // The label of the paper's table about a challenge, "trans_error"; "" if it has none.
 std::string PaperTableOf(const std::string& challenge);
+// Where the paper has a challenge, in sentences: "The paper's table trans_error."
+std::string OriginOf(const std::string& challenge);
 // The dataset's level, "medium-expert"; kMissing without one.
 std::string LevelOf(const Benchmark& benchmark);
 // What is wrong: "data: hidden-high; simulator: gravity"; "nothing".

@@ -2,7 +2,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <map>
+#include <set>
+#include <string>
+#include <vector>
 
 #include "benchmarks/evidence/hybrid_gain.h"
 #include "benchmarks/pages/entries.h"
@@ -41,13 +45,35 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
   return lines;
 }
 
+// The gains of hybrids that ran with other recipes than their main one, beside algorithms that ran
+// with the same where there are any.
+std::vector<HybridGain> GainsOfOtherRecipes(const Evidence& evidence) {
+  std::set<std::string> recipes;
+  for (const Series& series : evidence.table.series()) {
+    if (evidence.table.MainSeries(series.algorithm) != series) recipes.insert(series.recipe);
+  }
+  std::vector<HybridGain> gains;
+  for (const std::string& recipe : recipes) {
+    const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
+    std::ranges::copy_if(HybridGains(scores, evidence.benchmarks), std::back_inserter(gains),
+                         [&](const HybridGain& gain) {
+                           const Series series = {gain.algorithm, gain.recipe};
+                           return gain.recipe == recipe &&
+                                  evidence.table.MainSeries(gain.algorithm) != series;
+                         });
+  }
+  return gains;
+}
+
 Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridGain>& paper) {
   Table table;
   table.id = "gains";
   table.title = "Hybrid gain on each benchmark.";
   table.caption = fmt::format(
       "The best algorithm with one source is the best of those that have a score there: their "
-      "number stands behind it, {} would be all.",
+      "number stands behind it, {} would be all. In brackets: the recipe. Gains of a hybrid with "
+      "another recipe than its main one stand at the end, beside algorithms that ran with the same "
+      "recipe where there are any; no count and no picture has them.",
       kSingleSourceAlgorithms);
   table.columns = {{"Benchmark"},          {"Hybrid"},  {"Gain", true}, {"Best with one source"},
                    {"Paper's gain", true}, {"Its best"}};
@@ -57,8 +83,9 @@ Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridG
     const auto found = theirs.find({gain.benchmark, gain.algorithm});
     const HybridGain* printed = found == theirs.end() ? nullptr : found->second;
     const std::string mark = gain.settled ? "" : fmt::format(" {}", kUnsettledMark);
-    table.rows.push_back({gain.benchmark, DisplayName(gain.algorithm), Signed(gain.gain) + mark,
-                          fmt::format("{} (of {})", DisplayName(gain.best), gain.compared),
+    const std::string best = DisplayName(Series{gain.best, gain.best_recipe});
+    table.rows.push_back({gain.benchmark, DisplayName(Series{gain.algorithm, gain.recipe}),
+                          Signed(gain.gain) + mark, fmt::format("{} (of {})", best, gain.compared),
                           printed != nullptr ? Signed(printed->gain) : kMissing,
                           printed != nullptr ? DisplayName(printed->best) : kMissing});
   }
@@ -83,7 +110,10 @@ Section GainSection(const Evidence& evidence) {
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
   section.blocks.emplace_back(std::move(counts));
   section.blocks.emplace_back(GainPicture(ours, paper, evidence.benchmarks));
-  if (!ours.empty()) section.blocks.emplace_back(GainsTable(ours, paper));
+  if (ours.empty()) return section;
+  std::vector<HybridGain> all = ours;
+  std::ranges::copy(GainsOfOtherRecipes(evidence), std::back_inserter(all));
+  section.blocks.emplace_back(GainsTable(all, paper));
   return section;
 }
 

@@ -1,6 +1,7 @@
 // What ran with which budget, version and processor, and what a reader must beware of.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <map>
 #include <tuple>
 
@@ -35,6 +36,13 @@ Section OriginSection(const Evidence& evidence) {
     table.rows.push_back({shown(budget), shown(precision), shown(version), shown(processor),
                           shown(kernel), fmt::format("{}", sum.runs),
                           fmt::format("{:.1f}", sum.core_hours)});
+  }
+  const auto of_changed_programs = std::ranges::count_if(
+      evidence.table.runs(), [](const ScoredRun& run) { return run.commit.ends_with("-dirty"); });
+  if (of_changed_programs > 0) {
+    table.caption += fmt::format(
+        " Of {} of them it ends in -dirty: their programs held changes that were not committed.",
+        of_changed_programs);
   }
   Section section;
   section.title = "Where the results come from";

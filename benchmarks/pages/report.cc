@@ -59,22 +59,6 @@ Result<std::vector<std::vector<std::string>>> ReadParameters(const std::string& 
   return rows;
 }
 
-// "39 runs fill cells of 58 benchmarks: 115 of the paper's 391 cells, 53 of them with settled
-// scores."
-std::string SummaryOf(const Evidence& evidence) {
-  size_t filled = 0, settled = 0;
-  for (const auto& [name, unused] : evidence.paper) {
-    const CellScore* score = Find(evidence.ours, name.first, name.second);
-    filled += score != nullptr ? 1 : 0;
-    settled += score != nullptr && score->settled ? 1 : 0;
-  }
-  return fmt::format(
-      "{} runs fill cells of {} benchmarks: {} of the paper's {} cells, {} of them with settled "
-      "scores.",
-      evidence.table.runs().size(), evidence.table.benchmarks().size(), filled,
-      evidence.paper.size(), settled);
-}
-
 Result<ReadingLimit> LimitOf(const std::string& at) {
   if (at.empty()) return ReadingLimit();
   if (at.find_first_not_of("0123456789") == std::string::npos) {
@@ -112,11 +96,7 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
 Document MakeReport(const Evidence& evidence) {
   Document document;
   document.title = "B4MRL: benchmarks with a wrong simulator and biased data";
-  document.opening.emplace_back(Paragraph{fmt::format(
-      "{} Made by b4mrl report from the results alone, beside the figures of \"Benchmarks for "
-      "Reinforcement Learning with Biased Offline Data and Imperfect Simulators\" (arXiv "
-      "2407.00806), of which this is an independent implementation.",
-      SummaryOf(evidence))});
+  document.opening = Opening(evidence);
   document.sections = {GainSection(evidence),      TablesSection(evidence),
                        FiguresSection(evidence),   ClaimsSection(evidence),
                        AgreementSection(evidence), AggregatesSection(evidence),

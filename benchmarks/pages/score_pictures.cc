@@ -97,25 +97,35 @@ std::array<std::string, 3> ConditionsOf(const std::string& flaw, const std::stri
 }
 
 struct HybridLine {
-  const char* algorithm;
-  const char* level;
-  const char* shown;
+  std::string algorithm, level;
 };
-constexpr HybridLine kHybridLines[] = {{"h2o", "medium", "H2O, medium"},
-                                       {"h2o", "medium-replay", "H2O, medium-replay"},
-                                       {"h2o", "medium-expert", "H2O, medium-expert"},
-                                       {"hymopo", "medium", "HyMOPO, medium"},
-                                       {"hymopo", "medium-replay", "HyMOPO, medium-replay"},
-                                       {"hymopo", "medium-expert", "HyMOPO, medium-expert"}};
 
-Panel ConditionsPanel(const std::string& title, const std::string& flaw, const CellScores& scores) {
+// The paper's hybrids and users' own, on three datasets each.
+std::vector<HybridLine> HybridLines(const Evidence& evidence) {
+  std::vector<std::string> hybrids;
+  for (const CellScores* scores : {&evidence.paper, &evidence.ours}) {
+    for (const HybridGain& gain : HybridGains(*scores, evidence.benchmarks)) {
+      if (std::ranges::count(hybrids, gain.algorithm) == 0) hybrids.push_back(gain.algorithm);
+    }
+  }
+  std::vector<HybridLine> lines;
+  for (const std::string& hybrid : hybrids) {
+    for (const char* level : {"medium", "medium-replay", "medium-expert"}) {
+      lines.push_back({hybrid, level});
+    }
+  }
+  return lines;
+}
+
+Panel ConditionsPanel(const std::string& title, const std::string& flaw,
+                      const std::vector<HybridLine>& lines, const CellScores& scores) {
   Panel panel;
   panel.title = title;
   panel.x = Axis::OfPlaces("", {"gravity in the simulator", flaw + " in the simulator",
                                 flaw + " in the data, gravity in the simulator"});
   panel.y = ScoreAxis();
-  for (size_t i = 0; i < std::size(kHybridLines); ++i) {
-    const HybridLine& each = kHybridLines[i];
+  for (size_t i = 0; i < lines.size(); ++i) {
+    const HybridLine& each = lines[i];
     Dots dots = {.series = i, .dots = {}};
     const auto conditions = ConditionsOf(flaw, each.level);
     for (size_t place = 0; place < conditions.size(); ++place) {
@@ -252,14 +262,18 @@ Picture ConditionsPicture(const Evidence& evidence) {
   Figure& figure = picture.figure;
   figure.title = "Hybrids, as the error moves from the simulator into the data";
   figure.sentences = {"The paper's fig:conf_line_plots. Open: the score still moves."};
-  for (const HybridLine& line : kHybridLines) figure.series.emplace_back(line.shown);
+  const std::vector<HybridLine> lines = HybridLines(evidence);
+  for (const HybridLine& line : lines) {
+    figure.series.push_back(fmt::format("{}, {}", DisplayName(line.algorithm), line.level));
+  }
   figure.columns = 2;
   figure.panel_width = 560;
   figure.plot_height = 240;
-  figure.panels = {ConditionsPanel("Ours, noise", "obs-noise-high", evidence.ours),
-                   ConditionsPanel("Ours, a hidden dimension", "hidden-high", evidence.ours),
-                   ConditionsPanel("Paper, noise", "obs-noise-high", evidence.paper),
-                   ConditionsPanel("Paper, a hidden dimension", "hidden-high", evidence.paper)};
+  figure.panels = {
+      ConditionsPanel("Ours, noise", "obs-noise-high", lines, evidence.ours),
+      ConditionsPanel("Ours, a hidden dimension", "hidden-high", lines, evidence.ours),
+      ConditionsPanel("Paper, noise", "obs-noise-high", lines, evidence.paper),
+      ConditionsPanel("Paper, a hidden dimension", "hidden-high", lines, evidence.paper)};
   FitY(figure.panels);
   return picture;
 }
@@ -271,7 +285,8 @@ Picture DimensionsPicture(const Evidence& evidence) {
   figure.title = "One dimension hidden: from SAC in the simulator, from TD3-BC in the data";
   figure.sentences = {
       "The paper's fig:conf, of which it prints no numbers. TD3-BC learns from medium-expert; the "
-      "policy that recorded it saw all dimensions."};
+      "policy that recorded it saw all dimensions.",
+      "Open: the score still moves.", kWhiskers};
   figure.series = {"SAC", "TD3-BC"};
   Panel panel;
   std::vector<std::string> places(std::begin(kDimensions), std::end(kDimensions));
@@ -282,9 +297,12 @@ Picture DimensionsPicture(const Evidence& evidence) {
        std::array{DimensionDots(0, evidence.ours, "sac", "", "HalfCheetah/clean/medium"),
                   DimensionDots(1, evidence.ours, "td3-bc", "+medium-expert",
                                 "HalfCheetah/clean/medium-expert")}) {
-    if (!dots.dots.empty()) panel.marks.emplace_back(std::move(dots));
+    if (dots.dots.empty()) {
+      panel.notes.push_back(fmt::format("Nothing of {} has run yet.", figure.series[dots.series]));
+    } else {
+      panel.marks.emplace_back(std::move(dots));
+    }
   }
-  if (panel.marks.empty()) panel.notes = {"Nothing has run yet."};
   figure.panels = {std::move(panel)};
   FitX(figure.panels);
   return picture;

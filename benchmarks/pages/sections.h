@@ -30,6 +30,7 @@ struct Evidence {
   std::vector<std::vector<std::string>> parameters;
 };
 
+std::vector<Block> Opening(const Evidence& evidence);  // how much ran, beside the paper
 Section GainSection(const Evidence& evidence);        // whether hybrids are worth their two sources
 Section TablesSection(const Evidence& evidence);      // the paper's tables, and ours beside them
 Section FiguresSection(const Evidence& evidence);     // the paper's figures
@@ -38,7 +39,7 @@ Section AgreementSection(const Evidence& evidence);   // rank correlations with 
 Section AggregatesSection(const Evidence& evidence);  // over many benchmarks
 Section CurvesSection(const Evidence& evidence);      // learning curves
 Section CellsSection(const Evidence& evidence);       // every cell with its interval and its cost
-Section ErrorsSection(const Evidence& evidence);  // what is wrong in which environment
+Section ErrorsSection(const Evidence& evidence);      // what is wrong in which environment
 Section OriginSection(const Evidence& evidence);      // what ran where, and what to beware of
 
 // Every cell of ours as numbers, for programs.

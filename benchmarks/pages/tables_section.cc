@@ -65,6 +65,7 @@ ChallengeTable::ChallengeTable(const Evidence& evidence, const Gains& gains,
     for (const Series& each : evidence_.table.series()) {
       if (evidence_.table.Find(benchmark->name, each) != nullptr) series.insert(each);
     }
+    for (const std::string& algorithm : benchmark->exceptions) series.insert({algorithm, ""});
     for (const Gains* all : {&gains_, &paper_gains_}) {
       for (const auto& [name, gain] : *all) {
         if (name.first == benchmark->name) hybrids.insert(name.second);
@@ -169,19 +170,29 @@ Section TablesSection(const Evidence& evidence) {
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Scores are normalised as in D4RL: 0 is a random policy, 100 the expert; Highway's are "
       "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± "
-      "is the deviation over seeds (divided by their number), which a single seed has not. The "
-      "paper's have three seeds. {} marks a score that still moves by more than 1.5 points from "
-      "one fifth of its training to the next, {} one that was evaluated too rarely to say; both "
-      "decide nothing below. {} is a cell that nothing has filled yet, {} one that is not defined. "
-      "The gain of a hybrid is its score minus the "
-      "best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
+      "is the deviation over seeds (divided by their number), which a single seed has not. {} "
+      "marks a score that still moves by more than 1.5 points from one fifth of its training to "
+      "the next, {} one that was evaluated too rarely to say; both decide nothing below. {} is a "
+      "cell that nothing has filled yet or, of the paper, an algorithm that it has not; {} one "
+      "that is not defined. \"Ours, nothing hidden\" and \"ours, through its noise\" are the same "
+      "agents on other observations: without the mask, or with the noise, of their training. They "
+      "are blank for agents that were not evaluated so. The gain of a hybrid is its score minus "
+      "the best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
       kUnsettledMark, kUntoldMark, kMissing, kNotDefined)});
-  // One table for each environment's challenge, in the order of the suites.
-  std::vector<std::pair<std::string, std::vector<const Benchmark*>>> tables;
+  // One table for each environment's challenge of which there is a score, in the order of the
+  // suites.
+  const auto title_of = [](const Benchmark& benchmark) {
+    return fmt::format("{}, {}", benchmark.environment, benchmark.challenge);
+  };
+  std::set<std::string> shown;
   for (const Benchmark& benchmark : evidence.benchmarks) {
     const bool has_own = std::ranges::count(evidence.table.benchmarks(), &benchmark) > 0;
-    if (!has_own && benchmark.paper.empty()) continue;
-    const std::string title = fmt::format("{}, {}", benchmark.environment, benchmark.challenge);
+    if (has_own || !benchmark.paper.empty()) shown.insert(title_of(benchmark));
+  }
+  std::vector<std::pair<std::string, std::vector<const Benchmark*>>> tables;
+  for (const Benchmark& benchmark : evidence.benchmarks) {
+    const std::string title = title_of(benchmark);
+    if (!shown.contains(title)) continue;
     auto table = std::ranges::find(tables, title, [](const auto& each) { return each.first; });
     if (table == tables.end()) table = tables.insert(table, {title, {}});
     table->second.push_back(&benchmark);
@@ -190,12 +201,9 @@ Section TablesSection(const Evidence& evidence) {
   const Gains paper_gains = ByCell(HybridGains(evidence.paper, evidence.benchmarks));
   for (const auto& [title, benchmarks] : tables) {
     const Benchmark& first = *benchmarks.front();
-    const std::string label = first.paper.empty() ? "" : PaperTableOf(first.challenge);
-    const std::string caption =
-        label.empty() ? "Not in the paper." : fmt::format("The paper's table {}.", label);
-    section.blocks.emplace_back(
-        ChallengeTable(evidence, gains, paper_gains, benchmarks)
-            .Make(fmt::format("{}-{}", first.environment, first.challenge), title + ".", caption));
+    section.blocks.emplace_back(ChallengeTable(evidence, gains, paper_gains, benchmarks)
+                                    .Make(fmt::format("{}-{}", first.environment, first.challenge),
+                                          title + ".", OriginOf(first.challenge)));
   }
   return section;
 }

@@ -1,6 +1,8 @@
 // Documents as Markdown, tables as CSV and LaTeX (writers.h).
 #include <fmt/format.h>
 
+#include <sstream>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -107,6 +109,24 @@ std::string Joined(const Cells& cells, std::string_view separator, TextOfCell te
   return line;
 }
 
+// In bytes. A column of longer sentences is wrapped: on one line, it would make its whole table
+// tiny.
+constexpr size_t kLongestUnwrapped = 40;
+constexpr size_t kLongestWord = 25;  // that a wrapped column has room for
+
+std::string AlignmentOf(const Table& table, size_t column) {
+  if (table.columns[column].is_number) return "r";
+  bool has_sentences = false;
+  for (const auto& row : table.rows) {
+    has_sentences |= row[column].size() > kLongestUnwrapped;
+    std::istringstream words(row[column]);
+    for (std::string word; words >> word;) {
+      if (word.size() > kLongestWord) return "l";
+    }
+  }
+  return has_sentences ? "p{6cm}" : "l";
+}
+
 }  // namespace
 
 std::string ToMarkdown(const Document& document) {
@@ -129,7 +149,7 @@ std::string ToCsv(const Table& table) {
 
 std::string ToLatex(const Table& table) {
   std::string alignment;
-  for (const Column& column : table.columns) alignment += column.is_number ? 'r' : 'l';
+  for (size_t i = 0; i < table.columns.size(); ++i) alignment += AlignmentOf(table, i);
   std::string text = fmt::format(
       "\\begin{{table}}[t]\n  \\centering\n  \\caption{{{} {}}}\n  \\label{{tab:{}}}\n"
       "  \\resizebox{{\\ifdim\\width>\\textwidth\\textwidth\\else\\width\\fi}}{{!}}{{%\n"

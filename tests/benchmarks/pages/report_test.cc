@@ -53,6 +53,49 @@ TEST_CASE("A user's own algorithm appears beside the others") {
   CHECK_THAT(report, Catch::Contains("my-own gain"));
   CHECK_THAT(report, Catch::Contains("| " + std::string(kConfounded) + " | my-own | +5.0 |"));
   CHECK_THAT(report, Catch::Contains("ours, nothing hidden"));
+  const Document document = MakeReport(Take(GatherEvidence({.folder = results.path()})));
+  for (const Picture* picture : document.All<Picture>()) {
+    if (picture->id == "profiles" || picture->id.starts_with("hidden-dimensions")) continue;
+    CAPTURE(picture->id);
+    CHECK(std::ranges::any_of(picture->figure.series,
+                              [](const auto& name) { return name.starts_with("my-own"); }));
+  }
+}
+
+TEST_CASE(
+    "A report begins with the seeds and updates of its runs, and with the recipe that counts") {
+  const std::string gravity = "HalfCheetah/modelling-error/gravity+medium";
+  const MadeResults results(
+      {{.algorithm = "mopo", .benchmarks = {gravity, kConfounded}, .score = 40, .recipe = "short"},
+       {.algorithm = "mopo", .benchmarks = {gravity}, .score = 50, .recipe = "long"},
+       {.algorithm = "hymopo",
+        .benchmarks = {gravity, kConfounded},
+        .score = 45,
+        .recipe = "short"},
+       {.algorithm = "hymopo", .benchmarks = {gravity}, .score = 53, .recipe = "long"}});
+  const std::string report = MarkdownOf({.folder = results.path()});
+  const std::string opening = report.substr(0, report.find("\n## "));
+  CHECK_THAT(opening, Catch::Contains("ours 1, the paper's 3. Updates: ours 1k (MOPO, HyMOPO);"));
+  CHECK_THAT(opening, Catch::Contains("Nothing of TD3, SAC, TD3-BC, IQL, H2O has run yet."));
+  CHECK_THAT(opening, Catch::Contains("most cells: MOPO (short), HyMOPO (short)."));
+  // Each recipe's gain is taken from its own.
+  const std::string row = "| " + gravity + " | HyMOPO ";
+  CHECK_THAT(report, Catch::Contains(row + "(short) | +5.0 | MOPO (short) (of 1) |"));
+  CHECK_THAT(report, Catch::Contains(row + "(long) | +3.0 | MOPO (long) (of 1) |"));
+  CHECK_THAT(report, Catch::Contains("HyMOPO: above 0 in 2 of 2 benchmarks"));
+}
+
+TEST_CASE("A table shows all benchmarks of a challenge of which there is a score") {
+  const MadeResults results({{.algorithm = "td3-bc",
+                              .benchmarks = {"HalfCheetah/dimensions/hidden=9+medium-expert"},
+                              .score = 40}});
+  const Document report = MakeReport(Take(GatherEvidence({.folder = results.path()})));
+  const auto tables = report.All<Table>();
+  const auto dimensions =
+      std::ranges::find(tables, std::string("HalfCheetah-dimensions"), &Table::id);
+  REQUIRE(dimensions != tables.end());
+  // 17 of SAC, 17 of TD3-BC, and the one that is seen otherwise.
+  CHECK((*dimensions)->rows.size() == 35);
 }
 
 TEST_CASE("Scores at a budget are those that the runs had then") {
