@@ -23,6 +23,8 @@ else
   mmdebstrap --quiet --variant=minbase bookworm "$root"
 fi
 cp /etc/resolv.conf "$root/etc/resolv.conf"
+# As Debian's installer writes it.
+printf '127.0.0.1\tlocalhost\n127.0.1.1\t%s\n' "$(hostname -s)" >"$root/etc/hosts"
 git clone --quiet --no-hardlinks "file://$checkout" "$root/b4mrl"
 
 # Mounts live in a namespace of their own and vanish with the command.
@@ -31,6 +33,8 @@ unshare --mount --pid --fork --kill-child bash -eu -c '
   shift
   mount -t proc proc "$root/proc"
   mkdir -p "$root/dev/shm" && mount -t tmpfs tmpfs "$root/dev/shm"
+  mkdir -p "$root/dev/pts" && mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts"
+  ln -sf pts/ptmx "$root/dev/ptmx"
   exec chroot "$root" env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin \
     sh -c "cd /b4mrl && exec \"\$@\"" sh "$@"
 ' bash "$root" "$@"

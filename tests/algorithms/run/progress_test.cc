@@ -61,7 +61,14 @@ std::string LineOn(unsigned short columns) {
   return shown.substr(begin + 1, end - begin - 1);
 }
 
+// Containers may have none: no file system of them is mounted.
+bool HasPseudoTerminals() { return UniqueFd(posix_openpt(O_RDWR | O_NOCTTY)).valid(); }
+
 TEST_CASE("A narrow terminal shows progress without its bar, and no more than fits") {
+  if (!HasPseudoTerminals()) {
+    WARN("skipped: this machine has no pseudo-terminals");
+    return;
+  }
   const std::string wide = LineOn(200);
   CHECK(wide.starts_with("train [############............] 500/1000 updates, "));
   CHECK(wide.ends_with("score 31.2"));

@@ -3,6 +3,7 @@
 #
 #   start_cluster FOLDER   the controller and the nodes n1 and n2 with two processors each; configuration,
 #                          logs and state are in FOLDER
+#   address_of_host        must not be empty
 #   start_node n2          starts the node's slurmd, again after it was killed
 #   stop_cluster
 #
@@ -11,17 +12,19 @@
 start_cluster() {
   cluster=$1
   mkdir -p "$cluster/state" "$cluster/spool.n1" "$cluster/spool.n2" || exit 1
-  local host user ports
+  local host address user ports
   host=$(hostname -s)
+  # Slurm listens where the name leads, which on a fresh Debian is 127.0.1.1.
+  address=$(address_of_host)
   user=$(id -un)
   # Free ports below those that the system gives to clients, which could take them meanwhile.
-  ports=($(python3 - <<'PYTHON'
-import random, socket
+  ports=($(python3 - "$address" <<'PYTHON'
+import random, socket, sys
 free = []
 while len(free) < 3:
     port = random.randrange(20000, 32000)
     with socket.socket() as probe:
-        if port not in free and probe.connect_ex(("127.0.0.1", port)) != 0:
+        if port not in free and probe.connect_ex((sys.argv[1], port)) != 0:
             free.append(port)
 print(*free)
 PYTHON
@@ -30,7 +33,7 @@ PYTHON
   # cred_expire: requeued jobs wait as long. config_overrides: nodes may claim processors that are not there.
   cat >"$SLURM_CONF" <<CONF
 ClusterName=test
-SlurmctldHost=$host(127.0.0.1)
+SlurmctldHost=$host($address)
 SlurmctldPort=${ports[0]}
 SlurmUser=$user
 SlurmdUser=$user
@@ -60,8 +63,8 @@ MessageTimeout=10
 SchedulerParameters=batch_sched_delay=0,sched_interval=1,bf_interval=1
 JobCompType=jobcomp/none
 CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
-NodeName=n1 NodeHostname=$host NodeAddr=127.0.0.1 Port=${ports[1]} CPUs=2 RealMemory=64000 Weight=2
-NodeName=n2 NodeHostname=$host NodeAddr=127.0.0.1 Port=${ports[2]} CPUs=2 RealMemory=64000 Weight=1
+NodeName=n1 NodeHostname=$host NodeAddr=$address Port=${ports[1]} CPUs=2 RealMemory=64000 Weight=2
+NodeName=n2 NodeHostname=$host NodeAddr=$address Port=${ports[2]} CPUs=2 RealMemory=64000 Weight=1
 PartitionName=p Nodes=ALL Default=YES
 CONF
   slurmctld -D -c -f "$SLURM_CONF" >"$cluster/slurmctld.out" 2>&1 &
@@ -70,6 +73,9 @@ CONF
   start_node n2
   wait_for 60 "both nodes are ready" both_ready
 }
+
+# The IPv4 address of this machine's name; "" if it has none.
+address_of_host() { getent ahostsv4 "$(hostname -s)" | awk '{ print $1; exit }'; }
 
 both_ready() { [ "$(sinfo -h -t idle -o %D)" = 2 ]; }
 
