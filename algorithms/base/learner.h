@@ -1,7 +1,7 @@
 // A learner, which `b4mrl train` runs. Read this first; then learners/bc.cc, the smallest learner.
 //
 // A learner is one file in learners/ that reads from top to bottom like the paper's pseudocode: its
-// hyperparameters as a table, and three functions that matter:
+// hyperparameters as a table, and three functions that matter, its own or those of a base class:
 //   Prepare   once before the first update: random warm-up, a pre-pass over a dataset, an ensemble.
 //             Returns early once `LearnerContext::stop` is set; a resumed run then repeats it from
 //             the beginning.

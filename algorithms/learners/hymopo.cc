@@ -37,15 +37,6 @@ class Hymopo final : public ModelBased {
         QueryCorrections(context_, dataset_.remote(), *simulator_, query_seed, progress));
     return TrainModel(corrections, progress);
   }
-
-  Status Update(MetricMeans& metrics) override {
-    B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, dataset_.Next());
-    B4MRL_RETURN_IF_ERROR(RollOut(metrics));
-    AddMetrics(core_.Update(FillBatch(real)), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return MaskedPolicy(); }
 };
 
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {

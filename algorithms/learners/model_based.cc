@@ -23,10 +23,10 @@ uint64_t PoolCapacity(const Hyperparameters& values) {
 
 ModelBased::ModelBased(const LearnerContext& context, Parts parts)
     : context_(context),
-      core_(std::move(parts.core)),
-      ensemble_(std::move(parts.ensemble)),
       dataset_(std::move(parts.dataset)),
       simulator_(std::move(parts.simulator)),
+      core_(std::move(parts.core)),
+      ensemble_(std::move(parts.ensemble)),
       rollout_every_(context.hyperparameters.Unsigned("rollout-every")),
       lag_(context.hyperparameters.Integer("rollout-lag") == 1),
       rollout_(RolloutOptionsOf(context, dataset_.mask(), std::move(parts.termination)),
@@ -50,6 +50,13 @@ Status ModelBased::TrainModel(const ModelData& data, Progress& progress) {
     last_rollout_ = Clock::now();
   }
   dataset_.Start(0);
+  return Status();
+}
+
+Status ModelBased::Update(MetricMeans& metrics) {
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRows real, dataset_.Next());
+  B4MRL_RETURN_IF_ERROR(RollOut(metrics));
+  AddMetrics(core_.Update(FillBatch(real)), metrics);
   return Status();
 }
 
@@ -113,7 +120,7 @@ TransitionBatch<float> ModelBased::FillBatch(const TransitionRows& real) {
   return batch_.view();
 }
 
-PolicyWeights ModelBased::MaskedPolicy() const {
+PolicyWeights ModelBased::Policy() const {
   PolicyWeights weights = core_.Policy();
   weights.observation_mask = dataset_.mask();
   return weights;

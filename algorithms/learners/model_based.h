@@ -1,5 +1,5 @@
-// The steps that MOPO and HyMOPO share: SAC on short rollouts in a learned model. mopo.cc and
-// hymopo.cc put these steps together.
+// What MOPO and HyMOPO share: SAC on short rollouts in a learned model. mopo.cc and hymopo.cc
+// prepare the data of that model.
 //
 // D_model keeps the rollouts of the last `model-retain` cycles. They are a function of the policies
 // that made them, so a checkpoint keeps the policies, and resuming rolls them out again. With
@@ -45,6 +45,8 @@ class ModelBased : public Learner {
   static Result<Parts> Open(const LearnerContext& context, bool uses_simulator);
   ModelBased(const LearnerContext& context, Parts parts);
 
+  Status Update(MetricMeans& metrics) override;
+  PolicyWeights Policy() const override;
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
   bool outlives_daemon() const override { return true; }
@@ -54,21 +56,18 @@ class ModelBased : public Learner {
   // Trains f on `data`, or loads an ensemble that was trained with equal data and options. To be
   // called before the first Update.
   Status TrainModel(const ModelData& data, Progress& progress);
+
+  const LearnerContext& context_;
+  TrainingDataset dataset_;                     // D
+  std::optional<RemoteEnvironment> simulator_;  // T_sim
+
+ private:
   // Every `rollout-every` updates, at the start of a cycle: D_model <- D_model + rollouts of pi.
   // The state that Save stores changes only after the daemon's last answer.
   Status RollOut(MetricMeans& metrics);
   // A batch for SAC: the rows `real`, filled up with rows from D_model. Real rows keep the
   // dataset's reward; the model's rewards include the penalty. Valid until the next call.
   TransitionBatch<float> FillBatch(const TransitionRows& real);
-  PolicyWeights MaskedPolicy() const;
-
-  const LearnerContext& context_;
-  SacCore<float> core_;                         // pi and Q
-  DynamicsEnsemble<float> ensemble_;            // f
-  TrainingDataset dataset_;                     // D
-  std::optional<RemoteEnvironment> simulator_;  // T_sim
-
- private:
   // One cycle's rollouts in D_model.
   struct Generation {
     uint64_t cycle;
@@ -79,6 +78,8 @@ class ModelBased : public Learner {
   void Keep(Generation generation);
   uint64_t updates() const { return static_cast<uint64_t>(core_.updates()); }
 
+  SacCore<float> core_;               // pi and Q
+  DynamicsEnsemble<float> ensemble_;  // f
   const uint64_t rollout_every_;
   const bool lag_;
   std::string ensemble_key_;

@@ -23,35 +23,8 @@ namespace {
 
 constexpr std::string_view kPublished = "Stable-Baselines3, which the paper's authors ran";
 
-class Sac final : public OnlineLearner<SacCore<float>> {
- public:
-  using OnlineLearner::OnlineLearner;
-
-  Status Prepare(Progress& progress) override {
-    B4MRL_RETURN_IF_ERROR(collector_.Start());
-    return collector_.WarmUp(context_.hyperparameters.Unsigned("warm-up"), progress);
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    const uint64_t update = updates();
-    if (update % collector_.lanes() == 0) {
-      B4MRL_RETURN_IF_ERROR(collector_.Collect(core_.Policy(), collector_.lanes(), metrics));
-    }
-    Rng rows(RoleSeed(context_.seed, "replay"), "rows", update);
-    collector_.replay().Sample(rows, 0, batch_.size(), batch_);
-    AddMetrics(core_.Update(batch_.view()), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return collector_.WithInputs(core_.Policy()); }
-};
-
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
-  B4MRL_ASSIGN_OR_RETURN(ReplayCollector collector, ReplayCollector::Open(context));
-  const SacOptions options = SacOptionsOf(context, collector.observation_size());
-  B4MRL_ASSIGN_OR_RETURN(SacCore<float> core, SacCore<float>::Create(options));
-  return std::unique_ptr<Learner>(
-      std::make_unique<Sac>(context, std::move(core), std::move(collector)));
+  return CreateOnlineLearner<SacCore<float>>(context, SacOptionsOf);
 }
 
 HyperparameterTable Table() {

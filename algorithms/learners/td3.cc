@@ -26,35 +26,8 @@ namespace {
 
 constexpr std::string_view kPublished = "sfujim/TD3, which the paper's authors ran";
 
-class Td3 final : public OnlineLearner<Td3Core<float>> {
- public:
-  using OnlineLearner::OnlineLearner;
-
-  Status Prepare(Progress& progress) override {
-    B4MRL_RETURN_IF_ERROR(collector_.Start());
-    return collector_.WarmUp(context_.hyperparameters.Unsigned("warm-up"), progress);
-  }
-
-  Status Update(MetricMeans& metrics) override {
-    const uint64_t update = updates();
-    if (update % collector_.lanes() == 0) {  // adds `exploration-noise`
-      B4MRL_RETURN_IF_ERROR(collector_.Collect(core_.Policy(), collector_.lanes(), metrics));
-    }
-    Rng rows(RoleSeed(context_.seed, "replay"), "rows", update);
-    collector_.replay().Sample(rows, 0, batch_.size(), batch_);
-    AddMetrics(core_.Update(batch_.view()), metrics);
-    return Status();
-  }
-
-  PolicyWeights Policy() const override { return collector_.WithInputs(core_.Policy()); }
-};
-
 Result<std::unique_ptr<Learner>> Create(const LearnerContext& context) {
-  B4MRL_ASSIGN_OR_RETURN(ReplayCollector collector, ReplayCollector::Open(context));
-  const Td3Options options = Td3OptionsOf(context, collector.observation_size());
-  B4MRL_ASSIGN_OR_RETURN(Td3Core<float> core, Td3Core<float>::Create(options));
-  return std::unique_ptr<Learner>(
-      std::make_unique<Td3>(context, std::move(core), std::move(collector)));
+  return CreateOnlineLearner<Td3Core<float>>(context, Td3OptionsOf);
 }
 
 HyperparameterTable Table() {
