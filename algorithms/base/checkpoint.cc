@@ -152,25 +152,42 @@ std::string CheckpointPath(const std::string& folder, uint64_t update) {
   return fmt::format("{}/{}{}{}", folder, kPrefix, update, kSuffix);
 }
 
-std::vector<uint64_t> ListCheckpoints(const std::string& folder) {
+Result<std::vector<uint64_t>> ListCheckpoints(const std::string& folder) {
   std::vector<uint64_t> updates;
   std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
-    std::string name = entry.path().filename().string();
+  std::filesystem::directory_iterator entry(folder, error);
+  for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+    std::string name = entry->path().filename().string();
     if (!name.starts_with(kPrefix) || !name.ends_with(kSuffix)) continue;
     name = name.substr(kPrefix.size(), name.size() - kPrefix.size() - kSuffix.size());
     const auto update = ParseUnsigned("checkpoint", name, 0, UINT64_MAX);
     if (update.ok()) updates.push_back(*update);
+  }
+  if (error && error != std::errc::no_such_file_or_directory) {
+    return Status(StatusCode::kIoError, fmt::format("cannot read {}: {}", folder, error.message()));
   }
   std::sort(updates.rbegin(), updates.rend());
   return updates;
 }
 
 void RemoveOldCheckpoints(const std::string& folder, size_t keep) {
-  const std::vector<uint64_t> updates = ListCheckpoints(folder);
-  for (size_t i = keep; i < updates.size(); ++i) {
-    std::error_code ignored;  // a file that cannot be removed only costs disk space
-    std::filesystem::remove(CheckpointPath(folder, updates[i]), ignored);
+  const auto updates = ListCheckpoints(folder);
+  if (!updates.ok()) return;
+  for (size_t i = keep; i < updates->size(); ++i) {
+    std::error_code ignored;
+    std::filesystem::remove(CheckpointPath(folder, (*updates)[i]), ignored);
+  }
+}
+
+void SetAsideCheckpointsAfter(uint64_t update, const std::string& folder) {
+  const auto updates = ListCheckpoints(folder);
+  if (!updates.ok()) return;
+  for (const uint64_t later : *updates) {
+    if (later <= update) break;
+    const std::filesystem::path path = CheckpointPath(folder, later);
+    std::error_code ignored;
+    std::filesystem::rename(path, path.parent_path() / ("unreadable-" + path.filename().string()),
+                            ignored);
   }
 }
 

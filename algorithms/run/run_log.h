@@ -35,8 +35,8 @@ class RunLog {
   Status Load(CheckpointReader& reader);
   Status Save(CheckpointWriter& writer);
 
-  // Writes the agent file and runs the agent's episodes, which the ledger of this number counts; 0:
-  // none.
+  // Runs the agent's episodes, which the ledger of this number counts (0: none), and then writes
+  // the agent's file: a failed evaluation leaves the file of the one before.
   Result<EvaluationResult> Evaluate(const Agent& agent, uint64_t ledger);
   // Writes a row without an evaluation. The row's first metric is {"update", ...}.
   Status Write(const MetricRow& row) { return log_->Write(row); }

@@ -289,7 +289,7 @@ std::string RunSession::Text() const {
 }
 
 Status CheckEarlierRun(const TrainOptions& options) {
-  const std::vector<uint64_t> checkpoints = ListCheckpoints(options.folder);
+  B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options.folder));
   if (checkpoints.empty()) return Status();
   if (options.resume) {
     if (options.updates >= checkpoints.front()) return Status();

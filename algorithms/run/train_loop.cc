@@ -88,7 +88,8 @@ Status TrainRun::TakeFolder() {
   B4MRL_RETURN_IF_ERROR(MakeFolder(options_.folder));
   B4MRL_ASSIGN_OR_RETURN(lock_, LockRunFolder(options_.folder));
   B4MRL_RETURN_IF_ERROR(CheckEarlierRun(options_));
-  resumes_ = options_.resume && !ListCheckpoints(options_.folder).empty();
+  B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options_.folder));
+  resumes_ = options_.resume && !checkpoints.empty();
   return resumes_ ? WriteResultState(options_, RunState::kRunning, "")
                   : WriteResult(options_, TrainSummary());
 }
@@ -98,7 +99,6 @@ Status TrainRun::Open() {
   B4MRL_RETURN_IF_ERROR(CreateLearner());
   B4MRL_ASSIGN_OR_RETURN(RunLog log, RunLog::Open(options_, client_, progress_));
   log_.emplace(std::move(log));
-
   std::vector<RunSession> earlier;
   if (resumes_) earlier = EarlierSessions();
   B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
@@ -144,13 +144,16 @@ Status TrainRun::CreateLearner() {
   return Status();
 }
 
-// Restores the newest checkpoint, or the second newest if the newest cannot be read.
+// Restores the newest checkpoint that can be read. Newer ones would take its place among those
+// kept.
 Status TrainRun::RestoreNewest() {
+  B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options_.folder));
   Status status;
-  for (const uint64_t update : ListCheckpoints(options_.folder)) {
+  for (const uint64_t update : checkpoints) {
     status = Restore(update);
     if (status.ok()) {
       progress_.Message(fmt::format("resumed at update {}", update));
+      SetAsideCheckpointsAfter(update, options_.folder);
       return status;
     }
     progress_.Message(fmt::format("cannot resume at update {}: {}", update, status.ToString()));
@@ -257,9 +260,10 @@ Status TrainRun::Evaluate() {
 }
 
 // Evaluates the last update if it has no evaluation; update 0 has none. Checkpoints do not store
-// this evaluation.
+// this evaluation. A row alone is none: a longer run, of which this is the end now, wrote it.
 Status TrainRun::Conclude() {
-  return row_update_ == update_ && update_ > 0 ? Status() : Evaluate();
+  const bool is_evaluated = row_update_ == update_ && update_ % options_.eval_every == 0;
+  return is_evaluated && update_ > 0 ? Status() : Evaluate();
 }
 
 MetricRow TrainRun::TakeRow() {

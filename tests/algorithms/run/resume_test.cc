@@ -107,7 +107,7 @@ void CheckResume(TestDaemon& daemon, const TrainOptions& options, uint64_t first
   CHECK(ComparedRows(halves) == ComparedRows(straight));
   CHECK(std::filesystem::file_size(halves.folder + "/events.out.tfevents.b4mrl") ==
         std::filesystem::file_size(straight.folder + "/events.out.tfevents.b4mrl"));
-  CHECK(ListCheckpoints(halves.folder) == std::vector<uint64_t>{60, first});
+  CHECK(Take(ListCheckpoints(halves.folder)) == std::vector<uint64_t>{60, first});
   RequireTrueRates(halves.folder);
 }
 
@@ -193,12 +193,22 @@ TEST_CASE("A damaged newest checkpoint falls back to the one before it") {
   TestDaemon daemon;
   TrainOptions options = SmallRun("sac", daemon.folder("run"));
   RunTraining(options, daemon.client());
+  const std::vector<uint64_t> before = Take(ListCheckpoints(options.folder));
+  REQUIRE(before.size() == 2);
+  const auto rows = TimelessCells(options.folder + "/progress.csv");
+  std::filesystem::copy(options.folder + "/agent.h5", daemon.folder("straight.h5"));
   const std::string newest = CheckpointPath(options.folder, 60);
-  WriteBytes(newest, ReadBytes(newest).substr(0, 1000));
+  const std::string damaged = ReadBytes(newest).substr(0, 1000);
+  WriteBytes(newest, damaged);
   options.resume = true;
   const TrainSummary resumed = RunTraining(options, daemon.client());
   CHECK(resumed.updates == 60);
   CHECK(Take(CheckpointReader::Open(newest)).Unsigned("run/update") == 60);
+  RequireEqualAgents(daemon.folder("straight.h5"), options.folder + "/agent.h5");
+  CHECK(TimelessCells(options.folder + "/progress.csv") == rows);
+  // A run from the beginning would have kept other checkpoints.
+  CHECK(Take(ListCheckpoints(options.folder)) == before);
+  CHECK(ReadBytes(options.folder + "/unreadable-checkpoint-60.h5") == damaged);
 }
 
 TEST_CASE("A run whose loss is not finite stops and names the loss and the last good state") {
@@ -257,7 +267,7 @@ TEST_CASE("A run that diverges keeps a checkpoint whose numbers are all finite")
   INFO(status.ToString());
   REQUIRE(status.code() == StatusCode::kFailedPrecondition);
   CHECK(status.message().find("the run diverged") != std::string::npos);
-  const uint64_t newest = ListCheckpoints(options.folder).front();
+  const uint64_t newest = Take(ListCheckpoints(options.folder)).front();
   CHECK(newest > 0);
   CHECK(status.message().find(CheckpointPath(options.folder, newest)) != std::string::npos);
 

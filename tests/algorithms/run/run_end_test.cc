@@ -162,7 +162,7 @@ TEST_CASE("A run that loses its daemon keeps its last update and goes on from th
   CHECK(left.reason == status.ToString());
   CHECK(left.updates >= 20);
   CHECK(left.updates < 60);
-  CHECK(ListCheckpoints(cut.folder).front() == left.updates);
+  CHECK(Take(ListCheckpoints(cut.folder)).front() == left.updates);
   daemon.lost = false;
   cut.resume = true;
   RequireOk(TryTraining(cut, client).status());
@@ -303,6 +303,31 @@ TEST_CASE("A run cannot be resumed with fewer updates than it has done") {
   CHECK(Take(ReadRunStatus(options.folder)).state == RunState::kFinished);
   options.updates = 20;
   RequireOk(TryTraining(options, client).status());
+}
+
+TEST_CASE("A run that is ended at a row without an evaluation is evaluated there") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request&) { return false; });
+  Client client = daemon.Connect();
+  TrainOptions straight = SmallRun("td3-bc", folder.File("straight"));
+  straight.log_every = 5;
+  straight.eval_every = 20;
+  straight.checkpoint_every = 5;
+  straight.updates = 25;
+  const TrainSummary expected = Take(TryTraining(straight, client));
+  // A longer run that was killed after its checkpoint at 25, where it wrote a row.
+  TrainOptions cut = straight;
+  cut.updates = 30;
+  cut.folder = folder.File("cut");
+  RequireOk(TryTraining(cut, client).status());
+  std::filesystem::remove(CheckpointPath(cut.folder, 30));
+  REQUIRE(Take(ListCheckpoints(cut.folder)).front() == 25);
+  cut.resume = true;
+  cut.updates = 25;
+  const TrainSummary ended = Take(TryTraining(cut, client));
+  CHECK(ended.updates == 25);
+  CHECK(ended.last->returns == expected.last->returns);
+  CHECK(Take(ReadAgent(cut.folder + "/agent.h5")).provenance.updates == 25);
 }
 
 TEST_CASE("An agent's file says for which world it was trained") {

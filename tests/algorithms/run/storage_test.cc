@@ -134,7 +134,14 @@ TEST_CASE("Of a run's checkpoints the newest two are kept") {
   TemporaryFolder folder;
   for (const uint64_t update : {5, 100, 20}) WriteBytes(CheckpointPath(folder.path(), update), "");
   RemoveOldCheckpoints(folder.path());
-  CHECK(ListCheckpoints(folder.path()) == std::vector<uint64_t>{100, 20});
+  CHECK(Take(ListCheckpoints(folder.path())) == std::vector<uint64_t>{100, 20});
+}
+
+TEST_CASE("A run's folder that cannot be read does not pass for an empty one") {
+  TemporaryFolder folder;
+  CHECK(Take(ListCheckpoints(folder.File("missing"))).empty());
+  WriteBytes(folder.File("file"), "");
+  CHECK(ListCheckpoints(folder.File("file")).status().code() == StatusCode::kIoError);
 }
 
 TEST_CASE("A checkpoint names a core's array that is not finite") {

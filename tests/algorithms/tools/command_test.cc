@@ -189,7 +189,7 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
     REQUIRE(killed.WaitForMessage("update 40:"));
     killed.Kill();
   }
-  REQUIRE_FALSE(ListCheckpoints(folder.File("killed")).empty());
+  REQUIRE_FALSE(ListCheckpoints(folder.File("killed")).value().empty());
   const auto state = [&] { return ReadRunStatus(folder.File("killed"))->state; };
   CHECK(state() == RunState::kKilled);
   const Outcome resumed = Run({"train", "--resume", "--out", folder.File("killed"), "--json"});
