@@ -68,7 +68,8 @@ Result<UniqueFd> Listen(int type, const sockaddr* address, socklen_t size,
 bool IsStaleSocketFile(const sockaddr_un& address) {
   struct stat info {};
   if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return false;
-  const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  // Waits for nobody: where the queue of a stopped daemon is full, the answer is EAGAIN.
+  const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
   return connect(probe.get(), generic, sizeof(address)) != 0 && errno == ECONNREFUSED;
 }
