@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <utility>
 
 #include "proto/base/limits.h"
@@ -148,6 +149,9 @@ Status ColumnCache::ReadManifest() {
 Status ColumnCache::MapColumn(const CachedColumn& column) {
   const std::string path = ColumnPath(folder_, column.name);
   const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+  if (!fd.valid() && errno == ENOENT) {
+    return Damaged(folder_, fmt::format("column '{}' is missing", column.name));
+  }
   if (!fd.valid()) return IoError("open", path, errno);
   struct stat info {};
   if (fstat(fd.get(), &info) != 0) return IoError("inspect", path, errno);
@@ -167,12 +171,19 @@ Status ColumnCache::MapColumn(const CachedColumn& column) {
   return Status();
 }
 
-Status ColumnCache::Verify() const {
+Status ColumnCache::Verify(const std::atomic<bool>& cancelled) const {
+  constexpr size_t kBlockBytes = 16 << 20;
   for (size_t i = 0; i < columns_.size(); ++i) {
     const Mapping& mapping = mappings_[i];
     if (mapping.data != nullptr) madvise(mapping.data, mapping.bytes, MADV_SEQUENTIAL);
     StreamHash hash;
-    hash.Update({static_cast<const std::byte*>(mapping.data), mapping.bytes});
+    std::span bytes(static_cast<const std::byte*>(mapping.data), mapping.bytes);
+    while (!bytes.empty()) {
+      if (cancelled) return Status(StatusCode::kUnavailable, "verifying a cache was cancelled");
+      const auto block = bytes.first(std::min(bytes.size(), kBlockBytes));
+      hash.Update(block);
+      bytes = bytes.subspan(block.size());
+    }
     if (mapping.data != nullptr) madvise(mapping.data, mapping.bytes, MADV_RANDOM);
     if (hash.Hex() != columns_[i].hash) {
       return Damaged(folder_, fmt::format("column '{}' is not what was written", columns_[i].name));

@@ -14,6 +14,7 @@
 
 #include <sys/types.h>
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -52,7 +53,8 @@ class ColumnCache {
   ColumnCache& operator=(const ColumnCache&) = delete;
 
   // Reads all columns once: kDataLoss when the bytes of a column are not those that were written.
-  Status Verify() const;
+  // kUnavailable soon after `cancelled` turned true.
+  Status Verify(const std::atomic<bool>& cancelled) const;
 
   const CacheProperties& properties() const { return properties_; }
   uint64_t bytes() const;  // size of all columns

@@ -29,10 +29,4 @@ std::string ColumnsHash::Hex() {
   return Sha256OfText(lines);
 }
 
-std::string HashOfColumns(const TransitionColumns& columns) {
-  ColumnsHash hash;
-  hash.Append(columns);
-  return hash.Hex();
-}
-
 }  // namespace b4mrl

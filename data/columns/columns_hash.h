@@ -31,6 +31,4 @@ class ColumnsHash {
   std::array<Sha256, std::tuple_size_v<decltype(kTransitionColumns)>> columns_;
 };
 
-std::string HashOfColumns(const TransitionColumns& columns);
-
 }  // namespace b4mrl

@@ -195,7 +195,7 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& finge
   }
   const std::string folder = cache_.PathOf(fingerprint);
   Result<DatasetPointer> dataset = Dataset::Open(folder);
-  const Status status = dataset.ok() ? (*dataset)->cache().Verify() : dataset.status();
+  const Status status = dataset.ok() ? (*dataset)->cache().Verify(stopped_) : dataset.status();
   if (IsDamage(status)) {
     spdlog::error("removing a damaged cache: {}", status.ToString());
     RemoveCache(folder);
@@ -206,6 +206,7 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& finge
   }
   if (!status.ok()) return status;
   const std::lock_guard lock(mutex_);
+  std::erase_if(mapped_, [](const auto& entry) { return entry.second.expired(); });
   mapped_[fingerprint] = *dataset;
   return dataset;
 }

@@ -76,7 +76,7 @@ class DatasetStore {
 
   // Opens a dataset from the caches; where they lack it, `missing` says whether Import or Derive
   // has to be called first. Takes milliseconds, but a cache that is not mapped yet is read whole
-  // once.
+  // once, which may take a minute.
   Result<OpenedDataset> Open(const DatasetRequest& request);
   // Imports the file of that name, which may take minutes. Of the result, only `fingerprint` and
   // `dataset` are set. A failure that lies in the file is remembered, and Open returns it from then
@@ -86,9 +86,13 @@ class DatasetStore {
   // Opens a dataset and derives it if it is missing; its file must have been imported.
   Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
 
-  // Maps a dataset that was made earlier, perhaps by another process. kUnknownName if its cache is
-  // gone.
+  // Maps a dataset that was made earlier, perhaps by another process, and reads it whole once.
+  // kUnknownName if its cache is gone.
   Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
+
+  // Has calls of other threads that read a cache return soon: kUnavailable.
+  void Stop() { stopped_ = true; }
+
   // To be called at the start: sets the caches' modes and removes unfinished caches of dead
   // processes.
   void TidyUp();
@@ -115,6 +119,7 @@ class DatasetStore {
   Options options_;
   CacheFolder cache_;
   DatasetIndex index_;
+  std::atomic<bool> stopped_ = false;
   std::mutex mutex_;
   // Datasets that a caller still holds need not be mapped and verified again. Under mutex_.
   std::map<std::string, std::weak_ptr<const Dataset>> mapped_;

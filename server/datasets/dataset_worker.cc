@@ -35,9 +35,13 @@ using Preparations = PreparationQueue<OpenedDataset>;
 constexpr Preparations::Limits kImports = {.short_places = 3, .long_places = 2};
 constexpr Preparations::Limits kDerivations = {.short_places = 2, .long_places = 1};
 constexpr int64_t kShortMs = 2000;  // an import or a derivation that takes longer counts as long
+// Openings and mappings from the caches take milliseconds, but of a cache that is not mapped yet as
+// long as it takes to read it.
+constexpr size_t kShortReads = 2, kLongReads = 1;
 // Requests of one connection that may wait for datasets.
 constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
+using Loads = PreparationQueue<DatasetPointer>;
 
 // A request, from its arrival to its reply.
 struct PendingRequest {
@@ -88,7 +92,8 @@ class DatasetWorker {
   std::optional<PendingRequest> Unpark(uint64_t id);
   void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
   void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
-  void FinishLoad(const std::string& fingerprint, const Result<DatasetPointer>& dataset);
+  void FinishLoad(uint64_t id, const std::string& fingerprint,
+                  const Result<DatasetPointer>& dataset);
   // Answers a request, the field kPayload of pb::Request, from the dataset whose fingerprint it
   // names; has the dataset mapped first where it is not.
   template <auto kPayload>
@@ -106,35 +111,40 @@ class DatasetWorker {
   ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;
-  // Rows and statistics that wait for a dataset to be mapped, by fingerprint.
-  std::map<std::string, std::vector<uint64_t>> loading_;
   std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
-  BackgroundThread mapping_;  // lists files, opens and maps caches: milliseconds
+  BackgroundThread listing_;
+  Preparations openings_{{.short_places = kShortReads, .long_places = kLongReads}, kShortMs};
+  Loads loads_{{.short_places = kShortReads, .long_places = kLongReads}, kShortMs};
   Preparations imports_{kImports, kShortMs};
   Preparations derivations_{kDerivations, kShortMs};
 };
 
 void DatasetWorker::Run() {
-  mapping_.Submit([this] {
+  listing_.Submit([this] {
     store_.TidyUp();
     return [] {};
   });
   std::vector<int> wakes;
   while (!context_.draining()) {
     context_.Beat();
-    wakes = {mapping_.fd()};
+    wakes = {listing_.fd()};
+    openings_.AddDescriptors(&wakes);
+    loads_.AddDescriptors(&wakes);
     imports_.AddDescriptors(&wakes);
     derivations_.AddDescriptors(&wakes);
     void* const socket = socket_.handle();
     WaitAnyReadable({&socket, 1}, ready_.empty() ? kBeatIntervalMs : 0, wakes);
     TakeTurn();
-    mapping_.RunCompletions();
+    listing_.RunCompletions();
+    openings_.Run();
+    loads_.Run();
     imports_.Run();
     derivations_.Run();
     ExpireParked();
     served_.ReleaseIdle();
   }
+  store_.Stop();
   AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
   socket_.LingerOnClose(kFlushMs);
 }
@@ -208,9 +218,12 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   }
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
-  const size_t backlog =
-      mapping_.backlog() + imports_.Backlog() + derivations_.Backlog() + ready_.size();
-  const size_t backlog_of_peer = imports_.BacklogOf(peer) + derivations_.BacklogOf(peer);
+  size_t backlog = listing_.backlog() + loads_.Backlog() + ready_.size();
+  size_t backlog_of_peer = loads_.BacklogOf(peer);
+  for (const Preparations* queue : {&openings_, &imports_, &derivations_}) {
+    backlog += queue->Backlog();
+    backlog_of_peer += queue->BacklogOf(peer);
+  }
   const size_t parked_of_peer = std::ranges::count_if(
       parked_, [&](const auto& entry) { return entry.second.from.peer == peer; });
   const Status room =
@@ -248,11 +261,16 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
 }
 
 void DatasetWorker::SubmitOpen(uint64_t id, const DatasetRequest& wanted) {
-  mapping_.Submit([this, wanted] { return store_.Open(wanted); },
-                  [this, id, wanted](const Result<OpenedDataset>& opened) {
-                    const bool missing = opened.ok() && opened->dataset == nullptr;
-                    return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
-                  });
+  const auto parked = parked_.find(id);
+  if (parked == parked_.end()) return;  // it was answered at its deadline
+  const auto waits = [this, id] { return parked_.contains(id); };
+  const auto done = [this, id, wanted](const Result<OpenedDataset>& opened) {
+    const bool missing = opened.ok() && opened->dataset == nullptr;
+    return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
+  };
+  openings_.Submit(parked->second.request.open_dataset().SerializeAsString(), 0,
+                   [this, wanted](const std::atomic<bool>&) { return store_.Open(wanted); },
+                   {parked->second.from.peer, waits, done});
 }
 
 void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
@@ -293,7 +311,7 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
 void DatasetWorker::SubmitList(PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  mapping_.Submit([this] { return store_.List(); },
+  listing_.Submit([this] { return store_.List(); },
                   [this, id](const auto& list) { FinishList(id, list); });
 }
 
@@ -309,27 +327,22 @@ void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFile
 void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  std::vector<uint64_t>& waiting = loading_[fingerprint];
-  waiting.push_back(id);
-  if (waiting.size() > 1) return;  // the dataset is being mapped already
-  mapping_.Submit([this, fingerprint] { return store_.Load(fingerprint); },
-                  [this, fingerprint](const auto& dataset) { FinishLoad(fingerprint, dataset); });
+  const auto waits = [this, id] { return parked_.contains(id); };
+  const auto done = [this, id, fingerprint](const Result<DatasetPointer>& dataset) {
+    FinishLoad(id, fingerprint, dataset);
+  };
+  loads_.Submit(fingerprint, 0,
+                [this, fingerprint](const std::atomic<bool>&) { return store_.Load(fingerprint); },
+                {parked_.at(id).from.peer, waits, done});
 }
 
-void DatasetWorker::FinishLoad(const std::string& fingerprint,
+void DatasetWorker::FinishLoad(uint64_t id, const std::string& fingerprint,
                                const Result<DatasetPointer>& dataset) {
   if (dataset.ok()) served_.Add(fingerprint, *dataset);
-  const auto waiting = loading_.extract(fingerprint);
-  if (waiting.empty()) return;
-  for (const uint64_t id : waiting.mapped()) {
-    std::optional<PendingRequest> pending = Unpark(id);
-    if (!pending) continue;
-    if (!dataset.ok()) {
-      replies_.Reply(pending->from, dataset.status());
-    } else {
-      ready_.push_back(std::move(*pending));
-    }
-  }
+  std::optional<PendingRequest> pending = Unpark(id);
+  if (!pending) return;
+  if (!dataset.ok()) return replies_.Reply(pending->from, dataset.status());
+  ready_.push_back(std::move(*pending));
 }
 
 template <auto kPayload>

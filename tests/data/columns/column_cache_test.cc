@@ -1,6 +1,7 @@
 #include "data/columns/column_cache.h"
 
 #include <sys/stat.h>
+#include <atomic>
 
 #include <catch2/catch.hpp>
 #include <cctype>
@@ -31,7 +32,7 @@ TEST_CASE("a cache maps back what was written") {
   REQUIRE(MakeCache(folder.File("c")).ok());
   const auto cache = ColumnCache::Map(folder.File("c"));
   REQUIRE(cache.ok());
-  CHECK((*cache)->Verify().ok());
+  CHECK((*cache)->Verify(std::atomic<bool>(false)).ok());
   const auto column = (*cache)->Find<float>("observations", 3, 2);
   REQUIRE(column.ok());
   CHECK(std::vector<float>(column->begin(), column->end()) == kValues);
@@ -48,7 +49,7 @@ TEST_CASE("a mapped cache outlives its folder") {
   REQUIRE(cache.ok());
   RemoveCache(folder.File("c"));
   CHECK_FALSE(std::filesystem::exists(folder.File("c")));
-  CHECK((*cache)->Verify().ok());
+  CHECK((*cache)->Verify(std::atomic<bool>(false)).ok());
 }
 
 TEST_CASE("an uncommitted cache leaves nothing, and a second writer of the same one is harmless") {
@@ -78,7 +79,7 @@ TEST_CASE("a file of another length is refused when mapped, changed bytes when v
   WriteBytes(column, changed);
   const auto cache = ColumnCache::Map(folder.File("c"));
   REQUIRE(cache.ok());
-  CHECK((*cache)->Verify().code() == StatusCode::kDataLoss);
+  CHECK((*cache)->Verify(std::atomic<bool>(false)).code() == StatusCode::kDataLoss);
 }
 
 TEST_CASE("any damage of the manifest is found") {

@@ -6,6 +6,12 @@
 namespace b4mrl {
 namespace {
 
+std::string HashOfColumns(const TransitionColumns& columns) {
+  ColumnsHash hash;
+  hash.Append(columns);
+  return hash.Hex();
+}
+
 // Four rows of two observation dimensions and one action dimension.
 struct Rows {
   std::vector<float> observations = {0, 1, 2, 3, 4, 5, 6, 7};

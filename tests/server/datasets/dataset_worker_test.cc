@@ -322,6 +322,12 @@ TEST_CASE("a damaged cache is refused by fingerprint and made anew by name") {
   CHECK(daemon.Sample(fingerprint, 1, 2, 64).code() == StatusCode::kDataLoss);
   REQUIRE(daemon.Open("HalfCheetah/medium").code() == StatusCode::kOk);
   CHECK(daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations") == before);
+  // A column's file that somebody has removed is damage, too.
+  daemon.Stop();
+  REQUIRE(std::filesystem::remove(column));
+  daemon.Start();
+  REQUIRE(daemon.Open("HalfCheetah/medium").code() == StatusCode::kOk);
+  CHECK(daemon.Sample(fingerprint, 1, 2, 64).Values<float>("observations") == before);
 }
 
 TEST_CASE("a changed file gets another fingerprint") {

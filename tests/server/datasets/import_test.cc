@@ -1,4 +1,5 @@
 #include <sys/stat.h>
+#include <atomic>
 
 #include <catch2/catch.hpp>
 #include <filesystem>
@@ -36,7 +37,7 @@ struct ImportFixture {
     REQUIRE(rows.ok());
     const auto dataset = Dataset::Open(ImportedCachePath(cache));
     REQUIRE(dataset.ok());
-    REQUIRE((*dataset)->cache().Verify().ok());
+    REQUIRE((*dataset)->cache().Verify(std::atomic<bool>(false)).ok());
     return *dataset;
   }
   bool HasCache() const { return std::filesystem::exists(ImportedCachePath(cache)); }
@@ -210,7 +211,7 @@ TEST_CASE("a file with random bytes changed is imported whole or refused") {
     const auto dataset = Dataset::Open(ImportedCachePath(fixture.cache));
     REQUIRE(dataset.ok());
     CHECK((*dataset)->rows() == result->rows);
-    CHECK((*dataset)->cache().Verify().ok());
+    CHECK((*dataset)->cache().Verify(std::atomic<bool>(false)).ok());
   }
   CHECK(imported < 60);
 }
