@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <array>
+#include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -155,6 +156,7 @@ void EvaluateCommand::Print(const EvaluationResult& result) const {
     out["given_up_episodes"] = result.given_up;
     if (result.score) out["score"] = *result.score;
     fmt::print("{}\n", out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    std::fflush(stdout);  // before a private daemon says that it ends, perhaps to the same file
     return;
   }
   for (size_t i = 0; i < result.returns.size(); ++i) {

@@ -82,6 +82,7 @@ class Comparer {
   std::optional<double> ScoresBeside(const Table& table) const;
   std::optional<double> EffectsBeside(const Table& table) const;
   std::optional<double> RankingsBeside(const Table& table) const;
+  std::vector<PairOrder> Pairs() const;
   // The mean over draws of a figure of a table.
   template <typename Figure>
   std::optional<double> Ceiling(Figure figure) const;
@@ -169,6 +170,37 @@ std::optional<double> Comparer::RankingsBeside(const Table& table) const {
   return sum / static_cast<double>(rankings_.size());
 }
 
+std::vector<PairOrder> Comparer::Pairs() const {
+  std::map<std::string, std::string> algorithms;  // by run
+  for (const Item& item : runs_) algorithms[item.run] = item.algorithm;
+  const auto place = [&](const std::string& run) {
+    return std::pair(OrderOf(algorithms.at(run)), run);
+  };
+  std::vector<PairOrder> pairs;
+  std::set<std::pair<std::string, std::string>> seen;
+  for (const Ranking& ranking : rankings_) {
+    std::vector<std::string> runs(ranking.begin(), ranking.end());
+    std::ranges::sort(runs, {}, place);
+    for (size_t i = 0; i < runs.size(); ++i) {
+      for (size_t j = i + 1; j < runs.size(); ++j) {
+        const std::string &one = algorithms.at(runs[i]), &other = algorithms.at(runs[j]);
+        auto pair = std::ranges::find_if(
+            pairs, [&](const PairOrder& each) { return each.one == one && each.other == other; });
+        if (pair == pairs.end()) pair = pairs.insert(pair, {one, other});
+        const double ours = ours_.at(runs[i]) - ours_.at(runs[j]);
+        const double theirs = means_.at(runs[i]) - means_.at(runs[j]);
+        ++pair->rankings;
+        pair->turned += ours * theirs < 0 ? 1 : 0;
+        pair->runs += seen.emplace(runs[i], runs[j]).second ? 1 : 0;
+      }
+    }
+  }
+  std::ranges::stable_sort(pairs, {}, [](const PairOrder& pair) {
+    return std::pair(OrderOf(pair.one), OrderOf(pair.other));
+  });
+  return pairs;
+}
+
 template <typename Figure>
 std::optional<double> Comparer::Ceiling(Figure figure) const {
   double sum = 0;
@@ -193,6 +225,7 @@ PaperAgreement Comparer::Compare() const {
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
   fill(&Comparer::RankingsBeside, rankings_.size(), &agreement.rankings);
+  agreement.pairs = Pairs();
   return agreement;
 }
 

@@ -23,6 +23,14 @@ struct Agreement {
   size_t count = 0;                            // of runs, effects or rankings
 };
 
+// Two algorithms whose order ours and the paper's rankings can be compared by.
+struct PairOrder {
+  std::string one, other;
+  size_t rankings = 0;  // that hold both
+  size_t turned = 0;    // of them, those that order them otherwise than the paper
+  size_t runs = 0;      // different pairs of runs behind the rankings
+};
+
 struct PaperAgreement {
   Agreement scores;  // Spearman
   // Spearman of what a flaw changes: the score minus that of the same algorithm and dataset where
@@ -31,6 +39,8 @@ struct PaperAgreement {
   // Mean over benchmarks of Kendall's tau of the algorithms inside one. Of benchmarks that rank the
   // same runs, or some of another's, one counts.
   Agreement rankings;
+  // Of `rankings`, in the field's order (OrderOf).
+  std::vector<PairOrder> pairs;
 };
 
 struct AgreementOptions {

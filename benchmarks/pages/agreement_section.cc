@@ -1,6 +1,12 @@
 // How far our scores agree with the paper's.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "benchmarks/evidence/agreement.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/figures.h"
@@ -49,12 +55,40 @@ Table RanksTable(const Evidence& evidence) {
   return table;
 }
 
+Table PairsTable(const Evidence& evidence) {
+  Table table;
+  table.id = "pairs";
+  table.title = "Algorithms that ours order otherwise than the paper's.";
+  table.caption =
+      "Of the rankings behind Kendall's figure of the settled cells: those that hold both "
+      "algorithms, those in which the two are turned over, and how many different pairs of runs "
+      "that are. A run without a dataset, or without a simulator, stands in many rankings, so one "
+      "difference between two runs may turn over many.";
+  table.columns = {{"Algorithm"},
+                   {"Beside"},
+                   {"Rankings", true},
+                   {"Turned over", true},
+                   {"Pairs of runs", true}};
+  std::vector<PairOrder> pairs =
+      AgreementWith(evidence.paper, evidence.ours, evidence.benchmarks, {}).pairs;
+  std::erase_if(pairs, [](const PairOrder& pair) { return pair.turned == 0; });
+  std::ranges::stable_sort(pairs, std::ranges::greater(), &PairOrder::turned);
+  for (const PairOrder& pair : pairs) {
+    table.rows.push_back({DisplayName(pair.one), DisplayName(pair.other),
+                          fmt::format("{}", pair.rankings), fmt::format("{}", pair.turned),
+                          fmt::format("{}", pair.runs)});
+  }
+  return table;
+}
+
 }  // namespace
 
 Section AgreementSection(const Evidence& evidence) {
   Section section;
   section.title = "Agreement with the paper";
   section.blocks.emplace_back(RanksTable(evidence));
+  Table pairs = PairsTable(evidence);
+  if (!pairs.rows.empty()) section.blocks.emplace_back(std::move(pairs));
   section.blocks.emplace_back(BesideThePaperPicture(evidence));
   const auto deviations =
       Deviations(evidence.paper, evidence.ours, evidence.benchmarks, kExplainedPoints);

@@ -7,12 +7,12 @@
 #include "algorithms/nn/products/precision.h"
 #include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kMostSeeds = 10'000;     // of a cell
-constexpr uint64_t kMostEpisodes = 10'000;  // of an evaluation
+constexpr uint64_t kMostSeeds = 10'000;  // of a cell
 
 Result<BudgetException> ReadException(const toml::table& table, const std::string& where) {
   TomlKeys keys(table, where);
@@ -59,7 +59,7 @@ Result<Budget> ReadTable(const toml::table& table, const std::string& where) {
   Budget budget;
   B4MRL_RETURN_IF_ERROR(ReadPrecisions(keys, where, &budget));
   B4MRL_ASSIGN_OR_RETURN(const auto evaluations, keys.Count("evaluations"));
-  B4MRL_ASSIGN_OR_RETURN(const auto episodes, keys.Count("episodes", kMostEpisodes));
+  B4MRL_ASSIGN_OR_RETURN(const auto episodes, keys.Count("episodes", limits::kMaxLanesPerSession));
   B4MRL_ASSIGN_OR_RETURN(const auto seeds, keys.Count("seeds", kMostSeeds));
   B4MRL_ASSIGN_OR_RETURN(budget.rows, keys.Count("rows"));
   B4MRL_ASSIGN_OR_RETURN(budget.learner_updates, keys.Count("learner-updates"));

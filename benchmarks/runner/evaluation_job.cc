@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -36,10 +37,10 @@ Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& res
 
 Status KeepEvaluation(const std::string& result) {
   B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(LogOfEvaluation(result), kMaxOutput));
-  while (text.ends_with('\n')) text.pop_back();
-  // The JSON is the last line, behind what the command may have said of its daemon.
-  const size_t line = text.rfind('\n');
-  if (line != std::string::npos) text.erase(0, line + 1);
+  // The JSON is a line of its own among those in which the command and its daemon say something.
+  const size_t behind = text.rfind("\n{");
+  if (behind != std::string::npos) text.erase(0, behind + 1);
+  text.erase(std::min(text.find('\n'), text.size()));
   B4MRL_ASSIGN_OR_RETURN(const auto printed, ParseJsonObject(text, LogOfEvaluation(result)));
   if (!NumbersOf(printed, "returns")) {
     return Status(StatusCode::kDataLoss,

@@ -27,7 +27,7 @@ std::string LogOfEvaluation(const std::string& result);
 Result<Job> StartEvaluation(const EvaluationOrder& order, const std::string& result,
                             UniqueFd claim);
 // Makes the file `result` of the output of an evaluation that ended with code 0. kIoError;
-// kDataLoss if the output does not end with an evaluation's JSON.
+// kDataLoss if the output holds no evaluation's JSON.
 Status KeepEvaluation(const std::string& result);
 
 }  // namespace b4mrl

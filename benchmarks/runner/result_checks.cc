@@ -20,13 +20,12 @@
 #include "data/files/file_hash.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/child_program.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr size_t kMostEpisodes = 10'000;
 
 Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
@@ -44,8 +43,12 @@ Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path)
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
     if (entry->path().extension() != ".h5" || !entry->is_regular_file(error)) continue;
-    B4MRL_ASSIGN_OR_RETURN(std::string hash, Sha256OfFile(entry->path()));
-    agents.emplace(std::move(hash), entry->path());
+    auto hash = Sha256OfFile(entry->path());
+    // A run that goes on there removes its old checkpoints.
+    std::error_code unknown;
+    if (!hash.ok() && !fs::exists(entry->path(), unknown)) continue;
+    if (!hash.ok()) return hash.status();
+    agents.emplace(*std::move(hash), entry->path());
   }
   if (error) return IoError("list", folder, error.value());
   return agents;
@@ -127,7 +130,7 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
   const auto begin = [&](size_t number) {
     const nlohmann::ordered_json& result = results[number];
     const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
-    if (episodes == 0 || episodes > kMostEpisodes) return true;
+    if (episodes == 0 || episodes > limits::kMaxLanesPerSession) return true;
     const auto perturbations = ScoredUnder(result, sources);
     if (!perturbations.ok()) return true;  // which its faults say
     const EvaluationOrder order = {.agent = agents.at(TextOf(result, "agent_sha256")),

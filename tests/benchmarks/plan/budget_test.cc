@@ -65,7 +65,7 @@ TEST_CASE("Mistakes in a budget are refused by name") {
   CHECK(says(head + "precision = \"fp16\"", "bf16"));
   CHECK(says(head + "precisions = { sac = \"fp16\" }", "bf16"));
   CHECK(says(head + "recipes = \"short\"", "'recipes' must be a table of texts"));
-  CHECK(says(head + "episodes = 1_000_000", "1..10000"));
+  CHECK(says(head + "episodes = 1_000_000", "1..1024"));
   CHECK(says(head + "hyperparameters = { sac = { lanes = \"x\" } }",
              "mine.hyperparameters: 'sac.lanes'"));
   CHECK(says(head + "[[mine.exception]]\nsimulator = [\"gravity\"]", "simulators"));

@@ -11,12 +11,32 @@
 #include <csignal>
 #include <filesystem>
 
+#include "benchmarks/runner/evaluation_job.h"
 #include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"
 
 namespace b4mrl {
 namespace {
+
+TEST_CASE("An evaluation's JSON is found among what its daemon says before and after it") {
+  const TemporaryFolder folder;
+  const std::string result = folder.File("result.json");
+  const std::string json = R"({"agent":"a.h5","returns":[1.5,2.5]})";
+  for (const char* before : {"", "[info] listening\n"}) {
+    for (const char* after : {"", "\n", "\n[info] draining\n[info] bye\n"}) {
+      CAPTURE(before, after);
+      WriteBytes(LogOfEvaluation(result), before + json + after);
+      RequireOk(KeepEvaluation(result));
+      CHECK(ReadBytes(result) == json + "\n");
+    }
+  }
+  for (const char* text : {"", "[info] draining\n", "{\"agent\":\"a.h5\"}\n"}) {
+    CAPTURE(text);
+    WriteBytes(LogOfEvaluation(result), text);
+    CHECK(KeepEvaluation(result).code() == StatusCode::kDataLoss);
+  }
+}
 
 TEST_CASE("What is claimed cannot be claimed again until its holder is gone") {
   const TemporaryFolder folder;
