@@ -91,7 +91,8 @@ Status ReplayBuffer::Reserve(uint64_t records) {
   const uint64_t header = fd_.valid() ? kReplayHeaderBytes : 0;
   const uint64_t bytes = header + records * record_bytes();
   if (fd_.valid()) {
-    const int error = posix_fallocate(fd_.get(), 0, static_cast<off_t>(bytes));
+    int error = EINTR;  // which a signal causes on some file systems
+    while (error == EINTR) error = posix_fallocate(fd_.get(), 0, static_cast<off_t>(bytes));
     if (error != 0) return IoError("reserve space in", path_, error);
   }
   if (mapping_ != nullptr) munmap(mapping_, mapping_bytes_);

@@ -106,15 +106,16 @@ Result<std::vector<float>> DrawStarts(RemoteDataset& dataset, uint32_t rows, uin
 
 Result<TrainingDataset> TrainingDataset::Open(const LearnerContext& context, int rows) {
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<RemoteDataset> remote, OpenTrainingDataset(context));
-  return TrainingDataset(std::move(remote), rows, RoleSeed(context.seed, "batches"));
+  B4MRL_ASSIGN_OR_RETURN(
+      std::vector<float> mask,
+      MaskOfDimensions(remote->observation_size(), remote->in_force().hidden_dimensions()));
+  return TrainingDataset(std::move(remote), rows, RoleSeed(context.seed, "batches"),
+                         std::move(mask));
 }
 
-TrainingDataset::TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed)
-    : remote_(std::move(remote)),
-      rows_(rows),
-      seed_(seed),
-      mask_(
-          MaskOfDimensions(remote_->observation_size(), remote_->in_force().hidden_dimensions())) {}
+TrainingDataset::TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed,
+                                 std::vector<float> mask)
+    : remote_(std::move(remote)), rows_(rows), seed_(seed), mask_(std::move(mask)) {}
 
 void TrainingDataset::Start(uint64_t update) {
   if (rows_ > 0) stream_.emplace(remote_->Stream(static_cast<uint32_t>(rows_), seed_, update));

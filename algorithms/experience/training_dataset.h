@@ -54,7 +54,8 @@ class TrainingDataset {
   }
 
  private:
-  TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed);
+  TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed,
+                  std::vector<float> mask);
   // Names the first number of a batch that is not finite.
   Status NotFiniteIn(const TransitionRows& rows);
 

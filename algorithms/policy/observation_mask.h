@@ -2,6 +2,8 @@
 // showed the dimension, 0 where it was hidden. Empty when no dimension was hidden.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <cstdint>
 #include <span>
 #include <string_view>
@@ -34,12 +36,18 @@ Result<std::vector<float>> MaskOfPerturbations(const SpaceSpec& observation,
 }
 
 // The mask of an opened dataset, from the hidden dimensions that the daemon reports for it.
+// kInternal if the observation has not all of them.
 template <typename Dimensions>
-std::vector<float> MaskOfDimensions(size_t observation_size, const Dimensions& hidden) {
+Result<std::vector<float>> MaskOfDimensions(size_t observation_size, const Dimensions& hidden) {
   std::vector<float> mask;
   for (const uint32_t dimension : hidden) {
+    if (dimension >= observation_size) {
+      return Status(
+          StatusCode::kInternal,
+          fmt::format("the server's reply hides dimension {} of {}", dimension, observation_size));
+    }
     mask.resize(observation_size, 1.0f);
-    if (dimension < observation_size) mask[dimension] = 0;
+    mask[dimension] = 0;
   }
   return mask;
 }

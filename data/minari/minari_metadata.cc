@@ -26,7 +26,8 @@ struct TextEntry {
   const char* name;
   std::string DatasetProvenance::*text;
 };
-constexpr TextEntry kProvenanceTexts[] = {
+// What a daemon tells of the origin of a dataset, but for its name, which is Minari's own entry.
+constexpr TextEntry kExportedTexts[] = {
     {"environment", &DatasetProvenance::environment}, {"simulator", &DatasetProvenance::simulator},
     {"recipe", &DatasetProvenance::recipe},           {"engine", &DatasetProvenance::engine},
     {"program", &DatasetProvenance::program},         {"license", &DatasetProvenance::license},
@@ -75,7 +76,7 @@ std::string EnvironmentSpecText(const DatasetProvenance& provenance) {
 Json OwnEntry(const MinariDescription& description) {
   const DatasetProvenance& provenance = description.metadata.provenance;
   Json own = Json::object();
-  for (const TextEntry& entry : kProvenanceTexts) own[entry.name] = provenance.*entry.text;
+  for (const TextEntry& entry : kExportedTexts) own[entry.name] = provenance.*entry.text;
   own["hidden_dimensions"] = provenance.hidden_dimensions;
   own["history_length"] = provenance.history_length;
   own["episodes"] = description.metadata.episodes;
@@ -158,7 +159,7 @@ Status ParseOwnEntry(const Json& json, MinariMetadata* metadata) {
   const auto own = json.find("b4mrl");
   if (own == json.end() || !own->is_object()) return Status();
   DatasetProvenance& provenance = metadata->provenance;
-  for (const TextEntry& entry : kProvenanceTexts) provenance.*entry.text = TextOf(*own, entry.name);
+  for (const TextEntry& entry : kExportedTexts) provenance.*entry.text = TextOf(*own, entry.name);
   const Json hidden = own->value("hidden_dimensions", Json::array());
   const auto is_dimension = [](const Json& value) {
     return value.is_number_unsigned() && value < limits::kMaxObservationDimensions;
