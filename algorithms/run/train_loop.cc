@@ -97,8 +97,7 @@ Status TrainRun::TakeFolder() {
 Status TrainRun::Open() {
   UseOneBlasThread();
   B4MRL_RETURN_IF_ERROR(CreateLearner());
-  B4MRL_ASSIGN_OR_RETURN(RunLog log, RunLog::Open(options_, client_, progress_));
-  log_.emplace(std::move(log));
+  B4MRL_ASSIGN_OR_RETURN(log_, RunLog::Open(options_, client_, progress_));
   std::vector<RunSession> earlier;
   if (resumes_) earlier = EarlierSessions();
   B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
