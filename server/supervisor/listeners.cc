@@ -12,11 +12,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <thread>
 
 #include "proto/base/child_program.h"
+#include "proto/base/clock.h"
 #include "proto/base/spec.h"
 #include "proto/base/unique_fd.h"
 #include "proto/wire/door.h"
@@ -64,14 +67,32 @@ Result<UniqueFd> Listen(int type, const sockaddr* address, socklen_t size,
   return fd;
 }
 
-// Whether no process listens on a socket file, as it was left by a daemon that was killed.
-bool IsStaleSocketFile(const sockaddr_un& address) {
+enum class SocketFile { kNone, kStale, kInUse };
+
+// Whether a process listens on a socket file, or it was left by a daemon that was killed.
+SocketFile StateOf(const sockaddr_un& address) {
   struct stat info {};
-  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return false;
+  if (lstat(address.sun_path, &info) != 0 || !S_ISSOCK(info.st_mode)) return SocketFile::kNone;
   // Waits for nobody: where the queue of a stopped daemon is full, the answer is EAGAIN.
   const UniqueFd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
-  return connect(probe.get(), generic, sizeof(address)) != 0 && errno == ECONNREFUSED;
+  const bool is_refused =
+      connect(probe.get(), generic, sizeof(address)) != 0 && errno == ECONNREFUSED;
+  return is_refused ? SocketFile::kStale : SocketFile::kInUse;
+}
+
+// Removes a socket file that nobody listens on. The children of a killed daemon end moments after
+// it, and listen until then.
+void RemoveStaleSocketFile(const sockaddr_un& address) {
+  constexpr int64_t kPatienceMs = 1000;
+  constexpr std::chrono::milliseconds kBetweenTries(10);
+  const Deadline patience = Deadline::AfterMs(kPatienceMs);
+  SocketFile state = StateOf(address);
+  while (state == SocketFile::kInUse && !patience.expired()) {
+    std::this_thread::sleep_for(kBetweenTries);
+    state = StateOf(address);
+  }
+  if (state == SocketFile::kStale) unlink(address.sun_path);
 }
 
 // The parsed addresses of --bind.
@@ -128,7 +149,7 @@ Status AddIpc(const std::string& path, std::vector<ListeningEndpoint>* to) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   std::memcpy(address.sun_path, checked.c_str(), checked.size() + 1);
-  if (IsStaleSocketFile(address)) unlink(address.sun_path);
+  RemoveStaleSocketFile(address);
   const auto* generic = reinterpret_cast<const sockaddr*>(&address);
   B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, Listen(SOCK_STREAM, generic, sizeof(address), name));
   to->push_back({name, fd.Release()});

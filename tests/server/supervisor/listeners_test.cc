@@ -9,6 +9,7 @@
 #include <cstring>
 #include <filesystem>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -69,7 +70,21 @@ TEST_CASE("The socket file of a daemon that is gone is taken over") {
   CHECK_FALSE(std::filesystem::exists(path));
 }
 
-TEST_CASE("The socket file of a daemon that answers nobody is refused at once") {
+TEST_CASE("A socket file whose daemon ends meanwhile is taken over") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("daemon");
+  UniqueFd child = ListenOn(path);  // of a daemon that was killed: it ends a little later
+  std::thread ending([&] {
+    const UniqueFd asked(accept4(child.get(), nullptr, nullptr, SOCK_CLOEXEC));
+    child = UniqueFd();
+  });
+  const auto listeners = OpenListeners(OptionsOn(path));
+  ending.join();
+  RequireOk(listeners.status());
+  RemoveSocketFiles(*listeners);
+}
+
+TEST_CASE("The socket file of a daemon that answers nobody is refused") {
   const TemporaryFolder folder;
   const std::string path = folder.File("daemon");
   const UniqueFd daemon = ListenOn(path);
