@@ -33,6 +33,7 @@ unshare --mount --pid --fork --kill-child bash -eu -c '
   shift
   mount -t proc proc "$root/proc"
   mkdir -p "$root/dev/shm" && mount -t tmpfs tmpfs "$root/dev/shm"
+  mount --rbind /sys "$root/sys"
   mkdir -p "$root/dev/pts" && mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts"
   ln -sf pts/ptmx "$root/dev/ptmx"
   exec chroot "$root" env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin \
