@@ -29,6 +29,9 @@ struct CellScore {
   size_t seeds = 0;
   bool settled = true;
   bool too_few_evaluations = false;  // to say whether it has settled
+  // Points that another doubling of the updates adds, by the second half of each seed's curve: the
+  // mean over the seeds (growth.h). Nothing for the paper's, and where a curve does not say.
+  std::optional<double> gain_per_doubling;
   // A user's algorithm that has used a simulator or a dataset alone.
   bool has_one_source = false;
   // Of the mean; infinite where nothing is known: a user's algorithm with fewer than three seeds.
