@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "benchmarks/statistics/bootstrap.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
@@ -82,10 +83,17 @@ size_t DistinctPairs(const ScoreTable& table, const Series& one, const Series& o
   return pairs.size();
 }
 
+// Where benchmarks differ in their number of runs, each stands by the mean of its runs: pooled, one
+// with more seeds would weigh more.
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
   Scores scores;
+  std::set<size_t> sizes;
   for (const Benchmark* benchmark : benchmarks) {
     scores.push_back(table.Find(benchmark->name, series)->Scores());
+    sizes.insert(scores.back().size());
+  }
+  if (sizes.size() > 1) {
+    for (std::vector<double>& runs : scores) runs = {MeanAndStdOf(runs).mean};
   }
   return scores;
 }

@@ -82,6 +82,10 @@ class Comparer {
   std::optional<double> ScoresBeside(const Table& table) const;
   std::optional<double> EffectsBeside(const Table& table) const;
   std::optional<double> RankingsBeside(const Table& table) const;
+  // Of the pairs that the paper separates.
+  std::optional<double> SeparatedBeside(const Table& table) const;
+  bool IsSeparated(const std::string& one, const std::string& other) const;
+  size_t CountSeparated() const;  // rankings with such a pair
   std::vector<PairOrder> Pairs() const;
   // The mean over draws of a figure of a table.
   template <typename Figure>
@@ -90,6 +94,7 @@ class Comparer {
   std::vector<Item> runs_;     // the paper's that we have too
   std::vector<Item> effects_;  // of the runs, those with another one as reference
   std::vector<Ranking> rankings_;
+  std::map<std::string, double> errors_;  // of the paper's means, by run
   Table ours_, means_;
   std::map<std::string, double> deviations_;
   Table floor_;
@@ -114,6 +119,7 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
         means_[item.run] = score.mean;
         // Of one run from three: the paper's deviation is divided by the number of seeds.
         deviations_[item.run] = score.std * std::sqrt(1.5);
+        errors_[item.run] = score.standard_error;
         runs_.push_back(item);
       }
       cells.push_back(std::move(item));
@@ -170,6 +176,42 @@ std::optional<double> Comparer::RankingsBeside(const Table& table) const {
   return sum / static_cast<double>(rankings_.size());
 }
 
+bool Comparer::IsSeparated(const std::string& one, const std::string& other) const {
+  return std::abs(means_.at(one) - means_.at(other)) >
+         2 * std::hypot(errors_.at(one), errors_.at(other));
+}
+
+std::optional<double> Comparer::SeparatedBeside(const Table& table) const {
+  double sum = 0;
+  size_t count = 0;
+  for (const Ranking& runs : rankings_) {
+    int order = 0, pairs = 0;  // pairs that the table orders as the paper does, less the others
+    for (auto one = runs.begin(); one != runs.end(); ++one) {
+      for (auto other = std::next(one); other != runs.end(); ++other) {
+        if (!IsSeparated(*one, *other)) continue;
+        const double product =
+            (means_.at(*one) - means_.at(*other)) * (table.at(*one) - table.at(*other));
+        order += (product > 0) - (product < 0);
+        ++pairs;
+      }
+    }
+    if (pairs == 0) continue;
+    sum += static_cast<double>(order) / pairs;
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  return sum / static_cast<double>(count);
+}
+
+size_t Comparer::CountSeparated() const {
+  return static_cast<size_t>(std::ranges::count_if(rankings_, [&](const Ranking& runs) {
+    return std::ranges::any_of(runs, [&](const std::string& one) {
+      return std::ranges::any_of(runs,
+                                 [&](const std::string& other) { return IsSeparated(one, other); });
+    });
+  }));
+}
+
 std::vector<PairOrder> Comparer::Pairs() const {
   std::map<std::string, std::string> algorithms;  // by run
   for (const Item& item : runs_) algorithms[item.run] = item.algorithm;
@@ -190,8 +232,11 @@ std::vector<PairOrder> Comparer::Pairs() const {
         const double ours = ours_.at(runs[i]) - ours_.at(runs[j]);
         const double theirs = means_.at(runs[i]) - means_.at(runs[j]);
         ++pair->rankings;
-        pair->turned += ours * theirs < 0 ? 1 : 0;
-        pair->runs += seen.emplace(runs[i], runs[j]).second ? 1 : 0;
+        const bool is_turned = ours * theirs < 0;
+        pair->turned += is_turned ? 1 : 0;
+        if (!seen.emplace(runs[i], runs[j]).second) continue;
+        ++pair->runs;
+        pair->turned_runs += is_turned ? 1 : 0;
       }
     }
   }
@@ -225,6 +270,7 @@ PaperAgreement Comparer::Compare() const {
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
   fill(&Comparer::RankingsBeside, rankings_.size(), &agreement.rankings);
+  fill(&Comparer::SeparatedBeside, CountSeparated(), &agreement.separated);
   agreement.pairs = Pairs();
   return agreement;
 }
@@ -235,6 +281,33 @@ PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
                              const std::vector<Benchmark>& benchmarks,
                              const AgreementOptions& options) {
   return Comparer(paper, ours, benchmarks, options).Compare();
+}
+
+std::vector<ScoreLevel> ScoreLevels(const CellScores& paper, const CellScores& ours,
+                                    const std::vector<Benchmark>& benchmarks) {
+  std::vector<ScoreLevel> levels;
+  // Those without a dataset repeat the others' online runs, or have returns instead of scores.
+  std::vector<Benchmark> with_dataset;
+  std::ranges::copy_if(benchmarks, std::back_inserter(with_dataset),
+                       [](const Benchmark& each) { return !each.dataset.empty(); });
+  for (const Deviation& each : Deviations(paper, ours, with_dataset, -1)) {
+    auto level = std::ranges::find(levels, each.algorithm, &ScoreLevel::algorithm);
+    if (level == levels.end()) level = levels.insert(level, {.algorithm = each.algorithm});
+    const double difference = each.ours.mean - each.paper;
+    ++level->runs;
+    level->lower += difference < 0 ? 1 : 0;
+    level->difference += difference;
+    if (!each.ours.settled) continue;
+    ++level->settled_runs;
+    level->settled_difference += difference;
+  }
+  for (ScoreLevel& level : levels) {
+    level.difference /= static_cast<double>(level.runs);
+    if (level.settled_runs > 0) level.settled_difference /= static_cast<double>(level.settled_runs);
+  }
+  std::ranges::stable_sort(levels, {},
+                           [](const ScoreLevel& level) { return OrderOf(level.algorithm); });
+  return levels;
 }
 
 std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& ours,

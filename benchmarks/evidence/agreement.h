@@ -26,9 +26,10 @@ struct Agreement {
 // Two algorithms whose order ours and the paper's rankings can be compared by.
 struct PairOrder {
   std::string one, other;
-  size_t rankings = 0;  // that hold both
-  size_t turned = 0;    // of them, those that order them otherwise than the paper
-  size_t runs = 0;      // different pairs of runs behind the rankings
+  size_t rankings = 0;     // that hold both
+  size_t turned = 0;       // of them, those that order them otherwise than the paper
+  size_t runs = 0;         // different pairs of runs behind the rankings
+  size_t turned_runs = 0;  // of them, those that are turned over
 };
 
 struct PaperAgreement {
@@ -39,6 +40,9 @@ struct PaperAgreement {
   // Mean over benchmarks of Kendall's tau of the algorithms inside one. Of benchmarks that rank the
   // same runs, or some of another's, one counts.
   Agreement rankings;
+  // The same over those pairs of algorithms alone whose means in the paper are more than two
+  // standard errors of their difference apart. Of the benchmarks with such a pair.
+  Agreement separated;
   // Of `rankings`, in the field's order (OrderOf).
   std::vector<PairOrder> pairs;
 };
@@ -51,6 +55,18 @@ struct AgreementOptions {
 PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
                              const std::vector<Benchmark>& benchmarks,
                              const AgreementOptions& options);
+
+// How high an algorithm's scores are beside the paper's. Each run counts once.
+struct ScoreLevel {
+  std::string algorithm;
+  size_t runs = 0, lower = 0;  // that the paper has too; of them, below the paper's
+  double difference = 0;       // mean of ours minus the paper's
+  size_t settled_runs = 0;
+  double settled_difference = 0;
+};
+// In the field's order; algorithms without such a run are left out.
+std::vector<ScoreLevel> ScoreLevels(const CellScores& paper, const CellScores& ours,
+                                    const std::vector<Benchmark>& benchmarks);
 
 // A cell whose score and the paper's differ.
 struct Deviation {

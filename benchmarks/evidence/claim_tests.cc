@@ -70,31 +70,27 @@ Unit UnitOfBest(const Claim& claim, const CellScores& scores, size_t benchmark) 
   return unit;
 }
 
-// Algorithms that a claim about benchmarks names and nobody has run: no benchmark of a side has a
-// score of theirs. They are left out, or the others' scores would decide nothing.
-std::set<std::string> NeverRun(const Claim& claim, const CellScores& scores) {
-  std::set<std::string> missing;
-  if (claim.test != ClaimTest::kBenchmarks) return missing;
+// Algorithms that a claim about benchmarks names and that have no score in a unit. They are left
+// out of it, or the others' scores would decide nothing.
+std::set<std::string> LackingIn(const Claim& claim, const CellScores& scores, size_t benchmark) {
+  std::set<std::string> lacking;
+  if (claim.test != ClaimTest::kBenchmarks) return lacking;
   for (const ClaimSide* side : {&claim.higher, &claim.lower}) {
     for (const std::string& algorithm : side->algorithms) {
-      const bool has_score = std::ranges::any_of(side->benchmarks, [&](const std::string& name) {
-        return Find(scores, name, algorithm) != nullptr;
-      });
-      if (!has_score) missing.insert(algorithm);
+      if (!ScoreIn(scores, side->benchmarks[benchmark], algorithm)) lacking.insert(algorithm);
     }
   }
-  return missing;
+  return lacking;
 }
 
-Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark,
-            const std::set<std::string>& never_run) {
+Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
   if (claim.pairs == ClaimPairs::kBest) return UnitOfBest(claim, scores, benchmark);
   Unit unit;
-  unit.lacking = never_run;
+  unit.lacking = LackingIn(claim, scores, benchmark);
   for (const std::string& one : claim.higher.algorithms) {
     for (const std::string& other : claim.lower.algorithms) {
       if (claim.pairs == ClaimPairs::kSame && one != other) continue;
-      if (never_run.contains(one) || never_run.contains(other)) continue;
+      if (unit.lacking.contains(one) || unit.lacking.contains(other)) continue;
       unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
                                   ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
     }
@@ -178,8 +174,13 @@ Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResul
 Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
   size_t failing = 0;
   std::vector<double> chances_of_claim;
+  double all_hold = 1, none_holds = 1;
   for (const auto& [comparisons, chance, lacking] : units) {
     ++result->comparisons;
+    // More than half is claimed, and what equally good algorithms would do proves nothing.
+    const double least_chance = std::max(0.5, chance);
+    all_hold *= least_chance;
+    none_holds *= 0.5;
     if (comparisons.empty() || !std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
     if (!std::ranges::all_of(comparisons, &Comparison::IsSettled)) {
       ++result->unsettled;
@@ -187,13 +188,13 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
     }
     ++result->decided;
     result->lacking.insert(lacking.begin(), lacking.end());
-    // More than half is claimed, and what equally good algorithms would do proves nothing.
-    chances_of_claim.push_back(std::max(0.5, chance));
+    chances_of_claim.push_back(least_chance);
     const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
     result->holding += std::ranges::all_of(comparisons, holds) ? 1 : 0;
     failing += std::ranges::none_of(comparisons, holds) ? 1 : 0;
     for (const Comparison& comparison : comparisons) CountDifference(comparison, result);
   }
+  result->least_p = 2 * std::min(all_hold, none_holds);
   return {ChanceOfAtLeast(result->holding, chances_of_claim),
           ChanceOfAtLeast(failing, std::vector(result->decided, 0.5))};
 }
@@ -202,9 +203,8 @@ Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResul
 std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores) {
   std::vector<Unit> units;
   std::set<std::string> seen;
-  const std::set<std::string> never_run = NeverRun(claim, scores);
   for (size_t i = 0; i < claim.higher.benchmarks.size(); ++i) {
-    Unit unit = UnitOf(claim, scores, i, never_run);
+    Unit unit = UnitOf(claim, scores, i);
     std::string runs;
     for (const Comparison& comparison : unit.comparisons) {
       if (comparison.IsThere()) {
@@ -249,6 +249,7 @@ std::vector<ClaimResult> TestClaims(const std::vector<Claim>& claims, const Cell
   for (ClaimResult& result : results) {
     if (result.decided == 0) continue;
     result.adjusted_p = adjusted[next++];
+    result.is_too_small = result.least_p * static_cast<double>(p.size()) > kLevel;
     if (result.adjusted_p > kLevel) continue;
     result.verdict = result.favours ? Verdict::kSupported : Verdict::kContradicted;
   }

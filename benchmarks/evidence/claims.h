@@ -8,8 +8,8 @@
 //                 does; an exact sign test of either against chances of one half. Where the best of
 //                 k algorithms is claimed to be above the best of m, its chance is k / (k + m) if
 //                 that is more: so often, one of k that are equally good is the best of all.
-//                 Units that the same runs fill count once. An algorithm without a score on any
-//                 benchmark of its side is left out, and named.
+//                 Units that the same runs fill count once. An algorithm without a score is left
+//                 out of a unit, and named.
 // A verdict needs a probability of error of at most 5% over all claims together, by Holm's method.
 // Pure functions; any thread.
 #pragma once
@@ -58,9 +58,11 @@ struct ClaimResult {
   size_t decided = 0;      // of them with scores that have settled
   size_t holding = 0;      // of the decided
   size_t unsettled = 0;    // with scores that have not settled
-  // Algorithms that the decided comparisons or units lack: of claims about the best, those without
-  // a score there; of others about benchmarks, those without a score on any of them.
-  std::set<std::string> lacking;
+  std::set<std::string> lacking;  // algorithms without a score in one of the decided units
+  double least_p = 0;             // of a claim about benchmarks, if all of them agreed
+  // Of a claim about benchmarks: no verdict was possible with so many, beside so many other claims
+  // of which none is decided.
+  bool is_too_small = false;
   double p = 1;                // two-sided
   double adjusted_p = 1;       // by Holm, over all claims
   bool favours = false;        // whether the scores point in the claim's direction

@@ -99,10 +99,8 @@ Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
   run.updates = last.updates;
   run.is_return = !last.score;
   run.score = last.score.value_or(last.mean_return);
-  const bool ended = IsTrue(json, "finished") || end < all;
-  const std::optional<bool> is_settled = FifthsOf(run.curve).IsSettled();
-  run.settled = ended && is_settled.value_or(false);
-  run.too_few_evaluations = ended && !is_settled;
+  run.ended = IsTrue(json, "finished") || end < all;
+  run.fifths = FifthsOf(run.curve);
   // The agent's scores seen otherwise belong to the end of the run.
   if (last.updates == all) ReadScorings(EntryOf(json, "scorings"), &run);
   return run;
@@ -120,18 +118,35 @@ double Cell::Mean() const { return MeanAndStdOf(Scores()).mean; }
 
 double Cell::Deviation() const { return MeanAndStdOf(Scores()).std; }
 
+std::optional<double> Cell::LastFifth() const {
+  double sum = 0;
+  for (const ScoredRun* run : runs) {
+    if (!run->fifths.last) return std::nullopt;
+    sum += *run->fifths.last;
+  }
+  return sum / static_cast<double>(runs.size());
+}
+
 bool Cell::IsSettled() const {
-  return std::ranges::all_of(runs, [](const ScoredRun* run) { return run->settled; });
+  double movement = 0;
+  for (const ScoredRun* run : runs) {
+    if (!run->ended || !run->fifths.Movement()) return false;
+    movement += *run->fifths.Movement();
+  }
+  return std::abs(movement) <= kSettledPoints * static_cast<double>(runs.size());
 }
 
 bool Cell::HasTooFewEvaluations() const {
-  return !IsSettled() && std::ranges::all_of(runs, [](const ScoredRun* run) {
-    return run->settled || run->too_few_evaluations;
-  });
+  return std::ranges::all_of(runs, &ScoredRun::ended) &&
+         std::ranges::any_of(runs, [](const ScoredRun* run) { return !run->fifths.Movement(); });
 }
 
 uint64_t Cell::LeastUpdates() const {
   return (*std::ranges::min_element(runs, {}, &ScoredRun::updates))->updates;
+}
+
+uint64_t Cell::MostUpdates() const {
+  return (*std::ranges::max_element(runs, {}, &ScoredRun::updates))->updates;
 }
 
 Result<ScoreTable> ScoreTable::Read(const std::string& folder,
@@ -160,6 +175,8 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   }
   table.SortRuns();
   table.AddCells(benchmarks);
+  table.LeaveOutUnfinishedSeeds();
+  table.NoteRunsWithoutCells();
   table.NoteMixedRuns();
   return table;
 }
@@ -208,6 +225,39 @@ void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
   std::ranges::stable_sort(series_, {}, [](const Series& each) { return OrderOf(each.algorithm); });
 }
 
+void ScoreTable::LeaveOutUnfinishedSeeds() {
+  std::set<std::string> left_out;
+  for (auto& [benchmark, row] : cells_) {
+    for (auto& [series, cell] : row) {
+      if (std::ranges::none_of(cell.runs, &ScoredRun::ended)) continue;
+      std::erase_if(cell.runs, [&](const ScoredRun* run) {
+        if (run->ended) return false;
+        left_out.insert(fmt::format(
+            "{} was left out: it has not finished, and another seed of its cell has", run->file));
+        return true;
+      });
+    }
+  }
+  notes_.insert(notes_.end(), left_out.begin(), left_out.end());
+}
+
+void ScoreTable::NoteRunsWithoutCells() {
+  std::set<const ScoredRun*> in_cells;
+  for (const auto& [benchmark, row] : cells_) {
+    for (const auto& [series, cell] : row) in_cells.insert(cell.runs.begin(), cell.runs.end());
+  }
+  std::set<std::string> known;
+  for (const Benchmark* benchmark : benchmarks_) known.insert(benchmark->name);
+  for (ScoredRun& run : *runs_) {
+    run.fills_a_cell = in_cells.contains(&run);
+    const auto is_known = [&](const std::string& name) { return known.contains(name); };
+    if (std::ranges::any_of(run.benchmarks, is_known)) continue;
+    notes_.push_back(fmt::format(
+        "{} was left out: it names no benchmark of these suites (--suites for your own)",
+        run.file));
+  }
+}
+
 void ScoreTable::NoteMixedRuns() {
   std::set<std::string> noted;
   for (const auto& [benchmark, row] : cells_) {
@@ -223,9 +273,9 @@ void ScoreTable::NoteMixedRuns() {
       std::string what = updates.size() > 1      ? "numbers of updates"
                          : precisions.size() > 1 ? "precisions"
                                                  : "processors or BLAS kernels";
-      std::string note = fmt::format("cell {} of {} is a mean over several {}",
-                                     cell.runs.front()->cell_id, DisplayName(series), what);
-      if (noted.insert(note).second) notes_.push_back(std::move(note));
+      if (!noted.insert(cell.runs.front()->cell_id).second) continue;
+      notes_.push_back(
+          fmt::format("{} on {} is a mean over several {}", DisplayName(series), benchmark, what));
     }
   }
 }

@@ -36,11 +36,10 @@ struct ScoredRun {
   double score = 0;        // normalised; the return where the task has no reference returns
   bool is_return = false;  // `score` is a return
   uint64_t updates = 0;
-  // Training ended, and the mean score of its last fifth differs by at most 1.5 points from that of
-  // the fifth before.
-  bool settled = false;
-  bool too_few_evaluations = false;       // to say whether it has settled
+  bool ended = false;                     // its training is over, or goes on beyond what counts
+  Fifths fifths;                          // of the curve
   Curve curve;                            // until then
+  bool fills_a_cell = false;              // of a benchmark that the table knows
   std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
   double core_hours = 0;                  // of the whole run
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
@@ -53,10 +52,15 @@ struct Cell {
   std::vector<double> Scores() const;
   double Mean() const;
   double Deviation() const;  // over the seeds, divided by their number
-  bool IsSettled() const;    // every run is
-  // Not settled, and no run is known to move.
+  // The mean over the seeds of the scores in the last fifth of the runs.
+  std::optional<double> LastFifth() const;
+  // Every run has ended, and the mean over the seeds moves by at most kSettledPoints from the fifth
+  // before to the last one.
+  bool IsSettled() const;
+  // Every run has ended, and one was evaluated too rarely to say whether it has settled.
   bool HasTooFewEvaluations() const;
   uint64_t LeastUpdates() const;
+  uint64_t MostUpdates() const;
 };
 
 // Until which update a run counts; nothing: all of it.
@@ -86,6 +90,10 @@ class ScoreTable {
   // Where results compete for a cell, the first counts: of hyperparameters and rows those with the
   // most runs, of one seed's results that with the most updates.
   void SortRuns();
+  // A seed that is still being trained is left out of a cell that has one which has ended: the mean
+  // would be neither's.
+  void LeaveOutUnfinishedSeeds();
+  void NoteRunsWithoutCells();
   void AddCells(const std::vector<Benchmark>& benchmarks);
   void NoteMixedRuns();
 

@@ -157,6 +157,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   score.seeds = cell.runs.size();
   score.settled = cell.IsSettled();
   score.too_few_evaluations = cell.HasTooFewEvaluations();
+  score.last_fifth = cell.LastFifth();
   score.gain_per_doubling = MeanGainPerDoubling(cell);
   score.has_one_source = std::ranges::all_of(cell.runs, HasOneSource);
   for (const ScoredRun* run : cell.runs) score.runs += run->id;

@@ -29,6 +29,8 @@ struct CellScore {
   size_t seeds = 0;
   bool settled = true;
   bool too_few_evaluations = false;  // to say whether it has settled
+  // The mean over the seeds of the scores in the last fifth of the runs, where there is one.
+  std::optional<double> last_fifth;
   // Points that another doubling of the updates adds, by the second half of each seed's curve: the
   // mean over the seeds (growth.h). Nothing for the paper's, and where a curve does not say.
   std::optional<double> gain_per_doubling;

@@ -25,7 +25,8 @@ Table EstimatesTable(const Aggregates& aggregates) {
   table.caption =
       "Intervals of 95%: percentile bootstrap, 2,000 resamples of benchmarks and of the runs "
       "inside them. An algorithm with fewer than eight runs has none: a run without a dataset "
-      "may stand for many benchmarks.";
+      "may stand for many benchmarks. Where an algorithm's benchmarks differ in their number of "
+      "seeds, each stands by its mean.";
   table.columns = {{"Algorithm"},          {"Interquartile mean", true},
                    {"95% interval", true}, {"Median", true},
                    {"Mean", true},         {"Interquartile mean of the paper's means", true}};
@@ -86,8 +87,9 @@ Section AggregatesSection(const Evidence& evidence) {
   }
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
-      "same runs counted once: {}.{} Runs that learn nothing settle first, so while others still "
-      "learn these figures are too low.",
+      "same runs of all of them counted once (one algorithm may still have fewer runs than there "
+      "are benchmarks): {}.{} Updates of the runs as above: ours differ between algorithms. Runs "
+      "that learn nothing settle first, so while others still learn these figures are too low.",
       aggregates->benchmarks.size(), names, LeftOut(evidence.table, *aggregates))});
   section.blocks.emplace_back(EstimatesTable(*aggregates));
   section.blocks.emplace_back(ImprovementsTable(*aggregates));

@@ -46,11 +46,19 @@ std::string ScoreEntry(const CellScore& score) {
   return text + MarkOf(score.settled, score.too_few_evaluations);
 }
 
+std::string UpdatesEntry(const Cell& cell) {
+  return RangeOf(Amount(cell.LeastUpdates()), Amount(cell.MostUpdates()));
+}
+
+std::string RangeOf(const std::string& least, const std::string& most) {
+  return least == most ? least : fmt::format("{} to {}", least, most);
+}
+
 std::string CellEntry(const Cell& cell) {
   std::string text = fmt::format("{:.1f}", cell.Mean());
   if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
   text += MarkOf(cell.IsSettled(), cell.HasTooFewEvaluations());
-  return fmt::format("{} ({}×{})", text, cell.runs.size(), Amount(cell.LeastUpdates()));
+  return fmt::format("{} ({}×{})", text, cell.runs.size(), UpdatesEntry(cell));
 }
 
 std::string Amount(uint64_t count) {
@@ -79,6 +87,10 @@ std::string IntervalEntry(const CellScore& score) {
 std::string PaperTableOf(const std::string& challenge) {
   const PaperPlace* place = PlaceOf(challenge);
   return place == nullptr ? "" : std::string(place->label);
+}
+
+std::string GainEntry(const CellScore& score) {
+  return score.gain_per_doubling ? Signed(*score.gain_per_doubling) : kMissing;
 }
 
 std::string OriginOf(const std::string& challenge) {

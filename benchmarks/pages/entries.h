@@ -19,11 +19,17 @@ inline constexpr char kUntoldMark[] = "?";     // nor does one of which that can
 std::string ScoreEntry(const CellScore& score);
 // "46.4 ± 0.3 (3×100k)": seeds and updates as well.
 std::string CellEntry(const Cell& cell);
+// "100k"; "100k to 300k" where seeds differ.
+std::string UpdatesEntry(const Cell& cell);
+// "3" or "1 to 3".
+std::string RangeOf(const std::string& least, const std::string& most);
 // "100k", "1M", "1,250".
 std::string Amount(uint64_t count);
 std::string Amount(const std::optional<uint64_t>& count);  // kMissing for nothing
 // "+3.1", "-20.4".
 std::string Signed(double points);
+// The points that a doubling of the updates adds, "+4.3"; kMissing where that is not known.
+std::string GainEntry(const CellScore& score);
 // With so many digits behind the point; kMissing for nothing.
 std::string Fixed(const std::optional<double>& value, int digits);
 // "[44.1, 48.7]", "[44.1, 48.7]*" where the deviation between seeds is borrowed.

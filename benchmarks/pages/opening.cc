@@ -17,31 +17,33 @@
 namespace b4mrl {
 namespace {
 
-// "3" or "1 to 3".
-std::string RangeOf(const std::string& least, const std::string& most) {
-  return least == most ? least : fmt::format("{} to {}", least, most);
-}
-
 // "39 runs fill cells of 58 benchmarks: 115 of the paper's 391 cells, 53 of them with settled
-// scores."
+// scores. ..."
 std::string SummaryOf(const Evidence& evidence) {
   size_t filled = 0, settled = 0;
-  for (const auto& [name, unused] : evidence.paper) {
-    const CellScore* score = Find(evidence.ours, name.first, name.second);
-    filled += score != nullptr ? 1 : 0;
-    settled += score != nullptr && score->settled ? 1 : 0;
+  std::set<std::string> theirs, ours;  // distinct runs of the paper, and those that we have too
+  for (const auto& [name, score] : evidence.paper) {
+    theirs.insert(score.runs);
+    const CellScore* own = Find(evidence.ours, name.first, name.second);
+    if (own == nullptr) continue;
+    ours.insert(score.runs);
+    ++filled;
+    settled += own->settled ? 1 : 0;
   }
   return fmt::format(
       "{} runs fill cells of {} benchmarks: {} of the paper's {} cells, {} of them with settled "
-      "scores.",
-      evidence.table.runs().size(), evidence.table.benchmarks().size(), filled,
-      evidence.paper.size(), settled);
+      "scores. A run fills many cells, of an online learner those of all datasets: counted once "
+      "each, {} of the paper's {} runs are there.",
+      std::ranges::count(evidence.table.runs(), true, &ScoredRun::fills_a_cell),
+      evidence.table.benchmarks().size(), filled, evidence.paper.size(), settled, ours.size(),
+      theirs.size());
 }
 
 // "1M (TD3, SAC), 100k (BC, IQL)".
 std::string UpdatesOf(const Evidence& evidence) {
   std::map<std::string, std::pair<uint64_t, uint64_t>> ranges;  // by algorithm: least, most
   for (const ScoredRun& run : evidence.table.runs()) {
+    if (!run.fills_a_cell) continue;
     const auto [range, is_new] =
         ranges.emplace(run.series.algorithm, std::pair(run.updates, run.updates));
     auto& [least, most] = range->second;
@@ -124,7 +126,8 @@ std::string RecipesOf(const Evidence& evidence) {
 std::vector<Block> Opening(const Evidence& evidence) {
   std::vector<Block> blocks;
   blocks.emplace_back(Paragraph{fmt::format(
-      "{} Made by b4mrl report from the results alone, beside the figures of \"Benchmarks for "
+      "{} Made by b4mrl report from the results, and benchmarks/explanations.toml, beside the "
+      "figures of \"Benchmarks for "
       "Reinforcement Learning with Biased Offline Data and Imperfect Simulators\" (arXiv "
       "2407.00806), of which this is an independent implementation.",
       SummaryOf(evidence))});

@@ -18,6 +18,7 @@ Section OriginSection(const Evidence& evidence) {
   using Key = std::tuple<std::string, std::string, std::string, std::string, std::string>;
   std::map<Key, Sum> groups;
   for (const ScoredRun& run : evidence.table.runs()) {
+    if (!run.fills_a_cell) continue;
     Sum& sum = groups[{run.budget, run.precision, run.version, run.processor, run.kernel}];
     ++sum.runs;
     sum.core_hours += run.core_hours;
@@ -38,7 +39,8 @@ Section OriginSection(const Evidence& evidence) {
                           fmt::format("{:.1f}", sum.core_hours)});
   }
   const auto of_changed_programs = std::ranges::count_if(
-      evidence.table.runs(), [](const ScoredRun& run) { return run.commit.ends_with("-dirty"); });
+      evidence.table.runs(),
+      [](const ScoredRun& run) { return run.fills_a_cell && run.commit.ends_with("-dirty"); });
   if (of_changed_programs > 0) {
     table.caption += fmt::format(
         " Of {} of them it ends in -dirty: their programs held changes that were not committed.",

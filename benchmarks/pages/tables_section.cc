@@ -72,12 +72,14 @@ ChallengeTable::ChallengeTable(const Evidence& evidence, const Gains& gains,
       }
     }
   }
+  const auto add_column = [&](const std::string& algorithm) {
+    const bool has_column = std::ranges::any_of(
+        series, [&](const Series& each) { return each.algorithm == algorithm; });
+    if (!has_column) series.insert({algorithm, ""});
+  };
   for (const Benchmark* benchmark : benchmarks_) {
-    for (const auto& [algorithm, unused] : benchmark->paper) {
-      const bool has_column = std::ranges::any_of(
-          series, [&](const Series& each) { return each.algorithm == algorithm; });
-      if (!has_column) series.insert({algorithm, ""});
-    }
+    for (const auto& [algorithm, unused] : benchmark->paper) add_column(algorithm);
+    for (const std::string& algorithm : benchmark->algorithms) add_column(algorithm);
   }
   series_.assign(series.begin(), series.end());
   std::ranges::stable_sort(series_, {}, [](const Series& each) { return OrderOf(each.algorithm); });
@@ -171,11 +173,15 @@ Section TablesSection(const Evidence& evidence) {
       "Scores are normalised as in D4RL: 0 is a random policy, 100 the expert; Highway's are "
       "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± "
       "is the deviation over seeds (divided by their number), which a single seed has not. {} "
-      "marks a score that still moves by more than 1.5 points from one fifth of its training to "
-      "the next, {} one that was evaluated too rarely to say; both decide nothing below. {} is a "
+      "marks a cell of which a run still goes on, or whose mean score over its seeds still moves "
+      "by more than 1.5 points from the last fifth but one of the training to the last. A cell "
+      "without it has settled, which is not to say that ten times the updates would add nothing. "
+      "{} marks one that was evaluated too rarely to say; both decide nothing below. {} is a "
       "cell that nothing has filled yet or, of the paper, an algorithm that it has not; {} one "
       "that is not defined. \"Ours, nothing hidden\" and \"ours, through its noise\" are the same "
-      "agents on other observations: without the mask, or with the noise, of their training. They "
+      "agents on other observations: without the mask, or with the noise, of their training. "
+      "Nothing hidden is no full information: in training these inputs were always 0, so their "
+      "weights are still those of the first draw. Both "
       "are blank for agents that were not evaluated so. The gain of a hybrid is its score minus "
       "the best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
       kUnsettledMark, kUntoldMark, kMissing, kNotDefined)});

@@ -8,7 +8,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kSettledPoints = 1.5;
 constexpr size_t kColumns = 5;
 
 // Over the evaluations in (from, to] of the run.
@@ -28,9 +27,15 @@ std::optional<double> MeanBetween(const Curve& curve, double from, double to) {
 
 }  // namespace
 
-std::optional<bool> Fifths::IsSettled() const {
+std::optional<double> Fifths::Movement() const {
   if (!last || !before) return std::nullopt;
-  return std::abs(*last - *before) <= kSettledPoints;
+  return *last - *before;
+}
+
+std::optional<bool> Fifths::IsSettled() const {
+  const std::optional<double> movement = Movement();
+  if (!movement) return std::nullopt;
+  return std::abs(*movement) <= kSettledPoints;
 }
 
 Fifths FifthsOf(const Curve& curve) {

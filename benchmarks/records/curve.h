@@ -23,9 +23,12 @@ using Curve = std::vector<CurvePoint>;
 // last fifth and of the fifth before.
 struct Fifths {
   std::optional<double> last, before;
-  // Whether the two differ by at most 1.5 points; nothing if one is missing.
+  // The last less the one before; nothing if one is missing.
+  std::optional<double> Movement() const;
+  // Whether the two differ by at most kSettledPoints; nothing if one is missing.
   std::optional<bool> IsSettled() const;
 };
+inline constexpr double kSettledPoints = 1.5;
 // Of a curve with a point or more.
 Fifths FifthsOf(const Curve& curve);
 

@@ -40,6 +40,20 @@ TEST_CASE("Algorithms with settled cells on eight benchmarks are compared over t
   CHECK(aggregates->improvements[0].probability == 1);
 }
 
+TEST_CASE("A benchmark with more seeds than the others weighs no more than they do") {
+  auto made = TwoAlgorithms(8);
+  for (uint64_t seed = 1; seed < 20; ++seed) {
+    made.push_back(
+        {.algorithm = "iql", .benchmarks = {OwnBenchmarks()[0].name}, .score = 0, .seed = seed});
+  }
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->series[0].series.algorithm == "iql");
+  CHECK(aggregates->series[0].iqm == 35);  // pooled, nearly all of it would be zeros
+}
+
 TEST_CASE("Seven benchmarks, unsettled cells and cells of one run are not enough") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   const MadeResults seven(TwoAlgorithms(7));

@@ -86,9 +86,52 @@ TEST_CASE("Pairs of algorithms are counted by the rankings that turn them over")
   CHECK(pairs[0].rankings == 2);
   CHECK(pairs[0].turned == 2);
   CHECK(pairs[0].runs == 1);
+  CHECK(pairs[0].turned_runs == 1);
   CHECK(pairs[1].other == "iql");
   CHECK(pairs[1].turned == 0);
   CHECK(pairs[1].runs == 2);
+  CHECK(pairs[1].turned_runs == 0);
+}
+
+TEST_CASE("Pairs that the paper does not separate do not count where only separated ones do") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours;
+  const std::string benchmark = "HalfCheetah/modelling-error/gravity+medium";
+  for (const char* algorithm : {"sac", "td3", "iql"}) {
+    ours[{benchmark, algorithm}] = *Find(paper, benchmark, algorithm);
+  }
+  ours[{benchmark, "sac"}].mean = 40;  // SAC's 35.1 and TD3's 35.3 are not told apart by the paper
+  PaperAgreement agreement = AgreementWith(paper, ours, OwnBenchmarks(), {});
+  CHECK(agreement.rankings.ours.value() == Approx(1.0 / 3));
+  CHECK(agreement.separated.ours.value() == 1);
+  CHECK(agreement.separated.count == 1);
+  ours[{benchmark, "sac"}].mean = 60;  // above IQL, of which the paper is sure
+  agreement = AgreementWith(paper, ours, OwnBenchmarks(), {});
+  CHECK(agreement.separated.ours.value() == 0);
+}
+
+TEST_CASE("Levels are mean differences from the paper, a run once") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours;
+  for (const char* error : {"gravity", "friction"}) {
+    const std::string benchmark = std::string("HalfCheetah/modelling-error/") + error + "+medium";
+    for (const char* algorithm : {"sac", "iql"}) {
+      ours[{benchmark, algorithm}] = *Find(paper, benchmark, algorithm);
+      ours[{benchmark, algorithm}].mean -= 4;
+    }
+  }
+  ours[{"HalfCheetah/modelling-error/gravity+medium", "sac"}].mean += 10;
+  ours[{"HalfCheetah/modelling-error/gravity+medium", "sac"}].settled = false;
+  const auto levels = ScoreLevels(paper, ours, OwnBenchmarks());
+  REQUIRE(levels.size() == 2);
+  CHECK(levels[0].algorithm == "sac");
+  CHECK(levels[0].runs == 2);
+  CHECK(levels[0].lower == 1);
+  CHECK(levels[0].difference == Approx(1));
+  CHECK(levels[0].settled_runs == 1);
+  CHECK(levels[0].settled_difference == Approx(-4));
+  CHECK(levels[1].runs == 1);  // IQL uses no simulator
+  CHECK(levels[1].difference == Approx(-4));
 }
 
 TEST_CASE("Nothing to compare is no agreement") {

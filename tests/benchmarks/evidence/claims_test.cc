@@ -204,11 +204,12 @@ TEST_CASE("Of a claim about benchmarks, an algorithm that nobody has run is left
   CHECK(result.verdict == Verdict::kSupported);
   CHECK(result.decided == 10);
   CHECK(result.lacking == std::set<std::string>{"h2o"});
-  // Once it has run on one of the benchmarks, those without it decide nothing.
-  scores[{claim.higher.benchmarks[0], "h2o"}] = Score(60, 1, "h2o");
+  // Once it has run on one of the benchmarks, it counts there, and the others still decide.
+  scores[{claim.higher.benchmarks[0], "h2o"}] = Score(-60, 1, "h2o");
   const ClaimResult begun = Test(claim, scores);
-  CHECK(begun.decided == 1);
-  CHECK(begun.lacking.empty());
+  CHECK(begun.decided == 10);
+  CHECK(begun.holding == 9);
+  CHECK(begun.lacking == std::set<std::string>{"h2o"});
   // Nothing is left to compare.
   claim.higher.algorithms = {"iql"};
   CHECK(Test(claim, scores).verdict == Verdict::kNotRun);
@@ -229,6 +230,16 @@ TEST_CASE("A claim of equality needs differences within the margin, errors inclu
   scores[{kA, "hymopo"}] = Score(60, 0.5, "h");
   scores[{kA, "sac"}].standard_error = 0.5;
   CHECK(Test(claim, scores).verdict == Verdict::kContradicted);
+}
+
+TEST_CASE("A claim is too small where no verdict was possible beside so many other claims") {
+  auto [claim, scores] = UnitsClaim(6, 3);
+  CHECK_FALSE(Test(claim, scores).is_too_small);  // six of six would have p = 2 / 64
+  const auto both = TestClaims({claim, claim}, scores);
+  CHECK(both[0].is_too_small);
+  CHECK(both[0].least_p == Approx(2.0 / 64));
+  claim.pairs = ClaimPairs::kBest;  // of one beside the best of two: to fail in six is as telling
+  CHECK(Test(claim, scores).least_p == Approx(2.0 / 64));
 }
 
 TEST_CASE("Verdicts count over all claims together, by Holm") {

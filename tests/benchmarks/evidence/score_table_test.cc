@@ -93,6 +93,73 @@ TEST_CASE("A file that is no result is named and the others are read") {
   CHECK(table.notes().size() == 3);
 }
 
+// A result whose training goes on, at 400 of its 1,000 updates.
+std::string Unfinished(const MadeResult& made) {
+  nlohmann::ordered_json json = JsonOf(made);
+  json["finished"] = false;
+  json["updates"] = 400;
+  json["curve"].erase(json["curve"].begin() + 4, json["curve"].end());
+  return json.dump();
+}
+
+TEST_CASE("A seed that is still being trained waits outside of a cell that has a finished one") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
+  results.Add(Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .seed = 1}));
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const Cell& cell = *table.Find(kClean, table.series()[0]);
+  REQUIRE(cell.runs.size() == 1);
+  CHECK(cell.Mean() == 40);
+  CHECK(cell.IsSettled());
+  REQUIRE(table.notes().size() == 1);
+  CHECK(table.notes()[0].find("it has not finished") != std::string::npos);
+  CHECK(std::ranges::count(table.runs(), true, &ScoredRun::fills_a_cell) == 1);
+}
+
+TEST_CASE("Seeds that are all still being trained fill their cell, which has not settled") {
+  MadeResults results({});
+  for (const uint64_t seed : {0, 1}) {
+    results.Add(
+        Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .seed = seed}));
+  }
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const Cell& cell = *table.Find(kClean, table.series()[0]);
+  CHECK(cell.runs.size() == 2);
+  CHECK_FALSE(cell.IsSettled());
+}
+
+TEST_CASE("A cell has settled when the mean over its seeds has, though one of them moves") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
+                       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 1}});
+  // Its last two fifths are 2 points apart, so those of the mean are 2 / 3.
+  results.Add(
+      JsonOf(
+          MadeResult{
+              .algorithm = "iql", .benchmarks = {kClean}, .score = 42, .seed = 2, .settled = false})
+          .dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const Cell& cell = *table.Find(kClean, table.series()[0]);
+  REQUIRE(cell.runs.size() == 3);
+  CHECK(cell.IsSettled());
+  CHECK(cell.LastFifth().value() == Approx((40 + 41 + 41.5) / 3));
+  const MadeResults moving(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 1, .settled = false},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 2, .settled = false},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 3, .settled = false}});
+  const ScoreTable other = moving.Read(OwnBenchmarks());
+  CHECK(other.Find(kClean, other.series()[0])->IsSettled());  // by 1.5 points exactly
+}
+
+TEST_CASE("A result of an unknown benchmark fills no cell, and a note says so") {
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
+                             {.algorithm = "iql", .benchmarks = {"Ant/mine/x"}, .score = 40}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.runs().size() == 2);
+  CHECK(std::ranges::count(table.runs(), true, &ScoredRun::fills_a_cell) == 1);
+  REQUIRE(table.notes().size() == 1);
+  CHECK(table.notes()[0].find("names no benchmark of these suites") != std::string::npos);
+}
+
 TEST_CASE("Until a number of updates, a run counts as it was then") {
   const MadeResults results(
       {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .settled = false}});
@@ -104,8 +171,9 @@ TEST_CASE("Until a number of updates, a run counts as it was then") {
   CHECK(half.runs()[0].further.empty());  // the agent that was scored otherwise is a later one
   const ScoreTable whole = results.Read(OwnBenchmarks());
   CHECK(whole.runs()[0].updates == 1000);
-  CHECK_FALSE(whole.runs()[0].settled);
-  CHECK_FALSE(whole.runs()[0].too_few_evaluations);
+  const Cell& moving = *whole.Find(kClean, whole.series()[0]);
+  CHECK_FALSE(moving.IsSettled());
+  CHECK_FALSE(moving.HasTooFewEvaluations());
   const auto early = [](const ScoredRun&) { return std::optional<uint64_t>(100); };
   const ScoreTable once = results.Read(OwnBenchmarks(), early);
   CHECK(once.Find(kClean, once.series()[0])->HasTooFewEvaluations());
