@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,10 +20,9 @@
 #include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/result_checks.h"
 #include "benchmarks/runner/runner.h"
-#include "benchmarks/runner/slurm.h"
+#include "benchmarks/runner/submission.h"
 #include "client/interrupt.h"
 #include "client/private_daemon.h"
-#include "data/files/atomic_file.h"
 #include "data/files/make_folder.h"
 #include "proto/base/child_program.h"
 #include "proto/base/cores.h"
@@ -59,10 +57,7 @@ struct BenchmarkCommand {
   Result<std::vector<PlannedRun>> Chosen(std::vector<PlannedRun> plan) const;
   // The words by which each task of a cluster trains its run, but for its number.
   std::vector<std::string> TaskWords() const;
-  // Submits one task for each run that is neither done nor in Slurm's queue.
   Result<int> Submit(const std::vector<PlannedRun>& plan);
-  // Submits a job for each block, or prints the scripts of a dry run.
-  Status SubmitBlocks(const std::vector<RunBlock>& blocks);
   int Report(const RunnerSummary& summary, size_t runs) const;
 };
 
@@ -163,58 +158,11 @@ std::vector<std::string> BenchmarkCommand::TaskWords() const {
 }
 
 Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
-  B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
-  B4MRL_ASSIGN_OR_RETURN(const auto indices, IndicesOf(plan, frozen));
-  std::set<uint64_t> queued;
-  const Result<uint64_t> array_size = MaxArraySize();
-  if (!dry_run) {
-    B4MRL_RETURN_IF_ERROR(array_size.status());
-    B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(options.folder, frozen.size(), *array_size));
-  }
-  // Behind the look at the queue: what has left it by now is done, or is submitted.
-  const PlanStatus status = StatusOf(plan, options.folder, options.results);
-  std::vector<uint64_t> left;
-  size_t in_queue = 0;
-  for (size_t i = 0; i < plan.size(); ++i) {
-    const RunProgress progress = status.runs[i].progress;
-    if (progress == RunProgress::kDone) continue;
-    if (progress == RunProgress::kDiverged && !options.retry) continue;
-    if (queued.contains(indices[i])) {
-      ++in_queue;
-    } else {
-      left.push_back(indices[i]);
-    }
-  }
-  std::ranges::sort(left);
-  fmt::print(stderr, "{} of {} runs done, {} in the queue, {} to be submitted\n",
-             status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size());
-  B4MRL_RETURN_IF_ERROR(
-      SubmitBlocks(BlocksOf(left, array_size.ok() ? *array_size : kUsualArraySize)));
+  SubmissionOptions submission = {slurm, options.results, options.retry, dry_run};
+  submission.job.folder = options.folder;
+  submission.job.command = TaskWords();
+  B4MRL_RETURN_IF_ERROR(SubmitMissingRuns(plan, submission));
   return kExitDone;
-}
-
-Status BenchmarkCommand::SubmitBlocks(const std::vector<RunBlock>& blocks) {
-  if (blocks.empty()) return Status();
-  SlurmJob job = slurm;
-  job.folder = options.folder;
-  job.command = TaskWords();
-  if (job.parallel_tasks > 0) {  // of all blocks together, but one of each at least
-    job.parallel_tasks = std::max(1u, job.parallel_tasks / static_cast<uint32_t>(blocks.size()));
-  }
-  B4MRL_RETURN_IF_ERROR(MakeFolder(options.folder + "/logs"));
-  for (const RunBlock& block : blocks) {
-    B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(job, block));
-    const std::string path = options.folder + "/" + ScriptName(block);
-    B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));
-    if (dry_run) {
-      fmt::print("{}", script);
-      continue;
-    }
-    B4MRL_ASSIGN_OR_RETURN(const std::string id, SubmitScript(path));
-    fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", id, block.indices.size(),
-               options.folder);
-  }
-  return Status();
 }
 
 int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {

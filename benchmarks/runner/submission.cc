@@ -1,0 +1,73 @@
+#include "benchmarks/runner/submission.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <set>
+
+#include "benchmarks/runner/frozen_plan.h"
+#include "benchmarks/runner/plan_status.h"
+#include "data/files/atomic_file.h"
+#include "data/files/make_folder.h"
+
+namespace b4mrl {
+namespace {
+
+// Submits a job for each block, or prints the scripts of a dry run.
+Status SubmitBlocks(const std::vector<RunBlock>& blocks, const SubmissionOptions& options) {
+  if (blocks.empty()) return Status();
+  SlurmJob job = options.job;
+  if (job.parallel_tasks > 0) {  // of all blocks together, but one of each at least
+    job.parallel_tasks = std::max(1u, job.parallel_tasks / static_cast<uint32_t>(blocks.size()));
+  }
+  B4MRL_RETURN_IF_ERROR(MakeFolder(job.folder + "/logs"));
+  for (const RunBlock& block : blocks) {
+    B4MRL_ASSIGN_OR_RETURN(const std::string script, BatchScript(job, block));
+    const std::string path = job.folder + "/" + ScriptName(block);
+    B4MRL_RETURN_IF_ERROR(WriteSmallFile(path, script));
+    if (options.dry_run) {
+      fmt::print("{}", script);
+      continue;
+    }
+    B4MRL_ASSIGN_OR_RETURN(const std::string id, SubmitScript(path));
+    fmt::print("job {}: {} runs; tasks' messages in {}/logs\n", id, block.indices.size(),
+               job.folder);
+  }
+  return Status();
+}
+
+}  // namespace
+
+Status SubmitMissingRuns(const std::vector<PlannedRun>& plan, const SubmissionOptions& options) {
+  const std::string& folder = options.job.folder;
+  B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(folder, plan));
+  B4MRL_ASSIGN_OR_RETURN(const auto indices, IndicesOf(plan, frozen));
+  std::set<uint64_t> queued;
+  const Result<uint64_t> array_size = MaxArraySize();
+  if (!options.dry_run) {
+    B4MRL_RETURN_IF_ERROR(array_size.status());
+    B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(folder, frozen.size(), *array_size));
+  }
+  // Behind the look at the queue: what has left it by now is done, or is submitted.
+  const PlanStatus status = StatusOf(plan, folder, options.results);
+  std::vector<uint64_t> left;
+  size_t in_queue = 0;
+  for (size_t i = 0; i < plan.size(); ++i) {
+    const RunProgress progress = status.runs[i].progress;
+    if (progress == RunProgress::kDone) continue;
+    if (progress == RunProgress::kDiverged && !options.retry) continue;
+    if (queued.contains(indices[i])) {
+      ++in_queue;
+    } else {
+      left.push_back(indices[i]);
+    }
+  }
+  std::ranges::sort(left);
+  fmt::print(stderr, "{} of {} runs done, {} in the queue, {} to be submitted\n",
+             status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size());
+  return SubmitBlocks(BlocksOf(left, array_size.ok() ? *array_size : kUsualArraySize), options);
+}
+
+}  // namespace b4mrl
