@@ -12,7 +12,9 @@ static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_alw
 void OnSignal(int number) {
   g_signal = number;
   g_interrupted = true;
-  std::signal(number, SIG_DFL);
+  // A SIGTERM comes twice where a service manager or Slurm sends one to every process and so does
+  // the parent, and the first is to end the work in order.
+  if (number == SIGINT) std::signal(number, SIG_DFL);
 }
 
 }  // namespace

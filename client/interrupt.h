@@ -2,7 +2,8 @@
 // (`cancelled` of client.h), so that an interrupted command ends in order, without half-written
 // files, and says so.
 //
-// The first SIGINT or SIGTERM sets the flag; the second ends the process at once. A signal that was
+// The first SIGINT or SIGTERM sets the flag; a second SIGINT ends the process at once, a second
+// SIGTERM does nothing more. A signal that was
 // ignored when the process began (nohup, a script's job in the background) stays ignored.
 #pragma once
 

@@ -138,7 +138,7 @@ Status WriteResultState(const TrainOptions& options, RunState state, const std::
 
 Result<UniqueFd> LockRunFolder(const std::string& folder) {
   const std::string path = LockPath(folder);
-  UniqueFd fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+  UniqueFd fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666));
   if (!fd.valid()) return IoError("create", path, errno);
   const Deadline deadline = Deadline::AfterMs(kLockPatienceMs);
   while (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {

@@ -46,7 +46,7 @@ class Planner {
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
   // What the run sees and where it is scored, spelled out; sets what follows from it.
   Result<Json> Describe(bool is_users, PlannedRun* run);
-  Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
+  void SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
   Status SetScorings(const Json& conditions, bool is_users, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
@@ -127,12 +127,16 @@ Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& a
     run.dataset.clear();
     run.corruption.clear();
   }
-  B4MRL_RETURN_IF_ERROR(SetBudget(benchmark, &run));
+  // However a benchmark spells them, equal runs have one name, and a budget's exceptions fit them.
+  for (std::string* text : {&run.simulator, &run.corruption, &run.world}) {
+    B4MRL_ASSIGN_OR_RETURN(*text, ByPresets(*text, run.environment, *sources_.catalogue));
+  }
+  SetBudget(benchmark, &run);
   B4MRL_RETURN_IF_ERROR(SetIds(algorithm, &run).WithContext(benchmark.name));
   return run;
 }
 
-Status Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
+void Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
   run->updates = budget_.updates.at(run->algorithm);
   const auto found = budget_.hyperparameters.find(run->algorithm);
   if (found != budget_.hyperparameters.end()) run->hyperparameters = found->second;
@@ -144,7 +148,6 @@ Status Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
     }
   }
   for (const auto& [name, value] : benchmark.hyperparameters) run->hyperparameters[name] = value;
-  return Status();
 }
 
 Result<Json> Planner::DescribeDataset(const std::string& name) {
@@ -200,7 +203,9 @@ Result<Json> Planner::Describe(bool is_users, PlannedRun* run) {
   run->full_dataset.clear();
   if (!run->dataset.empty()) {
     B4MRL_ASSIGN_OR_RETURN(conditions["dataset"], DescribeDataset(run->dataset));
-    run->full_dataset = conditions["dataset"].value("name", run->dataset);
+    const Json& described = conditions["dataset"];
+    run->full_dataset = described.value("name", run->dataset);
+    if (described.contains("rows")) run->rows = described["rows"].get<uint64_t>();
   }
   B4MRL_RETURN_IF_ERROR(SetScorings(conditions, is_users, run));
   return conditions;
@@ -229,6 +234,23 @@ Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   return Status();
 }
 
+// Whether a budget's algorithms are among these names.
+Status CheckNamesOf(const Budget& budget, const std::vector<std::string>& names) {
+  std::vector<std::string> used;
+  for (const auto& [name, unused] : budget.updates) used.push_back(name);
+  for (const auto& [name, unused] : budget.precisions) used.push_back(name);
+  for (const auto& [name, unused] : budget.recipes) used.push_back(name);
+  for (const auto& [name, unused] : budget.hyperparameters) used.push_back(name);
+  for (const BudgetException& exception : budget.exceptions) {
+    used.insert(used.end(), exception.algorithms.begin(), exception.algorithms.end());
+  }
+  for (const std::string& name : used) {
+    if (std::ranges::count(names, name) > 0) continue;
+    return UnknownName(fmt::format("algorithm of the budget {}", budget.name), name, names);
+  }
+  return Status();
+}
+
 // The algorithms that the budget gives updates, of those that were chosen, in the list's order.
 Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
                                                        const PlanChoice& choice,
@@ -238,10 +260,12 @@ Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
   for (const std::string& name : choice.algorithms) {
     if (std::ranges::count(names, name) == 0) return UnknownName("algorithm", name, names);
   }
-  for (const auto& [name, updates] : budget.updates) {
-    if (std::ranges::count(names, name) == 0) {
-      return UnknownName(fmt::format("algorithm of the budget {}", budget.name), name, names);
-    }
+  B4MRL_RETURN_IF_ERROR(CheckNamesOf(budget, names));
+  for (const std::string& name : choice.algorithms) {
+    if (budget.updates.contains(name)) continue;
+    return Status(
+        StatusCode::kInvalidArgument,
+        fmt::format("--algorithms {}: the budget {} gives it no updates", name, budget.name));
   }
   std::vector<const Algorithm*> chosen;
   for (const Algorithm& algorithm : algorithms) {
@@ -286,6 +310,24 @@ Result<std::string> Parametric(const std::string& text, const std::string& envir
                               preset.environment() == environment;
         if (is_meant) item = {info.name(), preset.argument()};
       }
+    }
+  }
+  return FormatNamedArguments(items);
+}
+
+Result<std::string> ByPresets(const std::string& text, const std::string& environment,
+                              const pb::CatalogueReply& catalogue) {
+  B4MRL_ASSIGN_OR_RETURN(const std::string parametric, Parametric(text, environment, catalogue));
+  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(parametric));
+  for (NamedArgument& item : items) {
+    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
+      if (info.name() != item.name) continue;
+      const auto preset = std::ranges::find_if(info.presets(), [&](const pb::PresetInfo& each) {
+        return each.environment() == environment && each.argument() == item.argument;
+      });
+      if (preset == info.presets().end()) continue;
+      item = {preset->name(), ""};
+      break;
     }
   }
   return FormatNamedArguments(items);

@@ -51,6 +51,7 @@ struct PlannedRun {
   std::string recipe;  // the budget's name for its hyperparameters; "": none
   uint64_t updates = 0;
   HyperparameterValues hyperparameters;  // that differ from the learner's defaults
+  std::optional<uint64_t> rows;          // of its dataset, as far as its recipe says
   std::string columns_sha256;            // of its dataset as published; "": any rows will do
   std::vector<Scoring> scorings;
   std::string hidden;  // "hidden=9": what its training did not see, as perturbations
@@ -100,6 +101,11 @@ Status IdentifyRun(PlannedRun* run, std::optional<uint64_t> rows, const PlanSour
 // Perturbations in parametric form: "hidden-high" of HalfCheetah is "hidden=9".
 Result<std::string> Parametric(const std::string& text, const std::string& environment,
                                const pb::CatalogueReply& catalogue);
+
+// The same with the names of the environment's presets, where they say it: "hidden=9" of
+// HalfCheetah is "hidden-high".
+Result<std::string> ByPresets(const std::string& text, const std::string& environment,
+                              const pb::CatalogueReply& catalogue);
 
 // Whether a benchmark's name fits a pattern, in which '*' stands for any text and '?' for any
 // character.

@@ -11,6 +11,7 @@
 #include <set>
 #include <utility>
 
+#include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
@@ -36,7 +37,18 @@ bool IsPublished(const Json& dataset, const PublishedDatasets& published) {
 // Results of one cell.
 struct Cell {
   std::vector<const Json*> results;
+  bool has_copies = false;  // of one seed's numbers under the name of another one
 
+  // Of a run that two files tell of, the one that came further counts.
+  void Add(const Json* result) {
+    const std::string id = TextOf(*result, "id");
+    for (const Json*& other : results) {
+      if (id.empty() || TextOf(*other, "id") != id) continue;
+      if (CountOf(*result, "updates") > CountOf(*other, "updates")) other = result;
+      return;
+    }
+    results.push_back(result);
+  }
   // The number's mean and deviation over the results; nothing where one lacks it.
   std::optional<MeanAndStd> Figures(std::string_view key, std::string_view inside = "") const {
     std::vector<double> values;
@@ -59,6 +71,12 @@ struct Cell {
     for (const Json* result : results) counts.insert(CountOf(*result, key).value_or(0));
     return counts;
   }
+  // By the project, not by themselves.
+  bool AreScored() const {
+    return std::ranges::all_of(Texts("source"), [](const std::string& source) {
+      return source == "own" || source == "user";
+    });
+  }
   bool IsEntry(const PublishedDatasets& published) const {
     const std::set<uint64_t> seeds = Counts("seed"), updates = Counts("updates");
     const bool are_ruled = std::ranges::all_of(results, [&](const Json* result) {
@@ -66,13 +84,21 @@ struct Cell {
              IsPublished(EntryOf(*result, "dataset"), published);
     });
     return std::ranges::all_of(kSeedsOfAnEntry, [&](uint64_t s) { return seeds.contains(s); }) &&
-           seeds.size() == results.size() && updates.size() == 1 && are_ruled &&
-           !Texts("source").contains("self-scored") && Texts("precision").size() == 1;
+           seeds.size() == results.size() && updates.size() == 1 && are_ruled && AreScored() &&
+           Texts("precision").size() == 1 && !has_copies;
   }
 };
 
 std::string Joined(const std::set<std::string>& texts) {
   return fmt::format("{}", fmt::join(texts, "+"));
+}
+
+// As a cell of CSV: in quotes where it needs them (RFC 4180).
+std::string Quoted(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char letter : text) quoted += letter == '"' ? "\"\"" : std::string(1, letter);
+  return quoted + '"';
 }
 
 std::string Mean(const std::optional<MeanAndStd>& figures, int digits) {
@@ -88,7 +114,7 @@ std::string Deviation(const std::optional<MeanAndStd>& figures, size_t seeds, in
 std::string DataColumns(const Cell& cell) {
   const Json& dataset = EntryOf(*cell.results.front(), "dataset");
   const auto rows = CountOf(dataset, "rows");
-  return fmt::format("{},{},{}", Joined(cell.Texts("name", "dataset")),
+  return fmt::format("{},{},{}", Quoted(Joined(cell.Texts("name", "dataset"))),
                      rows ? fmt::format("{}", *rows) : "",
                      TextOf(dataset, "columns_sha256").substr(0, kHashDigits));
 }
@@ -101,30 +127,41 @@ std::string RowOf(const std::string& benchmark, const Cell& cell,
   const size_t seeds = cell.Counts("seed").size();
   auto hours = cell.Figures("seconds");
   if (hours) hours->mean /= 3600;
-  return fmt::format(
-      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
-      Joined(cell.Texts("algorithm")), Joined(cell.Texts("recipe")), Joined(cell.Texts("source")),
-      DataColumns(cell), Mean(score, 2), Deviation(score, seeds, 2), Mean(episode_return, 1),
-      Deviation(episode_return, seeds, 1), seeds, Mean(cell.Figures("updates"), 0),
-      all_settled ? "yes" : "no", Joined(cell.Texts("precision")), Mean(hours, 2),
-      Mean(cell.Figures("simulator_steps", "ledger"), 0),
-      Mean(cell.Figures("query_rows", "ledger"), 0),
-      Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry(published) ? "yes" : "no");
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
+                     Quoted(Joined(cell.Texts("algorithm"))), Quoted(Joined(cell.Texts("recipe"))),
+                     Quoted(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
+                     Deviation(score, seeds, 2), Mean(episode_return, 1),
+                     Deviation(episode_return, seeds, 1), seeds, Mean(cell.Figures("updates"), 0),
+                     all_settled ? "yes" : "no", Joined(cell.Texts("precision")), Mean(hours, 2),
+                     Mean(cell.Figures("simulator_steps", "ledger"), 0),
+                     Mean(cell.Figures("query_rows", "ledger"), 0),
+                     Mean(cell.Figures("dataset_rows", "ledger"), 0),
+                     cell.IsEntry(published) ? "yes" : "no");
 }
 
 }  // namespace
 
 Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
-                                const PublishedDatasets& published) {
+                                const PublishedDatasets& published,
+                                std::vector<std::string>* skipped) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(results_folder, ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
   }
   std::vector<Json> results;
+  std::vector<std::string> paths;
   for (const std::string& file : files) {
     auto json = ReadJsonObject(file);
-    if (json.ok() && IsTrue(*json, "finished")) results.push_back(*std::move(json));
+    if (!json.ok() && skipped != nullptr) skipped->push_back(json.status().message());
+    if (!json.ok() || !IsTrue(*json, "finished")) continue;
+    results.push_back(*std::move(json));
+    paths.push_back(file);
+  }
+  const auto copies = CopiedSeeds(results, paths);
+  std::set<const Json*> copied;
+  for (size_t i = 0; i < results.size(); ++i) {
+    if (!copies[i].empty()) copied.insert(&results[i]);
   }
   // By benchmark, then by cell and by the data, as other rows are another cell.
   std::map<std::string, std::map<std::string, Cell>> cells;
@@ -135,7 +172,9 @@ Result<std::string> Leaderboard(const std::string& results_folder,
     }
     const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");
     for (const std::string& name : names) {
-      cells[name][TextOf(result, "cell") + data].results.push_back(&result);
+      Cell& cell = cells[name][TextOf(result, "cell") + data];
+      cell.Add(&result);
+      cell.has_copies |= copied.contains(&result);
     }
   }
   std::string csv =

@@ -4,8 +4,8 @@
 // population standard deviation over the seeds, and what they used on average. `dataset`, `rows`
 // and `rows_sha256`, the first digits of the hash of its columns, say which data these were.
 // `entry` says whether a row meets the rules (benchmarks/RULES.md): the published data, seeds 0, 1
-// and 2, each seed once, ten episodes or more, equally many updates, scored by B4MRL, in one
-// precision. Equal results give equal bytes. Any thread.
+// and 2, each seed once and with numbers of its own, ten episodes or more, equally many updates,
+// scored by B4MRL, in one precision. Equal results give equal bytes. Any thread.
 #pragma once
 
 #include <string>
@@ -17,9 +17,11 @@
 
 namespace b4mrl {
 
-// Of all finished results "*.json" of the folder, in the order of `benchmarks`. kIoError.
+// Of all finished results "*.json" of the folder, in the order of `benchmarks`. What cannot be read
+// is left out and, if `skipped` is given, named there, a line each. kIoError.
 Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
-                                const PublishedDatasets& published);
+                                const PublishedDatasets& published,
+                                std::vector<std::string>* skipped = nullptr);
 
 }  // namespace b4mrl

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "proto/base/child_program.h"
+#include "proto/base/exit_codes.h"
 
 namespace b4mrl {
 namespace {
@@ -119,7 +120,11 @@ Job::~Job() {
 std::optional<int> Job::Poll() {
   if (kill_at_ && kill_at_->expired()) kill(-process_id_, SIGKILL);
   siginfo_t ended{};
-  if (waitid(P_PID, process_id_, &ended, WEXITED | WNOHANG | WNOWAIT) != 0) return std::nullopt;
+  if (waitid(P_PID, process_id_, &ended, WEXITED | WNOHANG | WNOWAIT) != 0) {
+    if (errno != ECHILD) return std::nullopt;
+    process_id_ = -1;  // somebody else has taken its code
+    return kExitFailed;
+  }
   if (ended.si_pid != process_id_) return std::nullopt;
   // Before the process is waited for, as its group's number is then free for others.
   if (stops_group_) kill(-process_id_, SIGKILL);

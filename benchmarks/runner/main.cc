@@ -130,7 +130,13 @@ void BenchmarkCommand::AddSlurmOptions(CLI::App& app) {
 
 Result<std::vector<PlannedRun>> BenchmarkCommand::Chosen(std::vector<PlannedRun> plan) const {
   if (!index) return plan;
-  B4MRL_ASSIGN_OR_RETURN(const auto frozen, FreezePlan(options.folder, plan));
+  // Who only looks writes no list.
+  B4MRL_ASSIGN_OR_RETURN(auto frozen, ReadFrozenPlan(options.folder));
+  if (frozen.empty() && dry_run) {
+    for (const PlannedRun& run : plan) frozen.push_back(run.id);
+  } else if (frozen.empty()) {
+    B4MRL_ASSIGN_OR_RETURN(frozen, FreezePlan(options.folder, plan));
+  }
   B4MRL_ASSIGN_OR_RETURN(PlannedRun run, FindByIndex(frozen, *index, plan));
   return std::vector{std::move(run)};
 }
@@ -205,6 +211,10 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   options.data_folder = daemon_status.data_folder();
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
+  if (plan.empty()) {
+    return Status(StatusCode::kInvalidArgument,
+                  "the chosen benchmarks are defined for none of the chosen algorithms");
+  }
   if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (looks) {
@@ -263,7 +273,12 @@ Result<int> RecordsCommand::Check() const {
   B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
   size_t sound = 0;
   for (const CheckedResult& result : checked) {
-    const char* agent = result.scored_again ? "its agent has these returns" : "no agent is there";
+    const char* agent =
+        result.agent == AgentCheck::kScored ? "its agent has these returns" : "no agent is there";
+    if (result.faults.empty() && result.agent == AgentCheck::kNotReached) {
+      fmt::print("unknown {} (its agent was not scored)\n", result.path);
+      continue;
+    }
     if (result.faults.empty()) fmt::print("sound {} ({})\n", result.path, agent);
     for (const std::string& fault : result.faults) fmt::print("fault {}: {}\n", result.path, fault);
     sound += result.faults.empty() ? 1 : 0;
@@ -276,7 +291,10 @@ Result<int> RecordsCommand::Check() const {
 Result<int> RecordsCommand::PrintLeaderboard() const {
   B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
   B4MRL_ASSIGN_OR_RETURN(const auto published, ReadPublishedDatasets());
-  B4MRL_ASSIGN_OR_RETURN(const std::string csv, Leaderboard(results, benchmarks, published));
+  std::vector<std::string> skipped;
+  B4MRL_ASSIGN_OR_RETURN(const std::string csv,
+                         Leaderboard(results, benchmarks, published, &skipped));
+  for (const std::string& reason : skipped) fmt::print(stderr, "left out: {}\n", reason);
   fmt::print("{}", csv);
   return kExitDone;
 }

@@ -41,6 +41,7 @@ RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& re
   if (IsMarkedDiverged(run_folder)) return RunProgress::kDiverged;
   const auto state = ReadRunStatus(run_folder);
   if (state.ok() && state->state == RunState::kFailed) return RunProgress::kFailed;
+  if (!FailureOf(run_folder).empty()) return RunProgress::kFailed;
   return result || Exists(run_folder + "/log") ? RunProgress::kBegun : RunProgress::kWaiting;
 }
 
@@ -100,12 +101,13 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
     each.updates = UpdatesOf(each, run_folder);
     if (const auto found = indices.find(run.id); found != indices.end()) each.index = found->second;
     if (Exists(run_folder + "/log")) each.log = run_folder + "/log";
+    if (each.progress == RunProgress::kFailed) each.failure = FailureOf(run_folder);
     if (each.result) costs.Learn(run, *each.result);
     status.runs.push_back(std::move(each));
   }
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
     ++status.counts[progress];
     status.cells += run.benchmarks.size();
     status.seconds += result ? result->seconds : 0;
@@ -123,12 +125,16 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   std::string text;
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
     text +=
         fmt::format("{} {:>4} {:<8} {:>9}/{} {}", run.id, index ? fmt::format("{}", *index) : "-",
                     RunProgressName(progress), updates, run.updates, run.name);
     if (result) text += fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
-    if (!log.empty() && progress != RunProgress::kDone) text += ", " + log;
+    if (!failure.empty()) {
+      text += ": " + failure;  // which names the log, if it says more
+    } else if (!log.empty() && progress != RunProgress::kDone) {
+      text += ", " + log;
+    }
     text += '\n';
   }
   return text + fmt::format(
@@ -146,7 +152,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log] = status.runs[i];
+    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
     runs.push_back({{"name", run.name},
                     {"id", run.id},
                     {"cell", run.cell_id},
@@ -167,6 +173,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"done", progress == RunProgress::kDone},
                     {"index", index ? Json(*index) : Json()},
                     {"log", log.empty() ? Json() : Json(log)},
+                    {"failure", failure.empty() ? Json() : Json(failure)},
                     {"score", result && result->score ? Json(*result->score) : Json()},
                     {"return", result ? Json(result->mean_return) : Json()},
                     {"seconds", result ? result->seconds : 0}});

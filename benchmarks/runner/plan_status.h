@@ -17,7 +17,7 @@ enum class RunProgress {
   kDone,      // trained and scored
   kRunning,   // a runner holds its claim, on this machine or another one
   kDiverged,  // to be trained again only with --retry
-  kFailed,    // its learner ended with an error; it is tried again when it is next begun
+  kFailed,    // given up by a runner; it is tried again when it is next begun
   kBegun,     // stopped or killed; goes on from its last checkpoint
   kWaiting,   // nothing was done yet
 };
@@ -29,6 +29,7 @@ struct PlannedRunStatus {
   uint64_t updates = 0;           // of the run's last evaluation
   std::optional<uint64_t> index;  // in plan.json
   std::string log;                // file of the learner's messages; "": there is none
+  std::string failure;            // why a runner gave it up; "": none has, or it is not known
 };
 
 struct PlanStatus {

@@ -88,7 +88,6 @@ Status Compare(const std::string& agent_path, const nlohmann::ordered_json& resu
 Status Compare(const std::string& evaluation, const nlohmann::ordered_json& result,
                CheckedResult* checked) {
   B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(evaluation));
-  checked->scored_again = true;
   const auto returns = NumbersOf(json, "returns");
   if (!returns || returns != NumbersOf(result, "returns")) {
     checked->faults.push_back(fmt::format("its agent has the returns {}, not {}",
@@ -120,6 +119,7 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
     results.push_back(json.ok() ? *std::move(json) : nlohmann::ordered_json());
     if (agents.contains(TextOf(results.back(), "agent_sha256"))) {
       waiting.push_back(checked.size() - 1);
+      checked.back().agent = AgentCheck::kNotReached;
     }
   }
   const auto copied = CopiedSeeds(results, files);
@@ -144,6 +144,7 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
   };
   const auto finish = [&](Active& ended, int exit_code) {
     CheckedResult& which = checked[ended.number];
+    which.agent = AgentCheck::kScored;
     const std::string file = scratch.File(ended.number);
     if (exit_code != 0) {
       which.faults.push_back(fmt::format("its agent could not be scored: code {}", exit_code));

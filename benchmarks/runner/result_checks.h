@@ -19,10 +19,16 @@ struct ResultCheckOptions {
   uint32_t jobs = 1;
 };
 
+enum class AgentCheck {
+  kAbsent,      // no agent lies beside the result
+  kNotReached,  // it does, but an interrupt came before it was scored
+  kScored,      // it was scored again, or could not be, which the faults say
+};
+
 struct CheckedResult {
   std::string path;
-  std::vector<std::string> faults;  // none: the result is what it says
-  bool scored_again = false;        // its agent was there
+  std::vector<std::string> faults;  // none: the result is what it says, as far as `agent` tells
+  AgentCheck agent = AgentCheck::kAbsent;
 };
 
 // In the order of the files' names. kIoError if the folder cannot be read or written; evaluations

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "benchmarks/records/json_file.h"
 #include "benchmarks/records/result_file.h"
 #include "data/files/atomic_file.h"
 
@@ -30,6 +31,8 @@ void RemoveFrom(const std::string& folder, Chooses chooses) {
     if (chooses(entry->path().filename().string())) fs::remove_all(entry->path(), ignored);
   }
 }
+
+std::string FailurePath(const std::string& folder) { return folder + "/error.json"; }
 
 std::string MarkPath(const std::string& folder) { return folder + "/" + std::string(kMark); }
 
@@ -66,6 +69,22 @@ Status MarkDiverged(const std::string& folder, const RunStatus& state) {
 bool IsMarkedDiverged(const std::string& folder) {
   std::error_code error;
   return fs::exists(MarkPath(folder), error);
+}
+
+void KeepFailure(const std::string& folder, const std::string& reason) {
+  const Json error = {{"reason", reason}};
+  const std::string text = error.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+  [[maybe_unused]] const Status written = WriteSmallFile(FailurePath(folder), text);
+}
+
+void RemoveFailure(const std::string& folder) {
+  std::error_code ignored;
+  fs::remove(FailurePath(folder), ignored);
+}
+
+std::string FailureOf(const std::string& folder) {
+  const auto error = ReadJsonObject(FailurePath(folder));
+  return error.ok() ? TextOf(*error, "reason") : "";
 }
 
 void RemoveDiverged(const std::string& folder) {

@@ -1,5 +1,5 @@
-// The folders of a suite's runs, and the mark "failed.json" of a run that diverged. Thread rule:
-// one thread, which holds the run's claim.
+// The folders of a suite's runs, the mark "failed.json" of a run that diverged, and "error.json" of
+// one that was given up. Thread rule: one thread, which holds the run's claim where it writes.
 #pragma once
 
 #include <string>
@@ -25,6 +25,12 @@ void RemoveScorings(const PlannedRun& run, const std::string& folder);
 // failed.json holds why and after how many updates the run diverged. kIoError.
 Status MarkDiverged(const std::string& folder, const RunStatus& state);
 bool IsMarkedDiverged(const std::string& folder);
+// error.json holds why a runner gave the run up, for whoever asks how far it is; the run is begun
+// again all the same. What cannot be written is left out.
+void KeepFailure(const std::string& folder, const std::string& reason);
+void RemoveFailure(const std::string& folder);
+// "" if it was not given up.
+std::string FailureOf(const std::string& folder);
 // Removes a diverged run, but not its claim, which is held.
 void RemoveDiverged(const std::string& folder);
 

@@ -10,6 +10,7 @@
 #include <system_error>
 #include <utility>
 
+#include "algorithms/base/checkpoint.h"
 #include "algorithms/run/run_result.h"
 #include "benchmarks/records/learned.h"
 #include "benchmarks/runner/evaluation_job.h"
@@ -35,6 +36,7 @@ Runner::Runner(const RunnerOptions& options, const Budget& budget,
     : options_(options),
       budget_(budget),
       client_(client),
+      datasets_(client, {options.folder, options.data_folder, DaemonWords(), budget.rows}),
       end_(Deadline::AfterMs(static_cast<int64_t>(options.hours * 3'600'000))),
       line_(options.quiet) {
   for (const PlannedRun& run : plan) {
@@ -166,24 +168,37 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
   Task& task = tasks_[number];
   const PlannedRun& run = *task.run;
   if (!run.dataset.empty()) {
-    const auto broken = failed_datasets_.find(run.full_dataset);
-    if (broken != failed_datasets_.end()) {
-      Fail(task, broken->second);
+    if (const auto failure = datasets_.Failure(run.full_dataset)) {
+      Fail(task, *failure);
       return true;
     }
-    B4MRL_ASSIGN_OR_RETURN(const auto dataset, FindDataset(run.full_dataset));
+    B4MRL_ASSIGN_OR_RETURN(const auto dataset, datasets_.Find(run.full_dataset));
     if (!dataset) return BeginDataset(run);
+    if (const std::string refusal = datasets_.Refusal(run, *dataset); !refusal.empty()) {
+      Fail(task, refusal);
+      return true;
+    }
   }
+  RemoveFailure(task.folder);
   if (!run.is_users() || !HasLearned(run, task.folder)) RemoveScorings(run, task.folder);
   if (!run.is_users()) {
+    const auto lock = LockRunFolder(task.folder);
     // The learner of a killed runner may still be about to end.
-    if (const auto lock = LockRunFolder(task.folder); !lock.ok()) return false;
-    B4MRL_ASSIGN_OR_RETURN(
-        Job job, Job::Start(TrainingOrder(run, budget_, task.target, task.folder, DaemonWords()),
-                            std::move(claim)));
+    if (lock.status().code() == StatusCode::kBusy) return false;
+    B4MRL_RETURN_IF_ERROR(lock.status());
+    B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(task.folder));
+    // A run that was stopped on its way to more updates ends where it is: it goes nowhere back.
+    const uint64_t begun = checkpoints.empty() ? 0 : checkpoints.front();
+    const JobOrder order =
+        TrainingOrder(run, budget_, std::max(task.target, begun), task.folder, DaemonWords());
+    B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(order, std::move(claim)));
     active_.push_back({std::move(job), number, "", std::nullopt});
   } else if (HasLearned(run, task.folder)) {  // before a runner was killed
     B4MRL_RETURN_IF_ERROR(WriteResult(task));
+    if (!task.refused.empty()) {
+      Fail(task, task.refused);
+      return true;
+    }
     if (!HasAgent(task.folder)) return false;  // it waits, and has its result
     return BeginMissingScoring(number, {}, claim);
   } else {
@@ -228,31 +243,12 @@ std::vector<std::string> Runner::DaemonWords() const {
 }
 
 Result<bool> Runner::BeginDataset(const PlannedRun& run) {
-  const std::string stem = DatasetStem(options_.folder, run.full_dataset);
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
-  if (!claim.valid() || IsMadeElsewhere(run.full_dataset)) return false;
-  std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
-  for (const std::string& word : DaemonWords()) words.push_back(word);
-  if (budget_.rows) {
-    words.insert(words.end(), {"--rows", fmt::format("{}", *budget_.rows)});
+  B4MRL_ASSIGN_OR_RETURN(std::optional<Job> job, datasets_.Begin(run));
+  if (job) {
+    Say(fmt::format("make {}", run.dataset));
+    active_.push_back({*std::move(job), std::nullopt, run.full_dataset, std::nullopt});
   }
-  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(ToolOrder(words, stem + ".log"), std::move(claim)));
-  Say(fmt::format("make {}", run.dataset));
-  active_.push_back({std::move(job), std::nullopt, run.full_dataset, std::nullopt});
   return false;  // the run waits for the dataset
-}
-
-bool Runner::IsMadeElsewhere(const std::string& full_name) const {
-  return options_.endpoint.empty() &&
-         IsBeingWritten(fmt::format("{}/{}.h5", options_.data_folder, full_name));
-}
-
-Result<std::optional<UsedDataset>> Runner::FindDataset(const std::string& full_name) {
-  B4MRL_ASSIGN_OR_RETURN(const auto listed, client_.ListDatasets());
-  const auto found = std::ranges::find(listed, full_name, &pb::DatasetInfo::name);
-  if (found == listed.end()) return std::optional<UsedDataset>();
-  return std::optional(
-      UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
 }
 
 void Runner::Collect() {
@@ -260,13 +256,8 @@ void Runner::Collect() {
 }
 
 void Runner::FinishDataset(const Active& active, int exit_code) {
-  if (exit_code == 0 || Stops() || IsMadeElsewhere(active.dataset)) return;
-  const auto found = FindDataset(active.dataset);
-  if (found.ok() && *found) return;  // another process was quicker
-  failed_datasets_[active.dataset] =
-      fmt::format("dataset {} could not be made, see {}.log", active.dataset,
-                  DatasetStem(options_.folder, active.dataset));
-  Say(failed_datasets_[active.dataset]);
+  if (Stops()) return;
+  if (const auto failure = datasets_.Finish(active.dataset, exit_code)) Say(*failure);
 }
 
 void Runner::Finish(Active& active, int exit_code) {
@@ -358,16 +349,10 @@ Status Runner::WriteResult(Task& task) {
     if (is_users) {  // which may have opened no dataset; its rows are counted when it is opened
       B4MRL_RETURN_IF_ERROR(client_.OpenDataset(task.run->full_dataset).status());
     }
-    B4MRL_ASSIGN_OR_RETURN(dataset, FindDataset(task.run->full_dataset));
+    B4MRL_ASSIGN_OR_RETURN(dataset, datasets_.Find(task.run->full_dataset));
   }
-  const std::string& published = task.run->columns_sha256;
-  if (dataset && !published.empty() && dataset->columns_sha256 != published) {
-    task.refused = fmt::format(
-        "{} in {} has {} rows that are not the published ones; make it again (b4mrl dataset make "
-        "--replace), or choose another --data-folder",
-        dataset->name, options_.data_folder, dataset->rows);
-    return Status();
-  }
+  if (dataset) task.refused = datasets_.Refusal(*task.run, *dataset);
+  if (!task.refused.empty()) return Status();
   const ResultOrigin origin = {budget_.name, options_.commit, task.target};
   B4MRL_ASSIGN_OR_RETURN(task.updates,
                          WriteResultOf(*task.run, task.folder, dataset, origin, options_.results));
@@ -390,6 +375,7 @@ void Runner::End(Task& task) {
 void Runner::Fail(Task& task, const std::string& reason) {
   task.ended = true;
   summary_.failed.push_back(fmt::format("{}: {}", task.run->name, reason));
+  KeepFailure(task.folder, reason);
   Say(fmt::format("fail  {}", summary_.failed.back()));
 }
 

@@ -15,7 +15,6 @@
 #include <cstdint>
 #include <deque>
 #include <list>
-#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -26,6 +25,7 @@
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/result_file.h"
 #include "benchmarks/runner/cost.h"
+#include "benchmarks/runner/dataset_jobs.h"
 #include "benchmarks/runner/job.h"
 #include "benchmarks/runner/progress_line.h"
 #include "client/client.h"
@@ -98,14 +98,10 @@ class Runner {
   Result<bool> BeginMissingScoring(size_t number, const std::set<std::string>& present,
                                    UniqueFd& claim);
   Result<bool> BeginDataset(const PlannedRun& run);
-  // Whether a process without this folder's claim is making the dataset.
-  bool IsMadeElsewhere(const std::string& full_name) const;
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
   bool FitsTheHours(const Task& task) const;
-  // None if the data folder does not have it.
-  Result<std::optional<UsedDataset>> FindDataset(const std::string& full_name);
   std::vector<std::string> DaemonWords() const;
   void Collect();
   void Finish(Active& active, int exit_code);
@@ -131,7 +127,7 @@ class Runner {
   std::vector<Task> tasks_;
   std::deque<size_t> waiting_;  // numbers of tasks, in plan order
   std::list<Active> active_;
-  std::map<std::string, std::string> failed_datasets_;  // reasons by full name
+  DatasetJobs datasets_;
   RunnerSummary summary_;
   Deadline end_;
   Status lost_;  // of the daemon

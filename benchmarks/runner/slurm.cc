@@ -58,6 +58,22 @@ fi
 exit $code
 )";
 
+// What the script and the look at the queue rest on may not be replaced.
+Status CheckOption(const std::string& option) {
+  for (const std::string_view own : {"--job-name", "--array", "--signal", "--requeue",
+                                     "--no-requeue", "--open-mode", "--wrap", "--parsable"}) {
+    if (option == own || option.starts_with(std::string(own) + "=")) {
+      return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
+    }
+  }
+  for (const std::string_view own : {"-J", "-a"}) {
+    if (option.starts_with(own)) {
+      return InvalidArgument("--sbatch-option", option, "an option that b4mrl does not set itself");
+    }
+  }
+  return Status();
+}
+
 // The word as the shell reads it back.
 std::string Quoted(std::string_view word) {
   constexpr std::string_view kPlain =
@@ -185,7 +201,10 @@ Result<std::string> BatchScript(const SlurmJob& job, const RunBlock& block) {
                                       "--open-mode=append",
                                       fmt::format("--output=\"{}/%a{}.log\"", logs, suffix),
                                       fmt::format("--signal=B:USR2@{}", kSecondsToSave)};
-  options.insert(options.end(), job.sbatch_options.begin(), job.sbatch_options.end());
+  for (const std::string& option : job.sbatch_options) {
+    B4MRL_RETURN_IF_ERROR(CheckOption(option));
+    options.push_back(option);
+  }
   std::string lines, command;
   for (const std::string& option : options) {
     if (!option.starts_with('-') || option.find('\n') != std::string::npos) {

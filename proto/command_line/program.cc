@@ -12,6 +12,8 @@
 namespace b4mrl {
 
 int RunProgram(std::string_view name, const std::function<int()>& body) {
+  // Ignored by a parent, it would leave no child's end to wait for.
+  std::signal(SIGCHLD, SIG_DFL);
   int exit_code = kExitDone;
   int error = 0;
   try {

@@ -16,6 +16,7 @@
 #include "data/files/file_hash.h"
 #include "data/files/stored_bytes.h"
 #include "proto/base/clock.h"
+#include "proto/base/folders.h"
 #include "proto/base/unique_fd.h"
 #include "server/datasets/corruption.h"
 #include "server/datasets/dataset_environment.h"
@@ -137,8 +138,7 @@ Result<ImportedFile> DatasetStore::ImportFile(const DatasetFile& file, const std
   spdlog::info("importing {} ({} bytes)", file.path, stored_bytes);
   const auto go_on = [&] {
     if (cancelled) return Cancelled();
-    return deadline.expired() ? Status(StatusCode::kDataLoss, "its import did not end in time")
-                              : Status();
+    return deadline.expired() ? LateImport() : Status();
   };
   const std::string made = ImportedCachePath(folder.path());
   const auto run = [&]() -> Status {
@@ -158,7 +158,9 @@ Result<ImportedFile> DatasetStore::ImportFile(const DatasetFile& file, const std
   if (!after.ok() || *after != imported.file) {
     return Status(StatusCode::kUnavailable, "the file changed while it was imported; try again");
   }
-  if (LiesInFile(status)) index_.AddFailure(file.name, imported.file, status);
+  // A late one is remembered, too, so that files that hang do not take one place after another.
+  const bool is_late = !status.ok() && !cancelled && deadline.expired();
+  if (LiesInFile(status) || is_late) index_.AddFailure(file.name, imported.file, status);
   B4MRL_RETURN_IF_ERROR(status);
   B4MRL_RETURN_IF_ERROR(PlaceCache(made, cache_.PathOf(imported.fingerprint)));
   return imported;
@@ -194,9 +196,11 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& finge
     mapped_.erase(fingerprint);
   }
   const std::string folder = cache_.PathOf(fingerprint);
+  const uint64_t identity = FolderIdentity(folder);
   Result<DatasetPointer> dataset = Dataset::Open(folder);
   const Status status = dataset.ok() ? (*dataset)->cache().Verify(stopped_) : dataset.status();
-  if (IsDamage(status)) {
+  // Another thread may have made it anew meanwhile.
+  if (IsDamage(status) && FolderIdentity(folder) == identity) {
     spdlog::error("removing a damaged cache: {}", status.ToString());
     RemoveCache(folder);
   }

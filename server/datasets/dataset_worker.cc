@@ -283,10 +283,9 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
   };
   const bool is_import = found.missing == OpenedDataset::Missing::kImport;
   if (is_import && std::exchange(parked->second.file_was_imported, true)) {
-    return FinishOpen(id, Status(StatusCode::kInternal,
-                                 fmt::format("{} was imported, but its import is not to be found; "
-                                             "did the file change?",
-                                             wanted.name)));
+    return FinishOpen(
+        id, Status(StatusCode::kUnavailable,
+                   fmt::format("{} changed after it was imported; try again", wanted.name)));
   }
   Preparations& queue = is_import ? imports_ : derivations_;
   const auto waits = [this, id] { return parked_.contains(id); };

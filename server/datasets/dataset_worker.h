@@ -6,9 +6,9 @@
 // and Sample, Read and DatasetStats name the fingerprint, so a worker that was killed and started
 // again serves them with no other state.
 //
-// One thread receives messages, gathers rows straight into the reply's frame and sends. A second
-// thread lists files and maps finished caches, so that one client's Open does not hold up another
-// client's batches, not even where a replaced worker has to map their dataset again. Imports and
+// One thread receives messages, gathers rows straight into the reply's frame and sends. Threads of
+// their own list files, open finished caches and map them again for a replaced worker, so that one
+// client's Open does not hold up another client's batches. Imports and
 // derivations run side by side in two queues (server/process/preparation_queue.h), so that neither
 // waits for the other, nor a small one for a large one. A request for a dataset that is being
 // prepared waits for it: kDeadlineExceeded comes within 0.2 s of the request's deadline.

@@ -1,7 +1,6 @@
 #include "server/datasets/importer.h"
 
 #include <fcntl.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -76,8 +75,14 @@ Result<ImportedDataset> ParseAnswer(const std::string& text) {
 
 std::string ImportedCachePath(const std::string& folder) { return folder + "/imported"; }
 
+Status LateImport() {
+  return Status(
+      StatusCode::kUnavailable,
+      "its import did not end in time; the file is crafted so, or the machine overloaded");
+}
+
 int RunImporter(const ImporterOptions& options) {
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  DieWithParent();
   const Result<ImportedDataset> imported = ImportInSandbox(options);
   std::printf("%s\n", Answer(imported).c_str());
   std::fflush(stdout);
@@ -99,8 +104,7 @@ Result<ImportedDataset> ImportInChild(const std::string& program, const Importer
   if (imported.ok()) return imported;
   const Status& status = imported.status();
   const bool late = status.code() == StatusCode::kDeadlineExceeded;
-  return Status(late ? StatusCode::kDataLoss : status.code(), status.message())
-      .WithContext(options.file);
+  return (late ? LateImport() : status).WithContext(options.file);
 }
 
 }  // namespace b4mrl

@@ -1,7 +1,6 @@
 #include "server/models/model_compiler.h"
 
 #include <fmt/format.h>
-#include <sys/prctl.h>
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -118,7 +117,7 @@ Result<std::string> CompileInSandbox(const ModelCompilerOptions& options) {
 }  // namespace
 
 int RunModelCompiler(const ModelCompilerOptions& options) {
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  DieWithParent();
   const Result<std::string> hash = CompileInSandbox(options);
   const std::string answer =
       hash.ok() ? Json({{"ok", true}, {"hash", *hash}}).dump() : ErrorAnswer(hash.status());

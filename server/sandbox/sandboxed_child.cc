@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <poll.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -25,6 +26,7 @@ constexpr int64_t kPollMs = 100;
 // After this time the child runs at lower priority.
 constexpr int64_t kEagerMs = 2000;
 constexpr int kPatientNice = 10;
+constexpr int64_t kExitMs = 2000;
 
 // The child's whole output, or the reason to end the child before the end of its output.
 Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& process,
@@ -80,7 +82,9 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
   std::string text;
   const Status answered = ReadUntilEnd(wanted, child, deadline, cancelled, &text);
   if (!answered.ok()) kill(-child.process_id, SIGKILL);  // it leads a group of its own
-  const int exit_status = WaitForExit(child.process_id, deadline);
+  // Who has closed its output has nothing left to do.
+  const int exit_status =
+      WaitForExit(child.process_id, Deadline::AfterMs(std::min(deadline.remaining_ms(), kExitMs)));
   const auto result = [&](Result<std::string> json) {
     return ChildAnswer{exit_status == 0, std::move(json)};
   };
@@ -94,6 +98,13 @@ ChildAnswer RunSandboxedChild(const SandboxedChild& wanted, const Deadline& dead
         Status(code, fmt::format("it ended {} by signal {} ({})", wanted.name, signal, reason)));
   }
   return result(ParseAnswer(text, wanted.name));
+}
+
+void DieWithParent() {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  // The parent may have died before: then nobody reads the answer any more.
+  pollfd answer{STDOUT_FILENO, 0, 0};
+  if (poll(&answer, 1, 0) > 0 && (answer.revents & POLLERR) != 0) _exit(1);
 }
 
 std::string ErrorAnswer(const Status& error) {

@@ -29,11 +29,15 @@ struct ChildAnswer {
 // Waits for the child's answer and its exit. An answer with "ok": false becomes the Status that it
 // names; a death, no answer or too long an answer becomes kDataLoss, and SIGKILL, which the system
 // sends when memory is short, kInternal. The child is ended within 100 ms of a missed deadline
-// (kDeadlineExceeded) and of `cancelled` (may be null) turning true (kUnavailable). The messages do
+// (kDeadlineExceeded) and of `cancelled` (may be null) turning true (kUnavailable), and two seconds
+// after it has closed its output. The messages do
 // not name the file, which the caller adds.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 
+// For the child, to be called first: it is killed when the thread that started it ends, and at once
+// if that has ended already.
+void DieWithParent();
 // For the child: the JSON text of an answer with "ok": false.
 std::string ErrorAnswer(const Status& error);
 

@@ -19,7 +19,9 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
   uint32_t wake = 0;
   {
     std::lock_guard lock(mutex_);
-    const uint32_t for_caller = caller_helps && kinds_.empty() ? 1 : 0;
+    // Items that are too long for the caller wait for the stand-in, which may be at work.
+    const bool caller_can = !work->cost->too_long_for_bites() || stand_in_waits_;
+    const uint32_t for_caller = caller_helps && caller_can && kinds_.empty() ? 1 : 0;
     Line& line = LineOf(*work);
     if (line.sessions.empty()) kinds_.Enter(static_cast<uint32_t>(work->work_kind));
     if (work->session >= line.work.size()) line.work.resize(work->session + 1);
@@ -133,6 +135,7 @@ std::optional<Piece> WorkQueue::TryTakeBite() {
   const std::optional<Piece> piece = TakeLocked(true);
   bites_left_it_ = !piece && !kinds_.empty();
   if (!bites_left_it_) return piece;
+  stand_in_waits_ = false;  // it is told to work
   lock.unlock();
   left_.notify_one();
   return piece;
@@ -141,8 +144,10 @@ std::optional<Piece> WorkQueue::TryTakeBite() {
 std::optional<Piece> WorkQueue::TakeInstead() {
   std::unique_lock lock(mutex_);
   while (!stopped_) {
+    stand_in_waits_ = false;
     std::optional<Piece> piece = bites_left_it_ ? TakeLocked(false) : std::nullopt;
     if (piece) return piece;
+    stand_in_waits_ = true;
     left_.wait(lock);
   }
   return std::nullopt;

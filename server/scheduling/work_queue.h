@@ -72,7 +72,7 @@ class WorkQueue {
   explicit WorkQueue(uint32_t threads) : threads_(threads) {}
 
   // `caller_helps`: the caller or the stand-in takes pieces too, so work for a single thread wakes
-  // none of the pool.
+  // none of the pool, unless its items are too long for the caller and the stand-in is at work.
   void Push(QueuedWork* work, bool caller_helps = true);
   // For threads of the pool: waits for a piece; nothing once Stop was called. `spinner` is the
   // thread's own.
@@ -121,7 +121,8 @@ class WorkQueue {
   uint32_t spinning_ = 0;
   uint32_t sleeping_ = 0;
   std::atomic<uint32_t> invitations_ = 0;  // of threads that spin; at most spinning_
-  bool bites_left_it_ = false;  // the last TryTakeBite found only items that are too long
+  bool bites_left_it_ = false;   // the last TryTakeBite found only items that are too long
+  bool stand_in_waits_ = false;  // in TakeInstead, without having been told to work
 };
 
 }  // namespace b4mrl

@@ -39,7 +39,7 @@ constexpr int64_t kMemoryLookMs = 200;
   sigprocmask(SIG_SETMASK, &none, nullptr);
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);
-  const int null = open("/dev/null", O_RDONLY);
+  const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
   dup2(null, STDIN_FILENO);
   dup2(STDERR_FILENO, STDOUT_FILENO);  // only the supervisor writes to stdout: "ready ..."
   for (const int fd : kept_fds) fcntl(fd, F_SETFD, 0);

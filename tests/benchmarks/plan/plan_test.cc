@@ -177,7 +177,10 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
   CHECK(
       Take(Plan(d4rl, small, {{"mopo"}, {0}})).front().hyperparameters.at("ensemble-max-updates") ==
       40'000);
-  CHECK(Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{"h2o"}, {0}})).empty());
+  for (const PlannedRun& run :
+       Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{}, {0}}))) {
+    CHECK(run.algorithm != "h2o");
+  }
 }
 
 TEST_CASE("A learner of the user's own has one run for each benchmark that is defined for it") {
@@ -234,6 +237,40 @@ TEST_CASE("Unknown algorithms and hyperparameters are refused by name") {
   budget = PaperBudget();
   budget.hyperparameters["iql"]["expectil"] = 1;
   CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+  budget = PaperBudget();
+  budget.recipes["td3bc"] = "short";
+  CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+  budget = PaperBudget();
+  budget.exceptions.push_back({.algorithms = {"td3bc"}});
+  CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+}
+
+TEST_CASE("An algorithm that is asked for needs updates in the budget") {
+  const auto benchmarks = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium");
+  const Budget small = Take(ReadBudget(DefaultBudgetsFile(), "small"));
+  const Status refused = Plan(benchmarks, small, {{"h2o"}, {0}}).status();
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK(refused.message().find("the budget small gives it no updates") != std::string::npos);
+}
+
+TEST_CASE("A run has one name and one length, however its benchmarks spell what is wrong") {
+  const Budget small = Take(ReadBudget(DefaultBudgetsFile(), "small"));
+  for (const auto& [dimension, preset] :
+       {std::pair{"HalfCheetah/dimensions/hidden=9", "HalfCheetah/simulators/hidden-high"},
+        std::pair{"HalfCheetah/dimensions/hidden=9+medium-expert",
+                  "HalfCheetah/confounding/hidden-high+medium-expert"}}) {
+    CAPTURE(dimension);
+    const PlanChoice choice = {{"sac", "td3-bc"}, {0}};
+    const auto one = Take(Plan(OwnBenchmarks(dimension), small, choice));
+    REQUIRE(one.size() == 1);
+    const auto others = Take(Plan(OwnBenchmarks(preset), small, choice));
+    const auto other = std::ranges::find(others, one[0].id, &PlannedRun::id);
+    REQUIRE(other != others.end());
+    CHECK(one[0].name == other->name);
+    CHECK(one[0].updates == other->updates);
+  }
+  CHECK(Take(ByPresets("hidden=9,obs-noise=0.3", "HalfCheetah", Presets())) ==
+        "hidden-high,obs-noise=0.3");
 }
 
 }  // namespace

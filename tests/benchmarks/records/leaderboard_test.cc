@@ -45,6 +45,12 @@ class Results {
   void Add(const Json& result) {
     WriteBytes(folder_.File(std::to_string(count_++) + ".json"), result.dump());
   }
+  // What cannot be read.
+  std::vector<std::string> Skipped() const {
+    std::vector<std::string> skipped;
+    Take(Leaderboard(folder_.path(), TwoBenchmarks(), PublishedDatasets(), &skipped));
+    return skipped;
+  }
   // The rows without the columns' names.
   std::vector<std::string> Rows() const {
     PublishedDatasets published;
@@ -140,6 +146,43 @@ TEST_CASE("A seed that was run twice makes no entry") {
         "E/a,mine,,own,E/data-v0,9,aa,10.00,0.00,100.0,0.0,3,100,yes,fp32,0.50,1,2,3,no");
 }
 
+TEST_CASE("A run that two files tell of counts once, as far as it came") {
+  Results results;
+  for (const uint64_t updates : {80, 100, 60}) {
+    Json json = ResultOf("mine", 0, static_cast<double>(updates));
+    json["id"] = "one";
+    json["updates"] = updates;
+    results.Add(json);
+  }
+  CHECK(results.Rows()[0].starts_with("E/a,mine,,own,E/data-v0,9,aa,100.00,,1000.0,,1,100,"));
+}
+
+TEST_CASE("Copies of one seed under other numbers, and unknown scorers, are no entry") {
+  const auto entry = [](bool are_copies, const std::string& source) {
+    Results results;
+    for (const uint64_t seed : {0, 1, 2}) {
+      Json json = ResultOf("mine", seed, 10);
+      const double score = are_copies ? 10 : 10 + static_cast<double>(seed);
+      json["source"] = source;
+      json["curve"] = Json::array();
+      for (int i = 1; i <= 5; ++i) json["curve"].push_back({i * 20, 0, 10 * score + i, 1.0, score});
+      results.Add(json);
+    }
+    const std::string row = results.Rows()[0];
+    return row.substr(row.rfind(',') + 1);
+  };
+  CHECK(entry(false, "own") == "yes");
+  CHECK(entry(true, "own") == "no");
+  CHECK(entry(false, "") == "no");
+}
+
+TEST_CASE("A name with commas and quotes stays one cell of the table") {
+  Results results;
+  Json json = ResultOf("b,c \"d\"", 0, 10);
+  results.Add(json);
+  CHECK(results.Rows()[0].starts_with("E/a,\"b,c \"\"d\"\"\",,own,"));
+}
+
 TEST_CASE("A result that names a benchmark twice counts there once") {
   Results results;
   Json twice = ResultOf("mine", 0, 10);
@@ -159,6 +202,7 @@ TEST_CASE("Runs that have not finished, and files that are no results, have no r
   odd["benchmarks"] = {3};
   results.Add(odd);
   CHECK(results.Rows().empty());
+  CHECK(results.Skipped().size() == 1);
 }
 
 }  // namespace

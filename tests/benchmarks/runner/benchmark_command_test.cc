@@ -342,7 +342,7 @@ TEST_CASE("A dataset that is not the published one of its name is refused") {
   const Outcome outcome = Run(suite.Command({"--data-folder", suite.Out() + "/data"}));
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 1);
-  CHECK(outcome.out.find("2000 rows that are not the published ones") != std::string::npos);
+  CHECK(outcome.out.find("has 2000 rows, not the 1000000 of this run") != std::string::npos);
   CHECK(suite.Results().empty());
 }
 

@@ -117,6 +117,66 @@ TEST_CASE("A run that was cut off beyond the budget ends with a finished result"
   CHECK(result["updates"] == 20);  // its folder was no longer there to go on from
 }
 
+TEST_CASE("A run that was stopped beyond the budget ends where it is") {
+  Suite suite("bc = 20");
+  suite.pattern = "HalfCheetah/modelling-error/gravity+medium";
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  fs::remove_all(suite.Out() + "/results");
+  fs::remove_all(suite.Out() + "/runs");
+  const auto take = [&](const char* updates) {
+    WriteBytes(
+        suite.File("budget.toml"),
+        std::string("[tiny]\nevaluations = 2\nepisodes = 1\nrows = 2_000\nupdates = { bc = ") +
+            updates + " }\n");
+  };
+  take("100_000_000");  // more than seven seconds are enough for
+  Run(suite.Command({"--hours", "0.002"}));
+  take("20");
+  const Outcome outcome = Run(suite.Command());
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  const Json result = Json::parse(suite.Results().begin()->second, nullptr, false);
+  CHECK(result["finished"] == true);
+  CHECK(result["updates"] > 20);
+}
+
+TEST_CASE("Data with another number of rows than a run was planned for are refused before it") {
+  Suite suite("bc = 20");
+  suite.pattern = "HalfCheetah/modelling-error/gravity+medium";
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 2\nepisodes = 1\nrows = 3_000\nupdates = { bc = 20 }\n");
+  const Outcome outcome = Run(suite.Command());
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("has 2000 rows, not the 3000 of this run") != std::string::npos);
+  CHECK(suite.Results().size() == 1);
+  Words status = suite.Command();
+  status[1] = "status";
+  const Outcome told = Run(status);
+  CHECK(told.out.find("failed") != std::string::npos);
+  CHECK(told.out.find("has 2000 rows, not the 3000 of this run") != std::string::npos);
+}
+
+TEST_CASE("A run whose folder cannot be locked has failed, and nobody waits for it") {
+  const EndedSuite suite;
+  fs::remove(suite.HiddenResult());
+  fs::remove(suite.HiddenRun() / "lock");
+  fs::create_directory(suite.HiddenRun() / "lock");
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("/lock") != std::string::npos);
+}
+
+TEST_CASE("Who looks at one run of a list that was not written writes none") {
+  const Suite suite("bc = 20");
+  const Outcome outcome = Run(suite.Command({"--dry-run", "--index", "0"}));
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK_FALSE(fs::exists(suite.Out() + "/plan.json"));
+}
+
 TEST_CASE("A run that goes on is scored anew") {
   Suite suite("bc = 20");
   suite.pattern = "HalfCheetah/confounding/hidden-high+medium";

@@ -1,8 +1,12 @@
 #include "server/scheduling/work_queue.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <fstream>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <thread>
@@ -173,6 +177,39 @@ TEST_CASE("Items that are too long for bites are left to the pool and the stand-
   REQUIRE_FALSE(queue.TryTakeBite());
   REQUIRE(queue.TakeInstead()->work == &query);
   REQUIRE(queue.empty());
+}
+
+// Whether the kernel says that a thread of this process waits for something.
+bool Waits(pid_t thread) {
+  std::ifstream stat("/proc/self/task/" + std::to_string(thread) + "/stat");
+  const std::string line(std::istreambuf_iterator<char>(stat), {});
+  const size_t state = line.rfind(')') + 2;
+  return state < line.size() && line[state] == 'S';
+}
+
+TEST_CASE("Items that are too long for the caller wake the pool while the stand-in is at work") {
+  WorkQueue queue(2);
+  Cost costly(8000);
+  QueuedWork first = Work(1, WorkKind::kLanes, 1, costly);
+  QueuedWork second = Work(2, WorkKind::kLanes, 1, costly);
+  queue.Push(&first);
+  REQUIRE_FALSE(queue.TryTakeBite());
+  REQUIRE(queue.TakeInstead()->work == &first);  // and is at it
+  std::atomic<pid_t> pool_id = 0;
+  std::atomic<QueuedWork*> taken = nullptr;
+  std::thread pool([&] {
+    pool_id = gettid();
+    if (const auto piece = Take(queue)) taken = piece->work;
+  });
+  const Deadline patience = Deadline::AfterMs(10'000);
+  while ((pool_id == 0 || !Waits(pool_id)) && !patience.expired()) std::this_thread::yield();
+  queue.Push(&second);
+  while (taken == nullptr && !patience.expired()) std::this_thread::yield();
+  const bool was_woken = taken != nullptr;
+  queue.Stop();
+  pool.join();
+  REQUIRE(was_woken);
+  REQUIRE(taken == &second);
 }
 
 TEST_CASE("Work whose deadline passed before it began comes out whole and unexecuted") {

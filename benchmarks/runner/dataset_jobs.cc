@@ -1,0 +1,66 @@
+#include "benchmarks/runner/dataset_jobs.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "benchmarks/runner/run_folder.h"
+#include "data/files/atomic_file.h"
+
+namespace b4mrl {
+
+Result<std::optional<UsedDataset>> DatasetJobs::Find(const std::string& full_name) {
+  B4MRL_ASSIGN_OR_RETURN(const auto listed, client_.ListDatasets());
+  const auto found = std::ranges::find(listed, full_name, &pb::DatasetInfo::name);
+  if (found == listed.end()) return std::optional<UsedDataset>();
+  return std::optional(
+      UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
+}
+
+std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& dataset) const {
+  constexpr std::string_view kWayOut =
+      "make it again (b4mrl dataset make --replace), or choose another --data-folder";
+  const bool is_counted = dataset.rows > 0;
+  if (is_counted && run.rows && dataset.rows != *run.rows) {
+    return fmt::format("{} in {} has {} rows, not the {} of this run; {}", dataset.name,
+                       place_.data_folder, dataset.rows, *run.rows, kWayOut);
+  }
+  const bool is_hashed = !dataset.columns_sha256.empty();
+  if (is_hashed && !run.columns_sha256.empty() && dataset.columns_sha256 != run.columns_sha256) {
+    return fmt::format("{} in {} has {} rows that are not the published ones; {}", dataset.name,
+                       place_.data_folder, dataset.rows, kWayOut);
+  }
+  return "";
+}
+
+std::optional<std::string> DatasetJobs::Failure(const std::string& full_name) const {
+  const auto found = failures_.find(full_name);
+  return found == failures_.end() ? std::nullopt : std::optional(found->second);
+}
+
+Result<std::optional<Job>> DatasetJobs::Begin(const PlannedRun& run) {
+  const std::string stem = DatasetStem(place_.folder, run.full_dataset);
+  B4MRL_ASSIGN_OR_RETURN(UniqueFd claim, Claim(stem + ".claim"));
+  if (!claim.valid() || IsMadeElsewhere(run.full_dataset)) return std::optional<Job>();
+  std::vector<std::string> words = {"dataset", "make", run.full_dataset, "--quiet"};
+  words.insert(words.end(), place_.daemon_words.begin(), place_.daemon_words.end());
+  if (place_.rows) words.insert(words.end(), {"--rows", fmt::format("{}", *place_.rows)});
+  B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(ToolOrder(words, stem + ".log"), std::move(claim)));
+  return std::optional(std::move(job));
+}
+
+std::optional<std::string> DatasetJobs::Finish(const std::string& full_name, int exit_code) {
+  if (exit_code == 0 || IsMadeElsewhere(full_name)) return std::nullopt;
+  const auto found = Find(full_name);
+  if (found.ok() && *found) return std::nullopt;  // another process was quicker
+  failures_[full_name] = fmt::format("dataset {} could not be made, see {}.log", full_name,
+                                     DatasetStem(place_.folder, full_name));
+  return Failure(full_name);
+}
+
+bool DatasetJobs::IsMadeElsewhere(const std::string& full_name) const {
+  // The data folder of a daemon on another machine is not there, and nobody writes in it here.
+  return IsBeingWritten(fmt::format("{}/{}.h5", place_.data_folder, full_name));
+}
+
+}  // namespace b4mrl

@@ -1,0 +1,56 @@
+// The datasets that a plan's runs need: what is there of them, and jobs that make the others.
+// Thread rule: one thread.
+//
+//   DIR/datasets/<name>.claim   held while a dataset is made
+//   DIR/datasets/<name>.log     the messages of its making
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/plan/plan.h"
+#include "benchmarks/records/result_file.h"
+#include "benchmarks/runner/job.h"
+#include "client/client.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct DatasetPlace {
+  std::string folder;                     // DIR
+  std::string data_folder;                // of the daemon, perhaps on another machine
+  std::vector<std::string> daemon_words;  // options of a command that choose its daemon
+  std::optional<uint64_t> rows;           // that datasets are made with; nothing: all
+};
+
+class DatasetJobs {
+ public:
+  // `client`, which outlives the object, is connected to the daemon of the data.
+  DatasetJobs(Client& client, DatasetPlace place) : client_(client), place_(std::move(place)) {}
+
+  // None if the data folder does not have it.
+  Result<std::optional<UsedDataset>> Find(const std::string& full_name);
+  // Why a run must not train on it: its rows are not those for which the run was planned. "": they
+  // are, or nobody has counted them yet.
+  std::string Refusal(const PlannedRun& run, const UsedDataset& dataset) const;
+  // Why an earlier job could not make it.
+  std::optional<std::string> Failure(const std::string& full_name) const;
+
+  // A job that makes the run's dataset; nothing while another process does.
+  Result<std::optional<Job>> Begin(const PlannedRun& run);
+  // Takes note of a job that has ended. Returns Failure(full_name).
+  std::optional<std::string> Finish(const std::string& full_name, int exit_code);
+
+ private:
+  // Whether a process without this folder's claim is making it.
+  bool IsMadeElsewhere(const std::string& full_name) const;
+
+  Client& client_;
+  DatasetPlace place_;
+  std::map<std::string, std::string> failures_;  // by full name
+};
+
+}  // namespace b4mrl
