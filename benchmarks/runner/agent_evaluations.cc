@@ -12,8 +12,8 @@
 #include <system_error>
 #include <utility>
 
-#include "benchmarks/runner/evaluation_job.h"
-#include "benchmarks/runner/job_queue.h"
+#include "benchmarks/jobs/evaluation_job.h"
+#include "benchmarks/jobs/job_queue.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"

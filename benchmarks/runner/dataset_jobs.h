@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "benchmarks/jobs/job.h"
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/result_file.h"
-#include "benchmarks/runner/job.h"
 #include "client/client.h"
 #include "proto/base/status.h"
 

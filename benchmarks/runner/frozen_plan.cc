@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "benchmarks/jobs/job_queue.h"
 #include "benchmarks/records/json_file.h"
-#include "benchmarks/runner/job_queue.h"
 #include "data/files/atomic_file.h"
 #include "data/files/make_folder.h"
 #include "proto/base/clock.h"

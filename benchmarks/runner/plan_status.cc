@@ -8,9 +8,9 @@
 #include <system_error>
 
 #include "algorithms/run/run_result.h"
+#include "benchmarks/jobs/job.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
-#include "benchmarks/runner/job.h"
 #include "benchmarks/runner/run_folder.h"
 #include "data/files/file_hash.h"
 

@@ -10,11 +10,11 @@
 #include <system_error>
 #include <utility>
 
+#include "benchmarks/jobs/evaluation_job.h"
+#include "benchmarks/jobs/job_queue.h"
 #include "benchmarks/records/agent_check.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
-#include "benchmarks/runner/evaluation_job.h"
-#include "benchmarks/runner/job_queue.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"

@@ -21,12 +21,12 @@
 #include <vector>
 
 #include "algorithms/run/run_result.h"
+#include "benchmarks/jobs/job.h"
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/result_file.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/dataset_jobs.h"
-#include "benchmarks/runner/job.h"
 #include "benchmarks/runner/progress_line.h"
 #include "client/client.h"
 #include "proto/base/clock.h"

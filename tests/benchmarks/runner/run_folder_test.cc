@@ -4,7 +4,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "benchmarks/runner/job.h"
+#include "benchmarks/jobs/job.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"
 

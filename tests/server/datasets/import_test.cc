@@ -234,7 +234,7 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
   CHECK_THAT(crashed.status().message(), Catch::Contains("signal 11"));
   fixture.WriteScript("exec sleep 100\n");
   CHECK(fixture.Import(fixture.folder.File("program"), 100).status().code() ==
-        StatusCode::kDataLoss);
+        StatusCode::kUnavailable);
   const std::atomic<bool> cancelled{true};
   CHECK(ImportInChild(fixture.folder.File("program"), {fixture.file, fixture.cache, 1},
                       Deadline::AfterMs(60'000), &cancelled)

@@ -8,7 +8,7 @@
 #include <optional>
 #include <utility>
 
-#include "benchmarks/runner/job.h"
+#include "benchmarks/jobs/job.h"
 
 namespace b4mrl {
 

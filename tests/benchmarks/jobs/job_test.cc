@@ -1,5 +1,5 @@
 // Claims end with their holders, and jobs are processes that can be told to stop.
-#include "benchmarks/runner/job.h"
+#include "benchmarks/jobs/job.h"
 
 #include <fcntl.h>
 #include <sched.h>
@@ -11,7 +11,7 @@
 #include <csignal>
 #include <filesystem>
 
-#include "benchmarks/runner/evaluation_job.h"
+#include "benchmarks/jobs/evaluation_job.h"
 #include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"

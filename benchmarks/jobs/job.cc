@@ -1,4 +1,4 @@
-#include "benchmarks/runner/job.h"
+#include "benchmarks/jobs/job.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>

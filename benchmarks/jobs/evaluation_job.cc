@@ -1,4 +1,4 @@
-#include "benchmarks/runner/evaluation_job.h"
+#include "benchmarks/jobs/evaluation_job.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "benchmarks/runner/training_order.h"
+#include "benchmarks/jobs/training_order.h"
 
 #include <fmt/format.h>
 

@@ -15,10 +15,10 @@
 #include <string>
 #include <vector>
 
+#include "benchmarks/jobs/job.h"
 #include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/plan.h"
 #include "benchmarks/records/result_file.h"
-#include "benchmarks/runner/job.h"
 
 namespace b4mrl {
 

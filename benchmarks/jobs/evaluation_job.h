@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "benchmarks/runner/job.h"
+#include "benchmarks/jobs/job.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
 
