@@ -328,6 +328,8 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
   opened.rule = imported_rule == TransitionRule::kStored ? request.rule : imported_rule;
   opened.hidden_dimensions = Union(provenance.hidden_dimensions, corruption.hidden_dimensions);
   opened.source_bytes = dataset->cache().bytes();
+  opened.source_fingerprint = file.fingerprint;
+  opened.source = dataset;
   opened.fingerprint = DerivedFingerprint(file.fingerprint, text, opened.seed, applied_rule);
 
   if (!corruption.set.empty()) {

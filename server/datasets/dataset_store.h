@@ -57,6 +57,10 @@ struct OpenedDataset {
   std::vector<uint32_t> hidden_dimensions;  // by corruptions or for the behaviour policy; sorted
   std::shared_ptr<const Dataset> dataset;   // null unless `missing` is kNothing
 
+  // What it is derived from, mapped: whoever keeps it spares the next opening a reading of it.
+  std::string source_fingerprint;
+  std::shared_ptr<const Dataset> source;  // null until it is imported
+
   // The step that has to be done first, and how many bytes it reads.
   enum class Missing { kNothing, kImport, kDerivation } missing = Missing::kNothing;
   uint64_t source_bytes = 0;

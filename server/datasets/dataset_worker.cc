@@ -37,7 +37,7 @@ constexpr Preparations::Limits kDerivations = {.short_places = 2, .long_places =
 constexpr int64_t kShortMs = 2000;  // an import or a derivation that takes longer counts as long
 // Openings and mappings from the caches take milliseconds, but of a cache that is not mapped yet as
 // long as it takes to read it.
-constexpr size_t kShortReads = 2, kLongReads = 1;
+constexpr size_t kShortReads = 2, kLongReads = 1, kReadsOfClient = 2;
 // Requests of one connection that may wait for datasets.
 constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
@@ -114,8 +114,8 @@ class DatasetWorker {
   std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
   BackgroundThread listing_;
-  Preparations openings_{{.short_places = kShortReads, .long_places = kLongReads}, kShortMs};
-  Loads loads_{{.short_places = kShortReads, .long_places = kLongReads}, kShortMs};
+  Preparations openings_{{kShortReads, kLongReads, kReadsOfClient}, kShortMs};
+  Loads loads_{{kShortReads, kLongReads, kReadsOfClient}, kShortMs};
   Preparations imports_{kImports, kShortMs};
   Preparations derivations_{kDerivations, kShortMs};
 };
@@ -265,6 +265,7 @@ void DatasetWorker::SubmitOpen(uint64_t id, const DatasetRequest& wanted) {
   if (parked == parked_.end()) return;  // it was answered at its deadline
   const auto waits = [this, id] { return parked_.contains(id); };
   const auto done = [this, id, wanted](const Result<OpenedDataset>& opened) {
+    if (opened.ok()) served_.Add(*opened);
     const bool missing = opened.ok() && opened->dataset == nullptr;
     return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
   };
@@ -278,7 +279,7 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
   if (parked == parked_.end()) return;  // it was answered at its deadline
   const auto done = [this, id, wanted](const Result<OpenedDataset>& made) {
     if (!made.ok()) return FinishOpen(id, made);
-    if (made->dataset != nullptr) served_.Add(made->fingerprint, made->dataset);
+    served_.Add(*made);
     SubmitOpen(id, wanted);
   };
   const bool is_import = found.missing == OpenedDataset::Missing::kImport;
@@ -298,7 +299,6 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
-  if (opened.ok()) served_.Add(opened->fingerprint, opened->dataset);
   const std::optional<PendingRequest> pending = Unpark(id);
   if (!pending) return;
   if (!opened.ok()) return replies_.Reply(pending->from, opened.status());

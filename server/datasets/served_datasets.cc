@@ -22,6 +22,11 @@ void ServedDatasets::Add(const std::string& fingerprint, std::shared_ptr<const D
       std::ranges::min_element(served_, {}, [](const auto& entry) { return entry.second.used; }));
 }
 
+void ServedDatasets::Add(const OpenedDataset& opened) {
+  if (opened.source != nullptr) Add(opened.source_fingerprint, opened.source);
+  if (opened.dataset != nullptr) Add(opened.fingerprint, opened.dataset);
+}
+
 void ServedDatasets::ReleaseIdle() {
   constexpr std::chrono::minutes kBetweenLooks{1}, kIdle{5};
   const Clock::time_point now = Clock::now();

@@ -9,6 +9,7 @@
 
 #include "data/columns/dataset.h"
 #include "proto/base/clock.h"
+#include "server/datasets/dataset_store.h"
 
 namespace b4mrl {
 
@@ -18,6 +19,9 @@ class ServedDatasets {
   std::shared_ptr<const Dataset> Find(const std::string& fingerprint);
   // Above limits::kMaxMappedDatasets, drops the dataset that was used longest ago.
   void Add(const std::string& fingerprint, std::shared_ptr<const Dataset> dataset);
+  // Of what was opened, the dataset and the one that it is derived from: opening another one
+  // derived from that need not read it again.
+  void Add(const OpenedDataset& opened);
   // Drops the datasets that were not used for five minutes. Looks at most once a minute.
   void ReleaseIdle();
 

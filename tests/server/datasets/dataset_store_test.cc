@@ -113,7 +113,13 @@ TEST_CASE("opening says what is missing and makes nothing") {
     CHECK(missing->source_bytes > 0);
     const auto made = fixture.OpenMade(store, request);
     REQUIRE(made.ok());
-    if (what == Missing::kDerivation) CHECK(made->fingerprint == missing->fingerprint);
+    if (what == Missing::kDerivation) {
+      CHECK(made->fingerprint == missing->fingerprint);
+      // While a caller keeps the source, deriving and opening map it no second time.
+      REQUIRE(missing->source != nullptr);
+      CHECK(made->source == missing->source);
+      CHECK(*store.Load(missing->source_fingerprint) == missing->source);
+    }
     const auto prepared = store.Open(request);
     REQUIRE(prepared.ok());
     REQUIRE(prepared->dataset != nullptr);
