@@ -76,9 +76,11 @@ Result<Budget> ReadTable(const toml::table& table, const std::string& where) {
                            ReadException(*entry, fmt::format("{}.exception", where)));
     budget.exceptions.push_back(std::move(exception));
   }
-  if (!budget.updates.empty()) return budget;
+  if (!budget.updates.empty() || budget.learner_updates) return budget;
   return Status(StatusCode::kInvalidArgument,
-                fmt::format("{}: 'updates' must be a table with an algorithm or more", where));
+                fmt::format("{}: 'updates' must be a table with an algorithm or more, or "
+                            "'learner-updates' a number",
+                            where));
 }
 
 // "medium-expert" of "HalfCheetah/medium-expert" and of "d4rl/halfcheetah-medium-expert-v2".

@@ -294,8 +294,11 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
   }
   if (learner.command.empty()) return InvalidArgument("--learner", "", "a command");
   if (budget.learner_updates) return Status();
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the budget {} has no 'learner-updates'", budget.name));
+  return Status(
+      StatusCode::kInvalidArgument,
+      fmt::format("the budget {} has no 'learner-updates': add `learner-updates = N`, the "
+                  "number of updates that your learner is asked for",
+                  budget.name));
 }
 
 }  // namespace

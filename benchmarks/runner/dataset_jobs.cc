@@ -18,17 +18,18 @@ Result<std::optional<UsedDataset>> DatasetJobs::Find(const std::string& full_nam
 }
 
 std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& dataset) const {
-  constexpr std::string_view kWayOut =
-      "make it again (b4mrl dataset make --replace), or choose another --data-folder";
+  const std::string way_out = fmt::format(
+      "make it again (b4mrl dataset make {} --replace), or choose another --data-folder",
+      run.dataset);
   const bool is_counted = dataset.rows > 0;
   if (is_counted && run.rows && dataset.rows != *run.rows) {
     return fmt::format("{} in {} has {} rows, not the {} of this run; {}", dataset.name,
-                       place_.data_folder, dataset.rows, *run.rows, kWayOut);
+                       place_.data_folder, dataset.rows, *run.rows, way_out);
   }
   const bool is_hashed = !dataset.columns_sha256.empty();
   if (is_hashed && !run.columns_sha256.empty() && dataset.columns_sha256 != run.columns_sha256) {
     return fmt::format("{} in {} has {} rows that are not the published ones; {}", dataset.name,
-                       place_.data_folder, dataset.rows, kWayOut);
+                       place_.data_folder, dataset.rows, way_out);
   }
   return "";
 }

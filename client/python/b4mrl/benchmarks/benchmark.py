@@ -16,11 +16,16 @@ from b4mrl import simulators
 from b4mrl.benchmarks import evaluation, making, result_file
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
 from b4mrl.benchmarks.result_file import Point, Result
-from b4mrl.benchmarks.usage import Usage
+from b4mrl.benchmarks.usage import Usage, is_learning
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
-from b4mrl.errors import InvalidArgumentError, UnknownNameError, unknown_name
+from b4mrl.errors import (
+    FailedPreconditionError,
+    InvalidArgumentError,
+    UnknownNameError,
+    unknown_name,
+)
 from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
 from b4mrl.spec import EnvironmentSpec, SpaceSpec
@@ -239,40 +244,53 @@ class Benchmark(Shown):
 
         The policy is evaluated as it observes in training and, where the training hid dimensions
         or had noise, also in full or through the noise. The curve has the points of `log`, and the
-        ledger what the daemon has counted since the benchmark's last result.
+        ledger what the daemon has counted since the benchmark's last result. If nothing was used or
+        logged since then and the file is that of the same updates, as when a notebook's cell is
+        executed once more, ledger, time and curve are the file's.
 
         Args:
             policy: the policy after the last update, as for `evaluate`.
             algorithm: the name under which reports show it; none of B4MRL's own algorithms.
             seed, updates: of the run.
-            folder: made if it is missing; a result of the same run in it is replaced.
+            folder: made if it is missing; a result of the same run in it is replaced, unless it has
+                more updates.
             returns: in place of a policy, the returns of episodes in the benchmark's world, which
                 the caller has evaluated; the result is marked as self-scored.
             hyperparameters: numbers and texts, for the reader of the result.
 
         InvalidArgumentError: the name is one of B4MRL's own, or both or none of policy and returns
-        are given.
+        are given. FailedPreconditionError: the folder has a result of more updates.
         """
         result_file.check_algorithm(algorithm)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         if (policy is None) == (returns is None):
-            raise InvalidArgumentError("allowed: either a policy or returns, and not both")
+            given = "None" if policy is None else "given"
+            raise InvalidArgumentError(f"policy and returns are both {given}, allowed: one of them")
+        dataset = None if self._dataset is None else self._dataset.in_force
+        earlier = result_file.earlier(folder, self.info, algorithm, seed, dataset)
+        if earlier is not None and earlier.updates > updates:
+            raise FailedPreconditionError(
+                f"{earlier.path} has a result of {earlier.updates} updates, allowed: as many or "
+                f"more than that; remove it to begin anew"
+            )
         reached = evaluation.given_returns(returns)
         scorings: dict[str, Any] = {}
         if policy is not None:
             reached = self.evaluate(policy, episodes).returns
             scorings = self._scorings(policy, episodes)
         self._append(seed, updates, reached)
-        dataset = None if self._dataset is None else self._dataset.in_force
-        entries = result_file.entries_of(
-            self.info, algorithm, seed, dataset, reached, self._curves[seed]
-        )
+        used, curve = self._usage.counts(), self._curves[seed]
+        if earlier is not None and earlier.repeats(updates, curve) and not is_learning(used):
+            curve = earlier.with_end(curve[-1])
+        else:
+            earlier = None
+        entries = result_file.entries_of(self.info, algorithm, seed, dataset, reached, curve)
         entries |= {
             "hyperparameters": dict(hyperparameters or {}),
             "scorings": scorings,
             "source": "self-scored" if policy is None else "user",
-            "ledger": self._usage.counts(),
-            "seconds": round(self._usage.seconds(), 3),
+            "ledger": used if earlier is None else earlier.ledger,
+            "seconds": round(self._usage.seconds(), 3) if earlier is None else earlier.seconds,
         }
         if isinstance(policy, str | os.PathLike):
             entries["agent_sha256"] = result_file.sha256_of(policy)

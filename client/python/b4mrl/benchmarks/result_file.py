@@ -16,7 +16,7 @@ import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -251,10 +251,52 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
+class Earlier(NamedTuple):
+    """What a folder's result of a run says."""
+
+    path: Path
+    updates: int
+    curve: list[Point]
+    ledger: dict[str, int]
+    seconds: float
+
+    def repeats(self, updates: int, curve: Sequence[Point]) -> bool:
+        """Whether a result of these updates with this curve may be of the same training."""
+        return self.updates == updates and len(curve) == 1 and len(self.curve) > 0
+
+    def with_end(self, end: Point) -> list[Point]:
+        """The curve with another evaluation at its end."""
+        updates, _, mean, deviation, score = end
+        return [*self.curve[:-1], (updates, self.curve[-1][1], mean, deviation, score)]
+
+
+def earlier(
+    folder: str | os.PathLike[str],
+    info: BenchmarkInfo,
+    algorithm: str,
+    seed: int,
+    dataset: DatasetInForce | None,
+) -> Earlier | None:
+    """The folder's result of a run; None if there is none that can be read."""
+    run_id, _ = identities(info, algorithm, None if dataset is None else dataset.info.rows, seed)
+    path = _path_of(folder, info, algorithm, seed, run_id)
+    try:
+        entries = json.loads(path.read_text())
+        curve = [tuple(point) for point in entries["curve"]]
+        return Earlier(path, entries["updates"], curve, entries["ledger"], entries["seconds"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _path_of(
+    folder: str | os.PathLike[str], info: BenchmarkInfo, algorithm: str, seed: int, run_id: str
+) -> Path:
+    return Path(folder) / f"{run_name(info, algorithm, seed)}-{run_id}.json"
+
+
 def write(folder: str | os.PathLike[str], info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path:
     """Writes the file "<name>-<id>.json", whole or not at all; replaces one of the same run."""
-    name = run_name(info, entries["algorithm"], entries["seed"])
-    path = Path(folder) / f"{name}-{entries['id']}.json"
+    path = _path_of(folder, info, entries["algorithm"], entries["seed"], entries["id"])
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 _COUNTS = ("simulator_steps", "query_rows", "dataset_rows", "evaluation_episodes")
 
 
+def is_learning(counts: dict[str, int]) -> bool:
+    """Whether a learner has used anything by these counts; evaluations are none of its use."""
+    return any(counts[name] for name in _COUNTS if name != "evaluation_episodes")
+
+
 class Usage:
     """The use of a benchmark's simulator and dataset, and its evaluations.
 

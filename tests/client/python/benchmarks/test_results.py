@@ -167,9 +167,9 @@ def test_a_result_of_given_returns_says_that_nobody_else_has_scored_it(
     assert entries["ledger"]["evaluation_episodes"] == 0
     for returns in ([], [np.nan], 3.0):
         with pytest.raises(errors.InvalidArgumentError, match="returns are"):
-            bench.record(returns=returns, algorithm="mine", seed=0, updates=1, folder=tmp_path)
+            bench.record(returns=returns, algorithm="mine", seed=0, updates=10, folder=tmp_path)
     for both in ({"policy": still, "returns": [1.0]}, {}):
-        with pytest.raises(errors.InvalidArgumentError, match="either a policy or returns"):
+        with pytest.raises(errors.InvalidArgumentError, match="policy and returns are both"):
             bench.record(algorithm="mine", seed=0, updates=1, folder=tmp_path, **both)
 
 
@@ -232,6 +232,7 @@ def test_a_curve_that_begins_again_drops_what_it_repeats(
     given = {"returns": [1.0], "algorithm": "mine", "folder": tmp_path}
     curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
     assert [point[0] for point in curve] == [10, 15, 40]
+    bench.dataset.sample(1)  # a training of its own
     curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
     assert [point[0] for point in curve] == [40]  # a result takes its points along
     curve = entries_of(bench.record(seed=1, updates=40, **given))["curve"]
@@ -267,6 +268,30 @@ def test_a_result_that_cannot_be_written_loses_nothing(
     for wrong in ({"seed": -1}, {"updates": 1.5}):
         with pytest.raises(errors.InvalidArgumentError, match=next(iter(wrong))):
             bench.record(folder=tmp_path, **given | wrong)
+
+
+def test_a_result_that_is_recorded_again_keeps_what_its_training_used(
+    medium: b4mrl.Client, tmp_path: Path
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    given = {"algorithm": "mine", "folder": tmp_path, "seed": 0}
+    bench.dataset.sample(100)
+    bench.log(0, 5, lambda rows: np.zeros((len(rows), 6), np.float32), episodes=1)
+    first = entries_of(bench.record(updates=10, returns=[1.0], **given))
+    again = entries_of(bench.record(updates=10, returns=[3.0], **given))
+    assert again["ledger"] == first["ledger"]
+    assert again["ledger"]["dataset_rows"] == 100
+    assert again["seconds"] == first["seconds"]
+    assert again["curve"][0] == first["curve"][0]
+    assert [point[2] for point in again["curve"][1:]] == [3.0]
+    other = medium.benchmark(CLEAN)  # as in another program
+    assert entries_of(other.record(updates=10, returns=[4.0], **given))["ledger"] == first["ledger"]
+    bench.dataset.sample(7)  # a training of its own
+    assert (
+        entries_of(bench.record(updates=10, returns=[1.0], **given))["ledger"]["dataset_rows"] == 7
+    )
+    with pytest.raises(errors.FailedPreconditionError, match="a result of 10 updates"):
+        bench.record(updates=9, returns=[1.0], **given)
 
 
 def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path) -> None:
