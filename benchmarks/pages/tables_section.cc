@@ -172,7 +172,7 @@ Section TablesSection(const Evidence& evidence) {
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Scores are normalised as in D4RL: 0 is a random policy, 100 the expert; Highway's are "
       "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± "
-      "is the deviation over seeds (divided by their number), which a single seed has not. {} "
+      "is the standard deviation over seeds (with their number as divisor), which a single seed has not. {} "
       "marks a cell of which a run still goes on, or whose mean score over its seeds still moves "
       "by more than 1.5 points from the last fifth but one of the training to the last. A cell "
       "without it has settled, which is not to say that ten times the updates would add nothing. "
