@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "benchmarks/records/copied_seeds.h"
@@ -122,21 +124,25 @@ std::string DataColumns(const Cell& cell) {
 std::string RowOf(const std::string& benchmark, const Cell& cell,
                   const PublishedDatasets& published) {
   const auto score = cell.Figures("score"), episode_return = cell.Figures("return");
-  const bool all_settled = std::ranges::all_of(
-      cell.results, [](const Json* result) { return IsTrue(*result, "settled"); });
+  const auto has_settled = [](bool settled) {
+    return [settled](const Json* result) { return EntryOf(*result, "settled") == settled; };
+  };
+  // Nothing where a curve is too short to say.
+  const char* settled = std::ranges::all_of(cell.results, has_settled(true))    ? "yes"
+                        : std::ranges::any_of(cell.results, has_settled(false)) ? "no"
+                                                                                : "";
   const size_t seeds = cell.Counts("seed").size();
   auto hours = cell.Figures("seconds");
   if (hours) hours->mean /= 3600;
-  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
-                     Quoted(Joined(cell.Texts("algorithm"))), Quoted(Joined(cell.Texts("recipe"))),
-                     Quoted(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
-                     Deviation(score, seeds, 2), Mean(episode_return, 1),
-                     Deviation(episode_return, seeds, 1), seeds, Mean(cell.Figures("updates"), 0),
-                     all_settled ? "yes" : "no", Joined(cell.Texts("precision")), Mean(hours, 2),
-                     Mean(cell.Figures("simulator_steps", "ledger"), 0),
-                     Mean(cell.Figures("query_rows", "ledger"), 0),
-                     Mean(cell.Figures("dataset_rows", "ledger"), 0),
-                     cell.IsEntry(published) ? "yes" : "no");
+  return fmt::format(
+      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
+      Quoted(Joined(cell.Texts("algorithm"))), Quoted(Joined(cell.Texts("recipe"))),
+      Quoted(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
+      Deviation(score, seeds, 2), Mean(episode_return, 1), Deviation(episode_return, seeds, 1),
+      seeds, Mean(cell.Figures("updates"), 0), settled, Joined(cell.Texts("precision")),
+      Mean(hours, 2), Mean(cell.Figures("simulator_steps", "ledger"), 0),
+      Mean(cell.Figures("query_rows", "ledger"), 0),
+      Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry(published) ? "yes" : "no");
 }
 
 }  // namespace
@@ -145,7 +151,10 @@ Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
                                 const PublishedDatasets& published,
                                 std::vector<std::string>* skipped) {
-  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(results_folder, ".json"));
+  std::error_code error;
+  const std::string inside = results_folder + "/results";
+  const bool is_inside = std::filesystem::is_directory(inside, error);
+  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(is_inside ? inside : results_folder, ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
   }

@@ -17,8 +17,9 @@
 
 namespace b4mrl {
 
-// Of all finished results "*.json" of the folder, in the order of `benchmarks`. What cannot be read
-// is left out and, if `skipped` is given, named there, a line each. kIoError.
+// Of all finished results "*.json" of a folder, or of its folder "results", in the order of
+// `benchmarks`. What cannot be read is left out and, if `skipped` is given, named there, a line
+// each. kIoError.
 Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
                                 const PublishedDatasets& published,

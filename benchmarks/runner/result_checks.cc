@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <poll.h>
 
+#include <cerrno>
 #include <deque>
 #include <filesystem>
 #include <list>
@@ -29,6 +30,7 @@ namespace fs = std::filesystem;
 
 Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
+  if (!fs::exists(path, error)) return IoError("open", path, ENOENT);
   if (!fs::is_directory(path, error)) return std::vector{path};
   const std::string inside = path + "/results";
   return FilesIn(fs::is_directory(inside, error) ? inside : path, ".json");

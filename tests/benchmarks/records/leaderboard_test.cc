@@ -176,6 +176,14 @@ TEST_CASE("Copies of one seed under other numbers, and unknown scorers, are no e
   CHECK(entry(false, "") == "no");
 }
 
+TEST_CASE("Where a curve is too short to say whether it has settled, the column is blank") {
+  Results results;
+  Json json = ResultOf("mine", 0, 10);
+  json["settled"] = nullptr;
+  results.Add(json);
+  CHECK(results.Rows()[0].find(",1,100,,fp32,") != std::string::npos);
+}
+
 TEST_CASE("A name with commas and quotes stays one cell of the table") {
   Results results;
   Json json = ResultOf("b,c \"d\"", 0, 10);

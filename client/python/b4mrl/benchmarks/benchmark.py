@@ -199,6 +199,8 @@ class Benchmark(Shown):
 
         InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
         """
+        if checks.unsigned("episodes", episodes) < 1:
+            raise InvalidArgumentError(f"episodes is {episodes}, allowed: 1 or more")
         if observe not in _OBSERVE:
             raise InvalidArgumentError(f"observe is {observe!r}, allowed: {', '.join(_OBSERVE)}")
         if observe == "served" and not self._noise:
