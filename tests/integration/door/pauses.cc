@@ -110,4 +110,9 @@ void* RememberedMmap(void* at, size_t size, int access, int flags, int fd, off_t
   return memory;
 }
 
+int ForgottenMunmap(void* memory, size_t size) {
+  if (memory == words) words = nullptr;
+  return munmap(memory, size);
+}
+
 }  // namespace b4mrl

@@ -49,6 +49,8 @@ void PausedAnnounceSleep(std::atomic<uint32_t>* own_sleeps, uint32_t reasons);
 ssize_t PausedSend(int socket, const void* bytes, size_t size, int flags);
 // Remembers the mapping as the memory of this thread's door.
 void* RememberedMmap(void* at, size_t size, int access, int flags, int fd, off_t offset);
+// Forgets it, so that a sleep behind the door's end does not look into it.
+int ForgottenMunmap(void* memory, size_t size);
 
 }  // namespace b4mrl
 
@@ -68,4 +70,5 @@ inline void PausedFence(memory_order order) {
 #define send(socket, bytes, size, flags) b4mrl::PausedSend(socket, bytes, size, flags)
 #define mmap(at, size, access, flags, fd, offset) \
   b4mrl::RememberedMmap(at, size, access, flags, fd, offset)
+#define munmap(memory, size) b4mrl::ForgottenMunmap(memory, size)
 #endif
