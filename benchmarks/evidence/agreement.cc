@@ -85,7 +85,6 @@ class Comparer {
   // Of the pairs that the paper separates.
   std::optional<double> SeparatedBeside(const Table& table) const;
   bool IsSeparated(const std::string& one, const std::string& other) const;
-  size_t CountSeparated() const;  // rankings with such a pair
   std::vector<PairOrder> Pairs() const;
   // The mean over draws of a figure of a table.
   template <typename Figure>
@@ -95,6 +94,8 @@ class Comparer {
   std::vector<Item> effects_;  // of the runs, those with another one as reference
   std::vector<Ranking> rankings_;
   std::map<std::string, double> errors_;  // of the paper's means, by run
+  // The pairs of runs that the paper separates, of each ranking that has any.
+  std::vector<std::vector<std::pair<std::string, std::string>>> separated_;
   Table ours_, means_;
   std::map<std::string, double> deviations_;
   Table floor_;
@@ -126,6 +127,15 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
     }
   }
   rankings_ = RankingsOf(cells);
+  for (const Ranking& runs : rankings_) {
+    std::vector<std::pair<std::string, std::string>> pairs;
+    for (auto one = runs.begin(); one != runs.end(); ++one) {
+      for (auto other = std::next(one); other != runs.end(); ++other) {
+        if (IsSeparated(*one, *other)) pairs.emplace_back(*one, *other);
+      }
+    }
+    if (!pairs.empty()) separated_.push_back(std::move(pairs));
+  }
   for (const Item& item : cells) {
     floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
@@ -182,34 +192,18 @@ bool Comparer::IsSeparated(const std::string& one, const std::string& other) con
 }
 
 std::optional<double> Comparer::SeparatedBeside(const Table& table) const {
+  if (separated_.empty()) return std::nullopt;
   double sum = 0;
-  size_t count = 0;
-  for (const Ranking& runs : rankings_) {
-    int order = 0, pairs = 0;  // pairs that the table orders as the paper does, less the others
-    for (auto one = runs.begin(); one != runs.end(); ++one) {
-      for (auto other = std::next(one); other != runs.end(); ++other) {
-        if (!IsSeparated(*one, *other)) continue;
-        const double product =
-            (means_.at(*one) - means_.at(*other)) * (table.at(*one) - table.at(*other));
-        order += (product > 0) - (product < 0);
-        ++pairs;
-      }
+  for (const auto& pairs : separated_) {
+    int order = 0;  // pairs that the table orders as the paper does, less the others
+    for (const auto& [one, other] : pairs) {
+      const double product =
+          (means_.at(one) - means_.at(other)) * (table.at(one) - table.at(other));
+      order += (product > 0) - (product < 0);
     }
-    if (pairs == 0) continue;
-    sum += static_cast<double>(order) / pairs;
-    ++count;
+    sum += order / static_cast<double>(pairs.size());
   }
-  if (count == 0) return std::nullopt;
-  return sum / static_cast<double>(count);
-}
-
-size_t Comparer::CountSeparated() const {
-  return static_cast<size_t>(std::ranges::count_if(rankings_, [&](const Ranking& runs) {
-    return std::ranges::any_of(runs, [&](const std::string& one) {
-      return std::ranges::any_of(runs,
-                                 [&](const std::string& other) { return IsSeparated(one, other); });
-    });
-  }));
+  return sum / static_cast<double>(separated_.size());
 }
 
 std::vector<PairOrder> Comparer::Pairs() const {
@@ -270,7 +264,7 @@ PaperAgreement Comparer::Compare() const {
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
   fill(&Comparer::RankingsBeside, rankings_.size(), &agreement.rankings);
-  fill(&Comparer::SeparatedBeside, CountSeparated(), &agreement.separated);
+  fill(&Comparer::SeparatedBeside, separated_.size(), &agreement.separated);
   agreement.pairs = Pairs();
   return agreement;
 }

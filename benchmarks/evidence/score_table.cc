@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/result_file.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
 
@@ -106,6 +107,8 @@ Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
   return run;
 }
 
+std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
+
 }  // namespace
 
 std::vector<double> Cell::Scores() const {
@@ -118,27 +121,25 @@ double Cell::Mean() const { return MeanAndStdOf(Scores()).mean; }
 
 double Cell::Deviation() const { return MeanAndStdOf(Scores()).std; }
 
-std::optional<double> Cell::LastFifth() const {
+std::optional<double> Cell::MeanOf(
+    const std::function<std::optional<double>(const ScoredRun&)>& value) const {
   double sum = 0;
   for (const ScoredRun* run : runs) {
-    if (!run->fifths.last) return std::nullopt;
-    sum += *run->fifths.last;
+    const std::optional<double> of_run = value(*run);
+    if (!of_run) return std::nullopt;
+    sum += *of_run;
   }
   return sum / static_cast<double>(runs.size());
 }
 
 bool Cell::IsSettled() const {
-  double movement = 0;
-  for (const ScoredRun* run : runs) {
-    if (!run->ended || !run->fifths.Movement()) return false;
-    movement += *run->fifths.Movement();
-  }
-  return std::abs(movement) <= kSettledPoints * static_cast<double>(runs.size());
+  const auto movement = MeanOf(MovementOf);
+  return std::ranges::all_of(runs, &ScoredRun::ended) && movement &&
+         std::abs(*movement) <= kSettledPoints;
 }
 
 bool Cell::HasTooFewEvaluations() const {
-  return std::ranges::all_of(runs, &ScoredRun::ended) &&
-         std::ranges::any_of(runs, [](const ScoredRun* run) { return !run->fifths.Movement(); });
+  return std::ranges::all_of(runs, &ScoredRun::ended) && !MeanOf(MovementOf);
 }
 
 uint64_t Cell::LeastUpdates() const {
@@ -152,7 +153,7 @@ uint64_t Cell::MostUpdates() const {
 Result<ScoreTable> ScoreTable::Read(const std::string& folder,
                                     const std::vector<Benchmark>& benchmarks,
                                     const ReadingLimit& limit) {
-  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(folder, ".json"));
+  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(FolderOfResults(folder), ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", folder));
   }
@@ -176,7 +177,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.SortRuns();
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
-  table.NoteRunsWithoutCells();
+  table.MarkRunsInCells();
   table.NoteMixedRuns();
   return table;
 }
@@ -241,7 +242,7 @@ void ScoreTable::LeaveOutUnfinishedSeeds() {
   notes_.insert(notes_.end(), left_out.begin(), left_out.end());
 }
 
-void ScoreTable::NoteRunsWithoutCells() {
+void ScoreTable::MarkRunsInCells() {
   std::set<const ScoredRun*> in_cells;
   for (const auto& [benchmark, row] : cells_) {
     for (const auto& [series, cell] : row) in_cells.insert(cell.runs.begin(), cell.runs.end());

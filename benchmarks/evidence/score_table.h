@@ -52,8 +52,9 @@ struct Cell {
   std::vector<double> Scores() const;
   double Mean() const;
   double Deviation() const;  // over the seeds, divided by their number
-  // The mean over the seeds of the scores in the last fifth of the runs.
-  std::optional<double> LastFifth() const;
+  // The mean over the seeds of something that a run may lack; nothing if one lacks it.
+  std::optional<double> MeanOf(
+      const std::function<std::optional<double>(const ScoredRun&)>& value) const;
   // Every run has ended, and the mean over the seeds moves by at most kSettledPoints from the fifth
   // before to the last one.
   bool IsSettled() const;
@@ -68,8 +69,8 @@ using ReadingLimit = std::function<std::optional<uint64_t>(const ScoredRun& run)
 
 class ScoreTable {
  public:
-  // All results ("*.json") of a folder. A file that is no result is named among the notes. The
-  // benchmarks, which the object refers to, give the order. kIoError.
+  // All results ("*.json") of a folder (FolderOfResults). A file that is no result is named among
+  // the notes. The benchmarks, which the object refers to, give the order. kIoError.
   static Result<ScoreTable> Read(const std::string& folder,
                                  const std::vector<Benchmark>& benchmarks,
                                  const ReadingLimit& limit);
@@ -93,7 +94,8 @@ class ScoreTable {
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.
   void LeaveOutUnfinishedSeeds();
-  void NoteRunsWithoutCells();
+  // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
+  void MarkRunsInCells();
   void AddCells(const std::vector<Benchmark>& benchmarks);
   void NoteMixedRuns();
 

@@ -138,16 +138,6 @@ bool HasOneSource(const ScoredRun* run) {
   return (*run->simulator_steps + *run->query_rows == 0) || *run->dataset_rows == 0;
 }
 
-std::optional<double> MeanGainPerDoubling(const Cell& cell) {
-  double sum = 0;
-  for (const ScoredRun* run : cell.runs) {
-    const auto gain = GainPerDoubling(run->curve);
-    if (!gain) return std::nullopt;
-    sum += *gain;
-  }
-  return sum / static_cast<double>(cell.runs.size());
-}
-
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations) {
   CellScore score;
@@ -157,8 +147,9 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   score.seeds = cell.runs.size();
   score.settled = cell.IsSettled();
   score.too_few_evaluations = cell.HasTooFewEvaluations();
-  score.last_fifth = cell.LastFifth();
-  score.gain_per_doubling = MeanGainPerDoubling(cell);
+  score.last_fifth = cell.MeanOf([](const ScoredRun& run) { return run.fifths.last; });
+  score.gain_per_doubling =
+      cell.MeanOf([](const ScoredRun& run) { return GainPerDoubling(run.curve); });
   score.has_one_source = std::ranges::all_of(cell.runs, HasOneSource);
   for (const ScoredRun* run : cell.runs) score.runs += run->id;
   if (score.seeds >= kSeedsForAnError) {

@@ -2,9 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <filesystem>
 #include <optional>
-#include <system_error>
 #include <utility>
 
 #include "benchmarks/pages/writers.h"
@@ -18,8 +16,6 @@
 
 namespace b4mrl {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr size_t kMaxParameterBytes = 1 << 16;
 constexpr size_t kParameterColumns = 5;
@@ -78,10 +74,8 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
   Evidence evidence;
   B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadSuites({DefaultSuitesFolder(), options.suites}));
   B4MRL_ASSIGN_OR_RETURN(const ReadingLimit limit, LimitOf(options.at));
-  std::error_code error;
-  const std::string inside = options.folder + "/results";
-  const std::string& folder = fs::is_directory(inside, error) ? inside : options.folder;
-  B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(folder, evidence.benchmarks, limit));
+  B4MRL_ASSIGN_OR_RETURN(evidence.table,
+                         ScoreTable::Read(options.folder, evidence.benchmarks, limit));
   evidence.paper = PaperScores(evidence.benchmarks);
   evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
   evidence.ours = OwnScores(evidence.table, evidence.deviations);

@@ -108,13 +108,11 @@ std::string ChallengeTable::PaperEntry(const Benchmark& benchmark, const Series&
 
 std::string ChallengeTable::SeenEntry(const Cell* cell, const std::string& name) const {
   if (cell == nullptr) return "";
-  double sum = 0;
-  for (const ScoredRun* run : cell->runs) {
-    const auto found = run->further.find(name);
-    if (found == run->further.end()) return "";
-    sum += found->second;
-  }
-  return fmt::format("{:.1f}", sum / static_cast<double>(cell->runs.size()));
+  const auto mean = cell->MeanOf([&](const ScoredRun& run) {
+    const auto found = run.further.find(name);
+    return found == run.further.end() ? std::nullopt : std::optional(found->second);
+  });
+  return mean ? fmt::format("{:.1f}", *mean) : "";
 }
 
 void ChallengeTable::AddGains(const Benchmark& benchmark, const Gains& gains,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "benchmarks/pages/writers.h"
+#include "data/files/csv_cell.h"
 
 namespace b4mrl {
 namespace {
@@ -92,12 +93,6 @@ struct MarkdownWriter {
     for (const Block& block : blocks) std::visit(*this, block);
   }
 };
-
-std::string CsvCell(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  static constexpr std::pair<std::string_view, std::string_view> kRules[] = {{"\"", "\"\""}};
-  return "\"" + Replaced(text, kRules) + "\"";
-}
 
 template <typename Cells, typename TextOfCell>
 std::string Joined(const Cells& cells, std::string_view separator, TextOfCell text_of) {

@@ -4,17 +4,17 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <system_error>
 #include <utility>
 
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/result_file.h"
+#include "data/files/csv_cell.h"
 #include "data/files/folder_listing.h"
 #include "proto/base/mean_and_std.h"
 
@@ -95,14 +95,6 @@ std::string Joined(const std::set<std::string>& texts) {
   return fmt::format("{}", fmt::join(texts, "+"));
 }
 
-// As a cell of CSV: in quotes where it needs them (RFC 4180).
-std::string Quoted(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char letter : text) quoted += letter == '"' ? "\"\"" : std::string(1, letter);
-  return quoted + '"';
-}
-
 std::string Mean(const std::optional<MeanAndStd>& figures, int digits) {
   return figures ? fmt::format("{:.{}f}", figures->mean, digits) : "";
 }
@@ -116,7 +108,7 @@ std::string Deviation(const std::optional<MeanAndStd>& figures, size_t seeds, in
 std::string DataColumns(const Cell& cell) {
   const Json& dataset = EntryOf(*cell.results.front(), "dataset");
   const auto rows = CountOf(dataset, "rows");
-  return fmt::format("{},{},{}", Quoted(Joined(cell.Texts("name", "dataset"))),
+  return fmt::format("{},{},{}", CsvCell(Joined(cell.Texts("name", "dataset"))),
                      rows ? fmt::format("{}", *rows) : "",
                      TextOf(dataset, "columns_sha256").substr(0, kHashDigits));
 }
@@ -136,8 +128,8 @@ std::string RowOf(const std::string& benchmark, const Cell& cell,
   if (hours) hours->mean /= 3600;
   return fmt::format(
       "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
-      Quoted(Joined(cell.Texts("algorithm"))), Quoted(Joined(cell.Texts("recipe"))),
-      Quoted(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
+      CsvCell(Joined(cell.Texts("algorithm"))), CsvCell(Joined(cell.Texts("recipe"))),
+      CsvCell(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
       Deviation(score, seeds, 2), Mean(episode_return, 1), Deviation(episode_return, seeds, 1),
       seeds, Mean(cell.Figures("updates"), 0), settled, Joined(cell.Texts("precision")),
       Mean(hours, 2), Mean(cell.Figures("simulator_steps", "ledger"), 0),
@@ -151,10 +143,7 @@ Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
                                 const PublishedDatasets& published,
                                 std::vector<std::string>* skipped) {
-  std::error_code error;
-  const std::string inside = results_folder + "/results";
-  const bool is_inside = std::filesystem::is_directory(inside, error);
-  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(is_inside ? inside : results_folder, ".json"));
+  B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(FolderOfResults(results_folder), ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
   }

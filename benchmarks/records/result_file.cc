@@ -187,6 +187,12 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
   return fmt::format("{}/score-{}.json", run_folder, scoring.name);
 }
 
+std::string FolderOfResults(const std::string& folder) {
+  std::error_code error;
+  const std::string inside = folder + "/results";
+  return std::filesystem::is_directory(inside, error) ? inside : folder;
+}
+
 std::string ResultPath(const std::string& results_folder, const PlannedRun& run) {
   return fmt::format("{}/{}-{}.json", results_folder, run.name, run.id);
 }

@@ -131,11 +131,10 @@ void BenchmarkCommand::AddSlurmOptions(CLI::App& app) {
 Result<std::vector<PlannedRun>> BenchmarkCommand::Chosen(std::vector<PlannedRun> plan) const {
   if (!index) return plan;
   // Who only looks writes no list.
-  B4MRL_ASSIGN_OR_RETURN(auto frozen, ReadFrozenPlan(options.folder));
-  if (frozen.empty() && dry_run) {
+  B4MRL_ASSIGN_OR_RETURN(
+      auto frozen, dry_run ? ReadFrozenPlan(options.folder) : FreezePlan(options.folder, plan));
+  if (frozen.empty()) {
     for (const PlannedRun& run : plan) frozen.push_back(run.id);
-  } else if (frozen.empty()) {
-    B4MRL_ASSIGN_OR_RETURN(frozen, FreezePlan(options.folder, plan));
   }
   B4MRL_ASSIGN_OR_RETURN(PlannedRun run, FindByIndex(frozen, *index, plan));
   return std::vector{std::move(run)};

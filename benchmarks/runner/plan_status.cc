@@ -33,7 +33,7 @@ bool LacksScoring(const PlannedRun& run, const RunResult& result, const std::str
 }
 
 RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& result,
-                       const std::string& run_folder) {
+                       const std::string& run_folder, const std::string& failure) {
   if (result && result->IsDone(run, run.updates) && !LacksScoring(run, *result, run_folder)) {
     return RunProgress::kDone;
   }
@@ -41,7 +41,7 @@ RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& re
   if (IsMarkedDiverged(run_folder)) return RunProgress::kDiverged;
   const auto state = ReadRunStatus(run_folder);
   if (state.ok() && state->state == RunState::kFailed) return RunProgress::kFailed;
-  if (!FailureOf(run_folder).empty()) return RunProgress::kFailed;
+  if (!failure.empty()) return RunProgress::kFailed;
   return result || Exists(run_folder + "/log") ? RunProgress::kBegun : RunProgress::kWaiting;
 }
 
@@ -97,11 +97,12 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
     if (!read.ok()) status.unreadable.push_back(read.status().message());
     const std::string run_folder = RunFolder(folder, run);
     PlannedRunStatus each = {.result = read.ok() ? *read : std::nullopt};
-    each.progress = ProgressOf(run, each.result, run_folder);
+    const std::string failure = FailureOf(run_folder);
+    each.progress = ProgressOf(run, each.result, run_folder, failure);
+    if (each.progress == RunProgress::kFailed) each.failure = failure;
     each.updates = UpdatesOf(each, run_folder);
     if (const auto found = indices.find(run.id); found != indices.end()) each.index = found->second;
     if (Exists(run_folder + "/log")) each.log = run_folder + "/log";
-    if (each.progress == RunProgress::kFailed) each.failure = FailureOf(run_folder);
     if (each.result) costs.Learn(run, *each.result);
     status.runs.push_back(std::move(each));
   }

@@ -16,6 +16,7 @@
 #include "benchmarks/records/agent_check.h"
 #include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
+#include "benchmarks/records/result_file.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
@@ -32,8 +33,7 @@ Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   std::error_code error;
   if (!fs::exists(path, error)) return IoError("open", path, ENOENT);
   if (!fs::is_directory(path, error)) return std::vector{path};
-  const std::string inside = path + "/results";
-  return FilesIn(fs::is_directory(inside, error) ? inside : path, ".json");
+  return FilesIn(FolderOfResults(path), ".json");
 }
 
 // Paths of agents by their hashes.

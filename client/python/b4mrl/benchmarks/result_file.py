@@ -283,7 +283,8 @@ def earlier(
     try:
         entries = json.loads(path.read_text())
         curve = [tuple(point) for point in entries["curve"]]
-        return Earlier(path, entries["updates"], curve, entries["ledger"], entries["seconds"])
+        updates, seconds = int(entries["updates"]), float(entries["seconds"])
+        return Earlier(path, updates, curve, entries["ledger"], seconds)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 
