@@ -39,6 +39,7 @@ inline constexpr uint32_t kMaxBatchesPerSample = 64;
 inline constexpr int64_t kLoopbackLeaseMs = 3'600'000;  // default of a server on loopback alone
 inline constexpr int64_t kRemoteLeaseMs = 300'000;      // default of a server on a network
 inline constexpr uint32_t kMaxLeaseSeconds = 30 * 86'400;
+inline constexpr uint32_t kMinMemoryMib = 64;  // a process without sessions takes 3
 inline constexpr uint32_t kMaxMemoryMib = 1u << 30;
 
 // Time.

@@ -53,6 +53,9 @@ class Environment {
   virtual const EnvironmentSpec& spec() const = 0;
   // Number of doubles in a state, as SaveState writes it.
   virtual size_t state_size() const = 0;
+  // Bytes of memory that the object may come to take. An environment of our own code takes less
+  // than the default.
+  virtual size_t memory_bytes() const { return 128 << 10; }
 
   // Sets the parameters: the numbers that perturbations draw anew for each episode and each row of
   // a query. To be called before an episode's start or steps and before a query; equal parameters
@@ -128,6 +131,8 @@ class EnvironmentModel {
   virtual const EnvironmentSpec& spec() const = 0;
   // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
   virtual std::string Identity() const = 0;
+  // Bytes of memory that the object takes beside what all models of its kind share.
+  virtual size_t memory_bytes() const { return 0; }
   // OK unless a user's model is such that no episode would last for more than a step; then the
   // reason.
   virtual Status CheckStart() const { return Status(); }

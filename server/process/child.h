@@ -32,7 +32,7 @@ struct ChildOptions {
   std::vector<ListeningEndpoint> endpoints;
   int door_listener = -1;     // of an environment worker; -1: it has no local door
   uint32_t spin_us = 0;       // the longest spin of a worker and of its doors' clients
-  uint64_t memory_bytes = 0;  // above which the supervisor replaces the process, which knows it not
+  uint64_t memory_bytes = 0;  // above which the supervisor replaces the process
   // Where clients reach each environment worker and the dataset worker, in the form of pb::Port.
   struct Port {
     uint32_t tcp = 0;

@@ -28,7 +28,7 @@ struct Flags {
 };
 
 uint32_t HalfOfTheMemoryMib() {
-  return static_cast<uint32_t>(std::clamp<uint64_t>(MemoryBytes() >> 21, 1, limits::kMaxMemoryMib));
+  return static_cast<uint32_t>(std::clamp<uint64_t>(MemoryBytes() >> 21, limits::kMinMemoryMib, limits::kMaxMemoryMib));
 }
 
 Status Complain(std::string message) {
@@ -38,10 +38,10 @@ Status Complain(std::string message) {
 // Takes the options that no flag has set from the file. Checks every key, so that a misspelt key is
 // an error.
 Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOptions* options) {
-  const auto count = [&](uint32_t* target, uint32_t most) -> Status {
+  const auto count = [&](uint32_t* target, uint32_t most, uint32_t least = 1) -> Status {
     const std::optional<int64_t> value = node.value<int64_t>();
-    if (!value || *value < 1 || *value > most) {
-      return Complain(fmt::format("{} must be a number in 1..{}", key, most));
+    if (!value || *value < least || *value > most) {
+      return Complain(fmt::format("{} must be a number in {}..{}", key, least, most));
     }
     if (*target == 0) *target = static_cast<uint32_t>(*value);
     return Status();
@@ -61,7 +61,9 @@ Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOpt
   if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
   if (key == "threads") return count(&options->threads, limits::kMaxThreads);
   if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
-  if (key == "memory") return count(&options->memory_mib, limits::kMaxMemoryMib);
+  if (key == "memory") {
+    return count(&options->memory_mib, limits::kMaxMemoryMib, limits::kMinMemoryMib);
+  }
   if (key == "data") return text(&options->data_folder);
   if (key == "models") return text(&options->models_folder);
   if (key == "suites") return text(&options->suites_folder);
@@ -193,6 +195,7 @@ void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLi
   child.models_folder = serve.models_folder;
   child.suites_folder = serve.suites_folder;
   child.spin_us = serve.spin_us.value_or(0);
+  child.memory_bytes = uint64_t{serve.memory_mib} << 20;
   for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
   for (const std::string& text : flags.worker_ports) child.worker_ports.push_back(ParsePort(text));
   child.dataset_port = ParsePort(flags.dataset_port);
@@ -222,7 +225,7 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
   app.add_option("--memory", serve.memory_mib,
                  "memory in MiB above which a process of the daemon is replaced (default: half of "
                  "the machine's, or of its container's)")
-      ->transform(Count(1, limits::kMaxMemoryMib));
+      ->transform(Count(limits::kMinMemoryMib, limits::kMaxMemoryMib));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
@@ -285,6 +288,7 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
   if (child.pin) arguments.push_back("--pin");
   if (child.door_listener >= 0) add("--door", std::to_string(child.door_listener));
   add("--spin", std::to_string(child.spin_us));
+  add("--memory", std::to_string(child.memory_bytes >> 20));
   if (!child.models_folder.empty()) add("--models", child.models_folder);
   if (!child.suites_folder.empty()) add("--suites", child.suites_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {

@@ -97,6 +97,7 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
   simulator->identity_hash_ = XXH3_64bits(simulator->identity_.data(), simulator->identity_.size());
   B4MRL_ASSIGN_OR_RETURN(const Lease first, simulator->Borrow());
   simulator->state_size_ = first->state_size();
+  simulator->environment_bytes_ = first->memory_bytes();
   return std::shared_ptr<const Simulator>(std::move(simulator));
 }
 

@@ -62,6 +62,10 @@ class Simulator {
   // of the engine and of our own code.
   const std::string& identity() const { return identity_; }
   uint64_t identity_hash() const { return identity_hash_; }
+  // Bytes of memory that the simulator may come to take where `threads` threads step it.
+  size_t memory_bytes(uint32_t threads) const {
+    return model_->memory_bytes() + threads * environment_bytes_;
+  }
   // Number of doubles in the environment's state, and in the states of all perturbations together.
   size_t state_size() const { return state_size_; }
   size_t perturbation_state_size() const { return perturbations_.state_size(); }
@@ -114,6 +118,7 @@ class Simulator {
   std::string identity_;
   uint64_t identity_hash_ = 0;
   size_t state_size_ = 0;
+  size_t environment_bytes_ = 0;
   mutable std::mutex mutex_;
   mutable std::vector<std::unique_ptr<Environment>> pool_;
 };

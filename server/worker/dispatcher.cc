@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <cstring>
+#include <set>
 
 #include "proto/base/limits.h"
 #include "server/replies/reply.h"
@@ -49,10 +49,11 @@ bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 }  // namespace
 
 Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
-                       Responder::SendFunction send)
+                       uint64_t simulator_bytes, Responder::SendFunction send)
     : shared_(shared),
       worker_(worker),
       executor_(executor),
+      simulator_bytes_(simulator_bytes),
       counters_(shared.child(kFirstWorkerChild + worker)),
       ledgers_(shared),
       replies_({counters_.requests, counters_.errors}, std::move(send)) {}
@@ -164,9 +165,22 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                          Session::Build(shared_, index, generation));
+  B4MRL_RETURN_IF_ERROR(CheckMemory(session->simulator()));
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);
   return (sessions_[token] = std::move(session)).get();
+}
+
+Status Dispatcher::CheckMemory(const Simulator& added) const {
+  std::set<const Simulator*> simulators = {&added};
+  for (const auto& [token, session] : sessions_) simulators.insert(&session->simulator());
+  uint64_t bytes = 0;
+  for (const Simulator* one : simulators) bytes += one->memory_bytes(executor_.thread_count());
+  if (bytes <= simulator_bytes_) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("the worker's {} different simulators could take {} MiB of memory, "
+                            "allowed: {} (three quarters of `b4mrl serve --memory`)",
+                            simulators.size(), bytes >> 20, simulator_bytes_ >> 20));
 }
 
 Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {

@@ -21,8 +21,9 @@ namespace b4mrl {
 
 class Dispatcher {
  public:
-  // `worker` is this worker's index. Everything passed in outlives the dispatcher.
-  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
+  // `worker` is this worker's index. The simulators of all sessions together may come to take
+  // `simulator_bytes` of memory. Everything passed in outlives the dispatcher.
+  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, uint64_t simulator_bytes,
              Responder::SendFunction send);
   ~Dispatcher();
 
@@ -57,6 +58,8 @@ class Dispatcher {
   bool AdoptIfLive(uint32_t index);
   // Builds the session that has record `index` in this generation, or finds it built.
   Result<Session*> Attach(uint32_t index, uint64_t generation);
+  // kLimitExceeded if the simulators of all sessions and of `added` could take too much memory.
+  Status CheckMemory(const Simulator& added) const;
   // The mark of the socket's thread.
   ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
   // Forgets `session` if its record belongs to another session by now and none of its requests is
@@ -78,6 +81,7 @@ class Dispatcher {
   SharedState& shared_;
   uint32_t worker_;
   Executor& executor_;
+  uint64_t simulator_bytes_;
   ChildRecord& counters_;
   LedgerTable ledgers_;
   Responder replies_;

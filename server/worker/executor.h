@@ -39,6 +39,8 @@ class Executor {
   // Waits for pieces that are being executed; the rest of the queue is dropped.
   ~Executor();
 
+  // Threads that may step environments at once: the socket's, the pool's and the stand-in.
+  uint32_t thread_count() const { return 1 + static_cast<uint32_t>(pool_.size()); }
   void Submit(RequestJob* job);
   // A new session has the index `session`, whose last one's debts of time are cancelled.
   void ForgetDebts(uint32_t session);

@@ -45,6 +45,7 @@ class Worker {
         executor_(context.options().threads, context.shared().marks(context.options().index), spin,
                   std::move(cores)),
         dispatcher_(context.shared(), context.options().index, executor_,
+                    context.options().memory_bytes / 4 * 3,
                     [this](const RoutingId& receiver, Message reply) {
                       Send(receiver, std::move(reply));
                     }) {}

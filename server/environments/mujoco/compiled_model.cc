@@ -33,8 +33,7 @@ Status CheckState(const mjModel& model) {
 
 Status CheckSizes(const mjModel& model) {
   B4MRL_ASSIGN_OR_RETURN(const MjDataPtr data, MakeMujocoData(model));
-  const size_t bytes =
-      static_cast<size_t>(data->nbuffer) + static_cast<size_t>(data->nstack) * sizeof(mjtNum);
+  const size_t bytes = BytesOf(*data);
   if (bytes <= limits::kMaxSimulationBytes) return Status();
   return Status(StatusCode::kLimitExceeded,
                 fmt::format("a simulation of the model takes {} bytes, allowed: {}; lower njmax, "

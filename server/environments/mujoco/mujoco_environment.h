@@ -29,6 +29,7 @@ namespace b4mrl {
 class MujocoEnvironment : public Environment {
  public:
   size_t state_size() const override;
+  size_t memory_bytes() const override { return scratch_.memory_bytes(); }
   StepResult Step(std::span<const double> action) override;
   Status Reset(Rng& rng) override;
   void SaveState(std::span<double> state) const override;

@@ -189,6 +189,12 @@ Result<MjDataPtr> MakeMujocoData(const mjModel& model) {
   return MjDataPtr(data);
 }
 
+size_t BytesOf(const mjModel& model) { return static_cast<size_t>(mj_sizeModel(&model)); }
+
+size_t BytesOf(const mjData& data) {
+  return static_cast<size_t>(data.nbuffer) + static_cast<size_t>(data.nstack) * sizeof(mjtNum);
+}
+
 Result<MujocoScratch> MujocoScratch::Create(const LoadedModel& loaded) {
   MjModelPtr own;
   if (loaded.change_copy) {

@@ -65,6 +65,11 @@ Result<LoadedModel> LoadMujocoModel(const EnvironmentSetup& setup, const std::st
 // Calls mj_makeData; kUnavailable where memory is refused.
 Result<MjDataPtr> MakeMujocoData(const mjModel& model);
 
+// Bytes of memory of a model, and those that an mjData may come to take. MuJoCo touches the pages
+// of an mjData's stack as a simulation needs them.
+size_t BytesOf(const mjModel& model);
+size_t BytesOf(const mjData& data);
+
 // The MuJoCo objects of one Environment: an mjData, and the task's shared model or, where
 // perturbations draw numbers anew for each episode, a private copy of that model. Belongs to one
 // thread.
@@ -76,6 +81,8 @@ class MujocoScratch {
   // Model and data keep their addresses for the object's life.
   const mjModel& model() const { return own_ == nullptr ? *loaded_->model : *own_; }
   mjData* data() const { return data_.get(); }
+  // Bytes of memory that the objects may come to take.
+  size_t memory_bytes() const { return BytesOf(*data_) + (own_ == nullptr ? 0 : BytesOf(*own_)); }
 
   // Makes the private copy equal, bit by bit, to a model that was loaded with `parameters` as fixed
   // numbers. Without a private copy this does nothing.

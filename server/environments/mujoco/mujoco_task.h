@@ -35,6 +35,7 @@ class MujocoTask final : public EnvironmentModel {
 
   const EnvironmentSpec& spec() const override { return spec_; }
   std::string Identity() const override { return loaded_.identity; }
+  size_t memory_bytes() const override { return BytesOf(*loaded_.model); }
   Result<std::unique_ptr<Environment>> NewEnvironment() const override {
     B4MRL_ASSIGN_OR_RETURN(MujocoScratch scratch, MujocoScratch::Create(loaded_));
     return std::unique_ptr<Environment>(

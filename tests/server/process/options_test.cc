@@ -44,14 +44,14 @@ TEST_CASE("Every key of a configuration file sets its own option") {
   const Folders folders;
   const ServeOptions options = folders.ParseFile(
       "bind = ['tcp://127.0.0.1:1', 'ipc:///tmp/2']\nworkers = 3\nthreads = 4\nlease = 5\n"
-      "memory = 6\nspin = 7\ndata = " +
+      "memory = 66\nspin = 7\ndata = " +
       folders.Quoted("data") + "models = " + folders.Quoted("models") +
       "suites = " + folders.Quoted("suites"));
   CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:1", "ipc:///tmp/2"});
   CHECK(options.workers == 3);
   CHECK(options.threads == 4);
   CHECK(options.lease_seconds == 5);
-  CHECK(options.memory_mib == 6);
+  CHECK(options.memory_mib == 66);
   CHECK(options.spin_us == 7u);
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));
@@ -76,16 +76,16 @@ TEST_CASE("Every switch of a configuration file sets its own option alone") {
 TEST_CASE("A flag wins over the key of the configuration file") {
   const Folders folders;
   const ServeOptions options = folders.ParseFile(
-      "bind = 'tcp://127.0.0.1:1'\nworkers = 3\nthreads = 4\nlease = 5\nmemory = 6\n"
+      "bind = 'tcp://127.0.0.1:1'\nworkers = 3\nthreads = 4\nlease = 5\nmemory = 66\n"
       "spin = 7\ndata = 'none'\nmodels = 'none'\nsuites = 'none'\n",
       {"--bind", "tcp://127.0.0.1:2", "--workers", "13", "--threads", "14", "--lease", "15",
-       "--memory", "16", "--spin", "0", "--data", folders.folder.File("data"), "--models",
+       "--memory", "76", "--spin", "0", "--data", folders.folder.File("data"), "--models",
        folders.folder.File("models"), "--suites", folders.folder.File("other")});
   CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:2"});
   CHECK(options.workers == 13);
   CHECK(options.threads == 14);
   CHECK(options.lease_seconds == 15);
-  CHECK(options.memory_mib == 16);
+  CHECK(options.memory_mib == 76);
   CHECK(options.spin_us == 0u);
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));

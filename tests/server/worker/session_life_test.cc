@@ -62,6 +62,26 @@ TEST_CASE("A Close reaches a session of the token that was opened again meanwhil
   REQUIRE(worker.state().session(second).state() == SessionState::kClosed);
 }
 
+TEST_CASE("Sessions may together have the simulators for which the worker has memory") {
+  WorkerFixture worker;
+  const std::string cheetah(limits::kTokenBytes, 'c'), hopper(limits::kTokenBytes, 'h');
+  const SimulatorRequest request = {.environment = "HalfCheetah", .perturbations = {}, .config = ""};
+  const Result<std::shared_ptr<const Simulator>> simulator = Simulator::Open(request);
+  REQUIRE(simulator.ok());
+  worker.simulator_bytes = (*simulator)->memory_bytes(2);  // the socket's thread and the stand-in
+  worker.Restart();
+  worker.Open(1, cheetah);
+  worker.Open(3);  // of the same simulator, which takes no more memory
+  CHECK(worker.Attach(worker.Allocate(1, hopper, "Hopper")) == StatusCode::kLimitExceeded);
+  CHECK(worker.dispatcher().session_count() == 2);
+
+  worker.Restart();
+  CHECK(worker.dispatcher().session_count() == 2);
+  CHECK(worker.Close(cheetah) == StatusCode::kOk);
+  CHECK(worker.Close() == StatusCode::kOk);
+  worker.Open(1, std::string(limits::kTokenBytes, 'n'), "Hopper");
+}
+
 TEST_CASE("A session whose worker dies between its reply and the acknowledgement is served") {
   WorkerFixture worker;
   const uint32_t index = worker.Allocate(2);

@@ -63,7 +63,8 @@ class WorkerFixture {
     executor_.reset();
     executor_ = std::make_unique<Executor>(threads_, state_->marks(0));
     dispatcher_ = std::make_unique<Dispatcher>(
-        *state_, 0, *executor_, [this](const RoutingId& receiver, Message reply) {
+        *state_, 0, *executor_, simulator_bytes,
+        [this](const RoutingId& receiver, Message reply) {
           Answer answer;
           answer.receiver = receiver;
           REQUIRE(ParseEnvelope(reply.envelope, &answer.envelope).ok());
@@ -181,6 +182,7 @@ class WorkerFixture {
   SharedState& state() { return *state_; }
   Dispatcher& dispatcher() { return *dispatcher_; }
   std::vector<Answer> answers;
+  uint64_t simulator_bytes = uint64_t{1} << 30;  // of the next replacement
   pb::OpenRequest open;  // of the sessions that Allocate and Open make from now on
 
  private:
