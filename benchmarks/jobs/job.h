@@ -1,6 +1,6 @@
 // A child process of the runner: `b4mrl train`, `b4mrl dataset make`, `b4mrl evaluate` or a learner
-// of the user's own, and the claim that keeps
-// other runners away from its work, until the job's object ends: what it made is kept by then.
+// of the user's own, and the claim that keeps other runners away from its work until the job's object
+// ends: what it made is kept by then.
 //
 // A claim is a lock on a file (flock), so that it ends with the process that holds it, however that
 // dies. A learner also locks its run's folder itself; so a run whose runner was killed is not
@@ -20,6 +20,9 @@
 #include "proto/base/unique_fd.h"
 
 namespace b4mrl {
+
+// How often a job is begun that ends with an error.
+inline constexpr int kMostAttempts = 2;
 
 // Locks the file, which is made if it is missing. An invalid descriptor: another process holds it.
 // kUnsupported if the file system grants a lock twice or none; kIoError.

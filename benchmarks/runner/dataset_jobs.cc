@@ -9,12 +9,19 @@
 
 namespace b4mrl {
 
-Result<std::optional<UsedDataset>> DatasetJobs::Find(const std::string& full_name) {
+Result<std::vector<UsedDataset>> DatasetJobs::ListUsed() const {
   B4MRL_ASSIGN_OR_RETURN(const auto listed, client_.ListDatasets());
-  const auto found = std::ranges::find(listed, full_name, &pb::DatasetInfo::name);
-  if (found == listed.end()) return std::optional<UsedDataset>();
-  return std::optional(
-      UsedDataset{found->name(), found->rows(), found->sha256(), found->columns_sha256()});
+  std::vector<UsedDataset> used;
+  for (const pb::DatasetInfo& one : listed) {
+    used.push_back({one.name(), one.rows(), one.sha256(), one.columns_sha256()});
+  }
+  return used;
+}
+
+Result<std::optional<UsedDataset>> DatasetJobs::Find(const std::string& full_name) const {
+  B4MRL_ASSIGN_OR_RETURN(const auto listed, ListUsed());
+  const auto found = std::ranges::find(listed, full_name, &UsedDataset::name);
+  return found == listed.end() ? std::nullopt : std::optional(*found);
 }
 
 std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& dataset) const {
@@ -35,8 +42,25 @@ std::string DatasetJobs::Refusal(const PlannedRun& run, const UsedDataset& datas
 }
 
 std::optional<std::string> DatasetJobs::Failure(const std::string& full_name) const {
-  const auto found = failures_.find(full_name);
-  return found == failures_.end() ? std::nullopt : std::optional(found->second);
+  const auto found = attempts_.find(full_name);
+  if (found == attempts_.end() || found->second < kMostAttempts) return std::nullopt;
+  return CouldNotBeMade(full_name);
+}
+
+std::string DatasetJobs::CouldNotBeMade(const std::string& full_name) const {
+  return fmt::format("dataset {} could not be made, see {}.log", full_name,
+                     DatasetStem(place_.folder, full_name));
+}
+
+Result<std::set<std::string>> DatasetJobs::Refusals(const std::vector<PlannedRun>& plan) const {
+  B4MRL_ASSIGN_OR_RETURN(const auto listed, ListUsed());
+  std::set<std::string> refusals;
+  for (const PlannedRun& run : plan) {
+    const auto found = std::ranges::find(listed, run.full_dataset, &UsedDataset::name);
+    if (found == listed.end()) continue;
+    if (std::string refusal = Refusal(run, *found); !refusal.empty()) refusals.insert(refusal);
+  }
+  return refusals;
 }
 
 Result<std::optional<Job>> DatasetJobs::Begin(const PlannedRun& run) {
@@ -54,9 +78,8 @@ std::optional<std::string> DatasetJobs::Finish(const std::string& full_name, int
   if (exit_code == 0 || IsMadeElsewhere(full_name)) return std::nullopt;
   const auto found = Find(full_name);
   if (found.ok() && *found) return std::nullopt;  // another process was quicker
-  failures_[full_name] = fmt::format("dataset {} could not be made, see {}.log", full_name,
-                                     DatasetStem(place_.folder, full_name));
-  return Failure(full_name);
+  const bool again = ++attempts_[full_name] < kMostAttempts;
+  return CouldNotBeMade(full_name) + (again ? "; again later" : "");
 }
 
 bool DatasetJobs::IsMadeElsewhere(const std::string& full_name) const {

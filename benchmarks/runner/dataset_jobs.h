@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -32,25 +33,29 @@ class DatasetJobs {
   DatasetJobs(Client& client, DatasetPlace place) : client_(client), place_(std::move(place)) {}
 
   // None if the data folder does not have it.
-  Result<std::optional<UsedDataset>> Find(const std::string& full_name);
+  Result<std::optional<UsedDataset>> Find(const std::string& full_name) const;
   // Why a run must not train on it: its rows are not those for which the run was planned. "": they
   // are, or nobody has counted them yet.
   std::string Refusal(const PlannedRun& run, const UsedDataset& dataset) const;
-  // Why an earlier job could not make it.
+  // The refusals of all runs of a plan, each once.
+  Result<std::set<std::string>> Refusals(const std::vector<PlannedRun>& plan) const;
+  // Why it could not be made, though that was tried kMostAttempts times.
   std::optional<std::string> Failure(const std::string& full_name) const;
 
   // A job that makes the run's dataset; nothing while another process does.
   Result<std::optional<Job>> Begin(const PlannedRun& run);
-  // Takes note of a job that has ended. Returns Failure(full_name).
+  // Takes note of a job that has ended; returns what to say of one that failed.
   std::optional<std::string> Finish(const std::string& full_name, int exit_code);
 
  private:
+  Result<std::vector<UsedDataset>> ListUsed() const;
   // Whether a process without this folder's claim is making it.
   bool IsMadeElsewhere(const std::string& full_name) const;
+  std::string CouldNotBeMade(const std::string& full_name) const;
 
   Client& client_;
   DatasetPlace place_;
-  std::map<std::string, std::string> failures_;  // by full name
+  std::map<std::string, int> attempts_;  // that failed, by full name
 };
 
 }  // namespace b4mrl

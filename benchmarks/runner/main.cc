@@ -16,6 +16,7 @@
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/leaderboard.h"
 #include "benchmarks/runner/agent_evaluations.h"
+#include "benchmarks/runner/dataset_jobs.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/result_checks.h"
@@ -219,6 +220,9 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   if (looks) {
     const PlanStatus status = StatusOf(plan, options.folder, options.results);
     for (const std::string& problem : status.unreadable) fmt::print(stderr, "{}\n", problem);
+    DatasetJobs datasets(client, {.data_folder = options.data_folder});
+    B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(plan));
+    for (const std::string& refusal : refusals) fmt::print(stderr, "{}\n", refusal);
     fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
     return kExitDone;
   }
@@ -298,6 +302,20 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
   return kExitDone;
 }
 
+int ExitCodeOf(const Status& status) {
+  switch (status.code()) {
+    case StatusCode::kUnknownName:
+      return kExitBadUsage;
+    case StatusCode::kInvalidArgument:  // the message begins with what is wrong
+      return status.message().starts_with("--") ? kExitBadUsage : kExitBadInput;
+    case StatusCode::kUnavailable:
+    case StatusCode::kDeadlineExceeded:
+      return kExitNoDaemon;
+    default:
+      return kExitBadInput;
+  }
+}
+
 int Main(int argc, char** argv) {
   CLI::App app("Trains what fills the cells of benchmarks.", "b4mrl benchmark");
   app.set_version_flag("--version", VersionText());
@@ -346,15 +364,7 @@ int Main(int argc, char** argv) {
   if (code.ok()) return *code;
   if (Interrupted()) return InterruptExitCode();
   fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
-  switch (code.status().code()) {
-    case StatusCode::kUnknownName:
-      return kExitBadUsage;
-    case StatusCode::kUnavailable:
-    case StatusCode::kDeadlineExceeded:
-      return kExitNoDaemon;
-    default:
-      return kExitBadInput;
-  }
+  return ExitCodeOf(code.status());
 }
 
 }  // namespace

@@ -27,8 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMostAttempts = 2;  // of a run that ends with an error
-
 }  // namespace
 
 Runner::Runner(const RunnerOptions& options, const Budget& budget,

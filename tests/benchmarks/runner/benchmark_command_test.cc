@@ -151,7 +151,7 @@ TEST_CASE("All processes of a suite use the daemon at an address") {
   CHECK(Count(first.err + second.err, "start ") == 2);
   CHECK(fs::exists(suite.File("data/HalfCheetah/medium-v0.h5")));
   const Outcome both = Run(suite.Command({"--endpoint", address, "--data-folder", "x"}));
-  CHECK(both.exit_code == 3);
+  CHECK(both.exit_code == 2);
   CHECK(both.err.find("exclude each other") != std::string::npos);
 }
 
@@ -267,7 +267,7 @@ TEST_CASE("The index of a frozen plan chooses one run of it") {
   CHECK(out_of_time.exit_code == 1);
   CHECK(out_of_time.out.find("1 left") != std::string::npos);
   const Outcome beyond = Run(suite.Command({"--index", "2"}));
-  CHECK(beyond.exit_code == 3);
+  CHECK(beyond.exit_code == 2);
   CHECK(beyond.err.find("0..1") != std::string::npos);
   const Outcome foreign = Run(suite.Command({"--index", "1", "--seeds", "5"}));
   CHECK(foreign.exit_code == 3);
@@ -290,6 +290,7 @@ TEST_CASE("What cannot be trained is named at the end and keeps nothing else bac
   CHECK(outcome.out.find(
             "failed: HalfCheetah-bc-medium-s0: dataset HalfCheetah/medium-v0 could not") !=
         std::string::npos);
+  CHECK(Count(outcome.err, "make HalfCheetah/medium") == 2);
 }
 
 TEST_CASE("A dataset that another process is making is waited for") {
@@ -339,10 +340,13 @@ TEST_CASE("A dataset that is not the published one of its name is refused") {
   const Outcome made = Run({"dataset", "make", "HalfCheetah/medium", "--rows", "2000", "--quiet",
                             "--data", suite.Out() + "/data"});
   REQUIRE(made.exit_code == 0);
+  const char* const reason = "has 2000 rows, not the 1000000 of this run";
+  const Outcome looked = Run(suite.Command({"--data-folder", suite.Out() + "/data", "--dry-run"}));
+  CHECK(looked.err.find(reason) != std::string::npos);
   const Outcome outcome = Run(suite.Command({"--data-folder", suite.Out() + "/data"}));
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 1);
-  CHECK(outcome.out.find("has 2000 rows, not the 1000000 of this run") != std::string::npos);
+  CHECK(outcome.out.find(reason) != std::string::npos);
   CHECK(suite.Results().empty());
 }
 
@@ -377,7 +381,7 @@ TEST_CASE("Agents of a folder are evaluated once each, by however many programs"
   CHECK(evaluations == 4);
 }
 
-TEST_CASE("Unknown benchmarks, budgets and algorithms are refused with the nearest name") {
+TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with the nearest name") {
   const auto says = [](const Words& more, const std::string& words) {
     Words all = {"benchmark", "run", "--dry-run"};
     all.insert(all.end(), more.begin(), more.end());
@@ -388,6 +392,8 @@ TEST_CASE("Unknown benchmarks, budgets and algorithms are refused with the neare
   CHECK(says({"HalfCheetah/modeling-error/gravity+medium"}, "modelling-error"));
   CHECK(says({"--budget", "smal"}, "did you mean 'small'"));
   CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
+  CHECK(says({"--seeds", "x"}, "--seeds is 'x'"));
+  CHECK(says({"--learner", "true", "--name", "a b"}, "--name is 'a b'"));
 }
 
 }  // namespace
