@@ -202,6 +202,17 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
   return fmt::format("{}-{:016x}", name, HashName(all));
 }
 
+std::string FolderOfRun(const TrainOptions& options, const LearnerNeeds& needs) {
+  const std::string folder = "runs/" + RunName(options, needs);
+  const size_t version = options.dataset.rfind("-v");
+  if (!options.resume || version == std::string::npos || HasRunRecord(folder)) return folder;
+  TrainOptions begun = options;
+  begun.dataset.resize(version);
+  const std::string earlier = "runs/" + RunName(begun, needs);
+  const Result<RunRecord> record = ReadRunRecord(earlier);
+  return record.ok() && record->options.dataset == options.dataset ? earlier : folder;
+}
+
 Status WriteRunConfiguration(const TrainOptions& options) {
   std::string text = "# b4mrl train --config THIS_FILE --out FOLDER repeats the run.\n";
   const auto add = [&](std::string_view name, const auto& value) {

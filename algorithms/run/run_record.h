@@ -52,6 +52,10 @@ struct TrainOptions {
 // name, or the dataset is of another environment, the name ends with a hash of the unchanged name.
 inline constexpr size_t kMaxRunNameBytes = 200;
 std::string RunName(const TrainOptions& options, const LearnerNeeds& needs);
+// The folder of a run without --out, "runs/NAME". A run that was begun with its dataset's name
+// alone writes the version into its record and configuration: where that is resumed by the whole
+// name, the folder is the one it has.
+std::string FolderOfRun(const TrainOptions& options, const LearnerNeeds& needs);
 
 // What computed one session of a run.
 struct RunSession {

@@ -185,7 +185,7 @@ std::optional<Failure> TrainCommand::ChooseFolder() {
   if (options.folder.empty()) {
     const auto algorithm = ChosenAlgorithm();
     if (!algorithm.ok()) return BadUsage(algorithm.status());
-    options.folder = "runs/" + RunName(options, (*algorithm)->needs);
+    options.folder = FolderOfRun(options, (*algorithm)->needs);
   }
   // With --algorithm, --resume begins a run if there is none, so that one command does both.
   if (options.resume && options.algorithm.empty() && !HasRunRecord(options.folder)) {

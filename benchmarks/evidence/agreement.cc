@@ -5,10 +5,13 @@
 #include <cstdint>
 #include <iterator>
 #include <map>
+#include <numeric>
 #include <set>
+#include <span>
 #include <utility>
 
 #include "algorithms/list.h"
+#include "benchmarks/statistics/bootstrap.h"
 #include "benchmarks/statistics/rank_correlation.h"
 #include "proto/base/mean_and_std.h"
 #include "proto/base/rng.h"
@@ -17,6 +20,8 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kDraws = 200;
+constexpr size_t kResamples = 2000;
+constexpr double kConfidence = 0.95;
 constexpr size_t kLeastRanked = 3;  // algorithms in a benchmark, of which an order means something
 
 // A cell of the paper's that is compared.
@@ -29,6 +34,9 @@ struct Item {
 
 // Scores by the run that they are of (SharedRun).
 using Table = std::map<std::string, double>;
+
+// Which of the runs, effects or rankings a figure is taken over, by their places.
+using Chosen = std::span<const size_t>;
 
 // The runs that one benchmark ranks.
 using Ranking = std::set<std::string>;
@@ -79,16 +87,19 @@ class Comparer {
  private:
   // The paper's runs with other seeds.
   Table Draw(uint64_t draw) const;
-  std::optional<double> ScoresBeside(const Table& table) const;
-  std::optional<double> EffectsBeside(const Table& table) const;
-  std::optional<double> RankingsBeside(const Table& table) const;
+  std::optional<double> ScoresBeside(const Table& table, Chosen chosen) const;
+  std::optional<double> EffectsBeside(const Table& table, Chosen chosen) const;
+  std::optional<double> RankingsBeside(const Table& table, Chosen chosen) const;
   // Of the pairs that the paper separates.
-  std::optional<double> SeparatedBeside(const Table& table) const;
+  std::optional<double> SeparatedBeside(const Table& table, Chosen chosen) const;
   bool IsSeparated(const std::string& one, const std::string& other) const;
   std::vector<PairOrder> Pairs() const;
   // The mean over draws of a figure of a table.
   template <typename Figure>
-  std::optional<double> Ceiling(Figure figure) const;
+  std::optional<double> Ceiling(Figure figure, Chosen all) const;
+  // Nothing where most resamples have no such figure.
+  template <typename Figure>
+  std::optional<Interval> IntervalOf(Figure figure, size_t count) const;
 
   std::vector<Item> runs_;     // the paper's that we have too
   std::vector<Item> effects_;  // of the runs, those with another one as reference
@@ -153,37 +164,38 @@ Table Comparer::Draw(uint64_t draw) const {
   return table;
 }
 
-std::optional<double> Comparer::ScoresBeside(const Table& table) const {
+std::optional<double> Comparer::ScoresBeside(const Table& table, Chosen chosen) const {
   std::vector<double> paper, other;
-  for (const Item& item : runs_) {
-    paper.push_back(means_.at(item.run));
-    other.push_back(table.at(item.run));
+  for (const size_t place : chosen) {
+    paper.push_back(means_.at(runs_[place].run));
+    other.push_back(table.at(runs_[place].run));
   }
   return Spearman(paper, other);
 }
 
-std::optional<double> Comparer::EffectsBeside(const Table& table) const {
+std::optional<double> Comparer::EffectsBeside(const Table& table, Chosen chosen) const {
   std::vector<double> paper, other;
-  for (const Item& item : effects_) {
+  for (const size_t place : chosen) {
+    const Item& item = effects_[place];
     paper.push_back(means_.at(item.run) - means_.at(item.reference_run));
     other.push_back(table.at(item.run) - table.at(item.reference_run));
   }
   return Spearman(paper, other);
 }
 
-std::optional<double> Comparer::RankingsBeside(const Table& table) const {
-  if (rankings_.empty()) return std::nullopt;
+std::optional<double> Comparer::RankingsBeside(const Table& table, Chosen chosen) const {
+  if (chosen.empty()) return std::nullopt;
   double sum = 0;
-  for (const Ranking& runs : rankings_) {
+  for (const size_t place : chosen) {
     std::vector<double> paper, other;
-    for (const std::string& run : runs) {
+    for (const std::string& run : rankings_[place]) {
       paper.push_back(means_.at(run));
       other.push_back(table.at(run));
     }
     // A table that cannot tell the algorithms apart orders none of them.
     sum += Kendall(paper, other).value_or(0);
   }
-  return sum / static_cast<double>(rankings_.size());
+  return sum / static_cast<double>(chosen.size());
 }
 
 bool Comparer::IsSeparated(const std::string& one, const std::string& other) const {
@@ -191,10 +203,11 @@ bool Comparer::IsSeparated(const std::string& one, const std::string& other) con
          2 * std::hypot(errors_.at(one), errors_.at(other));
 }
 
-std::optional<double> Comparer::SeparatedBeside(const Table& table) const {
-  if (separated_.empty()) return std::nullopt;
+std::optional<double> Comparer::SeparatedBeside(const Table& table, Chosen chosen) const {
+  if (chosen.empty()) return std::nullopt;
   double sum = 0;
-  for (const auto& pairs : separated_) {
+  for (const size_t place : chosen) {
+    const auto& pairs = separated_[place];
     int order = 0;  // pairs that the table orders as the paper does, less the others
     for (const auto& [one, other] : pairs) {
       const double product =
@@ -203,7 +216,7 @@ std::optional<double> Comparer::SeparatedBeside(const Table& table) const {
     }
     sum += order / static_cast<double>(pairs.size());
   }
-  return sum / static_cast<double>(separated_.size());
+  return sum / static_cast<double>(chosen.size());
 }
 
 std::vector<PairOrder> Comparer::Pairs() const {
@@ -241,22 +254,39 @@ std::vector<PairOrder> Comparer::Pairs() const {
 }
 
 template <typename Figure>
-std::optional<double> Comparer::Ceiling(Figure figure) const {
+std::optional<double> Comparer::Ceiling(Figure figure, Chosen all) const {
   double sum = 0;
   for (uint64_t draw = 0; draw < kDraws; ++draw) {
-    const auto each = (this->*figure)(Draw(draw));
+    const auto each = (this->*figure)(Draw(draw), all);
     if (!each) return std::nullopt;
     sum += *each;
   }
   return sum / kDraws;
 }
 
+template <typename Figure>
+std::optional<Interval> Comparer::IntervalOf(Figure figure, size_t count) const {
+  if (count < 2) return std::nullopt;
+  std::vector<std::vector<double>> estimates;
+  std::vector<size_t> drawn(count);
+  for (uint64_t number = 0; number < kResamples; ++number) {
+    Rng random(0, "resample of the agreement", number);
+    for (size_t& place : drawn) place = random.Below(count);
+    if (const auto each = (this->*figure)(ours_, drawn)) estimates.push_back({*each});
+  }
+  if (estimates.size() <= kResamples / 2) return std::nullopt;
+  return PercentileIntervals(estimates, kConfidence).front();
+}
+
 PaperAgreement Comparer::Compare() const {
   PaperAgreement agreement;
   const auto fill = [this](auto figure, size_t count, Agreement* out) {
-    out->ours = (this->*figure)(ours_);
-    out->floor = (this->*figure)(floor_);
-    out->ceiling = Ceiling(figure);
+    std::vector<size_t> all(count);
+    std::iota(all.begin(), all.end(), size_t{0});
+    out->ours = (this->*figure)(ours_, all);
+    out->floor = (this->*figure)(floor_, all);
+    out->ceiling = Ceiling(figure, all);
+    out->interval = IntervalOf(figure, count);
     out->count = count;
   };
   fill(&Comparer::ScoresBeside, runs_.size(), &agreement.scores);

@@ -1,6 +1,6 @@
 // A child process of the runner: `b4mrl train`, `b4mrl dataset make`, `b4mrl evaluate` or a learner
-// of the user's own, and the claim that keeps other runners away from its work until the job's object
-// ends: what it made is kept by then.
+// of the user's own, and the claim that keeps other runners away from its work until the job's
+// object ends: what it made is kept by then.
 //
 // A claim is a lock on a file (flock), so that it ends with the process that holds it, however that
 // dies. A learner also locks its run's folder itself; so a run whose runner was killed is not

@@ -13,11 +13,6 @@
 namespace b4mrl {
 namespace {
 
-std::string IntervalEntry(const std::optional<Interval>& interval, int digits) {
-  if (!interval) return kMissing;
-  return fmt::format("[{:.{}f}, {:.{}f}]", interval->low, digits, interval->high, digits);
-}
-
 Table EstimatesTable(const Aggregates& aggregates) {
   Table table;
   table.id = "aggregates";

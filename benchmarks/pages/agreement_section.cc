@@ -20,7 +20,8 @@ constexpr double kExplainedPoints = 15;
 void AddRows(const std::string& which, const PaperAgreement& agreement, Table* table) {
   const auto add = [&](const char* figure, const Agreement& each) {
     table->rows.push_back({which, figure, fmt::format("{}", each.count), Fixed(each.ours, 2),
-                           Fixed(each.floor, 2), Fixed(each.ceiling, 2)});
+                           IntervalEntry(each.interval, 2), Fixed(each.floor, 2),
+                           Fixed(each.ceiling, 2)});
   };
   add("scores (Spearman)", agreement.scores);
   add("effects of flaws (Spearman)", agreement.effects);
@@ -47,9 +48,12 @@ Table RanksTable(const Evidence& evidence) {
       "the paper's own numbers with another seed, drawn from their means and deviations (mean of "
       "200). Separated: the paper's means are more than two standard errors of their difference "
       "apart. By last fifths: the mean score of a run's last fifth stands for that of its last "
-      "evaluation. Runs are few, so all of these figures are rough.";
-  table.columns = {{"Cells"},      {"Figure"},      {"n", true},
-                   {"Ours", true}, {"Floor", true}, {"Ceiling", true}};
+      "evaluation. The intervals are percentile bootstraps with 2,000 resamples of what is "
+      "counted: they tell what other cells could give, not what other seeds would, and are too "
+      "narrow where rankings share runs.";
+  table.columns = {
+      {"Cells"},       {"Figure"},       {"n", true}, {"Ours", true}, {"95% interval", true},
+      {"Floor", true}, {"Ceiling", true}};
   const auto compare = [&](const CellScores& ours, AgreementOptions options) {
     return AgreementWith(evidence.paper, ours, evidence.benchmarks, options);
   };

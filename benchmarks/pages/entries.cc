@@ -77,6 +77,11 @@ std::string Fixed(const std::optional<double>& value, int digits) {
   return value ? fmt::format("{:.{}f}", *value, digits) : kMissing;
 }
 
+std::string IntervalEntry(const std::optional<Interval>& interval, int digits) {
+  if (!interval) return kMissing;
+  return fmt::format("[{:.{}f}, {:.{}f}]", interval->low, digits, interval->high, digits);
+}
+
 std::string IntervalEntry(const CellScore& score) {
   const auto interval = score.Interval95();
   if (!interval) return kMissing;

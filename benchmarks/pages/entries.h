@@ -32,6 +32,8 @@ std::string Signed(double points);
 std::string GainEntry(const CellScore& score);
 // With so many digits behind the point; kMissing for nothing.
 std::string Fixed(const std::optional<double>& value, int digits);
+// "[44.1, 48.7]" with so many digits behind the point; kMissing for nothing.
+std::string IntervalEntry(const std::optional<Interval>& interval, int digits);
 // "[44.1, 48.7]", "[44.1, 48.7]*" where the deviation between seeds is borrowed.
 std::string IntervalEntry(const CellScore& score);
 

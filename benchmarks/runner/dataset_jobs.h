@@ -37,7 +37,7 @@ class DatasetJobs {
   // Why a run must not train on it: its rows are not those for which the run was planned. "": they
   // are, or nobody has counted them yet.
   std::string Refusal(const PlannedRun& run, const UsedDataset& dataset) const;
-  // The refusals of all runs of a plan, each once.
+  // The refusals of all runs of a plan, each once; of data whose rows somebody has counted.
   Result<std::set<std::string>> Refusals(const std::vector<PlannedRun>& plan) const;
   // Why it could not be made, though that was tried kMostAttempts times.
   std::optional<std::string> Failure(const std::string& full_name) const;

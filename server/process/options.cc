@@ -28,7 +28,8 @@ struct Flags {
 };
 
 uint32_t HalfOfTheMemoryMib() {
-  return static_cast<uint32_t>(std::clamp<uint64_t>(MemoryBytes() >> 21, limits::kMinMemoryMib, limits::kMaxMemoryMib));
+  return static_cast<uint32_t>(
+      std::clamp<uint64_t>(MemoryBytes() >> 21, limits::kMinMemoryMib, limits::kMaxMemoryMib));
 }
 
 Status Complain(std::string message) {

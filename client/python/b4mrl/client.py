@@ -318,7 +318,8 @@ class Client(Shown):
         """Opens a dataset. The first opening of a dataset imports its file, which can take minutes.
 
         Args:
-            name: a name from `datasets()`, such as "HalfCheetah/medium".
+            name: a name from `datasets()`, such as "HalfCheetah/medium". The command
+                `b4mrl dataset make NAME` makes one that is missing.
             corruption: perturbations of the data, written like `simulator` of `make`:
                 "obs-noise-high", "hidden=9+10". None: the data as recorded.
             seed: seed of the corruption's noise: each seed gives a dataset one noise matrix.

@@ -1,6 +1,7 @@
 #include "algorithms/run/run_record.h"
 
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
@@ -88,6 +89,28 @@ TEST_CASE("A run's name tells it from every other") {
   options.simulator += "a", is_new(kOnline);
   options.simulator = "", options.environment = "../..", is_new(kOnline);
   options.environment = "\xff\n", is_new(kOnline);
+}
+
+TEST_CASE("A run that was begun without its dataset's version is resumed with it in its folder") {
+  const TemporaryFolder folder;
+  const std::string before = std::filesystem::current_path();
+  std::filesystem::current_path(folder.path());
+  constexpr LearnerNeeds kOffline = {.dataset = true};
+  TrainOptions options;
+  options.environment = "HalfCheetah";
+  options.algorithm = "bc";
+  options.dataset = "HalfCheetah/medium";
+  options.folder = FolderOfRun(options, kOffline);
+  CHECK(options.folder == "runs/HalfCheetah-bc-medium-s0");
+  std::filesystem::create_directories(options.folder);
+  options.dataset = "HalfCheetah/medium-v0";  // as the daemon completes it
+  REQUIRE(WriteRunRecord(options).ok());
+  CHECK(FolderOfRun(options, kOffline) == "runs/HalfCheetah-bc-medium-v0-s0");
+  options.resume = true;
+  CHECK(FolderOfRun(options, kOffline) == "runs/HalfCheetah-bc-medium-s0");
+  options.dataset = "HalfCheetah/medium-v1";
+  CHECK(FolderOfRun(options, kOffline) == "runs/HalfCheetah-bc-medium-v1-s0");
+  std::filesystem::current_path(before);
 }
 
 TEST_CASE("What a run's record keeps is what is read from it") {

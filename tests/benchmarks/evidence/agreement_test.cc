@@ -1,6 +1,8 @@
 #include "benchmarks/evidence/agreement.h"
 
 #include <catch2/catch.hpp>
+#include <cmath>
+#include <iterator>
 
 #include "tests/benchmarks/evidence/made_results.h"
 
@@ -42,6 +44,28 @@ TEST_CASE("Reversed scores disagree, and unsettled ones are left out") {
   const PaperAgreement offline = AgreementWith(
       paper, ours, OwnBenchmarks(), {.settled_only = false, .without = {"h2o", "td3", "sac"}});
   CHECK(offline.scores.count == 192 - 52 - 16);
+}
+
+TEST_CASE("Intervals hold the figures, and have no width where all that is counted agrees") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  const PaperAgreement itself = AgreementWith(paper, paper, OwnBenchmarks(), {});
+  for (const Agreement* each : {&itself.scores, &itself.effects, &itself.rankings}) {
+    CHECK(each->interval.value().low == Approx(1));
+    CHECK(each->interval.value().high == Approx(1));
+  }
+  CellScores ours = paper;
+  size_t turned = 0;  // every third cell is turned over
+  for (auto& [name, score] : ours) score.mean *= turned++ % 3 == 0 ? -1 : 1;
+  const PaperAgreement mixed = AgreementWith(paper, ours, OwnBenchmarks(), {});
+  for (const Agreement* each : {&mixed.scores, &mixed.effects, &mixed.rankings}) {
+    const Interval interval = each->interval.value();
+    CHECK(interval.low < *each->ours);
+    CHECK(interval.high > *each->ours);
+    // Of n independent pairs, a rank correlation's error is near 1 / sqrt(n).
+    CHECK(interval.high - interval.low < 8 / std::sqrt(static_cast<double>(each->count)));
+  }
+  ours.erase(std::next(ours.begin()), ours.end());
+  CHECK_FALSE(AgreementWith(paper, ours, OwnBenchmarks(), {}).scores.interval);
 }
 
 TEST_CASE("Benchmarks that rank the same runs count as one ranking") {

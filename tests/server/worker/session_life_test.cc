@@ -65,7 +65,8 @@ TEST_CASE("A Close reaches a session of the token that was opened again meanwhil
 TEST_CASE("Sessions may together have the simulators for which the worker has memory") {
   WorkerFixture worker;
   const std::string cheetah(limits::kTokenBytes, 'c'), hopper(limits::kTokenBytes, 'h');
-  const SimulatorRequest request = {.environment = "HalfCheetah", .perturbations = {}, .config = ""};
+  const SimulatorRequest request = {
+      .environment = "HalfCheetah", .perturbations = {}, .config = ""};
   const Result<std::shared_ptr<const Simulator>> simulator = Simulator::Open(request);
   REQUIRE(simulator.ok());
   worker.simulator_bytes = (*simulator)->memory_bytes(2);  // the socket's thread and the stand-in
