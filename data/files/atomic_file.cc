@@ -65,6 +65,10 @@ Status AtomicFile::Commit() {
   }
   if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
   if (rename(temporary_path_.c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
+  // A child that another thread has just forked has the file open until it executes its program:
+  // closing alone would leave the lock until then, and readers would take the file for one that is
+  // being removed.
+  flock(fd_.get(), LOCK_UN);
   fd_.Reset();
   return SyncFolder(FolderOf(path_));
 }

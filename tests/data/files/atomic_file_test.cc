@@ -1,0 +1,44 @@
+#include "data/files/atomic_file.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <catch2/catch.hpp>
+#include <string>
+
+#include "proto/base/unique_fd.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+
+TEST_CASE("A file in its place is not locked, even while a forked child has it open") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("manifest.json");
+  Result<AtomicFile> file = AtomicFile::Create(path);
+  REQUIRE(file.ok());
+  std::array<int, 2> pipe_ends{};
+  REQUIRE(pipe(pipe_ends.data()) == 0);
+  const pid_t child = fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {  // as between fork and exec, for as long as the pipe is open
+    close(pipe_ends[1]);
+    char byte = 0;
+    while (read(pipe_ends[0], &byte, 1) > 0) {
+    }
+    _exit(0);
+  }
+  CHECK(IsBeingWritten(path));
+  REQUIRE(file->Commit().ok());
+  const UniqueFd reader(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  REQUIRE(reader.valid());
+  CHECK(flock(reader.get(), LOCK_SH | LOCK_NB) == 0);
+  close(pipe_ends[0]);
+  close(pipe_ends[1]);
+  int status = 0;
+  CHECK(waitpid(child, &status, 0) == child);
+}
+
+}  // namespace b4mrl
