@@ -171,7 +171,7 @@ Status ColumnCache::MapColumn(const CachedColumn& column) {
   return Status();
 }
 
-Status ColumnCache::Verify(const std::atomic<bool>& cancelled) const {
+Status ColumnCache::Verify(const std::function<bool()>& is_cancelled) const {
   constexpr size_t kBlockBytes = 16 << 20;
   for (size_t i = 0; i < columns_.size(); ++i) {
     const Mapping& mapping = mappings_[i];
@@ -179,7 +179,8 @@ Status ColumnCache::Verify(const std::atomic<bool>& cancelled) const {
     StreamHash hash;
     std::span bytes(static_cast<const std::byte*>(mapping.data), mapping.bytes);
     while (!bytes.empty()) {
-      if (cancelled) return Status(StatusCode::kUnavailable, "verifying a cache was cancelled");
+      if (is_cancelled())
+        return Status(StatusCode::kUnavailable, "verifying a cache was cancelled");
       const auto block = bytes.first(std::min(bytes.size(), kBlockBytes));
       hash.Update(block);
       bytes = bytes.subspan(block.size());

@@ -17,6 +17,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <span>
@@ -53,8 +54,8 @@ class ColumnCache {
   ColumnCache& operator=(const ColumnCache&) = delete;
 
   // Reads all columns once: kDataLoss when the bytes of a column are not those that were written.
-  // kUnavailable soon after `cancelled` turned true.
-  Status Verify(const std::atomic<bool>& cancelled) const;
+  // kUnavailable soon after `is_cancelled` returned true.
+  Status Verify(const std::function<bool()>& is_cancelled) const;
 
   const CacheProperties& properties() const { return properties_; }
   uint64_t bytes() const;  // size of all columns

@@ -1,5 +1,7 @@
 #include "server/datasets/dataset_replies.h"
 
+#include <fmt/format.h>
+
 #include <string>
 
 #include "proto/base/limits.h"
@@ -56,6 +58,16 @@ void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first,
     out->mutable_datasets()->RemoveLast();
     return;
   }
+}
+
+Result<DatasetRequest> ReadOpen(const pb::OpenDatasetRequest& request) {
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRule rule, ParseTransitionRule(request.transition_rule()));
+  if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
+    return InvalidNumber("number of corruptions", request.corruptions_size(),
+                         fmt::format("0..{}", limits::kMaxPerturbations));
+  }
+  return DatasetRequest{request.dataset(), NamedArgumentsOf(request.corruptions()), request.seed(),
+                        rule, request.environment()};
 }
 
 void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out) {

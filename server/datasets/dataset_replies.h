@@ -1,4 +1,5 @@
-// The replies to ListDatasets and OpenDataset. Pure functions; any thread.
+// What the requests ListDatasets and OpenDataset ask for, and their replies. Pure functions; any
+// thread.
 #pragma once
 
 #include <vector>
@@ -10,6 +11,9 @@ namespace b4mrl {
 
 // The datasets from number `first` on, as many as fit an envelope.
 void FillList(const std::vector<DatasetFileInfo>& list, uint32_t first, pb::ListDatasetsReply* out);
+
+// kInvalidArgument for an unknown transition rule and for too many corruptions.
+Result<DatasetRequest> ReadOpen(const pb::OpenDatasetRequest& request);
 
 // Describes an opened dataset; `opened.dataset` is not null.
 void FillOpened(const OpenedDataset& opened, pb::OpenDatasetReply* out);

@@ -172,7 +172,8 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   B4MRL_RETURN_IF_ERROR(cache_.Make());
   const std::string key = DatasetIndex::KeyOf(file.name);
   B4MRL_ASSIGN_OR_RETURN(const UniqueFd lock, cache_.Lock(key, cancelled));
-  B4MRL_ASSIGN_OR_RETURN(auto found, FindImported(file));  // another daemon may have been first
+  B4MRL_ASSIGN_OR_RETURN(auto found,
+                         FindImported(file, cancelled));  // another daemon may have been first
   auto& [imported, dataset] = found;
   if (dataset == nullptr) {
     B4MRL_ASSIGN_OR_RETURN(imported, ImportFile(file, key, cancelled));
@@ -185,7 +186,8 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   return opened;
 }
 
-Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& fingerprint) {
+Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& fingerprint,
+                                                        const std::atomic<bool>& cancelled) {
   if (!IsHash128(fingerprint)) {
     return Status(StatusCode::kUnknownName, "a fingerprint is 32 hexadecimal digits");
   }
@@ -198,7 +200,8 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& finge
   const std::string folder = cache_.PathOf(fingerprint);
   const uint64_t identity = FolderIdentity(folder);
   Result<DatasetPointer> dataset = Dataset::Open(folder);
-  const Status status = dataset.ok() ? (*dataset)->cache().Verify(stopped_) : dataset.status();
+  const auto is_cancelled = [&] { return stopped_ || cancelled; };
+  const Status status = dataset.ok() ? (*dataset)->cache().Verify(is_cancelled) : dataset.status();
   // Another thread may have made it anew meanwhile.
   if (IsDamage(status) && FolderIdentity(folder) == identity) {
     spdlog::error("removing a damaged cache: {}", status.ToString());
@@ -224,20 +227,20 @@ Result<DatasetStore::DatasetPointer> DatasetStore::Admit(const std::string& fing
 }
 
 Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerprint,
-                             const std::atomic<bool>* cancelled,
+                             IfMissing if_missing, const std::atomic<bool>& cancelled,
                              const std::function<Status(DatasetBuilder*)>& derive) {
   const DatasetPointer source = *dataset;
   UniqueFd lock;
-  if (cancelled != nullptr) {
-    B4MRL_ASSIGN_OR_RETURN(lock, cache_.Lock(fingerprint, *cancelled));
+  if (if_missing == IfMissing::kDerive) {
+    B4MRL_ASSIGN_OR_RETURN(lock, cache_.Lock(fingerprint, cancelled));
   }
-  Result<DatasetPointer> cached = Load(fingerprint);
+  Result<DatasetPointer> cached = Load(fingerprint, cancelled);
   if (!IsToBeMade(cached.status())) {
     B4MRL_ASSIGN_OR_RETURN(*dataset, std::move(cached));
     return Status();
   }
   *dataset = nullptr;
-  if (cancelled == nullptr) return Status();
+  if (if_missing == IfMissing::kLeave) return Status();
   const uint64_t bytes = source->cache().bytes();
   if (bytes > cache_.max_bytes()) {
     return Status(StatusCode::kLimitExceeded, fmt::format("the dataset takes {} bytes, allowed: {}",
@@ -255,21 +258,22 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
   return Status();
 }
 
-Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request) {
-  return FindAndOpen(request, nullptr);
+Result<OpenedDataset> DatasetStore::Open(const DatasetRequest& request,
+                                         const std::atomic<bool>& cancelled) {
+  return FindAndOpen(request, IfMissing::kLeave, cancelled);
 }
 
 Result<OpenedDataset> DatasetStore::Derive(const DatasetRequest& request,
                                            const std::atomic<bool>& cancelled) {
-  return FindAndOpen(request, &cancelled);
+  return FindAndOpen(request, IfMissing::kDerive, cancelled);
 }
 
 Result<std::pair<ImportedFile, DatasetStore::DatasetPointer>> DatasetStore::FindImported(
-    const DatasetFile& file) {
+    const DatasetFile& file, const std::atomic<bool>& cancelled) {
   B4MRL_ASSIGN_OR_RETURN(const FileIdentity identity, FileIdentity::Of(file.path));
   std::pair<ImportedFile, DatasetPointer> found;
   if (std::optional<ImportedFile> imported = index_.Find(file.name, identity)) {
-    Result<DatasetPointer> dataset = Load(imported->fingerprint);
+    Result<DatasetPointer> dataset = Load(imported->fingerprint, cancelled);
     if (!dataset.ok() && !IsToBeMade(dataset.status())) return dataset.status();
     // A file that was imported for another version of its environment is imported again.
     if (dataset.ok() && FingerprintOf(*imported, file.name, **dataset) == imported->fingerprint) {
@@ -280,13 +284,14 @@ Result<std::pair<ImportedFile, DatasetStore::DatasetPointer>> DatasetStore::Find
   return found;
 }
 
-Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request,
-                                                const std::atomic<bool>* cancelled) {
+Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request, IfMissing if_missing,
+                                                const std::atomic<bool>& cancelled) {
   B4MRL_ASSIGN_OR_RETURN(const DatasetFile file,
                          FindDatasetFile(options_.data_folder, request.name));
-  B4MRL_ASSIGN_OR_RETURN(const auto found, FindImported(file));
+  B4MRL_ASSIGN_OR_RETURN(const auto found, FindImported(file, cancelled));
   if (found.second != nullptr) {
-    Result<OpenedDataset> opened = OpenImported(request, found.first, found.second, cancelled);
+    Result<OpenedDataset> opened =
+        OpenImported(request, found.first, found.second, if_missing, cancelled);
     if (opened.ok()) opened->info.name = file.name;  // the full name
     return opened;
   }
@@ -299,7 +304,8 @@ Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request,
 
 Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
                                                  const ImportedFile& file, DatasetPointer dataset,
-                                                 const std::atomic<bool>* cancelled) {
+                                                 IfMissing if_missing,
+                                                 const std::atomic<bool>& cancelled) {
   const TransitionColumns columns = dataset->columns();
   const DatasetProvenance& provenance = file.contents.provenance;
   const std::string environment = EnvironmentOf(file, request.name);
@@ -337,19 +343,19 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
       builder->SetProperty("corruptions", text);
       builder->SetProperty("seed", fmt::format("{}", opened.seed));
       const uint64_t matrix = NoiseMatrix(VersionedEnvironment(environment), file.columns_sha256);
-      return AppendCorrupted(source->columns(), corruption.set, opened.seed, matrix, *cancelled,
+      return AppendCorrupted(source->columns(), corruption.set, opened.seed, matrix, cancelled,
                              builder);
     };
     const std::string fingerprint =
         DerivedFingerprint(file.fingerprint, text, opened.seed, TransitionRule::kStored);
-    B4MRL_RETURN_IF_ERROR(Replace(&dataset, fingerprint, cancelled, derive));
+    B4MRL_RETURN_IF_ERROR(Replace(&dataset, fingerprint, if_missing, cancelled, derive));
   }
   if (applied_rule == TransitionRule::kD4rl && dataset != nullptr) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
       builder->SetProperty("transition_rule", TransitionRuleName(TransitionRule::kD4rl));
-      return AppendUnderD4rl(source->columns(), *cancelled, builder);
+      return AppendUnderD4rl(source->columns(), cancelled, builder);
     };
-    B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, cancelled, derive));
+    B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, if_missing, cancelled, derive));
   }
   if (dataset == nullptr) opened.missing = OpenedDataset::Missing::kDerivation;
   opened.dataset = std::move(dataset);

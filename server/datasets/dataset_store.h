@@ -66,6 +66,9 @@ struct OpenedDataset {
   uint64_t source_bytes = 0;
 };
 
+// For work that nobody cancels.
+inline const std::atomic<bool> kNeverCancelled{false};
+
 class DatasetStore {
  public:
   struct Options {
@@ -80,8 +83,9 @@ class DatasetStore {
 
   // Opens a dataset from the caches; where they lack it, `missing` says whether Import or Derive
   // has to be called first. Takes milliseconds, but a cache that is not mapped yet is read whole
-  // once, which may take a minute.
-  Result<OpenedDataset> Open(const DatasetRequest& request);
+  // once, which may take a minute; kUnavailable soon after `cancelled` turned true.
+  Result<OpenedDataset> Open(const DatasetRequest& request,
+                             const std::atomic<bool>& cancelled = kNeverCancelled);
   // Imports the file of that name, which may take minutes. Of the result, only `fingerprint` and
   // `dataset` are set. A failure that lies in the file is remembered, and Open returns it from then
   // on. Returns soon after `cancelled` turned true. If another daemon imports the file already,
@@ -91,8 +95,9 @@ class DatasetStore {
   Result<OpenedDataset> Derive(const DatasetRequest& request, const std::atomic<bool>& cancelled);
 
   // Maps a dataset that was made earlier, perhaps by another process, and reads it whole once.
-  // kUnknownName if its cache is gone.
-  Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint);
+  // kUnknownName if its cache is gone; kUnavailable soon after `cancelled` turned true.
+  Result<std::shared_ptr<const Dataset>> Load(const std::string& fingerprint,
+                                              const std::atomic<bool>& cancelled = kNeverCancelled);
 
   // Has calls of other threads that read a cache return soon: kUnavailable.
   void Stop() { stopped_ = true; }
@@ -103,19 +108,22 @@ class DatasetStore {
 
  private:
   using DatasetPointer = std::shared_ptr<const Dataset>;
-  // Both functions derive a missing dataset unless `cancelled` is null.
+  // Whether a missing dataset is to be derived.
+  enum class IfMissing { kLeave, kDerive };
   Result<OpenedDataset> OpenImported(const DatasetRequest& request, const ImportedFile& file,
-                                     DatasetPointer dataset, const std::atomic<bool>* cancelled);
-  Result<OpenedDataset> FindAndOpen(const DatasetRequest& request,
-                                    const std::atomic<bool>* cancelled);
+                                     DatasetPointer dataset, IfMissing if_missing,
+                                     const std::atomic<bool>& cancelled);
+  Result<OpenedDataset> FindAndOpen(const DatasetRequest& request, IfMissing if_missing,
+                                    const std::atomic<bool>& cancelled);
   // The remembered import of a file and its dataset, mapped; null if the file has to be imported.
-  Result<std::pair<ImportedFile, DatasetPointer>> FindImported(const DatasetFile& file);
+  Result<std::pair<ImportedFile, DatasetPointer>> FindImported(const DatasetFile& file,
+                                                               const std::atomic<bool>& cancelled);
   Result<ImportedFile> ImportFile(const DatasetFile& file, const std::string& key,
                                   const std::atomic<bool>& cancelled);
-  // Replaces `*dataset` by the dataset of `fingerprint`: from the cache or, unless `cancelled` is
-  // null, made by `derive`; else null.
-  Status Replace(DatasetPointer* dataset, const std::string& fingerprint,
-                 const std::atomic<bool>* cancelled,
+  // Replaces `*dataset` by the dataset of `fingerprint`: from the cache, or made by `derive` if it
+  // is to be, else null.
+  Status Replace(DatasetPointer* dataset, const std::string& fingerprint, IfMissing if_missing,
+                 const std::atomic<bool>& cancelled,
                  const std::function<Status(DatasetBuilder*)>& derive);
   // Maps a cache that was just made and makes room for it. Removes the new cache if there is none.
   Result<DatasetPointer> Admit(const std::string& fingerprint);

@@ -8,13 +8,13 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <utility>
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
-#include "proto/wire/named_arguments.h"
 #include "server/datasets/dataset_batches.h"
 #include "server/datasets/dataset_replies.h"
 #include "server/datasets/dataset_store.h"
@@ -86,6 +86,9 @@ class DatasetWorker {
   // Keeps a request until its completion or its deadline and returns its id; 0 for a copy of a
   // request that waits, and when too many wait already, which is the reply then.
   uint64_t Park(PendingRequest pending);
+  std::function<bool()> Waits(uint64_t id) const {
+    return [this, id] { return parked_.contains(id); };
+  }
   // The parked request that its sender sent before with the same id and contents, or null.
   PendingRequest* FindOriginal(const PendingRequest& copy);
   // Takes out the parked request `id`; nothing if it was answered at its deadline.
@@ -111,6 +114,7 @@ class DatasetWorker {
   ServedDatasets served_;
   std::map<uint64_t, PendingRequest> parked_;
   uint64_t next_id_ = 1;
+  std::multiset<RoutingId> listers_;  // who asked for the lists that listing_ is to make
   std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
   // Last: their tasks use the members above.
   BackgroundThread listing_;
@@ -219,7 +223,7 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
   size_t backlog = listing_.backlog() + loads_.Backlog() + ready_.size();
-  size_t backlog_of_peer = loads_.BacklogOf(peer);
+  size_t backlog_of_peer = loads_.BacklogOf(peer) + listers_.count(peer);
   for (const Preparations* queue : {&openings_, &imports_, &derivations_}) {
     backlog += queue->Backlog();
     backlog_of_peer += queue->BacklogOf(peer);
@@ -245,33 +249,25 @@ std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
 }
 
 void DatasetWorker::HandleOpen(PendingRequest pending) {
-  const pb::OpenDatasetRequest& request = pending.request.open_dataset();
-  const Result<TransitionRule> rule = ParseTransitionRule(request.transition_rule());
-  if (!rule.ok()) return replies_.Reply(pending.from, rule.status());
-  DatasetRequest wanted{request.dataset(), {}, request.seed(), *rule, request.environment()};
-  if (request.corruptions_size() > static_cast<int>(limits::kMaxPerturbations)) {
-    return replies_.Reply(pending.from,
-                          InvalidNumber("number of corruptions", request.corruptions_size(),
-                                        fmt::format("0..{}", limits::kMaxPerturbations)));
-  }
-  wanted.corruptions = NamedArgumentsOf(request.corruptions());
+  const Result<DatasetRequest> wanted = ReadOpen(pending.request.open_dataset());
+  if (!wanted.ok()) return replies_.Reply(pending.from, wanted.status());
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  SubmitOpen(id, wanted);
+  SubmitOpen(id, *wanted);
 }
 
 void DatasetWorker::SubmitOpen(uint64_t id, const DatasetRequest& wanted) {
   const auto parked = parked_.find(id);
   if (parked == parked_.end()) return;  // it was answered at its deadline
-  const auto waits = [this, id] { return parked_.contains(id); };
   const auto done = [this, id, wanted](const Result<OpenedDataset>& opened) {
     if (opened.ok()) served_.Add(*opened);
     const bool missing = opened.ok() && opened->dataset == nullptr;
     return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
   };
-  openings_.Submit(parked->second.request.open_dataset().SerializeAsString(), 0,
-                   [this, wanted](const std::atomic<bool>&) { return store_.Open(wanted); },
-                   {parked->second.from.peer, waits, done});
+  openings_.Submit(
+      parked->second.request.open_dataset().SerializeAsString(), 0,
+      [this, wanted](const std::atomic<bool>& cancelled) { return store_.Open(wanted, cancelled); },
+      {parked->second.from.peer, Waits(id), done});
 }
 
 void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
@@ -289,13 +285,12 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
                    fmt::format("{} changed after it was imported; try again", wanted.name)));
   }
   Preparations& queue = is_import ? imports_ : derivations_;
-  const auto waits = [this, id] { return parked_.contains(id); };
   queue.Submit(is_import ? wanted.name : found.fingerprint, found.source_bytes,
                [this, wanted, is_import](const std::atomic<bool>& cancelled) {
                  return is_import ? store_.Import(wanted.name, cancelled)
                                   : store_.Derive(wanted, cancelled);
                },
-               {parked->second.from.peer, waits, done});
+               {parked->second.from.peer, Waits(id), done});
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
@@ -308,10 +303,14 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
 }
 
 void DatasetWorker::SubmitList(PendingRequest pending) {
+  const RoutingId peer = pending.from.peer;
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
   listing_.Submit([this] { return store_.List(); },
-                  [this, id](const auto& list) { FinishList(id, list); });
+                  [this, id, lister = listers_.insert(peer)](const auto& list) {
+                    listers_.erase(lister);
+                    FinishList(id, list);
+                  });
 }
 
 void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
@@ -326,13 +325,14 @@ void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFile
 void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pending) {
   const uint64_t id = Park(std::move(pending));
   if (id == 0) return;
-  const auto waits = [this, id] { return parked_.contains(id); };
   const auto done = [this, id, fingerprint](const Result<DatasetPointer>& dataset) {
     FinishLoad(id, fingerprint, dataset);
   };
   loads_.Submit(fingerprint, 0,
-                [this, fingerprint](const std::atomic<bool>&) { return store_.Load(fingerprint); },
-                {parked_.at(id).from.peer, waits, done});
+                [this, fingerprint](const std::atomic<bool>& cancelled) {
+                  return store_.Load(fingerprint, cancelled);
+                },
+                {parked_.at(id).from.peer, Waits(id), done});
 }
 
 void DatasetWorker::FinishLoad(uint64_t id, const std::string& fingerprint,

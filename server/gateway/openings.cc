@@ -185,7 +185,8 @@ void Openings::ReadWorker(uint32_t index) {
     pb::Reply answer;
     if (!ParseEnvelope(message->envelope, &answer).ok()) continue;
     const auto attach = attaches_.find(answer.request_id());
-    if (attach != attaches_.end()) Finish(attach, answer);
+    // An answer may be late by a worker.
+    if (attach != attaches_.end() && attach->second.worker == index) Finish(attach, answer);
   }
   const uint32_t connections = worker.socket.connections();
   if (connections == worker.connections) return;
@@ -196,8 +197,24 @@ void Openings::ReadWorker(uint32_t index) {
   }
 }
 
+bool Openings::MoveOn(uint64_t generation, Attach* attach) {
+  SessionRecord& record = shared_.session(attach->session_index);
+  const bool is_opening =
+      record.generation == generation && record.state() == SessionState::kOpening;
+  if (!is_opening || ++attach->refusals >= workers_.size()) return false;
+  attach->worker = (attach->worker + 1) % static_cast<uint32_t>(workers_.size());
+  record.worker.store(attach->worker);
+  unsent_.insert(generation);
+  return true;
+}
+
 void Openings::Finish(Attaches::iterator found, const pb::Reply& answer) {
   const uint64_t generation = found->first;
+  // Another worker may have the memory that this one lacks.
+  if (GetStatus(answer.status()).code() == StatusCode::kLimitExceeded &&
+      MoveOn(generation, &found->second)) {
+    return;
+  }
   const Attach attach = std::move(found->second);
   attaches_.erase(found);
   const Result<pb::Reply> reply = Conclude(generation, attach, answer);

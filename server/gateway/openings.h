@@ -77,6 +77,7 @@ class Openings {
     uint32_t session_index = 0;
     uint32_t worker = 0;
     std::set<uint64_t> waiting{};  // numbers of Opens
+    size_t refusals = 0;           // by workers that lack memory for the session
   };
   using Attaches = std::unordered_map<uint64_t, Attach>;
   struct Worker {
@@ -98,6 +99,8 @@ class Openings {
   bool Send(uint64_t generation);
   void ReadWorker(uint32_t index);
   void Finish(Attaches::iterator attach, const pb::Reply& answer);
+  // Has the next worker asked for a session that is opening; false once all have refused it.
+  bool MoveOn(uint64_t generation, Attach* attach);
   Result<pb::Reply> Conclude(uint64_t generation, const Attach& attach, const pb::Reply& answer);
   // Ends Open `number` with its reply.
   void Leave(uint64_t number, const Result<pb::Reply>& reply);

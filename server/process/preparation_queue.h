@@ -196,11 +196,17 @@ size_t PreparationQueue<Product>::CountRunning(bool is_long) const {
 
 template <typename Product>
 size_t PreparationQueue<Product>::CountRunningOf(const Job& job) const {
-  return std::ranges::count_if(jobs_, [&](const Job& other) {
-    return other.place != nullptr &&
-           std::ranges::find_first_of(other.requests, job.requests, {}, &Request::client,
-                                      &Request::client) != other.requests.end();
-  });
+  // Whoever joins other clients' jobs must not use up these clients' places.
+  size_t least = SIZE_MAX;
+  for (const Request& request : job.requests) {
+    if (!request.waits()) continue;
+    const size_t running = std::ranges::count_if(jobs_, [&](const Job& other) {
+      return other.place != nullptr && std::ranges::find(other.requests, request.client,
+                                                         &Request::client) != other.requests.end();
+    });
+    least = std::min(least, running);
+  }
+  return least == SIZE_MAX ? 0 : least;
 }
 
 template <typename Product>

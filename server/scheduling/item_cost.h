@@ -21,13 +21,14 @@ class ItemCost {
   // How many items the socket's thread executes between two looks at the socket: 0.1 ms of work.
   uint32_t ItemsPerBite() const;
   // Whether one item alone might keep messages waiting for longer than 0.5 ms: an item takes
-  // longer, or none has been measured yet.
+  // longer, none has been measured yet, or one has taken more than 0.1 s in the last ten seconds.
   bool too_long_for_bites() const;
 
  private:
   uint32_t ItemsIn(double duration_us) const;
 
   std::atomic<float> us_{0};  // 0 before the first Observe
+  std::atomic<int64_t> long_until_ms_{0};
 };
 
 }  // namespace b4mrl

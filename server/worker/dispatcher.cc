@@ -10,6 +10,7 @@
 #include "server/replies/request_kinds.h"
 #include "server/shared_memory/blame.h"
 #include "server/shared_memory/session_table.h"
+#include "server/worker/admission.h"
 #include "server/worker/describe_session.h"
 #include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
@@ -22,6 +23,8 @@ constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
 // Session records that AdoptNext looks at in one call. A record has 8 KB, so all of them at once
 // would cost 0.1 ms.
 constexpr uint32_t kAdoptSlice = 64;
+// AdoptNext has looked at all records again by then, however busy the worker is.
+constexpr int64_t kAdoptionRetryMs = 10'000;
 // Bytes of an OpenReply's envelope beside the worker's description of the session.
 constexpr size_t kEnvelopeRest = 1024;
 
@@ -46,6 +49,13 @@ pb::Reply Closed() {
 
 bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
+// Whether a session that cannot be taken over now may be taken over later: a file or memory that
+// is refused for the moment, or an earlier session of the token that still closes.
+bool MayPass(const Status& status) {
+  return status.code() == StatusCode::kBusy || status.code() == StatusCode::kUnavailable ||
+         status.code() == StatusCode::kIoError;
+}
+
 }  // namespace
 
 Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
@@ -61,6 +71,8 @@ Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
 Dispatcher::~Dispatcher() = default;
 
 void Dispatcher::AdoptSessions() {
+  // Live sessions first: whatever memory they take, they have been admitted.
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) AdoptIfLive(index);
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     SessionRecord& record = shared_.session(index);
     const uint64_t generation = record.generation;
@@ -71,8 +83,8 @@ void Dispatcher::AdoptSessions() {
     if (state == SessionState::kOpening && record.worker == worker_ && record.build_deaths == 0) {
       record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
       static_cast<void>(Attach(index, generation));
+      AdoptIfLive(index);
     }
-    AdoptIfLive(index);
   }
 }
 
@@ -89,11 +101,23 @@ bool Dispatcher::AdoptIfLive(uint32_t index) {
   const auto found = sessions_.find(std::string(SessionToken(record)));
   if (found != sessions_.end() && found->second->generation() == generation) return false;
   const Status status = Attach(index, generation).status();
-  if (!status.ok() && status.code() != StatusCode::kBusy) {
+  if (status.ok()) {
+    record.last_activity_ms.store(MonotonicMs());  // its clients could not reach it meanwhile
+  } else if (MayPass(status) && record.last_activity_ms >= MonotonicMs() - LeaseMs()) {
+    adoption_failed_ms_ = MonotonicMs();
+  } else {
     spdlog::error("session {} is lost: {}", index, status.ToString());
     record.Close(generation);
   }
   return true;
+}
+
+bool Dispatcher::IsToBeAdopted(const std::string& token) const {
+  // Without this, every request with an unknown token would cost a search.
+  if (MonotonicMs() - adoption_failed_ms_ > kAdoptionRetryMs) return false;
+  const std::optional<uint32_t> index = SessionTable(shared_).Find(token);
+  return index && shared_.session(*index).worker == worker_ &&
+         shared_.session(*index).state() == SessionState::kLive;
 }
 
 void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
@@ -165,22 +189,14 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
   B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
                          Session::Build(shared_, index, generation));
-  B4MRL_RETURN_IF_ERROR(CheckMemory(session->simulator()));
+  if (state == SessionState::kOpening) {
+    std::set<const Simulator*> simulators = {&session->simulator()};
+    for (const auto& [other_token, other] : sessions_) simulators.insert(&other->simulator());
+    B4MRL_RETURN_IF_ERROR(CheckSimulators(simulators, executor_.thread_count(), simulator_bytes_));
+  }
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);
   return (sessions_[token] = std::move(session)).get();
-}
-
-Status Dispatcher::CheckMemory(const Simulator& added) const {
-  std::set<const Simulator*> simulators = {&added};
-  for (const auto& [token, session] : sessions_) simulators.insert(&session->simulator());
-  uint64_t bytes = 0;
-  for (const Simulator* one : simulators) bytes += one->memory_bytes(executor_.thread_count());
-  if (bytes <= simulator_bytes_) return Status();
-  return Status(StatusCode::kLimitExceeded,
-                fmt::format("the worker's {} different simulators could take {} MiB of memory, "
-                            "allowed: {} (three quarters of `b4mrl serve --memory`)",
-                            simulators.size(), bytes >> 20, simulator_bytes_ >> 20));
 }
 
 Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {
@@ -217,6 +233,9 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& re
   const Handler* handler = FindRow(kHandlers, request.payload_case());
   if (handler == nullptr) return NotAnswered(Server::kWorker);
   const auto found = sessions_.find(request.session_token());
+  if (found == sessions_.end() && IsToBeAdopted(request.session_token())) {
+    return Status(StatusCode::kUnavailable, "the session is yet to be taken over; try again");
+  }
   if (found == sessions_.end() || !found->second->pending_closes.empty() ||
       !found->second->live()) {
     return Status(StatusCode::kSessionLost,
@@ -253,40 +272,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, const pb::Request& re
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
-  if (RequestIsRefused(session.record(), request.request_id())) {
-    return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
-  }
-  const size_t in_flight = session.requests_in_flight();
-  if (in_flight >= limits::kMaxRequestsInFlight) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the session has {} requests in flight, at most {}", in_flight,
-                              limits::kMaxRequestsInFlight));
-  }
-  size_t bytes = payload.size(), renders = 0;
-  for (const auto& [id, job] : session.in_flight()) {
-    bytes += job->payload().size();
-    if (job->waits_for_painter()) ++renders;
-  }
-  if (bytes > limits::kMaxSessionBytes ||
-      (request.has_render() && renders >= limits::kMaxSessionRenders)) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the session would have {} bytes and {} requests for pictures in "
-                              "flight, at most {} and {}",
-                              bytes, renders + (request.has_render() ? 1 : 0),
-                              limits::kMaxSessionBytes, limits::kMaxSessionRenders));
-  }
-  if (jobs_.size() >= limits::kMaxQueuedRequests ||
-      queued_bytes_ + payload.size() > limits::kMaxQueuedBytes) {
-    return Status(
-        StatusCode::kLimitExceeded,
-        fmt::format("the worker has {} requests of {} bytes waiting", jobs_.size(), queued_bytes_));
-  }
-  if (request.has_render() && painter_jobs_ >= limits::kMaxRenderRequests) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the worker has {} requests for pictures waiting, at most {}",
-                              painter_jobs_, limits::kMaxRenderRequests));
-  }
-  return Status();
+  return CheckRequest(session, request, payload, {jobs_.size(), queued_bytes_, painter_jobs_});
 }
 
 void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
@@ -348,6 +334,7 @@ void Dispatcher::Finish(RequestJob* job) {
   session.in_flight().erase(job->request_id());
   const LedgerCounts done = job->done();
   session.record().steps.fetch_add(done.steps, std::memory_order_relaxed);
+  session.record().last_activity_ms.store(MonotonicMs(), std::memory_order_relaxed);
   counters_.steps.fetch_add(done.steps, std::memory_order_relaxed);
   counters_.query_rows.fetch_add(done.query_rows, std::memory_order_relaxed);
   ledgers_.Add(session.request().ledger(), done);
@@ -372,7 +359,7 @@ void Dispatcher::EndSession(Session* session) {
 }
 
 void Dispatcher::ReapIdleSessions() {
-  const int64_t oldest = MonotonicMs() - shared_.header().lease_ms;
+  const int64_t oldest = MonotonicMs() - LeaseMs();
   std::vector<Session*> expired;
   for (const auto& [token, session] : sessions_) {
     const bool idle = session->in_flight().empty() &&

@@ -58,8 +58,9 @@ class Dispatcher {
   bool AdoptIfLive(uint32_t index);
   // Builds the session that has record `index` in this generation, or finds it built.
   Result<Session*> Attach(uint32_t index, uint64_t generation);
-  // kLimitExceeded if the simulators of all sessions and of `added` could take too much memory.
-  Status CheckMemory(const Simulator& added) const;
+  // Whether the token is that of a live session of this worker which could not be taken over yet.
+  bool IsToBeAdopted(const std::string& token) const;
+  int64_t LeaseMs() const { return shared_.header().lease_ms; }
   // The mark of the socket's thread.
   ThreadMark& own_mark() const { return shared_.marks(worker_)[0]; }
   // Forgets `session` if its record belongs to another session by now and none of its requests is
@@ -92,6 +93,7 @@ class Dispatcher {
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
   uint32_t next_record_ = 0;  // the record that AdoptNext looks at next
+  int64_t adoption_failed_ms_ = INT64_MIN / 2;  // when a session could last not be taken over
   // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};
   Clock::time_point next_deadline_sweep_ = Clock::time_point::max();

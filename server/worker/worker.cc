@@ -34,6 +34,13 @@ constexpr std::chrono::microseconds kDoorLookInterval(1000);
 constexpr char kFromSocket = 's';
 constexpr char kFromDoor = 'd';
 
+// What the simulators of a worker's sessions may come to take: three quarters of what the worker
+// may, and those of all workers together three eighths of the machine's memory.
+uint64_t SimulatorBytes(ChildContext& context) {
+  const uint64_t of_the_machine = MemoryBytes() / 8 * 3 / context.shared().worker_count();
+  return std::min(context.options().memory_bytes / 4 * 3, of_the_machine);
+}
+
 class Worker {
  public:
   Worker(ChildContext& context, RouterSocket socket, Doors doors, std::chrono::microseconds spin,
@@ -44,8 +51,7 @@ class Worker {
         spinner_(spin),
         executor_(context.options().threads, context.shared().marks(context.options().index), spin,
                   std::move(cores)),
-        dispatcher_(context.shared(), context.options().index, executor_,
-                    context.options().memory_bytes / 4 * 3,
+        dispatcher_(context.shared(), context.options().index, executor_, SimulatorBytes(context),
                     [this](const RoutingId& receiver, Message reply) {
                       Send(receiver, std::move(reply));
                     }) {}

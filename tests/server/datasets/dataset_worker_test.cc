@@ -54,7 +54,9 @@ TEST_CASE("an import that takes long holds up nothing that is prepared") {
   CHECK(daemon.Sample(fingerprint, 0, 0, 5).code() == StatusCode::kOk);
   CHECK(daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint() == fingerprint);
   CHECK(daemon.Open("HalfCheetah/unknown").code() == StatusCode::kUnknownName);
-  CHECK(daemon.Open("HalfCheetah/medium", "hidden-high").code() == StatusCode::kOk);
+  const auto derived = daemon.Open("HalfCheetah/medium", "hidden-high");
+  INFO(derived.reply.status().message());
+  CHECK(derived.code() == StatusCode::kOk);
   CHECK_FALSE(soon.expired());
   CHECK_FALSE(patient.TryReceive().has_value());
 }

@@ -37,9 +37,12 @@ class Fixture {
   SharedState state_;
 
  public:
-  Fixture() : state_(Take(SharedState::Create(1, 1'000))) {
+  explicit Fixture(uint32_t worker_count = 1)
+      : state_(Take(SharedState::Create(worker_count, 1'000))) {
     std::vector<DealerSocket> workers;
-    workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address("worker"))));
+    for (uint32_t i = 0; i < worker_count; ++i) {
+      workers.push_back(Take(DealerSocket::Connect(sockets_, folder_.Address(NameOf(i)))));
+    }
     const Openings::Options options{script.options(), {{.tcp = 7701, .ipc = ""}}};
     openings.emplace(state_, std::move(workers), options,
                      [this](const Asker& to, const Result<pb::Reply>& opened) {
@@ -53,14 +56,24 @@ class Fixture {
   }
 
   CompilerScript script;
-  std::unique_ptr<FakeServer> worker;
+  std::unique_ptr<FakeServer> worker;  // the one that was started last
   std::optional<Openings> openings;
   std::map<std::pair<RoutingId, uint64_t>, std::vector<Status>> answers;
 
   // A new process behind the same address; what the old one held is lost.
   void StartWorker() {
     worker.reset();
-    worker = std::make_unique<FakeServer>(folder_.Address("worker"));
+    worker = std::make_unique<FakeServer>(folder_.Address(NameOf(0)));
+  }
+  static std::string NameOf(uint32_t index) { return "worker" + std::to_string(index); }
+  std::unique_ptr<FakeServer> WorkerOf(uint32_t index) const {
+    return std::make_unique<FakeServer>(folder_.Address(NameOf(index)));
+  }
+  // The worker lacks memory for the session.
+  void Refuse(const FakeCall& call) {
+    pb::Reply reply;
+    SetStatus(Status(StatusCode::kLimitExceeded, "no memory"), reply.mutable_status());
+    worker->Reply(call, reply);
   }
   void Ask(const RoutingId& peer, const pb::Request& request) {
     openings->Open({peer, request.request_id()}, request);
@@ -129,6 +142,28 @@ TEST_CASE("However many Opens of a token wait, its worker is asked once and all 
   for (uint64_t id = 1; id <= 100; ++id) CHECK(fixture.AnswerTo("client", id) == StatusCode::kOk);
   CHECK(fixture.AnswerTo("other", 7) == StatusCode::kOk);
   CHECK_FALSE(fixture.worker->Take(50).has_value());
+}
+
+TEST_CASE("A session for which a worker lacks memory goes to the next, until all have refused it") {
+  Fixture fixture(/*worker_count=*/2);
+  std::unique_ptr<FakeServer> first = fixture.WorkerOf(0), second = fixture.WorkerOf(1);
+  fixture.worker = std::move(first);
+  fixture.Ask("client", Open(1, Token(1)));
+  const FakeCall refused = fixture.TakeAttach();
+  fixture.Refuse(refused);
+  fixture.Refuse(refused);  // a copy of the answer says nothing of the other worker
+  std::swap(fixture.worker, second);
+  fixture.Attached(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 1) == StatusCode::kOk);
+
+  std::swap(fixture.worker, second);  // which has no session yet, and is asked first
+  fixture.Ask("client", Open(2, Token(2)));
+  fixture.Refuse(fixture.TakeAttach());
+  std::swap(fixture.worker, second);
+  fixture.Refuse(fixture.TakeAttach());
+  fixture.AwaitAnswers();
+  CHECK(fixture.AnswerTo("client", 2) == StatusCode::kLimitExceeded);
 }
 
 TEST_CASE("A copy of an Open joins it, and another Open of its id is refused") {

@@ -170,5 +170,14 @@ TEST_CASE("the end of the queue is the end of what runs") {
   REQUIRE(fixture.Await([&] { return fixture.starts("endless") == 1; }));
 }  // hangs if the queue only waits
 
+TEST_CASE("who joins a job does not make its others wait") {
+  Fixture fixture(/*short_ms=*/20, /*of_client=*/1);
+  fixture.Submit("1", "greedy");
+  REQUIRE(fixture.Await([&] { return fixture.starts("1") == 1; }));
+  fixture.Submit("2", "greedy");
+  fixture.Submit("2", "modest");
+  CHECK(fixture.Await([&] { return fixture.starts("2") == 1; }));
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -51,6 +51,18 @@ TEST_CASE("One interruption counts for little, and a few costly items for what t
   REQUIRE(cost.ItemsPerPiece(4096, 2) == 1);
 }
 
+TEST_CASE("After an item of more than a tenth of a second, none is a bite for a while") {
+  ItemCost cost;
+  for (int i = 0; i < 20; ++i) cost.Observe(20);
+  cost.Observe(90'000);
+  REQUIRE_FALSE(cost.too_long_for_bites());
+  cost.Observe(110'000);
+  REQUIRE(cost.too_long_for_bites());
+  for (int i = 0; i < 200; ++i) cost.Observe(20);
+  REQUIRE(cost.Expect(1) < 100);
+  REQUIRE(cost.too_long_for_bites());
+}
+
 TEST_CASE("Costly items among many cheap ones stay known") {
   ItemCost cost;
   for (int i = 0; i < 200; ++i) cost.Observe(i % 10 == 0 ? 8000 : 20);

@@ -83,6 +83,19 @@ TEST_CASE("Sessions may together have the simulators for which the worker has me
   worker.Open(1, std::string(limits::kTokenBytes, 'n'), "Hopper");
 }
 
+TEST_CASE("Live sessions come before opening ones where a replacement has memory for some") {
+  WorkerFixture worker;
+  const std::string hopper(limits::kTokenBytes, 'h');
+  const uint32_t opening = worker.Allocate(1);  // with the lower index, and never attached
+  const uint32_t live = worker.Open(1, hopper, "Hopper");
+  REQUIRE(opening < live);
+  worker.simulator_bytes = 1;  // too little for any
+  worker.Restart();
+  CHECK(worker.dispatcher().session_count() == 1);
+  CHECK(worker.state().session(live).state() == SessionState::kLive);
+  CHECK(worker.Attach(opening) == StatusCode::kLimitExceeded);
+}
+
 TEST_CASE("A session whose worker dies between its reply and the acknowledgement is served") {
   WorkerFixture worker;
   const uint32_t index = worker.Allocate(2);

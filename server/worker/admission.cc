@@ -1,0 +1,60 @@
+#include "server/worker/admission.h"
+
+#include <fmt/format.h>
+
+#include "proto/base/limits.h"
+#include "server/shared_memory/blame.h"
+#include "server/worker/request_job.h"
+
+namespace b4mrl {
+
+Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
+                    const WorkUnderWay& all) {
+  if (RequestIsRefused(session.record(), request.request_id())) {
+    return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
+  }
+  const size_t in_flight = session.requests_in_flight();
+  if (in_flight >= limits::kMaxRequestsInFlight) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the session has {} requests in flight, at most {}", in_flight,
+                              limits::kMaxRequestsInFlight));
+  }
+  size_t bytes = payload.size(), renders = 0;
+  for (const auto& [id, job] : session.in_flight()) {
+    bytes += job->payload().size();
+    if (job->waits_for_painter()) ++renders;
+  }
+  if (bytes > limits::kMaxSessionBytes ||
+      (request.has_render() && renders >= limits::kMaxSessionRenders)) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the session would have {} bytes and {} requests for pictures in "
+                              "flight, at most {} and {}",
+                              bytes, renders + (request.has_render() ? 1 : 0),
+                              limits::kMaxSessionBytes, limits::kMaxSessionRenders));
+  }
+  if (all.requests >= limits::kMaxQueuedRequests ||
+      all.payload_bytes + payload.size() > limits::kMaxQueuedBytes) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the worker has {} requests of {} bytes waiting", all.requests,
+                              all.payload_bytes));
+  }
+  if (request.has_render() && all.renders >= limits::kMaxRenderRequests) {
+    return Status(StatusCode::kLimitExceeded,
+                  fmt::format("the worker has {} requests for pictures waiting, at most {}",
+                              all.renders, limits::kMaxRenderRequests));
+  }
+  return Status();
+}
+
+Status CheckSimulators(const std::set<const Simulator*>& simulators, uint32_t threads,
+                       uint64_t allowed_bytes) {
+  uint64_t bytes = 0;
+  for (const Simulator* one : simulators) bytes += one->memory_bytes(threads);
+  if (bytes <= allowed_bytes) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("the worker's {} different simulators could take {} MiB of memory, "
+                            "allowed: {} (by `b4mrl serve --memory` and the machine's memory)",
+                            simulators.size(), bytes >> 20, allowed_bytes >> 20));
+}
+
+}  // namespace b4mrl

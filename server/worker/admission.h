@@ -1,0 +1,34 @@
+// The limits on what an environment worker takes: requests under way, and simulators.
+//
+// Thread rule: the socket's thread.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <set>
+
+#include "proto/b4mrl.pb.h"
+#include "proto/base/status.h"
+#include "proto/wire/frame.h"
+#include "server/worker/session.h"
+
+namespace b4mrl {
+
+// The requests of all sessions under way.
+struct WorkUnderWay {
+  size_t requests = 0;
+  size_t payload_bytes = 0;
+  uint32_t renders = 0;
+};
+
+// OK if `request` of the session may proceed. Else the error: the request has ended its worker too
+// often, or a limit on requests is reached.
+Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
+                    const WorkUnderWay& all);
+
+// kLimitExceeded if the simulators, each stepped by `threads` threads, could come to take more than
+// `allowed_bytes`.
+Status CheckSimulators(const std::set<const Simulator*>& simulators, uint32_t threads,
+                       uint64_t allowed_bytes);
+
+}  // namespace b4mrl
