@@ -1,7 +1,8 @@
 // An append-only log, which a resumed run first cuts back to the length that its checkpoint stores.
 //
-// Each Append is one write call, so that a reader never sees half an entry. Thread rule: one
-// thread. Errors: kIoError; kDataLoss when the file is shorter than that length.
+// Each Append is one write call, which only a disk that is nearly full cuts short: a reader passes
+// over an entry without its end. Thread rule: one thread. Errors: kIoError; kDataLoss when the file
+// is shorter than that length.
 #pragma once
 
 #include <cstdint>

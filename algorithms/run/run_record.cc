@@ -95,7 +95,7 @@ Status TakeOptions(const Json& json, RunRecord& record) {
   B4MRL_RETURN_IF_ERROR(Take(json, "algorithm", options.algorithm));
   B4MRL_RETURN_IF_ERROR(Take(json, "environment", options.environment));
   B4MRL_RETURN_IF_ERROR(Take(json, "simulator", options.simulator));
-  if (json.contains("world")) B4MRL_RETURN_IF_ERROR(Take(json, "world", options.world));
+  B4MRL_RETURN_IF_ERROR(Take(json, "world", options.world));
   B4MRL_RETURN_IF_ERROR(Take(json, "dataset", options.dataset));
   B4MRL_RETURN_IF_ERROR(Take(json, "corruption", options.corruption));
   B4MRL_RETURN_IF_ERROR(Take(json, "transitions", options.transitions));

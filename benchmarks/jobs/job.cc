@@ -19,6 +19,8 @@ namespace b4mrl {
 namespace {
 
 constexpr int kPollMs = 10;
+// For a checkpoint of a large replay buffer on a slow disk.
+constexpr int64_t kToolGraceMs = 300'000;
 
 UniqueFd OpenClaim(const std::string& path) {
   return UniqueFd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666));
@@ -82,7 +84,7 @@ bool IsClaimed(const std::string& path) {
 
 JobOrder ToolOrder(std::vector<std::string> words, const std::string& log) {
   words.insert(words.begin(), ProgramBesideThisOne("b4mrl-tools"));
-  return {.words = std::move(words), .log = log};
+  return {.words = std::move(words), .log = log, .grace_ms = kToolGraceMs};
 }
 
 Result<Job> Job::Start(const JobOrder& order, UniqueFd claim) {
@@ -101,6 +103,7 @@ Result<Job> Job::Start(const JobOrder& order, UniqueFd claim) {
   const int error = errno;
   sigprocmask(SIG_SETMASK, &before, nullptr);
   if (child < 0) return IoError("start", order.words.front(), error);
+  setpgid(child, child);  // so that Stop reaches the group even before the child made it itself
   return Job(child, order, std::move(claim));
 }
 
@@ -118,7 +121,8 @@ Job::~Job() {
 }
 
 std::optional<int> Job::Poll() {
-  if (kill_at_ && kill_at_->expired()) kill(-process_id_, SIGKILL);
+  if (process_id_ <= 0) return kExitFailed;
+  if (kill_at_ && kill_at_->expired()) kill(Addressee(), SIGKILL);
   siginfo_t ended{};
   if (waitid(P_PID, process_id_, &ended, WEXITED | WNOHANG | WNOWAIT) != 0) {
     if (errno != ECHILD) return std::nullopt;
@@ -135,8 +139,9 @@ std::optional<int> Job::Poll() {
 }
 
 void Job::Stop() {
-  kill(stops_group_ ? -process_id_ : process_id_, SIGTERM);
-  if (stops_group_ && !kill_at_) kill_at_ = Deadline::AfterMs(grace_ms_);
+  if (process_id_ <= 0) return;
+  kill(Addressee(), SIGTERM);
+  if (!kill_at_) kill_at_ = Deadline::AfterMs(grace_ms_);
 }
 
 }  // namespace b4mrl

@@ -39,7 +39,7 @@ struct JobOrder {
   // The processes that it has started belong to it: Stop reaches them too, those that are left when
   // it ends are killed, and if it is killed with its runner they keep the claim until they end.
   bool stops_group = false;
-  // How long such processes may take to save their work after Stop; then they are killed.
+  // How long the process may take to save its work after Stop; then it is killed.
   int64_t grace_ms = 30'000;
 };
 // `b4mrl` with these words: the program beside this one that knows them.
@@ -56,9 +56,10 @@ class Job {
 
   // The exit code if the process has ended, 128 + its number if a signal ended it. The claim stays.
   std::optional<int> Poll();
-  // Tells the process to stop; it ends by itself. With stops_group, Poll kills what is left of its
-  // processes after the order's grace.
+  // Tells the process to stop; it ends by itself, or is killed by Poll after the order's grace,
+  // with stops_group also what is left of its processes.
   void Stop();
+  bool was_stopped() const { return kill_at_.has_value(); }
 
  private:
   Job(pid_t process_id, const JobOrder& order, UniqueFd claim)
@@ -67,7 +68,9 @@ class Job {
         grace_ms_(order.grace_ms),
         claim_(std::move(claim)) {}
 
-  pid_t process_id_ = -1;
+  pid_t Addressee() const { return stops_group_ ? -process_id_ : process_id_; }
+
+  pid_t process_id_ = -1;  // -1 once it has ended
   bool stops_group_ = false;
   int64_t grace_ms_ = 0;
   std::optional<Deadline> kill_at_;

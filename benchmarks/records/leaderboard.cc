@@ -110,7 +110,7 @@ std::string DataColumns(const Cell& cell) {
   const auto rows = CountOf(dataset, "rows");
   return fmt::format("{},{},{}", CsvCell(Joined(cell.Texts("name", "dataset"))),
                      rows ? fmt::format("{}", *rows) : "",
-                     TextOf(dataset, "columns_sha256").substr(0, kHashDigits));
+                     CsvCell(TextOf(dataset, "columns_sha256").substr(0, kHashDigits)));
 }
 
 std::string RowOf(const std::string& benchmark, const Cell& cell,
@@ -131,7 +131,7 @@ std::string RowOf(const std::string& benchmark, const Cell& cell,
       CsvCell(Joined(cell.Texts("algorithm"))), CsvCell(Joined(cell.Texts("recipe"))),
       CsvCell(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
       Deviation(score, seeds, 2), Mean(episode_return, 1), Deviation(episode_return, seeds, 1),
-      seeds, Mean(cell.Figures("updates"), 0), settled, Joined(cell.Texts("precision")),
+      seeds, Mean(cell.Figures("updates"), 0), settled, CsvCell(Joined(cell.Texts("precision"))),
       Mean(hours, 2), Mean(cell.Figures("simulator_steps", "ledger"), 0),
       Mean(cell.Figures("query_rows", "ledger"), 0),
       Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry(published) ? "yes" : "no");

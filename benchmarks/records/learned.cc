@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <filesystem>
 #include <string_view>
 #include <system_error>
@@ -54,6 +55,9 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
     (*learned)["updates"] = *updates;
   }
   const MeanAndStd figures = MeanAndStdOf(returns);
+  if (!std::isfinite(figures.mean) || !std::isfinite(figures.std)) {
+    return NotUnderstood(path, "returns whose mean and deviation are finite");
+  }
   const auto score = environment.NormalisedScore(figures.mean);
   learned->update({{"source", "self-scored"},
                    {"returns", returns},
@@ -82,6 +86,9 @@ Status AddOwnCurve(const std::string& path, const EnvironmentSpec& environment, 
     B4MRL_ASSIGN_OR_RETURN(const auto returns, ReturnsOf(each, path));
     if (*updates >= CountOf(*learned, "updates")) break;  // the score of the last one is known
     const MeanAndStd figures = MeanAndStdOf(returns);
+    if (!std::isfinite(figures.mean) || !std::isfinite(figures.std)) {
+      return NotUnderstood(path, "a curve whose means and deviations are finite");
+    }
     curve.push_back({.updates = *updates,
                      .steps = CountOf(each, "steps").value_or(0),
                      .mean_return = figures.mean,

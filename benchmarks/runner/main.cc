@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <optional>
 #include <string>
@@ -36,6 +37,9 @@
 
 namespace b4mrl {
 namespace {
+
+// How long an interrupted command waits for a daemon that does not answer.
+constexpr std::chrono::seconds kInterruptPatience{5};
 
 // What is to be done with the runs that the words of a command choose.
 enum class PlanWork { kTrain, kSubmit, kShow };
@@ -208,6 +212,8 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(Client client,
                          Client::Connect(daemon ? daemon->endpoint() : options.endpoint,
                                          limits::kDefaultDeadlineMs, &Interrupted()));
+  // So that what learners have brought is still recorded after an interrupt.
+  client.DelayCancellation(kInterruptPatience);
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   options.data_folder = daemon_status.data_folder();
   B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));

@@ -44,10 +44,10 @@ Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path)
   std::map<std::string, std::string> agents;
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (entry->path().extension() != ".h5" || !entry->is_regular_file(error)) continue;
+    std::error_code unknown;  // of a link to nothing, and of a file that is removed meanwhile
+    if (entry->path().extension() != ".h5" || !entry->is_regular_file(unknown)) continue;
     auto hash = Sha256OfFile(entry->path());
     // A run that goes on there removes its old checkpoints.
-    std::error_code unknown;
     if (!hash.ok() && !fs::exists(entry->path(), unknown)) continue;
     if (!hash.ok()) return hash.status();
     agents.emplace(*std::move(hash), entry->path());

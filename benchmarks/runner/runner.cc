@@ -180,10 +180,11 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
   RemoveFailure(task.folder);
   if (!run.is_users() || !HasLearned(run, task.folder)) RemoveScorings(run, task.folder);
   if (!run.is_users()) {
-    const auto lock = LockRunFolder(task.folder);
-    // The learner of a killed runner may still be about to end.
-    if (lock.status().code() == StatusCode::kBusy) return false;
-    B4MRL_RETURN_IF_ERROR(lock.status());
+    // The learner of a killed runner may still be about to end. The lock is free again when the
+    // next one begins.
+    const Status is_free = LockRunFolder(task.folder).status();
+    if (is_free.code() == StatusCode::kBusy) return false;
+    B4MRL_RETURN_IF_ERROR(is_free);
     B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(task.folder));
     // A run that was stopped on its way to more updates ends where it is: it goes nowhere back.
     const uint64_t begun = checkpoints.empty() ? 0 : checkpoints.front();
@@ -197,8 +198,11 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       Fail(task, task.refused);
       return true;
     }
-    if (!HasAgent(task.folder)) return false;  // it waits, and has its result
-    return BeginMissingScoring(number, {}, claim);
+    if (HasAgent(task.folder)) return BeginMissingScoring(number, {}, claim);
+    const auto result = ReadResult(ResultPath(options_.results, run));
+    const bool is_done = result.ok() && *result && (*result)->IsDone(run, task.target);
+    if (!is_done) RemoveLearned(task.folder);  // its agent is gone, so the learner begins anew
+    return false;
   } else {
     RemoveLearned(task.folder);  // of an attempt that failed, or of another command
     B4MRL_ASSIGN_OR_RETURN(const uint64_t ledger, client_.OpenLedger());
@@ -262,7 +266,9 @@ void Runner::Finish(Active& active, int exit_code) {
   if (!active.task) return FinishDataset(active, exit_code);
   Task& task = tasks_[*active.task];
   task.worked_on = true;
-  const Status kept = exit_code == 0 ? KeepWork(active) : Status();
+  // A learner of the user's that was told to stop has not trained to its end, whatever it returns.
+  const bool was_cut = task.run->is_users() && !active.scoring && active.job.was_stopped();
+  const Status kept = exit_code == 0 && !was_cut ? KeepWork(active) : Status();
   const Status written = kept.ok() ? WriteResult(task) : kept;
   if (!task.refused.empty()) return Fail(task, task.refused);
   if (exit_code == 0 && written.ok() && HasBrought(active)) {
@@ -337,7 +343,8 @@ Status Runner::WriteResult(Task& task) {
   std::error_code error;
   const bool is_users = task.run->is_users();
   const uint64_t bytes = is_users ? 0 : fs::file_size(task.folder + "/progress.csv", error);
-  if (error) return Status();  // nothing was logged yet
+  if (error == std::errc::no_such_file_or_directory) return Status();  // nothing was logged yet
+  if (error) return IoError("read", task.folder + "/progress.csv", error.value());
   const auto state = ReadRunStatus(task.folder);
   const bool ended = is_users || (state.ok() && state->state == RunState::kFinished);
   if (bytes == task.written && !ended) return Status();
@@ -348,6 +355,11 @@ Status Runner::WriteResult(Task& task) {
       B4MRL_RETURN_IF_ERROR(client_.OpenDataset(task.run->full_dataset).status());
     }
     B4MRL_ASSIGN_OR_RETURN(dataset, datasets_.Find(task.run->full_dataset));
+    if (!dataset) {
+      return Status(StatusCode::kFailedPrecondition,
+                    fmt::format("{} is gone, so the result of {} cannot say what it learned from",
+                                task.run->full_dataset, task.run->name));
+    }
   }
   if (dataset) task.refused = datasets_.Refusal(*task.run, *dataset);
   if (!task.refused.empty()) return Status();

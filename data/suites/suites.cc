@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <filesystem>
 #include <iterator>
 #include <optional>
@@ -107,14 +108,17 @@ Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
   for (size_t i = 1; i < lines.size(); ++i) {  // behind the columns' names
     if (lines[i].empty()) continue;
     const std::vector<std::string_view> cells = CellsOf(lines[i]);
-    const auto mean = cells.size() == 4 ? NumberOf(cells[2]) : std::nullopt;
-    const auto std = cells.size() == 4 ? NumberOf(cells[3]) : std::nullopt;
-    if (!mean || !std) {
-      return Status(StatusCode::kInvalidArgument,
-                    fmt::format("{} line {} is not benchmark,algorithm,mean,std", path, i + 1));
+    const bool is_whole = cells.size() == 4;
+    const double mean = is_whole ? NumberOf(cells[2]).value_or(NAN) : NAN;
+    const double std = is_whole ? NumberOf(cells[3]).value_or(NAN) : NAN;
+    if (!std::isfinite(mean) || !std::isfinite(std) || std < 0) {
+      return Status(
+          StatusCode::kInvalidArgument,
+          fmt::format("{} line {} is not benchmark,algorithm,mean,std with finite numbers", path,
+                      i + 1));
     }
     const auto found = by_name.find(cells[0]);
-    if (found != by_name.end()) found->second->paper[std::string(cells[1])] = {*mean, *std};
+    if (found != by_name.end()) found->second->paper[std::string(cells[1])] = {mean, std};
   }
   return Status();
 }

@@ -217,6 +217,40 @@ TEST_CASE("A learner that leaves its curve has settled once the last two fifths 
   CHECK(checked.exit_code == 0);
 }
 
+TEST_CASE("A learner whose agent is gone before it was scored begins anew") {
+  const UsersSuite suite;
+  const std::string seen = suite.File("seen");
+  const std::string learner =
+      "echo begun >> " + seen + "; cp " + kAgent + " \"$B4MRL_OUT/agent.h5\"";
+  REQUIRE(suite.Train(learner).exit_code == 0);
+  std::filesystem::remove_all(suite.File("suite/results"));
+  std::vector<std::filesystem::path> agents;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(suite.File("suite"))) {
+    if (entry.path().filename() == "agent.h5") agents.push_back(entry.path());
+  }
+  REQUIRE(agents.size() == 2);
+  for (const auto& agent : agents) {
+    REQUIRE(std::filesystem::exists(agent.parent_path() / "learned.json"));
+    std::filesystem::remove(agent);
+  }
+  const Outcome again = suite.Train(learner);
+  INFO(again.out << again.err);
+  CHECK(again.exit_code == 0);
+  CHECK(suite.Results().size() == 2);
+  CHECK(ReadBytes(seen) == "begun\nbegun\nbegun\nbegun\n");
+}
+
+TEST_CASE("A learner that was told to stop has not finished, whatever it leaves and returns") {
+  const UsersSuite suite;
+  const Outcome stopped = suite.Train(
+      "trap 'echo \"{\\\"returns\\\": [1]}\" > \"$B4MRL_OUT/returns.json\"; exit 0' TERM; sleep 60 "
+      "& wait",
+      "mine", {"--hours", "0.001"});
+  INFO(stopped.out << stopped.err);
+  CHECK(stopped.out.find("0 of 2 runs done, 0 failed, 2 left") != std::string::npos);
+  CHECK(stopped.err.find("start ") != std::string::npos);
+}
+
 TEST_CASE("A curve that cannot be understood fails its learner's run") {
   const UsersSuite suite;
   const auto says = [&](const std::string& curve) {
@@ -245,6 +279,7 @@ TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
       suite.Train(kill, "mine", {"--jobs", "1", "--endpoint", daemon.endpoint()});
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 4);
+  REQUIRE(outcome.err.find("start ") != std::string::npos);
   CHECK(outcome.err.find("start ") == outcome.err.rfind("start "));  // the other run was not begun
   CHECK(outcome.err.find("fail ") == std::string::npos);
 }

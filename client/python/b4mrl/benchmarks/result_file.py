@@ -1,7 +1,7 @@
 """Results: the files in which `b4mrl benchmark run` and Benchmark.record keep what a run reached.
 
 One JSON file a run, with one line for each entry and for each point of the curve. Readers must
-expect entries that they do not know. The entries are those of benchmarks/runner/result_file.cc;
+expect entries that they do not know. The entries are those of benchmarks/records/result_file.cc;
 what a user's own algorithm lacks (precision, recipe, budget) is null.
 """
 
