@@ -76,9 +76,9 @@ bool IsLasting(const Result<std::string>& hash) {
   }
 }
 
-// Whether the compiled model exists. Sets its time stamp, which says when it was last used.
+// Whether the compiled model exists. Marks it as used.
 bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
-  return utimensat(AT_FDCWD, CompiledModelPath(cache_folder, hash).c_str(), nullptr, 0) == 0;
+  return ModelStore::MarkAsUsed(CompiledModelPath(cache_folder, hash));
 }
 
 // Removes the compiled models that were used longest ago.
@@ -104,6 +104,10 @@ std::string ModelCacheFolder(const std::string& data_folder) {
 
 ModelStore::ModelStore(Options options)
     : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
+
+bool ModelStore::MarkAsUsed(const std::string& path) {
+  return utimensat(AT_FDCWD, path.c_str(), nullptr, 0) == 0;
+}
 
 Result<std::string> ModelStore::Compile(const std::string& environment, const std::string& file,
                                         const std::atomic<bool>& cancelled) {

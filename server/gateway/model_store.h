@@ -37,6 +37,8 @@ class ModelStore {
   // the process is ended within 100 ms: kUnavailable. Errors as in CompileModelInChild.
   Result<std::string> Compile(const std::string& environment, const std::string& file,
                               const std::atomic<bool>& cancelled);
+  // Has the compiled models that were used longer ago removed before this one. False if it is gone.
+  static bool MarkAsUsed(const std::string& path);
 
  private:
   struct Known {

@@ -15,6 +15,8 @@ namespace {
 
 // The record of an opening is freed when no client has repeated its Open for this long.
 constexpr int64_t kAbandonedMs = 60'000;
+// Interval at which the compiled models of live sessions are marked as used.
+constexpr int64_t kUseIntervalMs = 60'000;
 
 Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record is damaged"); }
 
@@ -260,6 +262,23 @@ void Openings::Reap() {
     return !is_its_own && attach.waiting.empty();
   });
   table_.Reap(kAbandonedMs);
+  if (const int64_t now = MonotonicMs(); now >= next_use_ms_) {
+    MarkModelsAsUsed();
+    next_use_ms_ = now + kUseIntervalMs;
+  }
+}
+
+void Openings::MarkModelsAsUsed() const {
+  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
+    const SessionRecord& record = shared_.session(index);
+    pb::OpenRequest request;
+    if (record.state() != SessionState::kLive || !CheckSessionRecord(record).ok() ||
+        !request.ParseFromString(std::string(SessionOpenBytes(record))) ||
+        request.compiled_model().empty()) {
+      continue;
+    }
+    ModelStore::MarkAsUsed(request.compiled_model());
+  }
 }
 
 int64_t Openings::wait_ms(int64_t longest_ms) const {

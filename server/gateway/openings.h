@@ -102,6 +102,8 @@ class Openings {
   // Has the next worker asked for a session that is opening; false once all have refused it.
   bool MoveOn(uint64_t generation, Attach* attach);
   Result<pb::Reply> Conclude(uint64_t generation, const Attach& attach, const pb::Reply& answer);
+  // A replacement of a session's worker loads its model again, so it must not make room for others.
+  void MarkModelsAsUsed() const;
   // Ends Open `number` with its reply.
   void Leave(uint64_t number, const Result<pb::Reply>& reply);
 
@@ -116,6 +118,7 @@ class Openings {
   std::set<std::pair<Clock::time_point, uint64_t>> deadlines_;         // with numbers of Opens
   Attaches attaches_;                                                  // by the record's generation
   std::set<uint64_t> unsent_;                                          // generations of attaches_
+  int64_t next_use_ms_ = 0;
   ModelStore store_;
   // The paths of compiled models. At most limits::kModelCompilers are compiled at once, one of each
   // connection. Last: their compilers use the store.

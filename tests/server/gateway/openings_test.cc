@@ -2,7 +2,9 @@
 #include "server/gateway/openings.h"
 
 #include <catch2/catch.hpp>
+#include <chrono>
 #include <cstring>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <optional>
@@ -289,6 +291,20 @@ TEST_CASE("Models that never end do not keep another connection's waiting") {
   CHECK(fixture.answers.size() == 1);  // those that made room still wait
   fixture.AskForModel("other", 101, "refused.xml");
   CHECK(fixture.AwaitAnswerTo("other", 101) == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("The model of a live session stays marked as used") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.AskForModel("client", 1, "good.xml");
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("client", 1) == StatusCode::kOk);
+  const std::filesystem::path model = ModelCacheFolder(fixture.script.options().data_folder) +
+                                      "/00000000000000000000000000000001.mjb";
+  const auto long_ago = std::filesystem::last_write_time(model) - std::chrono::hours(24);
+  std::filesystem::last_write_time(model, long_ago);
+  fixture.openings->Reap();
+  CHECK(std::filesystem::last_write_time(model) > long_ago + std::chrono::hours(23));
 }
 
 TEST_CASE("A connection's models are compiled one after another, beside those of others") {
