@@ -115,12 +115,15 @@ class Comparer {
 Comparer::Comparer(const CellScores& paper, const CellScores& ours,
                    const std::vector<Benchmark>& benchmarks, const AgreementOptions& options) {
   std::map<std::string, std::vector<double>> known;  // by KnownToFloor
+  std::set<std::string> seen;                        // runs of the paper
   std::vector<Item> cells;
   for (const Benchmark& benchmark : benchmarks) {
     for (const auto& [algorithm, unused] : benchmark.paper) {
       const CellScore& score = *Find(paper, benchmark.name, algorithm);
       if (benchmark.dataset.empty()) continue;
-      known[KnownToFloor(benchmark, algorithm)].push_back(score.mean);
+      if (seen.insert(SharedRun(benchmark, algorithm)).second) {
+        known[KnownToFloor(benchmark, algorithm)].push_back(score.mean);
+      }
       if (options.without.contains(algorithm)) continue;
       const CellScore* own = Find(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;

@@ -1,7 +1,7 @@
 // How far our scores agree with the paper's, by rank: each run counts once, however many benchmarks
 // it fills. Each figure stands between two that need no training:
-//   floor    a table that knows algorithm and dataset alone: the mean of the paper's cells of the
-//            algorithm and the dataset, and of online learners, which use none, of all their cells
+//   floor    a table that knows algorithm and dataset alone: the mean of the paper's runs of the
+//            algorithm and the dataset, and of online learners, which use none, of all their runs
 //   ceiling  the paper's numbers with other seeds: the mean over 200 draws of each run's score from
 //            the normal distribution with its mean and its deviation
 // and has an interval of 95%: percentile bootstrap, 2,000 resamples of what is counted. It says how

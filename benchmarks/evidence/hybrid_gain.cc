@@ -1,6 +1,7 @@
 #include "benchmarks/evidence/hybrid_gain.h"
 
 #include <algorithm>
+#include <string_view>
 #include <tuple>
 
 namespace b4mrl {
@@ -8,6 +9,7 @@ namespace {
 
 constexpr const char* kSingles[kSingleSourceAlgorithms] = {"td3",  "sac",    "bc",
                                                            "mopo", "td3-bc", "iql"};
+constexpr std::string_view kNotInThePaper = "bc";
 
 }  // namespace
 
@@ -22,7 +24,10 @@ std::vector<HybridGain> HybridGains(const CellScores& scores,
     bool all_settled = true;
     for (const char* single : kSingles) {
       const CellScore* score = Find(scores, benchmark.name, single);
-      if (score == nullptr) continue;
+      if (score == nullptr) {
+        common.has_papers &= single == kNotInThePaper;
+        continue;
+      }
       ++common.compared;
       all_settled &= score->settled;
       if (best != nullptr && best->mean >= score->mean) continue;

@@ -22,8 +22,9 @@ struct HybridGain {
   double gain = 0;        // points
   std::string best;       // the best algorithm with one source
   std::string best_recipe;
-  size_t compared = 0;   // algorithms with one source that have a score
-  bool settled = false;  // all scores that it rests on have settled
+  size_t compared = 0;     // algorithms with one source that have a score
+  bool has_papers = true;  // of them all that the paper compares with: all but BC
+  bool settled = false;    // all scores that it rests on have settled
 };
 
 // On every benchmark with a simulator and a dataset, for each hybrid with a score beside an

@@ -187,8 +187,8 @@ void ScoreTable::SortRuns() {
   for (const ScoredRun& run : *runs_) ++sizes[{run.cell_id, run.columns_sha256}];
   std::ranges::stable_sort(*runs_, {}, [&](const ScoredRun& run) {
     const size_t others = runs_->size() - sizes.at({run.cell_id, run.columns_sha256});
-    return std::tuple(others, run.cell_id, run.columns_sha256, run.seed, UINT64_MAX - run.updates,
-                      run.precision);
+    return std::tuple(others, run.cell_id, run.columns_sha256, run.seed, !run.ended,
+                      UINT64_MAX - run.updates, run.precision);
   });
 }
 
@@ -261,8 +261,8 @@ void ScoreTable::MarkRunsInCells() {
 
 void ScoreTable::NoteMixedRuns() {
   std::set<std::string> noted;
-  for (const auto& [benchmark, row] : cells_) {
-    for (const auto& [series, cell] : row) {
+  for (const Benchmark* benchmark : benchmarks_) {
+    for (const auto& [series, cell] : cells_.at(benchmark->name)) {
       std::set<std::string> machines, precisions;
       std::set<uint64_t> updates;
       for (const ScoredRun* run : cell.runs) {
@@ -275,8 +275,8 @@ void ScoreTable::NoteMixedRuns() {
                          : precisions.size() > 1 ? "precisions"
                                                  : "processors or BLAS kernels";
       if (!noted.insert(cell.runs.front()->cell_id).second) continue;
-      notes_.push_back(
-          fmt::format("{} on {} is a mean over several {}", DisplayName(series), benchmark, what));
+      notes_.push_back(fmt::format("{} on {} is a mean over several {}", DisplayName(series),
+                                   benchmark->name, what));
     }
   }
 }

@@ -89,7 +89,7 @@ class ScoreTable {
 
  private:
   // Where results compete for a cell, the first counts: of hyperparameters and rows those with the
-  // most runs, of one seed's results that with the most updates.
+  // most runs, of one seed's results a finished one, then that with the most updates.
   void SortRuns();
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.

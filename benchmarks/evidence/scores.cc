@@ -179,4 +179,13 @@ CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviatio
   return scores;
 }
 
+std::set<std::string> OtherRecipes(const ScoreTable& table) {
+  std::set<std::string> recipes;
+  for (const Series& series : table.series()) {
+    const bool is_main = table.MainSeries(series.algorithm) == series;
+    if (!is_main && !series.recipe.empty()) recipes.insert(series.recipe);
+  }
+  return recipes;
+}
+
 }  // namespace b4mrl

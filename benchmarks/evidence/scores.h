@@ -12,6 +12,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -83,5 +84,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
 // Of results, each algorithm by its main series; where it has a cell of the recipe, by that one.
 CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
                      const std::string& recipe = "");
+// The names of the recipes that stand for no algorithm.
+std::set<std::string> OtherRecipes(const ScoreTable& table);
 
 }  // namespace b4mrl

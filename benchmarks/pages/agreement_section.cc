@@ -29,6 +29,16 @@ void AddRows(const std::string& which, const PaperAgreement& agreement, Table* t
   add("of them, pairs that the paper separates", agreement.separated);
 }
 
+// Ours, with the paper's scores of one algorithm in the place of ours.
+CellScores WithThePapers(const Evidence& evidence, const std::string& algorithm) {
+  CellScores scores = evidence.ours;
+  for (auto& [name, score] : scores) {
+    const CellScore* theirs = Find(evidence.paper, name.first, name.second);
+    if (name.second == algorithm && theirs != nullptr) score.mean = theirs->mean;
+  }
+  return scores;
+}
+
 CellScores ByLastFifths(CellScores scores) {
   for (auto& [name, score] : scores) score.mean = score.last_fifth.value_or(score.mean);
   return scores;
@@ -43,12 +53,15 @@ Table RanksTable(const Evidence& evidence) {
       "benchmarks that hold the same runs, or some of another's, one counts. An effect is the "
       "score minus that of the same algorithm and dataset with clean data and the gravity error "
       "alone. Floor: a "
-      "table that knows algorithm and dataset alone, as the means of the paper's cells (of SAC and "
-      "TD3, which use no dataset, over all of them). Ceiling: "
+      "table that knows algorithm and dataset alone, as the means of the paper's runs, the "
+      "compared "
+      "one among them (of SAC and TD3, which use no dataset, over all of them). Ceiling: "
       "the paper's own numbers with another seed, drawn from their means and deviations (mean of "
       "200). Separated: the paper's means are more than two standard errors of their difference "
       "apart. By last fifths: the mean score of a run's last fifth stands for that of its last "
-      "evaluation. The intervals are percentile bootstraps with 2,000 resamples of what is "
+      "evaluation. With a recipe: where an algorithm has run with it, its scores by that stand for "
+      "the others. By the paper: its scores stand for ours of that algorithm. The intervals are "
+      "percentile bootstraps with 2,000 resamples of what is "
       "counted: they tell what other cells could give, not what other seeds would, and are too "
       "narrow where rankings share runs.";
   table.columns = {
@@ -63,6 +76,14 @@ Table RanksTable(const Evidence& evidence) {
   AddRows("settled, without MOPO and HyMOPO",
           compare(evidence.ours, {.without = {"mopo", "hymopo"}}), &table);
   AddRows("settled, by last fifths", compare(ByLastFifths(evidence.ours), {}), &table);
+  for (const std::string& recipe : OtherRecipes(evidence.table)) {
+    const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
+    AddRows(fmt::format("settled, with the recipe {}", recipe), compare(scores, {}), &table);
+  }
+  for (const char* algorithm : {"sac", "mopo"}) {
+    const std::string which = fmt::format("settled, {} by the paper", DisplayName(algorithm));
+    AddRows(which, compare(WithThePapers(evidence, algorithm), {}), &table);
+  }
   AddRows("all", compare(evidence.ours, {.settled_only = false}), &table);
   AddRows("all, by last fifths", compare(ByLastFifths(evidence.ours), {.settled_only = false}),
           &table);
@@ -123,7 +144,7 @@ Table DeviationsTable(const Evidence& evidence, const std::vector<Deviation>& de
       "is the first thing to try. Last fifth: the mean score over the last fifth of the run. A "
       "doubling adds: the points by which each doubling of the updates raises the score (median "
       "slope over the logarithm of the updates, second half of the run). A score that has settled, "
-      "by the last two fifths of its run, may still rise by four points a doubling.",
+      "by the last two fifths of its run, may still rise by five points a doubling.",
       kUnsettledMark);
   table.columns = {{"Benchmark"},
                    {"Algorithm"},

@@ -84,10 +84,11 @@ Section CellsSection(const Evidence& evidence) {
       "Intervals of 95%: by Student's t from three seeds on; * with fewer seeds, where the "
       "deviation between seeds is the algorithm's, pooled over our cells with three seeds or, "
       "while there are fewer than ten of those, over the paper's (of BC, which the paper has not, "
-      "TD3-BC's). The paper's deviations stand as it prints them, over three seeds divided by "
-      "their "
-      "number; divided by one less, they would make these intervals 1.22 times as wide. Core-hours "
-      "are those of one run, evaluations included; interactions are counted "
+      "TD3-BC's). The paper's deviations stand as it prints them; it does not say by what they "
+      "are divided, and if that is the number of its seeds, three, these intervals should be 1.22 "
+      "times as wide. An interval is about other seeds, around the last evaluation: a last fifth "
+      "outside of it shows that the evaluations of one run vary more. Core-hours are those of one "
+      "run, evaluations included; interactions are counted "
       "by the daemon.";
   table.columns = {{"Benchmark"},        {"Algorithm"},
                    {"Score", true},      {"95% interval", true},

@@ -74,12 +74,16 @@ std::string Amount(const std::optional<uint64_t>& count) {
 std::string Signed(double points) { return fmt::format("{:+.1f}", points); }
 
 std::string Fixed(const std::optional<double>& value, int digits) {
-  return value ? fmt::format("{:.{}f}", *value, digits) : kMissing;
+  if (!value) return kMissing;
+  const std::string text = fmt::format("{:.{}f}", *value, digits);
+  // No "-0.00".
+  const bool is_zero = text.find_first_not_of("-0.") == std::string::npos;
+  return is_zero && text.starts_with('-') ? text.substr(1) : text;
 }
 
 std::string IntervalEntry(const std::optional<Interval>& interval, int digits) {
   if (!interval) return kMissing;
-  return fmt::format("[{:.{}f}, {:.{}f}]", interval->low, digits, interval->high, digits);
+  return fmt::format("[{}, {}]", Fixed(interval->low, digits), Fixed(interval->high, digits));
 }
 
 std::string IntervalEntry(const CellScore& score) {

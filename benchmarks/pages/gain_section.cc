@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -16,15 +15,20 @@
 namespace b4mrl {
 namespace {
 
-// "HyMOPO: above 0 in 17 of 52 benchmarks" for each hybrid; what has not settled is told apart, for
-// runs in which nothing is learned settle first.
+// "HyMOPO: above 0 in 17 of 52 benchmarks" for each hybrid. Benchmarks where an algorithm with one
+// source has not run, which might be the best, do not count. What has not settled is told apart,
+// for runs in which nothing is learned settle first.
 std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const std::string& whose) {
   struct Count {
-    size_t above = 0, all = 0, settled_above = 0, settled = 0;
+    size_t above = 0, all = 0, settled_above = 0, settled = 0, incomplete = 0;
   };
   std::map<std::string, Count> counts;
   for (const HybridGain& gain : gains) {
     Count& count = counts[gain.algorithm];
+    if (!gain.has_papers) {
+      ++count.incomplete;
+      continue;
+    }
     ++count.all;
     const size_t is_above = gain.gain > 0 ? 1 : 0;
     count.above += is_above;
@@ -36,9 +40,15 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
   for (const auto& [algorithm, count] : counts) {
     std::string line = fmt::format("{} {}: above 0 in {} of {} benchmarks", whose,
                                    DisplayName(algorithm), count.above, count.all);
-    if (count.settled < count.all) {
+    if (count.all == 0) {
+      line = fmt::format("{} {}: on no benchmark beside all others", whose, DisplayName(algorithm));
+    } else if (count.settled < count.all) {
       line += fmt::format("; where all scores have settled, in {} of {}", count.settled_above,
                           count.settled);
+    }
+    if (count.incomplete > 0) {
+      line +=
+          fmt::format("; on {} others an algorithm to compare with has not run", count.incomplete);
     }
     lines.push_back(line + ".");
   }
@@ -48,12 +58,8 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
 // The gains of hybrids that ran with other recipes than their main one, beside algorithms that ran
 // with the same where there are any.
 std::vector<HybridGain> GainsOfOtherRecipes(const Evidence& evidence) {
-  std::set<std::string> recipes;
-  for (const Series& series : evidence.table.series()) {
-    if (evidence.table.MainSeries(series.algorithm) != series) recipes.insert(series.recipe);
-  }
   std::vector<HybridGain> gains;
-  for (const std::string& recipe : recipes) {
+  for (const std::string& recipe : OtherRecipes(evidence.table)) {
     const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
     std::ranges::copy_if(HybridGains(scores, evidence.benchmarks), std::back_inserter(gains),
                          [&](const HybridGain& gain) {
@@ -104,7 +110,10 @@ Section GainSection(const Evidence& evidence) {
       "has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, MOPO, "
       "TD3-BC and IQL on the same benchmark, in points. The best of several scores is flattered by "
       "chance: among seven algorithms that are equally good, one is above the best of the other "
-      "six in one benchmark of seven. Runs that learn nothing settle first: gains that rest on "
+      "six in one benchmark of seven. Algorithms differ in their updates (see the opening): beside "
+      "one "
+      "with more of them, a hybrid that still rises may yet gain. Runs that learn nothing settle "
+      "first: gains that rest on "
       "settled scores alone are the lower ones while many runs still learn."});
   List counts{CountsOf(paper, "Paper,")};
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));

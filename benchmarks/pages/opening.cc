@@ -96,7 +96,7 @@ std::string EffortOf(const Evidence& evidence) {
   const std::string lacking = Lacking(evidence);
   return fmt::format(
       "Compare with care. Seeds a cell: ours {}, the paper's 3. Updates: ours {}; the paper does "
-      "not say how many it took, the authors of its algorithms take 1M.{}",
+      "not say how many it took, most of the authors of its algorithms take 1M.{}",
       SeedsOf(evidence), UpdatesOf(evidence),
       lacking.empty() ? "" : fmt::format(" Nothing of {} has run yet.", lacking));
 }

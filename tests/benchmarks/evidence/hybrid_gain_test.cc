@@ -16,6 +16,7 @@ TEST_CASE("In the paper HyMOPO gains in 17 of 52 benchmarks and H2O in 1") {
     });
   };
   CHECK(gains.size() == 104);
+  CHECK(std::ranges::all_of(gains, &HybridGain::has_papers));
   CHECK(above("hymopo") == 17);
   CHECK(above("h2o") == 1);
 }
@@ -33,6 +34,7 @@ TEST_CASE("A gain is taken from the best single source and rests on settled scor
   CHECK(gains[0].gain == 5);
   CHECK(gains[0].best == "iql");
   CHECK(gains[0].compared == 2);
+  CHECK_FALSE(gains[0].has_papers);
   CHECK(gains[0].settled);
   CHECK(gains[1].algorithm == "mine");
   CHECK(gains[1].gain == 10);

@@ -224,15 +224,17 @@ TEST_CASE("A learner whose agent is gone before it was scored begins anew") {
       "echo begun >> " + seen + "; cp " + kAgent + " \"$B4MRL_OUT/agent.h5\"";
   REQUIRE(suite.Train(learner).exit_code == 0);
   std::filesystem::remove_all(suite.File("suite/results"));
-  std::vector<std::filesystem::path> agents;
+  std::vector<std::filesystem::path> runs, files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(suite.File("suite"))) {
-    if (entry.path().filename() == "agent.h5") agents.push_back(entry.path());
+    if (entry.path().filename() == "learned.json") runs.push_back(entry.path().parent_path());
   }
-  REQUIRE(agents.size() == 2);
-  for (const auto& agent : agents) {
-    REQUIRE(std::filesystem::exists(agent.parent_path() / "learned.json"));
-    std::filesystem::remove(agent);
+  REQUIRE(runs.size() == 2);
+  for (const auto& run : runs) {  // as if it had not been scored yet, either
+    for (const auto& entry : std::filesystem::directory_iterator(run)) {
+      if (entry.path().filename() != "learned.json") files.push_back(entry.path());
+    }
   }
+  for (const auto& file : files) std::filesystem::remove_all(file);
   const Outcome again = suite.Train(learner);
   INFO(again.out << again.err);
   CHECK(again.exit_code == 0);
