@@ -7,7 +7,6 @@
 #include <map>
 #include <numeric>
 #include <set>
-#include <span>
 #include <utility>
 
 #include "algorithms/list.h"
@@ -35,8 +34,22 @@ struct Item {
 // Scores by the run that they are of (SharedRun).
 using Table = std::map<std::string, double>;
 
-// Which of the runs, effects or rankings a figure is taken over, by their places.
-using Chosen = std::span<const size_t>;
+// A number of the paper's and that of another table which belongs to it.
+using Pair = std::pair<double, double>;
+
+std::optional<double> SpearmanOf(const std::vector<Pair>& pairs) {
+  std::vector<double> paper, other;
+  for (const auto& [theirs, its] : pairs) {
+    paper.push_back(theirs);
+    other.push_back(its);
+  }
+  return Spearman(paper, other);
+}
+
+std::optional<double> MeanOf(const std::vector<double>& values) {
+  if (values.empty()) return std::nullopt;
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
 
 // The runs that one benchmark ranks.
 using Ranking = std::set<std::string>;
@@ -87,19 +100,18 @@ class Comparer {
  private:
   // The paper's runs with other seeds.
   Table Draw(uint64_t draw) const;
-  std::optional<double> ScoresBeside(const Table& table, Chosen chosen) const;
-  std::optional<double> EffectsBeside(const Table& table, Chosen chosen) const;
-  std::optional<double> RankingsBeside(const Table& table, Chosen chosen) const;
+  // What a figure is taken over: one value for each run, effect or ranking.
+  std::vector<Pair> ScoresBeside(const Table& table) const;
+  std::vector<Pair> EffectsBeside(const Table& table) const;
+  std::vector<double> RankingsBeside(const Table& table) const;
   // Of the pairs that the paper separates.
-  std::optional<double> SeparatedBeside(const Table& table, Chosen chosen) const;
+  std::vector<double> SeparatedBeside(const Table& table) const;
   bool IsSeparated(const std::string& one, const std::string& other) const;
   std::vector<PairOrder> Pairs() const;
-  // The mean over draws of a figure of a table.
-  template <typename Figure>
-  std::optional<double> Ceiling(Figure figure, Chosen all) const;
-  // Nothing where most resamples have no such figure.
-  template <typename Figure>
-  std::optional<Interval> IntervalOf(Figure figure, size_t count) const;
+  // The figure that `summarise` makes of the values that `observe` returns for a table.
+  template <typename Value>
+  Agreement Figure(std::vector<Value> (Comparer::*observe)(const Table&) const,
+                   std::optional<double> (*summarise)(const std::vector<Value>&)) const;
 
   std::vector<Item> runs_;     // the paper's that we have too
   std::vector<Item> effects_;  // of the runs, those with another one as reference
@@ -167,38 +179,33 @@ Table Comparer::Draw(uint64_t draw) const {
   return table;
 }
 
-std::optional<double> Comparer::ScoresBeside(const Table& table, Chosen chosen) const {
-  std::vector<double> paper, other;
-  for (const size_t place : chosen) {
-    paper.push_back(means_.at(runs_[place].run));
-    other.push_back(table.at(runs_[place].run));
-  }
-  return Spearman(paper, other);
+std::vector<Pair> Comparer::ScoresBeside(const Table& table) const {
+  std::vector<Pair> pairs;
+  for (const Item& item : runs_) pairs.emplace_back(means_.at(item.run), table.at(item.run));
+  return pairs;
 }
 
-std::optional<double> Comparer::EffectsBeside(const Table& table, Chosen chosen) const {
-  std::vector<double> paper, other;
-  for (const size_t place : chosen) {
-    const Item& item = effects_[place];
-    paper.push_back(means_.at(item.run) - means_.at(item.reference_run));
-    other.push_back(table.at(item.run) - table.at(item.reference_run));
+std::vector<Pair> Comparer::EffectsBeside(const Table& table) const {
+  std::vector<Pair> pairs;
+  for (const Item& item : effects_) {
+    pairs.emplace_back(means_.at(item.run) - means_.at(item.reference_run),
+                       table.at(item.run) - table.at(item.reference_run));
   }
-  return Spearman(paper, other);
+  return pairs;
 }
 
-std::optional<double> Comparer::RankingsBeside(const Table& table, Chosen chosen) const {
-  if (chosen.empty()) return std::nullopt;
-  double sum = 0;
-  for (const size_t place : chosen) {
+std::vector<double> Comparer::RankingsBeside(const Table& table) const {
+  std::vector<double> orders;
+  for (const Ranking& runs : rankings_) {
     std::vector<double> paper, other;
-    for (const std::string& run : rankings_[place]) {
+    for (const std::string& run : runs) {
       paper.push_back(means_.at(run));
       other.push_back(table.at(run));
     }
     // A table that cannot tell the algorithms apart orders none of them.
-    sum += Kendall(paper, other).value_or(0);
+    orders.push_back(Kendall(paper, other).value_or(0));
   }
-  return sum / static_cast<double>(chosen.size());
+  return orders;
 }
 
 bool Comparer::IsSeparated(const std::string& one, const std::string& other) const {
@@ -206,20 +213,18 @@ bool Comparer::IsSeparated(const std::string& one, const std::string& other) con
          2 * std::hypot(errors_.at(one), errors_.at(other));
 }
 
-std::optional<double> Comparer::SeparatedBeside(const Table& table, Chosen chosen) const {
-  if (chosen.empty()) return std::nullopt;
-  double sum = 0;
-  for (const size_t place : chosen) {
-    const auto& pairs = separated_[place];
+std::vector<double> Comparer::SeparatedBeside(const Table& table) const {
+  std::vector<double> orders;
+  for (const auto& pairs : separated_) {
     int order = 0;  // pairs that the table orders as the paper does, less the others
     for (const auto& [one, other] : pairs) {
       const double product =
           (means_.at(one) - means_.at(other)) * (table.at(one) - table.at(other));
       order += (product > 0) - (product < 0);
     }
-    sum += order / static_cast<double>(pairs.size());
+    orders.push_back(order / static_cast<double>(pairs.size()));
   }
-  return sum / static_cast<double>(chosen.size());
+  return orders;
 }
 
 std::vector<PairOrder> Comparer::Pairs() const {
@@ -256,48 +261,45 @@ std::vector<PairOrder> Comparer::Pairs() const {
   return pairs;
 }
 
-template <typename Figure>
-std::optional<double> Comparer::Ceiling(Figure figure, Chosen all) const {
-  double sum = 0;
-  for (uint64_t draw = 0; draw < kDraws; ++draw) {
-    const auto each = (this->*figure)(Draw(draw), all);
-    if (!each) return std::nullopt;
-    sum += *each;
-  }
-  return sum / kDraws;
-}
-
-template <typename Figure>
-std::optional<Interval> Comparer::IntervalOf(Figure figure, size_t count) const {
-  if (count < 2) return std::nullopt;
+// Nothing where most resamples have no such figure.
+template <typename Value>
+std::optional<Interval> IntervalOf(const std::vector<Value>& values,
+                                   std::optional<double> (*summarise)(const std::vector<Value>&)) {
+  if (values.size() < 2) return std::nullopt;
   std::vector<std::vector<double>> estimates;
-  std::vector<size_t> drawn(count);
+  std::vector<Value> drawn(values.size());
   for (uint64_t number = 0; number < kResamples; ++number) {
     Rng random(0, "resample of the agreement", number);
-    for (size_t& place : drawn) place = random.Below(count);
-    if (const auto each = (this->*figure)(ours_, drawn)) estimates.push_back({*each});
+    for (Value& value : drawn) value = values[random.Below(values.size())];
+    if (const auto each = summarise(drawn)) estimates.push_back({*each});
   }
   if (estimates.size() <= kResamples / 2) return std::nullopt;
   return PercentileIntervals(estimates, kConfidence).front();
 }
 
+template <typename Value>
+Agreement Comparer::Figure(std::vector<Value> (Comparer::*observe)(const Table&) const,
+                           std::optional<double> (*summarise)(const std::vector<Value>&)) const {
+  const std::vector<Value> values = (this->*observe)(ours_);
+  std::vector<double> draws;
+  for (uint64_t draw = 0; draw < kDraws; ++draw) {
+    if (const auto each = summarise((this->*observe)(Draw(draw)))) draws.push_back(*each);
+  }
+  return {.ours = summarise(values),
+          .floor = summarise((this->*observe)(floor_)),
+          .ceiling = draws.size() == kDraws ? MeanOf(draws) : std::nullopt,
+          .interval = IntervalOf(values, summarise),
+          .count = values.size()};
+}
+
 PaperAgreement Comparer::Compare() const {
   PaperAgreement agreement;
-  const auto fill = [this](auto figure, size_t count, Agreement* out) {
-    std::vector<size_t> all(count);
-    std::iota(all.begin(), all.end(), size_t{0});
-    out->ours = (this->*figure)(ours_, all);
-    out->floor = (this->*figure)(floor_, all);
-    out->ceiling = Ceiling(figure, all);
-    out->interval = IntervalOf(figure, count);
-    out->count = count;
-  };
-  fill(&Comparer::ScoresBeside, runs_.size(), &agreement.scores);
-  fill(&Comparer::EffectsBeside, effects_.size(), &agreement.effects);
+  agreement.scores = Figure(&Comparer::ScoresBeside, SpearmanOf);
+  agreement.effects = Figure(&Comparer::EffectsBeside, SpearmanOf);
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
-  fill(&Comparer::RankingsBeside, rankings_.size(), &agreement.rankings);
-  fill(&Comparer::SeparatedBeside, separated_.size(), &agreement.separated);
+  agreement.rankings = Figure(&Comparer::RankingsBeside, MeanOf);
+  agreement.separated = Figure(&Comparer::SeparatedBeside, MeanOf);
   agreement.pairs = Pairs();
   return agreement;
 }

@@ -44,7 +44,8 @@ CellScores ByLastFifths(CellScores scores) {
   return scores;
 }
 
-Table RanksTable(const Evidence& evidence) {
+// `settled`: the agreement of the settled cells.
+Table RanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   Table table;
   table.id = "agreement";
   table.title = "Rank correlations with the paper.";
@@ -52,16 +53,14 @@ Table RanksTable(const Evidence& evidence) {
       "Each run counts once, however many benchmarks it fills, and so does each ranking: of "
       "benchmarks that hold the same runs, or some of another's, one counts. An effect is the "
       "score minus that of the same algorithm and dataset with clean data and the gravity error "
-      "alone. Floor: a "
-      "table that knows algorithm and dataset alone, as the means of the paper's runs, the "
-      "compared "
-      "one among them (of SAC and TD3, which use no dataset, over all of them). Ceiling: "
-      "the paper's own numbers with another seed, drawn from their means and deviations (mean of "
-      "200). Separated: the paper's means are more than two standard errors of their difference "
-      "apart. By last fifths: the mean score of a run's last fifth stands for that of its last "
-      "evaluation. With a recipe: where an algorithm has run with it, its scores by that stand for "
-      "the others. By the paper: its scores stand for ours of that algorithm. The intervals are "
-      "percentile bootstraps with 2,000 resamples of what is "
+      "alone. Floor: a table that knows algorithm and dataset alone, as the means of the "
+      "paper's runs, the compared one among them (of SAC and TD3, which use no dataset, over "
+      "all of them). Ceiling: the paper's own numbers with another seed, drawn from their means "
+      "and deviations (mean of 200). Separated: the paper's means are more than two standard "
+      "errors of their difference apart. By last fifths: the mean score of a run's last fifth "
+      "stands for that of its last evaluation. With a recipe: where an algorithm has run with "
+      "it, its scores by that stand for the others. By the paper: its scores stand for ours of "
+      "that algorithm. The intervals are percentile bootstraps with 2,000 resamples of what is "
       "counted: they tell what other cells could give, not what other seeds would, and are too "
       "narrow where rankings share runs.";
   table.columns = {
@@ -70,7 +69,7 @@ Table RanksTable(const Evidence& evidence) {
   const auto compare = [&](const CellScores& ours, AgreementOptions options) {
     return AgreementWith(evidence.paper, ours, evidence.benchmarks, options);
   };
-  AddRows("settled", compare(evidence.ours, {}), &table);
+  AddRows("settled", settled, &table);
   AddRows("settled, without H2O, TD3 and SAC",
           compare(evidence.ours, {.without = {"h2o", "td3", "sac"}}), &table);
   AddRows("settled, without MOPO and HyMOPO",
@@ -91,7 +90,7 @@ Table RanksTable(const Evidence& evidence) {
   return table;
 }
 
-Table PairsTable(const Evidence& evidence) {
+Table PairsTable(std::vector<PairOrder> pairs) {
   Table table;
   table.id = "pairs";
   table.title = "Algorithms that ours order otherwise than the paper's.";
@@ -104,8 +103,6 @@ Table PairsTable(const Evidence& evidence) {
   table.columns = {{"Algorithm"},           {"Beside"},
                    {"Rankings", true},      {"Turned over", true},
                    {"Pairs of runs", true}, {"Of them turned over", true}};
-  std::vector<PairOrder> pairs =
-      AgreementWith(evidence.paper, evidence.ours, evidence.benchmarks, {}).pairs;
   std::erase_if(pairs, [](const PairOrder& pair) { return pair.turned == 0; });
   std::ranges::stable_sort(pairs, std::ranges::greater(), &PairOrder::turned);
   for (const PairOrder& pair : pairs) {
@@ -168,8 +165,10 @@ Table DeviationsTable(const Evidence& evidence, const std::vector<Deviation>& de
 Section AgreementSection(const Evidence& evidence) {
   Section section;
   section.title = "Agreement with the paper";
-  section.blocks.emplace_back(RanksTable(evidence));
-  Table pairs = PairsTable(evidence);
+  const PaperAgreement settled =
+      AgreementWith(evidence.paper, evidence.ours, evidence.benchmarks, {});
+  section.blocks.emplace_back(RanksTable(evidence, settled));
+  Table pairs = PairsTable(settled.pairs);
   if (!pairs.rows.empty()) section.blocks.emplace_back(std::move(pairs));
   Table levels = LevelsTable(evidence);
   if (!levels.rows.empty()) section.blocks.emplace_back(std::move(levels));

@@ -50,25 +50,23 @@ Section ClaimsSection(const Evidence& evidence) {
   table.title = "What the paper says, and what we ask beside it.";
   table.caption =
       "The claims, though not all details of their tests, were written down before the suites' "
-      "runs; what was known then, benchmarks/claims.toml says. Each claim is that one side scores "
-      "higher than the other, but for the one about random data: that both are within 3 points. "
-      "Algorithms differ in their updates (see the opening). A claim "
-      "about many benchmarks counts those in which it "
-      "holds, and is tested by an exact sign test against chances of one half, or more where the "
-      "best of many would be above the best of few by chance (6 in 8 for six beside two); a claim "
-      "about cells must hold in each of them, "
-      "by Welch's test. p is two-sided, and takes runs that several benchmarks share for "
+      "runs; what was known then, benchmarks/claims.toml says. Each claim is that one side "
+      "scores higher than the other, but for the one about random data: that both are within 3 "
+      "points. Algorithms differ in their updates (see the opening). A claim about many "
+      "benchmarks counts those in which it holds, and is tested by an exact sign test against "
+      "chances of one half, or more where the best of many would be above the best of few by "
+      "chance (6 in 8 for six beside two); a claim about cells must hold in each of them, by "
+      "Welch's test. p is two-sided, and takes runs that several benchmarks share for "
       "independent ones; in brackets, adjusted by Holm's method over all claims of its column "
-      "that have a p, of which a verdict needs 0.05. Holds: in how many of the comparisons whose "
-      "scores have settled (of how many there are); without: algorithms that they lack. "
+      "that have a p, of which a verdict needs 0.05. Holds: in how many of the comparisons "
+      "whose scores have settled (of how many there are); without: algorithms that they lack. "
       "Differences: the least and the greatest, in points, of the claimed direction. Too few "
-      "benchmarks: even if all of the claim's pointed in one direction, beside so many undecided "
-      "claims they would be no proof; more seeds would change nothing. So undecided says little "
-      "against a claim; look at Holds. A claim about cells of which some are missing has a p only "
-      "if the others contradict it. A single seed's error is borrowed from the deviations that "
-      "the paper prints, which seem to be divided by the number of seeds and would then be 1.22 "
-      "times "
-      "too small.";
+      "benchmarks: even if all of the claim's pointed in one direction, beside so many "
+      "undecided claims they would be no proof; more seeds would change nothing. So undecided "
+      "says little against a claim; look at Holds. A claim about cells of which some are "
+      "missing has a p only if the others contradict it. A single seed's error is borrowed from "
+      "the deviations that the paper prints, which seem to be divided by the number of seeds "
+      "and would then be 1.22 times too small.";
   table.columns = {
       {"Line", true}, {"Claim"},       {"On the paper's numbers"}, {"Holds", true}, {"p", true},
       {"On ours"},    {"Holds", true}, {"Differences", true},      {"p", true}};

@@ -106,15 +106,14 @@ Section GainSection(const Evidence& evidence) {
   Section section;
   section.title = "Hybrid gain";
   section.blocks.emplace_back(Paragraph{
-      "An algorithm that has a simulator and data should do no worse than the best algorithm that "
-      "has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, MOPO, "
-      "TD3-BC and IQL on the same benchmark, in points. The best of several scores is flattered by "
-      "chance: among seven algorithms that are equally good, one is above the best of the other "
-      "six in one benchmark of seven. Algorithms differ in their updates (see the opening): beside "
-      "one "
-      "with more of them, a hybrid that still rises may yet gain. Runs that learn nothing settle "
-      "first: gains that rest on "
-      "settled scores alone are the lower ones while many runs still learn."});
+      "An algorithm that has a simulator and data should do no worse than the best algorithm "
+      "that has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, "
+      "MOPO, TD3-BC and IQL on the same benchmark, in points. The best of several scores is "
+      "flattered by chance: among seven algorithms that are equally good, one is above the best "
+      "of the other six in one benchmark of seven. Algorithms differ in their updates (see the "
+      "opening): beside one with more of them, a hybrid that still rises may yet gain. Runs "
+      "that learn nothing settle first: gains that rest on settled scores alone are the lower "
+      "ones while many runs still learn."});
   List counts{CountsOf(paper, "Paper,")};
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
   section.blocks.emplace_back(std::move(counts));

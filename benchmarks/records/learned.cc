@@ -40,9 +40,15 @@ Status NotUnderstood(const std::string& path, std::string_view allowed) {
 // The returns of an object in a file of the learner's.
 Result<std::vector<double>> ReturnsOf(const Json& json, const std::string& path) {
   auto returns = NumbersOf(json, "returns");
-  if (returns && !returns->empty() && returns->size() <= kMostReturns) return *std::move(returns);
-  return NotUnderstood(path,
-                       fmt::format("an object with 1 to {} numbers as \"returns\"", kMostReturns));
+  if (!returns || returns->empty() || returns->size() > kMostReturns) {
+    return NotUnderstood(
+        path, fmt::format("an object with 1 to {} numbers as \"returns\"", kMostReturns));
+  }
+  const MeanAndStd figures = MeanAndStdOf(*returns);
+  if (!std::isfinite(figures.mean) || !std::isfinite(figures.std)) {
+    return NotUnderstood(path, "returns whose mean and deviation are finite");
+  }
+  return *std::move(returns);
 }
 
 // Adds the returns that the learner has measured itself.
@@ -55,9 +61,6 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
     (*learned)["updates"] = *updates;
   }
   const MeanAndStd figures = MeanAndStdOf(returns);
-  if (!std::isfinite(figures.mean) || !std::isfinite(figures.std)) {
-    return NotUnderstood(path, "returns whose mean and deviation are finite");
-  }
   const auto score = environment.NormalisedScore(figures.mean);
   learned->update({{"source", "self-scored"},
                    {"returns", returns},
@@ -86,9 +89,6 @@ Status AddOwnCurve(const std::string& path, const EnvironmentSpec& environment, 
     B4MRL_ASSIGN_OR_RETURN(const auto returns, ReturnsOf(each, path));
     if (*updates >= CountOf(*learned, "updates")) break;  // the score of the last one is known
     const MeanAndStd figures = MeanAndStdOf(returns);
-    if (!std::isfinite(figures.mean) || !std::isfinite(figures.std)) {
-      return NotUnderstood(path, "a curve whose means and deviations are finite");
-    }
     curve.push_back({.updates = *updates,
                      .steps = CountOf(each, "steps").value_or(0),
                      .mean_return = figures.mean,

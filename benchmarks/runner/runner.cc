@@ -199,9 +199,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       return true;
     }
     if (HasAgent(task.folder)) return BeginMissingScoring(number, {}, claim);
-    const auto result = ReadResult(ResultPath(options_.results, run));
-    const bool is_done = result.ok() && *result && (*result)->IsDone(run, task.target);
-    if (!is_done) RemoveLearned(task.folder);  // its agent is gone, so the learner begins anew
+    if (!FinishedResult(task)) RemoveLearned(task.folder);  // its agent is gone: it begins anew
     return false;
   } else {
     RemoveLearned(task.folder);  // of an attempt that failed, or of another command
@@ -308,13 +306,19 @@ Status Runner::KeepWork(Active& active) {
   return task.run->is_users() ? KeepUsersWork(active) : Status();
 }
 
+std::optional<RunResult> Runner::FinishedResult(const Task& task) const {
+  auto result = ReadResult(ResultPath(options_.results, *task.run));
+  if (!result.ok() || !*result || !(*result)->IsDone(*task.run, task.target)) return std::nullopt;
+  return **std::move(result);
+}
+
 bool Runner::HasBrought(const Active& active) const {
   const Task& task = tasks_[*active.task];
   if (task.run->is_users() && !active.scoring) return HasLearned(*task.run, task.folder);
-  const auto result = ReadResult(ResultPath(options_.results, *task.run));
-  if (!result.ok() || !*result || !(*result)->IsDone(*task.run, task.target)) return false;
+  const auto result = FinishedResult(task);
+  if (!result) return false;
   const bool is_further = active.scoring && active.scoring->name != kOwnScoring;
-  return !is_further || (*result)->scorings.contains(active.scoring->name);
+  return !is_further || result->scorings.contains(active.scoring->name);
 }
 
 Status Runner::KeepUsersWork(Active& active) {

@@ -109,6 +109,8 @@ class Runner {
   void FailDiverged(Task& task, const RunStatus& state);
   // Keeps what a job that ended with code 0 has left beside the run's own files.
   Status KeepWork(Active& active);
+  // The run's result, if it has all updates that the task asks for.
+  std::optional<RunResult> FinishedResult(const Task& task) const;
   // Whether the run's result holds what the job was to bring, so that it is not begun again.
   bool HasBrought(const Active& active) const;
   // Keeps what a user's learner has left.

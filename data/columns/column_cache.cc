@@ -179,8 +179,9 @@ Status ColumnCache::Verify(const std::function<bool()>& is_cancelled) const {
     StreamHash hash;
     std::span bytes(static_cast<const std::byte*>(mapping.data), mapping.bytes);
     while (!bytes.empty()) {
-      if (is_cancelled())
+      if (is_cancelled()) {
         return Status(StatusCode::kUnavailable, "verifying a cache was cancelled");
+      }
       const auto block = bytes.first(std::min(bytes.size(), kBlockBytes));
       hash.Update(block);
       bytes = bytes.subspan(block.size());

@@ -3,6 +3,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "proto/base/limits.h"
 #include "server/environments/list.h"
@@ -17,6 +18,14 @@ namespace {
 constexpr int64_t kAbandonedMs = 60'000;
 // Interval at which the compiled models of live sessions are marked as used.
 constexpr int64_t kUseIntervalMs = 60'000;
+
+// What the client asked for; nothing if the record is damaged.
+std::optional<pb::OpenRequest> RequestOf(const SessionRecord& record) {
+  pb::OpenRequest request;
+  const bool is_whole = CheckSessionRecord(record).ok() &&
+                        request.ParseFromString(std::string(SessionOpenBytes(record)));
+  return is_whole ? std::optional(std::move(request)) : std::nullopt;
+}
 
 Status Damaged() { return Status(StatusCode::kSessionLost, "the session's record is damaged"); }
 
@@ -238,14 +247,11 @@ Result<pb::Reply> Openings::Conclude(uint64_t generation, const Attach& attach,
   if (!is_its_own || !table_.MakeLive(attach.session_index)) {
     return Status(StatusCode::kSessionLost, "the session was closed or given up meanwhile");
   }
-  pb::OpenRequest request;
-  if (!CheckSessionRecord(record).ok() ||
-      !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
-    return Damaged();
-  }
+  const std::optional<pb::OpenRequest> request = RequestOf(record);
+  if (!request) return Damaged();
   pb::Reply reply;
   pb::OpenReply* opened = reply.mutable_open();
-  DescribeOpen(request, answer.attach(), opened);
+  DescribeOpen(*request, answer.attach(), opened);
   opened->mutable_port()->set_tcp(worker_ports_[attach.worker].tcp);
   opened->mutable_port()->set_ipc(worker_ports_[attach.worker].ipc);
   opened->mutable_port()->set_door(worker_ports_[attach.worker].door);
@@ -271,13 +277,10 @@ void Openings::Reap() {
 void Openings::MarkModelsAsUsed() const {
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
-    pb::OpenRequest request;
-    if (record.state() != SessionState::kLive || !CheckSessionRecord(record).ok() ||
-        !request.ParseFromString(std::string(SessionOpenBytes(record))) ||
-        request.compiled_model().empty()) {
-      continue;
-    }
-    ModelStore::MarkAsUsed(request.compiled_model());
+    if (record.state() != SessionState::kLive) continue;
+    const std::optional<pb::OpenRequest> request = RequestOf(record);
+    if (!request || request->compiled_model().empty()) continue;
+    ModelStore::MarkAsUsed(request->compiled_model());
   }
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 
-#include "proto/base/clock.h"
 #include "proto/base/spin.h"
 
 namespace b4mrl {
@@ -16,19 +15,14 @@ constexpr double kShortestItemUs = 0.1;
 // An average hides single items that take a thousand times as long, with which a client could keep
 // the socket's thread. After one of them the thread leaves all items to the pool for a while.
 constexpr double kMuchTooLongUs = 100'000;
-constexpr int64_t kLongMs = 10'000;
-
-int64_t NowMs() {
-  return std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now().time_since_epoch())
-      .count();
-}
+constexpr std::chrono::seconds kLong(10);
 
 }  // namespace
 
 void ItemCost::Observe(double us_per_item) {
   constexpr double kWeight = 0.1, kMostTimes = 20;
   if (us_per_item > kMuchTooLongUs) {
-    long_until_ms_.store(NowMs() + kLongMs, std::memory_order_relaxed);
+    long_until_.store(Clock::now() + kLong, std::memory_order_relaxed);
   }
   // Two threads may overwrite each other's update; losing one does no harm.
   const double before = Expect(1);
@@ -57,8 +51,8 @@ uint32_t ItemCost::ItemsPerBite() const { return ItemsIn(kBiteUs); }
 
 bool ItemCost::too_long_for_bites() const {
   if (Expect(1) == 0 || Expect(1) > kPieceUs) return true;
-  const int64_t long_until = long_until_ms_.load(std::memory_order_relaxed);
-  return long_until != 0 && NowMs() < long_until;
+  const Clock::time_point until = long_until_.load(std::memory_order_relaxed);
+  return until != Clock::time_point() && Clock::now() < until;
 }
 
 uint32_t ItemCost::ItemsIn(double duration_us) const {

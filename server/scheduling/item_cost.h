@@ -4,6 +4,8 @@
 #include <atomic>
 #include <cstdint>
 
+#include "proto/base/clock.h"
+
 namespace b4mrl {
 
 class ItemCost {
@@ -28,7 +30,7 @@ class ItemCost {
   uint32_t ItemsIn(double duration_us) const;
 
   std::atomic<float> us_{0};  // 0 before the first Observe
-  std::atomic<int64_t> long_until_ms_{0};
+  std::atomic<Clock::time_point> long_until_{Clock::time_point()};
 };
 
 }  // namespace b4mrl

@@ -193,17 +193,5 @@ TEST_CASE("A run that goes on is scored anew") {
   CHECK(full() != before);
 }
 
-TEST_CASE("Seeds up to the largest one are a range") {
-  const Suite suite("bc = 20");
-  const Outcome last =
-      Run(suite.Command({"--dry-run", "--seeds", "18446744073709551613..18446744073709551614"}));
-  INFO(last.err);
-  CHECK(last.out.find("2 runs: 0 done") != std::string::npos);
-  const Outcome beyond =
-      Run(suite.Command({"--dry-run", "--seeds", "18446744073709550616..18446744073709551615"}));
-  CHECK(beyond.exit_code == 2);
-  CHECK(beyond.err.find("18446744073709550616..18446744073709551614") != std::string::npos);
-}
-
 }  // namespace
 }  // namespace b4mrl

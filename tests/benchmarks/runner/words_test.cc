@@ -1,0 +1,38 @@
+// What the words of `b4mrl benchmark` may be, and which of them are refused.
+#include <catch2/catch.hpp>
+#include <string>
+
+#include "tests/benchmarks/runner/suite.h"
+
+namespace b4mrl {
+namespace {
+
+TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with the nearest name") {
+  const auto says = [](const Words& more, const std::string& words) {
+    Words all = more;
+    all.insert(all.begin(), {"benchmark", "run", "--dry-run"});
+    const Outcome outcome = Run(all);
+    CAPTURE(outcome.err);
+    return outcome.exit_code == 2 && outcome.err.find(words) != std::string::npos;
+  };
+  CHECK(says({"HalfCheetah/modeling-error/gravity+medium"}, "modelling-error"));
+  CHECK(says({"--budget", "smal"}, "did you mean 'small'"));
+  CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
+  CHECK(says({"--seeds", "x"}, "--seeds is 'x'"));
+  CHECK(says({"--learner", "true", "--name", "a b"}, "--name is 'a b'"));
+}
+
+TEST_CASE("Seeds up to the largest one are a range") {
+  const Suite suite("bc = 20");
+  const Outcome last =
+      Run(suite.Command({"--dry-run", "--seeds", "18446744073709551613..18446744073709551614"}));
+  INFO(last.err);
+  CHECK(last.out.find("2 runs: 0 done") != std::string::npos);
+  const Outcome beyond =
+      Run(suite.Command({"--dry-run", "--seeds", "18446744073709550616..18446744073709551615"}));
+  CHECK(beyond.exit_code == 2);
+  CHECK(beyond.err.find("18446744073709550616..18446744073709551614") != std::string::npos);
+}
+
+}  // namespace
+}  // namespace b4mrl
