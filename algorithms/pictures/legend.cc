@@ -67,7 +67,7 @@ void DrawSwatch(const Look& look, size_t number, Point corner, SvgWriter* svg) {
   if (look.line) {
     svg->Path(fmt::format("M{} {}h{}", SvgWriter::Number(corner.x), SvgWriter::Number(middle.y),
                           kSwatchWidth),
-              (look.solid ? "curve " : "dashed curve ") + series);
+              CurveClass(number, !look.solid));
   }
   if (look.dot) svg->Path(SymbolPath(number, middle), "dot " + series);
   if (look.box) svg->Path(box, series);

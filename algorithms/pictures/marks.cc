@@ -92,8 +92,8 @@ void Draw(const Plot& plot, const Line& line) {
   for (size_t i = 0; i < line.x.size(); ++i) {
     points.push_back({plot.x.At(line.x[i]), plot.y.At(line.y[i])});
   }
-  const std::string colour = line.series ? "curve " + SeriesClass(*line.series) : "frame";
-  plot.svg->Path(PathThrough(points), (line.dashed ? "dashed " : "") + colour);
+  const std::string frame = line.dashed ? "dashed frame" : "frame";
+  plot.svg->Path(PathThrough(points), line.series ? CurveClass(*line.series, line.dashed) : frame);
 }
 
 void Draw(const Plot& plot, const Band& band) {

@@ -28,6 +28,8 @@ constexpr std::string_view kShapes =
 .b4mrl-picture .rule { stroke-dasharray: 4 3; }
 .b4mrl-picture .curve { stroke-width: 1.8; stroke-linejoin: round; }
 .b4mrl-picture .dashed { stroke-dasharray: 6 4; }
+.b4mrl-picture .dotted { stroke-dasharray: 2 2; }
+.b4mrl-picture .dashed.dotted { stroke-dasharray: 8 3 2 3; }
 .b4mrl-picture .whisker { stroke-width: 1.4; }
 .b4mrl-picture .area { stroke: none; fill: currentColor; fill-opacity: 0.35; }
 .b4mrl-picture .band { stroke: none; fill: currentColor; fill-opacity: 0.2; }
@@ -77,6 +79,10 @@ std::string_view AnchorWord(TextStyle::Anchor anchor) {
 
 }  // namespace
 
+std::string CurveClass(size_t series, bool dashed) {
+  const char* dotted = series < kSeriesColours ? "" : "dotted ";
+  return fmt::format("{}{}curve {}", dashed ? "dashed " : "", dotted, SeriesClass(series));
+}
 std::string SeriesClass(size_t series) { return fmt::format("series{}", series % kSeriesColours); }
 
 std::string SvgWriter::Number(double value) {

@@ -14,9 +14,10 @@
 namespace b4mrl {
 
 // Series are told apart by colours, which readers with any kind of colour vision can tell apart.
-// Further series take the first colours again.
+// Further series take the first colours again, with dotted curves.
 inline constexpr size_t kSeriesColours = 10;
 std::string SeriesClass(size_t series);  // "series0"
+std::string CurveClass(size_t series, bool dashed);
 
 struct TextStyle {
   double size = 12;

@@ -120,5 +120,15 @@ TEST_CASE("Things that share a place stand side by side around it") {
   CHECK(Dodge(7, 8) + 0.05 == Approx(0.4));
 }
 
+TEST_CASE("Curves of a colour that is taken again are dotted") {
+  std::set<std::string> classes;
+  for (size_t i = 0; i < 2 * kSeriesColours; ++i) {
+    for (const bool dashed : {false, true}) classes.insert(CurveClass(i, dashed));
+  }
+  CHECK(classes.size() == 4 * kSeriesColours);
+  CHECK(CurveClass(0, false) == "curve series0");
+  CHECK(CurveClass(kSeriesColours, true) == "dashed dotted curve series0");
+}
+
 }  // namespace
 }  // namespace b4mrl
