@@ -25,16 +25,21 @@ void MetricMeans::AddAll(std::string_view name, std::span<const double> values) 
   }
 }
 
-MetricRow MetricMeans::Take() {
+MetricRow MetricMeans::Row() const {
   MetricRow row;
-  for (Sum& sum : sums_) {
+  for (const Sum& sum : sums_) {
     const double mean =
         sum.count > 0 ? sum.sum / sum.count : std::numeric_limits<double>::quiet_NaN();
     row.push_back({sum.name, mean});
+  }
+  return row;
+}
+
+void MetricMeans::Restart() {
+  for (Sum& sum : sums_) {
     sum.sum = 0;
     sum.count = 0;
   }
-  return row;
 }
 
 void MetricMeans::Save(CheckpointWriter& writer) const {

@@ -19,13 +19,15 @@ struct Metric {
 };
 using MetricRow = std::vector<Metric>;
 
-// Means since the last Take, in the order in which names first appeared.
+// Means since the last Restart, in the order in which names first appeared.
 class MetricMeans {
  public:
   void Add(std::string_view name, double value);
   // Adds any number of values. Gives the name its place in the order even if `values` is empty.
   void AddAll(std::string_view name, std::span<const double> values);
-  MetricRow Take();
+  MetricRow Row() const;
+  // Keeps the names and their order.
+  void Restart();
   // The first value since construction that was not finite; it shows that the learner diverged.
   const std::optional<Metric>& first_nonfinite() const { return first_nonfinite_; }
 

@@ -155,7 +155,10 @@ Status MetricsLog::Write(const MetricRow& row) {
   }
   B4MRL_RETURN_IF_ERROR(json_.Append("{" + json + "}\n"));
   B4MRL_RETURN_IF_ERROR(events_.Write(static_cast<int64_t>(measured.front().value), tagged));
-  return AddColumns(measured) ? RewriteTable() : table_->Append(TableLine(measured));
+  B4MRL_RETURN_IF_ERROR(AddColumns(measured) ? RewriteTable()
+                                             : table_->Append(TableLine(measured)));
+  written_ = Present();
+  return Status();
 }
 
 Status MetricsLog::Sync() {

@@ -41,15 +41,21 @@ class MetricsLog {
   // Opens the logs in `folder`, cut to `offsets`; 0: new files.
   static Result<MetricsLog> Open(const std::string& folder, const Offsets& offsets);
 
-  // Appends a row to all three files. The row's first value is the number of the update.
+  // Appends a row to all three files. The row's first value is the number of the update. After an
+  // error no other row may be written: a part of this one may be in the files, beyond offsets().
   Status Write(const MetricRow& row);
-  Offsets offsets() const { return {json_.bytes(), events_.bytes()}; }
+  // The lengths with the rows that were written whole.
+  Offsets offsets() const { return written_; }
   // Makes the rows in metrics.jsonl and in the event file durable (fsync).
   Status Sync();
 
  private:
   MetricsLog(std::string folder, AppendedFile json, EventFile events)
-      : folder_(std::move(folder)), json_(std::move(json)), events_(std::move(events)) {}
+      : folder_(std::move(folder)),
+        json_(std::move(json)),
+        events_(std::move(events)),
+        written_(Present()) {}
+  Offsets Present() const { return {json_.bytes(), events_.bytes()}; }
   // Gives every name in `row` a column; returns whether that added a column.
   bool AddColumns(const MetricRow& row);
   std::string TableLine(const MetricRow& row) const;
@@ -60,6 +66,7 @@ class MetricsLog {
   std::string folder_;
   AppendedFile json_;
   EventFile events_;
+  Offsets written_;
   std::optional<AppendedFile> table_;  // progress.csv
   std::vector<std::string> columns_;   // metrics of progress.csv's columns, in order: "critic_loss"
 };

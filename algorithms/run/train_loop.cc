@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "algorithms/base/checkpoint.h"
-#include "algorithms/base/metrics.h"
 #include "algorithms/base/within_memory.h"
 #include "algorithms/list.h"
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/policy/agent_policy.h"
 #include "algorithms/run/check_opening.h"
 #include "algorithms/run/check_training.h"
+#include "algorithms/run/next_row.h"
 #include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_log.h"
 #include "client/client.h"
@@ -54,7 +54,7 @@ class TrainRun {
   Status Record();
   Status Evaluate();
   Status Conclude();
-  MetricRow TakeRow();
+  Status WriteRow(std::optional<EvaluationResult> evaluation);
   void RefreshLedger();
   Status Checkpoint();
   Status WriteCheckpoint();
@@ -73,15 +73,12 @@ class TrainRun {
   std::optional<RunLedger> ledger_;
   std::unique_ptr<Learner> learner_;
   std::optional<RunLog> log_;
-  MetricMeans means_;
+  NextRow row_;
   uint64_t update_ = 0;
-  uint64_t checkpoint_update_ = UINT64_MAX;  // update of the newest checkpoint
+  std::optional<uint64_t> checkpoint_update_;  // update of the newest checkpoint
   bool diverged_ = false;
   double seconds_before_ = 0;               // seconds of earlier sessions of the run
   Clock::time_point start_ = Clock::now();  // start of this session, before its preparation
-  // Update and time (Seconds) of the last log row, or of the beginning of the updates.
-  uint64_t row_update_ = 0;
-  double row_seconds_ = 0;
 };
 
 Status TrainRun::TakeFolder() {
@@ -166,11 +163,7 @@ Status TrainRun::Restore(uint64_t update) {
                          CheckpointReader::Open(CheckpointPath(options_.folder, update)));
   update_ = reader.Unsigned("run/update");
   seconds_before_ = reader.Number("run/seconds");
-  // Checkpoints of older program versions lack the row: they were written after their update's row.
-  const bool has_row = reader.Has("run/row_update");
-  row_update_ = has_row ? reader.Unsigned("run/row_update") : update_;
-  row_seconds_ = has_row ? reader.Number("run/row_seconds") : seconds_before_;
-  means_.Load(reader);
+  row_.Load(reader, update_, seconds_before_);
   B4MRL_RETURN_IF_ERROR(reader.status());
   B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
   B4MRL_RETURN_IF_ERROR(reader.status());
@@ -185,7 +178,7 @@ Status TrainRun::Run() {
   if (!resumes_) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
     if (stop_) return Status();  // Prepare may have returned early
-    row_seconds_ = Seconds();
+    row_.Begin(0, Seconds());
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
   const Status status = UpdateToTheEnd();
@@ -209,7 +202,7 @@ Status TrainRun::UpdateToTheEnd() {
 // An error of the learner may be caused by metrics or actions that are not finite: then the reason
 // reported is divergence.
 Status TrainRun::Update() {
-  const Status status = learner_->Update(means_);
+  const Status status = learner_->Update(row_.means());
   B4MRL_RETURN_IF_ERROR(CheckFinite());
   if (status.ok()) {
     ++update_;
@@ -220,7 +213,7 @@ Status TrainRun::Update() {
 }
 
 Status TrainRun::CheckFinite() {
-  const auto& metric = means_.first_nonfinite();
+  const auto& metric = row_.means().first_nonfinite();
   if (!metric) return Status();
   return Diverged(update_ + 1, fmt::format("{} became {}", metric->name, metric->value));
 }
@@ -228,9 +221,12 @@ Status TrainRun::CheckFinite() {
 // Ends a run that diverged, since it would not recover; names its last good checkpoint.
 Status TrainRun::Diverged(uint64_t update, std::string_view what) {
   diverged_ = true;
+  const std::string left =
+      checkpoint_update_
+          ? "the last good state is " + CheckpointPath(options_.folder, *checkpoint_update_)
+          : "there is no good state before";
   return Status(StatusCode::kFailedPrecondition,
-                fmt::format("the run diverged: {} at update {}; the last good state is {}", what,
-                            update, CheckpointPath(options_.folder, checkpoint_update_)));
+                fmt::format("the run diverged: {} at update {}; {}", what, update, left));
 }
 
 Status TrainRun::AfterUpdate() {
@@ -243,9 +239,9 @@ Status TrainRun::AfterUpdate() {
 
 // Writes the present update's row, with an evaluation if due, unless the row has been written.
 Status TrainRun::Record() {
-  if (row_update_ == update_) return Status();
+  if (row_.Follows(update_)) return Status();
   if (update_ % options_.eval_every == 0) return Evaluate();
-  if (update_ % options_.log_every == 0) return log_->Write(TakeRow());
+  if (update_ % options_.log_every == 0) return WriteRow(std::nullopt);
   return Status();
 }
 
@@ -254,30 +250,25 @@ Status TrainRun::Evaluate() {
   if (Status policy = agent.Validate(); !policy.ok()) return Diverged(update_, policy.message());
   B4MRL_ASSIGN_OR_RETURN(EvaluationResult result, log_->Evaluate(agent, ledger_->evaluations()));
   RefreshLedger();
-  // After Evaluate, which may fail.
-  return log_->Write(TakeRow(), std::move(result), ledger_->use());
+  return WriteRow(std::move(result));
 }
 
 // Evaluates the last update if it has no evaluation; update 0 has none. Checkpoints do not store
 // this evaluation. A row alone is none: a longer run, of which this is the end now, wrote it.
 Status TrainRun::Conclude() {
-  const bool is_evaluated = row_update_ == update_ && update_ % options_.eval_every == 0;
+  const bool is_evaluated = row_.Follows(update_) && update_ % options_.eval_every == 0;
   return is_evaluated && update_ > 0 ? Status() : Evaluate();
 }
 
-MetricRow TrainRun::TakeRow() {
+// Writes the present update's row, with its evaluation if there is one.
+Status TrainRun::WriteRow(std::optional<EvaluationResult> evaluation) {
   const double seconds = Seconds();
-  MetricRow row = {
-      {"update", static_cast<double>(update_)},
-      {"environment_steps", static_cast<double>(learner_->environment_steps())},
-      {"seconds", seconds},
-      {"updates_per_second", static_cast<double>(update_ - row_update_) / (seconds - row_seconds_)},
-  };
-  const MetricRow means = means_.Take();
-  row.insert(row.end(), means.begin(), means.end());
-  row_update_ = update_;
-  row_seconds_ = seconds;
-  return row;
+  MetricRow row = row_.At(update_, seconds, learner_->environment_steps());
+  B4MRL_RETURN_IF_ERROR(evaluation
+                            ? log_->Write(std::move(row), *std::move(evaluation), ledger_->use())
+                            : log_->Write(row));
+  row_.Begin(update_, seconds);
+  return Status();
 }
 
 // Sessions that the learner opens later name the ledger that there is now.
@@ -296,11 +287,9 @@ Status TrainRun::WriteCheckpoint() {
                          CheckpointWriter::Create(CheckpointPath(options_.folder, update_)));
   writer.Unsigned("run/update", update_);
   writer.Number("run/seconds", Seconds());
-  writer.Unsigned("run/row_update", row_update_);
-  writer.Number("run/row_seconds", row_seconds_);
+  row_.Save(writer);
   ledger_->Save(writer);
   B4MRL_RETURN_IF_ERROR(log_->Save(writer));
-  means_.Save(writer);
   B4MRL_RETURN_IF_ERROR(learner_->Save(writer));
   if (writer.first_nonfinite()) {
     return Diverged(update_, fmt::format("{} was not finite", *writer.first_nonfinite()));

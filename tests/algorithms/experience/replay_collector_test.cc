@@ -162,7 +162,7 @@ TEST_CASE("A fall is stored as terminated, and returns are those of whole episod
     returns.insert(returns.end(), of_lane.begin(), of_lane.end());
   }
   REQUIRE(returns.size() > 5);
-  const MetricRow row = metrics.Take();
+  const MetricRow row = metrics.Row();
   REQUIRE(row.size() == 1);
   CHECK(row[0].name == "episodic_return");
   // The replay file rounds each of a few dozen rewards to float.
@@ -200,7 +200,7 @@ TEST_CASE("Returns are of episodes that began after the warm-up, in a resumed ru
   }
   REQUIRE(returns.size() > 1);
   // The replay file rounds each of a few dozen rewards to float.
-  CHECK(metrics.Take()[0].value == Approx(Mean(returns)).epsilon(1e-5));
+  CHECK(metrics.Row()[0].value == Approx(Mean(returns)).epsilon(1e-5));
 }
 
 TEST_CASE("Transitions hold the last observations, oldest first, and forget another episode's") {
@@ -266,7 +266,7 @@ TEST_CASE("Exploration adds noise of the given deviation to a deterministic poli
   constexpr int kSteps = 300;
   for (int step = 0; step < kSteps; ++step) RequireOk(lanes.Step(policy, metrics));
   // No episode has ended yet: the name has its column in the log, and no value.
-  const MetricRow row = metrics.Take();
+  const MetricRow row = metrics.Row();
   REQUIRE(row.size() == 1);
   CHECK(row[0].name == "episodic_return");
   CHECK(std::isnan(row[0].value));

@@ -61,7 +61,7 @@ std::vector<std::map<std::string, double>> Updates(const std::function<FakeRow(u
     MetricMeans metrics;
     RequireOk(learner->Update(metrics));
     std::map<std::string, double>& values = all.emplace_back();
-    for (const Metric& metric : metrics.Take()) values[metric.name] = metric.value;
+    for (const Metric& metric : metrics.Row()) values[metric.name] = metric.value;
   }
   return all;
 }

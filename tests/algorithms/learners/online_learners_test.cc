@@ -34,7 +34,7 @@ TEST_CASE("An online learner draws other rows of its experience in every update"
     for (int update = 0; update < 8; ++update) {
       MetricMeans metrics;
       RequireOk(learner->Update(metrics));
-      for (const Metric& metric : metrics.Take()) {
+      for (const Metric& metric : metrics.Row()) {
         if (metric.name == "mean_target") targets.insert(metric.value);
       }
     }

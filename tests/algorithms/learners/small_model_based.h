@@ -76,7 +76,7 @@ inline std::map<std::string, double> Update(Learner& learner, int updates) {
   MetricMeans metrics;
   for (int i = 0; i < updates; ++i) RequireOk(learner.Update(metrics));
   std::map<std::string, double> values;
-  for (const Metric& metric : metrics.Take()) values[metric.name] = metric.value;
+  for (const Metric& metric : metrics.Row()) values[metric.name] = metric.value;
   return values;
 }
 

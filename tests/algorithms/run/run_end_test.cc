@@ -12,6 +12,7 @@
 #include "algorithms/run/train_loop.h"
 #include "tests/algorithms/fake_episodes.h"
 #include "tests/algorithms/logged_rows.h"
+#include "tests/data/file_size_limit.h"
 #include "tests/results.h"
 
 namespace b4mrl {
@@ -186,6 +187,33 @@ TEST_CASE("An evaluation that fails with the daemon is owed by the run that goes
   RequireOk(TryTraining(cut, client).status());
   CHECK(RowsWithoutTimes(straight.folder) == RowsWithoutTimes(cut.folder));
   CHECK(std::filesystem::exists(cut.folder + "/agent.h5"));
+}
+
+TEST_CASE("A row that could not be written is written by the run that goes on") {
+  const TemporaryFolder folder;
+  LosableDaemon daemon([](const pb::Request&) { return false; });
+  Client client = daemon.Connect();
+  TrainOptions straight = SmallRun("td3-bc", folder.File("straight"));
+  straight.updates = 900;
+  straight.checkpoint_every = 900;
+  straight.eval_every = 900;
+  straight.log_every = 1;
+  RequireOk(TryTraining(straight, client).status());
+  TrainOptions cut = straight;
+  cut.folder = folder.File("cut");
+  const auto checkpoint = std::filesystem::file_size(CheckpointPath(straight.folder, 900));
+  const auto rows = std::filesystem::file_size(straight.folder + "/metrics.jsonl");
+  REQUIRE(checkpoint + 10'000 < rows);  // so that a disk with room for one lacks it for the other
+  {
+    const FileSizeLimit full((checkpoint + rows) / 2);
+    CHECK(TryTraining(cut, client).status().code() == StatusCode::kIoError);
+  }
+  const uint64_t kept = Take(ReadRunStatus(cut.folder)).updates;
+  CHECK(kept > 0);
+  CHECK(Take(ListCheckpoints(cut.folder)).front() == kept);
+  cut.resume = true;
+  RequireOk(TryTraining(cut, client).status());
+  CHECK((RowsWithoutTimes(straight.folder) == RowsWithoutTimes(cut.folder)));
 }
 
 TEST_CASE("A run says that it is running, and a continued one no longer that it has finished") {

@@ -159,8 +159,9 @@ TEST_CASE("Means are taken since the last line, and the first bad number is reme
   MetricMeans means;
   means.Add("loss", 1);
   means.Add("loss", 3);
-  CHECK(means.Take()[0].value == 2);
-  CHECK(std::isnan(means.Take()[0].value));
+  CHECK(means.Row()[0].value == 2);
+  means.Restart();
+  CHECK(std::isnan(means.Row()[0].value));
   CHECK_FALSE(means.first_nonfinite());
   means.Add("loss", std::numeric_limits<double>::infinity());
   means.Add("other", std::nan(""));
