@@ -21,7 +21,7 @@ Result<BudgetException> ReadException(const toml::table& table, const std::strin
   B4MRL_ASSIGN_OR_RETURN(exception.simulators, keys.Texts("simulators"));
   B4MRL_ASSIGN_OR_RETURN(exception.datasets, keys.Texts("datasets"));
   B4MRL_ASSIGN_OR_RETURN(exception.updates, keys.Count("updates"));
-  B4MRL_ASSIGN_OR_RETURN(exception.hyperparameters, keys.Numbers("hyperparameters"));
+  B4MRL_ASSIGN_OR_RETURN(exception.hyperparameters, keys.NamedValues("hyperparameters"));
   B4MRL_RETURN_IF_ERROR(keys.Finish());
   return exception;
 }
@@ -31,9 +31,9 @@ Status ReadHyperparameters(TomlKeys& keys, const std::string& where, Budget* out
   B4MRL_ASSIGN_OR_RETURN(const toml::table* table, keys.Table("hyperparameters"));
   if (table == nullptr) return Status();
   TomlKeys algorithms(*table, where + ".hyperparameters");
-  for (const auto& [algorithm, numbers] : *table) {
+  for (const auto& [algorithm, values] : *table) {
     B4MRL_ASSIGN_OR_RETURN(out->hyperparameters[std::string(algorithm.str())],
-                           algorithms.Numbers(algorithm.str()));
+                           algorithms.NamedValues(algorithm.str()));
   }
   return Status();
 }

@@ -12,7 +12,7 @@
 //   seeds = 1               # runs of each cell, seeds 0, 1, ...
 //   [small.updates]         # by algorithm; an algorithm that is left out does not run
 //   sac = 250_000
-//   [small.hyperparameters.mopo]
+//   [small.hyperparameters.mopo]  # numbers, true or false, and names of choices
 //   rollout-lag = 1
 //   [[small.exception]]     # for the runs that fit all of its lists; the last one that fits counts
 //   algorithms = ["sac", "td3"]
@@ -34,7 +34,8 @@
 
 namespace b4mrl {
 
-using HyperparameterValues = std::map<std::string, double>;
+// Hyperparameters by name, as `b4mrl train` takes them: "0.0003", "gaussian", "true".
+using HyperparameterValues = std::map<std::string, std::string>;
 
 struct BudgetException {
   std::vector<std::string> algorithms, simulators, datasets;  // empty: any

@@ -147,7 +147,9 @@ void Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
       run->hyperparameters[name] = value;
     }
   }
-  for (const auto& [name, value] : benchmark.hyperparameters) run->hyperparameters[name] = value;
+  for (const auto& [name, value] : benchmark.hyperparameters) {
+    run->hyperparameters[name] = fmt::format("{}", value);
+  }
 }
 
 Result<Json> Planner::DescribeDataset(const std::string& name) {
@@ -214,7 +216,7 @@ Result<Json> Planner::Describe(bool is_users, PlannedRun* run) {
 Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   Hyperparameters resolved(algorithm.hyperparameters, run->environment);
   for (const auto& [name, value] : run->hyperparameters) {
-    B4MRL_RETURN_IF_ERROR(resolved.Set(name, value));
+    B4MRL_RETURN_IF_ERROR(resolved.SetText(name, value));
   }
   B4MRL_ASSIGN_OR_RETURN(Json identity, Describe(false, run));
   identity["algorithm"] = run->algorithm;

@@ -239,7 +239,7 @@ Result<PlannedRun> Checker::Described() const {
   B4MRL_ASSIGN_OR_RETURN(const Hyperparameters resolved,
                          ReadHyperparameters(*algorithm, run.environment, texts));
   for (const Hyperparameter& entry : resolved.entries()) {
-    run.hyperparameters[std::string(entry.name)] = entry.value;
+    run.hyperparameters[std::string(entry.name)] = entry.Text();
   }
   return run;
 }

@@ -17,6 +17,8 @@
 namespace b4mrl {
 namespace {
 
+using Json = nlohmann::ordered_json;
+
 bool Exists(const std::string& path) {
   std::error_code error;
   return std::filesystem::exists(path, error);
@@ -60,6 +62,16 @@ std::map<std::string, uint64_t> FrozenIndices(const std::string& folder,
   if (!frozen.ok()) unreadable->push_back(frozen.status().message());
   for (size_t i = 0; frozen.ok() && i < frozen->size(); ++i) indices[(*frozen)[i]] = i;
   return indices;
+}
+
+// Numbers as numbers, the rest as texts, as records of runs have them.
+Json AsJson(const HyperparameterValues& values) {
+  Json json = Json::object();
+  for (const auto& [name, text] : values) {
+    const Json parsed = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+    json[name] = parsed.is_number() ? parsed : Json(text);
+  }
+  return json;
 }
 
 }  // namespace
@@ -149,7 +161,6 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
 }
 
 std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status) {
-  using Json = nlohmann::ordered_json;
   Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
@@ -166,7 +177,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"seed", run.seed},
                     {"precision", run.precision},
                     {"recipe", run.recipe},
-                    {"hyperparameters", run.hyperparameters},
+                    {"hyperparameters", AsJson(run.hyperparameters)},
                     {"benchmarks", run.benchmarks},
                     {"planned_updates", run.updates},
                     {"updates", updates},

@@ -16,6 +16,12 @@ std::optional<uint64_t> CountIn(const toml::node& node) {
   return number && *number >= 1 ? std::optional<uint64_t>(*number) : std::nullopt;
 }
 
+std::optional<std::string> ValueIn(const toml::node& node) {
+  if (node.is_boolean()) return fmt::format("{}", *node.value<bool>());
+  if (const auto number = NumberIn(node)) return fmt::format("{}", *number);
+  return node.value_exact<std::string>();
+}
+
 }  // namespace
 
 Result<std::string> TomlKeys::Text(std::string_view key, bool required) {
@@ -87,6 +93,10 @@ Result<std::map<std::string, std::string>> TomlKeys::NamedTexts(std::string_view
     B4MRL_RETURN_IF_ERROR(Check(fmt::format("{}.{}", key, name), text));
   }
   return texts;
+}
+
+Result<std::map<std::string, std::string>> TomlKeys::NamedValues(std::string_view key) {
+  return Entries<std::string>(key, "numbers, texts, true and false", ValueIn);
 }
 
 Result<const toml::table*> TomlKeys::Table(std::string_view key) {

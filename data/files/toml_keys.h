@@ -41,6 +41,8 @@ class TomlKeys {
   Result<std::map<std::string, double>> Numbers(std::string_view key);
   Result<std::map<std::string, uint64_t>> Counts(std::string_view key);
   Result<std::map<std::string, std::string>> NamedTexts(std::string_view key);
+  // Numbers, texts, true and false, as command lines take them: "0.0003", "gaussian", "true".
+  Result<std::map<std::string, std::string>> NamedValues(std::string_view key);
   // The table `key`; nullptr where the key is missing.
   Result<const toml::table*> Table(std::string_view key);
   // The tables [[key]], in the file's order; none where the key is missing.

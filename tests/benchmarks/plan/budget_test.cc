@@ -41,6 +41,20 @@ TEST_CASE("An algorithm has the budget's precision or its own") {
   CHECK(mine.PrecisionOf("h2o") == "fp32");
 }
 
+TEST_CASE("Hyperparameters are numbers, true or false, and names of choices") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("mine.toml"),
+             "[mine]\nupdates = { iql = 5 }\n"
+             "hyperparameters = { iql = { actor = \"gaussian\", learning-rate = 3e-4 } }\n"
+             "exception = [{ hyperparameters = { normalise = true, batch-size = 1_000_000 } }]\n");
+  const Budget mine = Take(ReadBudget(folder.File("mine.toml"), ""));
+  CHECK(mine.hyperparameters.at("iql") ==
+        HyperparameterValues{{"actor", "gaussian"}, {"learning-rate", "0.0003"}});
+  REQUIRE(mine.exceptions.size() == 1);
+  CHECK(mine.exceptions.front().hyperparameters ==
+        HyperparameterValues{{"batch-size", "1000000"}, {"normalise", "true"}});
+}
+
 TEST_CASE("Mistakes in a budget are refused by name") {
   const TemporaryFolder folder;
   const auto refusal = [&](const std::string& text) {
@@ -67,7 +81,7 @@ TEST_CASE("Mistakes in a budget are refused by name") {
   CHECK(says(head + "precisions = { sac = \"fp16\" }", "bf16"));
   CHECK(says(head + "recipes = \"short\"", "'recipes' must be a table of texts"));
   CHECK(says(head + "episodes = 1_000_000", "1..1024"));
-  CHECK(says(head + "hyperparameters = { sac = { lanes = \"x\" } }",
+  CHECK(says(head + "hyperparameters = { sac = { lanes = [1] } }",
              "mine.hyperparameters: 'sac.lanes'"));
   CHECK(says(head + "[[mine.exception]]\nsimulator = [\"gravity\"]", "simulators"));
 }

@@ -143,7 +143,12 @@ TEST_CASE("Ids hang on what decides a run's numbers and on nothing else") {
   other.rows = 10'000;  // of every dataset
   CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
   other = budget;
-  other.hyperparameters["hymopo"]["rollout-lag"] = 1;
+  other.hyperparameters["hymopo"]["rollout-lag"] = "1";
+  CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
+  other.hyperparameters["hymopo"]["rollout-lag"] = "0";  // the default
+  other.hyperparameters["hymopo"]["holdout"] = "tail";
+  CHECK(run_of(benchmark, other, 0).id == run.id);
+  other.hyperparameters["hymopo"]["holdout"] = "permutation";
   CHECK(run_of(benchmark, other, 0).cell_id != run.cell_id);
 
   Benchmark same = benchmark;
@@ -170,13 +175,13 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
   const auto limit = [&](const std::string& pattern) {
     return run_of(pattern, "mopo").hyperparameters.at("ensemble-max-updates");
   };
-  CHECK(limit("HalfCheetah/modelling-error/gravity+medium") == 20'000);
-  CHECK(limit("HalfCheetah/modelling-error/gravity+medium-expert") == 40'000);
+  CHECK(limit("HalfCheetah/modelling-error/gravity+medium") == "20000");
+  CHECK(limit("HalfCheetah/modelling-error/gravity+medium-expert") == "40000");
   auto d4rl = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium-expert");
   d4rl.front().dataset = OfD4rl(d4rl.front().dataset);
   CHECK(
       Take(Plan(d4rl, small, {{"mopo"}, {0}})).front().hyperparameters.at("ensemble-max-updates") ==
-      40'000);
+      "40000");
   for (const PlannedRun& run :
        Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{}, {0}}))) {
     CHECK(run.algorithm != "h2o");
@@ -235,8 +240,12 @@ TEST_CASE("Unknown algorithms and hyperparameters are refused by name") {
   budget.updates["sca"] = 1;
   CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
   budget = PaperBudget();
-  budget.hyperparameters["iql"]["expectil"] = 1;
+  budget.hyperparameters["iql"]["expectil"] = "1";
   CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
+  budget = PaperBudget();
+  budget.hyperparameters["iql"]["actor"] = "1";
+  CHECK_THAT(Plan(benchmarks, budget, {{}, {0}}).status().message(),
+             Catch::Contains("deterministic") && Catch::Contains("gaussian"));
   budget = PaperBudget();
   budget.recipes["td3bc"] = "short";
   CHECK(Plan(benchmarks, budget, {{}, {0}}).status().code() == StatusCode::kUnknownName);
