@@ -40,14 +40,14 @@ inline void CopyRow(std::byte* to, const std::byte* from, size_t bytes) {
 
 }  // namespace
 
-void GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
-                const std::function<void()>& alive) {
+size_t GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
+                  const std::function<bool()>& goes_on) {
   const size_t count = rows.size();
   for (size_t i = 0; i < std::min(count, kRowsAhead); ++i) {
     for (const GatherColumn& column : columns) PrefetchRow(column, rows[i]);
   }
   for (size_t i = 0; i < count; ++i) {
-    if (i % kRowsBetweenCalls == kRowsBetweenCalls - 1) alive();
+    if (i > 0 && i % kRowsBetweenCalls == 0 && !goes_on()) return i;
     if (i + kRowsAhead < count) {
       for (const GatherColumn& column : columns) PrefetchRow(column, rows[i + kRowsAhead]);
     }
@@ -56,6 +56,7 @@ void GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t>
               column.row_bytes);
     }
   }
+  return count;
 }
 
 }  // namespace b4mrl

@@ -18,9 +18,10 @@ struct GatherColumn {
 };
 
 // Copies source row rows[i] to destination row i; the caller has checked that every row exists.
-// Calls `alive` (a sign of life for the caller's supervisor) every 32 rows.
-void GatherRows(
+// Calls `goes_on` every 32 rows and ends when it returns false. Returns how many rows it has
+// copied.
+size_t GatherRows(
     std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
-    const std::function<void()>& alive = [] {});
+    const std::function<bool()>& goes_on = [] { return true; });
 
 }  // namespace b4mrl

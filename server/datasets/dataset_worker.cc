@@ -4,9 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <deque>
 #include <functional>
-#include <map>
 #include <memory>
 #include <set>
 #include <utility>
@@ -15,12 +13,15 @@
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
-#include "server/datasets/dataset_batches.h"
+#include "server/batches/batch_reply.h"
+#include "server/batches/batch_turns.h"
 #include "server/datasets/dataset_replies.h"
 #include "server/datasets/dataset_store.h"
+#include "server/datasets/parked_requests.h"
 #include "server/datasets/served_datasets.h"
 #include "server/process/background_thread.h"
 #include "server/process/preparation_queue.h"
+#include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
 #include "server/shared_memory/ledger_table.h"
@@ -30,6 +31,8 @@ namespace {
 
 // The longest time for messages before background work and deadlines have their turn.
 constexpr int64_t kTurnMs = 50;
+// The longest time for messages before those whose replies are under way have their turn.
+constexpr int64_t kMessagesMs = 1;
 // How many imports run at once, each in a process, and derivations, each in a thread.
 using Preparations = PreparationQueue<OpenedDataset>;
 constexpr Preparations::Limits kImports = {.short_places = 3, .long_places = 2};
@@ -43,18 +46,9 @@ constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 using Loads = PreparationQueue<DatasetPointer>;
 
-// A request, from its arrival to its reply.
-struct PendingRequest {
-  Asker from;
-  pb::Request request;
-  Clock::time_point received;
-  Deadline deadline = Deadline::AfterMs(0);
-  bool file_was_imported = false;  // of an OpenDataset: its one import has been asked for
-};
-
-// For a request whose deadline passed while its dataset was imported, derived or mapped.
+// For a request whose deadline passed while its dataset was imported, derived, mapped or read.
 Status TooLate() {
-  return Status(StatusCode::kDeadlineExceeded, "the dataset was not prepared in time; ask again");
+  return Status(StatusCode::kDeadlineExceeded, "the dataset was not ready in time; ask again");
 }
 
 class DatasetWorker {
@@ -86,13 +80,9 @@ class DatasetWorker {
   // Keeps a request until its completion or its deadline and returns its id; 0 for a copy of a
   // request that waits, and when too many wait already, which is the reply then.
   uint64_t Park(PendingRequest pending);
-  std::function<bool()> Waits(uint64_t id) const {
-    return [this, id] { return parked_.contains(id); };
+  std::function<bool()> Waits(uint64_t id) {
+    return [this, id] { return parked_.Find(id) != nullptr; };
   }
-  // The parked request that its sender sent before with the same id and contents, or null.
-  PendingRequest* FindOriginal(const PendingRequest& copy);
-  // Takes out the parked request `id`; nothing if it was answered at its deadline.
-  std::optional<PendingRequest> Unpark(uint64_t id);
   void FinishOpen(uint64_t id, const Result<OpenedDataset>& opened);
   void FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list);
   void FinishLoad(uint64_t id, const std::string& fingerprint,
@@ -101,10 +91,15 @@ class DatasetWorker {
   // names; has the dataset mapped first where it is not.
   template <auto kPayload>
   void Serve(PendingRequest pending);
-  // Handles messages, and requests whose dataset has been mapped, for at most kTurnMs.
+  void WaitForTurn(PendingRequest pending, size_t payload_bytes);
+  void Answer(BatchJob job);
+  // Handles messages and requests for rows for at most kTurnMs.
   void TakeTurn();
+  // Returns whether there were messages.
+  bool HandleMessages();
+  void DispatchWaiting();
   void ExpireParked();
-  void AnswerAllParked(const Status& status);
+  void AnswerAll(const Status& status);
 
   ChildContext& context_;
   RouterSocket socket_;
@@ -112,10 +107,9 @@ class DatasetWorker {
   LedgerTable ledgers_;
   DatasetStore store_;  // used by background threads only
   ServedDatasets served_;
-  std::map<uint64_t, PendingRequest> parked_;
-  uint64_t next_id_ = 1;
+  ParkedRequests parked_;
   std::multiset<RoutingId> listers_;  // who asked for the lists that listing_ is to make
-  std::deque<PendingRequest> ready_;  // requests whose dataset has been mapped meanwhile
+  BatchTurns rows_{[this] { context_.Beat(); }};
   // Last: their tasks use the members above.
   BackgroundThread listing_;
   Preparations openings_{{kShortReads, kLongReads, kReadsOfClient}, kShortMs};
@@ -138,7 +132,7 @@ void DatasetWorker::Run() {
     imports_.AddDescriptors(&wakes);
     derivations_.AddDescriptors(&wakes);
     void* const socket = socket_.handle();
-    WaitAnyReadable({&socket, 1}, ready_.empty() ? kBeatIntervalMs : 0, wakes);
+    WaitAnyReadable({&socket, 1}, rows_.empty() ? kBeatIntervalMs : 0, wakes);
     TakeTurn();
     listing_.RunCompletions();
     openings_.Run();
@@ -149,24 +143,35 @@ void DatasetWorker::Run() {
     served_.ReleaseIdle();
   }
   store_.Stop();
-  AnswerAllParked(Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  AnswerAll(Status(StatusCode::kUnavailable, "the daemon is stopping"));
   socket_.LingerOnClose(kFlushMs);
 }
 
 void DatasetWorker::TakeTurn() {
   for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
-    std::optional<IncomingMessage> incoming = socket_.TryReceive();
-    if (!incoming && ready_.empty()) return;
-    if (incoming) Handle(std::move(*incoming));
-    if (ready_.empty()) continue;
-    PendingRequest pending = std::move(ready_.front());
-    ready_.pop_front();
-    if (pending.deadline.expired()) {
-      replies_.Reply(pending.from, TooLate());
-    } else {
-      Dispatch(std::move(pending));
-    }
+    const bool had_messages = HandleMessages();
+    if (!had_messages && rows_.empty()) return;
+    DispatchWaiting();
+    if (std::optional<BatchJob> job = rows_.Next()) Answer(std::move(*job));
   }
+}
+
+bool DatasetWorker::HandleMessages() {
+  bool had_work = false;
+  for (const Deadline slice = Deadline::AfterMs(kMessagesMs); !slice.expired();) {
+    std::optional<IncomingMessage> incoming = socket_.TryReceive();
+    if (!incoming) break;
+    Handle(std::move(*incoming));
+    had_work = true;
+  }
+  return had_work;
+}
+
+void DatasetWorker::DispatchWaiting() {
+  std::optional<PendingRequest> pending = rows_.TakeWaiting();
+  if (!pending) return;
+  if (pending->deadline.expired()) return replies_.Reply(pending->from, TooLate());
+  Dispatch(std::move(*pending));
 }
 
 void DatasetWorker::Handle(IncomingMessage incoming) {
@@ -199,53 +204,25 @@ void DatasetWorker::Dispatch(PendingRequest pending) {
   (this->*handler->handle)(std::move(pending));
 }
 
-// The bytes that do not differ between two copies of a request.
-std::string WithoutDeadline(pb::Request request) {
-  request.clear_deadline_ms();
-  return request.SerializeAsString();
-}
-
-PendingRequest* DatasetWorker::FindOriginal(const PendingRequest& copy) {
-  for (auto& [id, parked] : parked_) {
-    if (parked.from.request_id == copy.from.request_id && parked.from.peer == copy.from.peer &&
-        WithoutDeadline(parked.request) == WithoutDeadline(copy.request)) {
-      return &parked;
-    }
-  }
-  return nullptr;
-}
-
 uint64_t DatasetWorker::Park(PendingRequest pending) {
-  if (PendingRequest* original = FindOriginal(pending)) {
-    original->deadline = pending.deadline;  // the time that its sender gives it by now
-    return 0;
-  }
+  if (parked_.AbsorbsCopy(&pending)) return 0;
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
-  size_t backlog = listing_.backlog() + loads_.Backlog() + ready_.size();
+  size_t backlog = listing_.backlog() + loads_.Backlog();
   size_t backlog_of_peer = loads_.BacklogOf(peer) + listers_.count(peer);
   for (const Preparations* queue : {&openings_, &imports_, &derivations_}) {
     backlog += queue->Backlog();
     backlog_of_peer += queue->BacklogOf(peer);
   }
-  const size_t parked_of_peer = std::ranges::count_if(
-      parked_, [&](const auto& entry) { return entry.second.from.peer == peer; });
-  const Status room =
-      CheckWaiting("requests for datasets",
-                   {std::max(parked_.size(), backlog), std::max(parked_of_peer, backlog_of_peer)},
-                   {limits::kMaxPendingDatasetRequests, kMaxPendingOfPeer});
+  const Status room = CheckWaiting(
+      "requests for datasets",
+      {std::max(parked_.size(), backlog), std::max(parked_.SizeOf(peer), backlog_of_peer)},
+      {limits::kMaxPendingDatasetRequests, kMaxPendingOfPeer});
   if (!room.ok()) {
     replies_.Reply(pending.from, room);
     return 0;
   }
-  parked_.emplace(next_id_, std::move(pending));
-  return next_id_++;
-}
-
-std::optional<PendingRequest> DatasetWorker::Unpark(uint64_t id) {
-  auto node = parked_.extract(id);
-  if (node.empty()) return std::nullopt;
-  return std::move(node.mapped());
+  return parked_.Add(std::move(pending));
 }
 
 void DatasetWorker::HandleOpen(PendingRequest pending) {
@@ -257,29 +234,29 @@ void DatasetWorker::HandleOpen(PendingRequest pending) {
 }
 
 void DatasetWorker::SubmitOpen(uint64_t id, const DatasetRequest& wanted) {
-  const auto parked = parked_.find(id);
-  if (parked == parked_.end()) return;  // it was answered at its deadline
+  ParkedRequest* const parked = parked_.Find(id);
+  if (parked == nullptr) return;  // it was answered at its deadline
   const auto done = [this, id, wanted](const Result<OpenedDataset>& opened) {
     if (opened.ok()) served_.Add(*opened);
     const bool missing = opened.ok() && opened->dataset == nullptr;
     return missing ? Prepare(id, wanted, *opened) : FinishOpen(id, opened);
   };
   openings_.Submit(
-      parked->second.request.open_dataset().SerializeAsString(), 0,
+      parked->request.open_dataset().SerializeAsString(), 0,
       [this, wanted](const std::atomic<bool>& cancelled) { return store_.Open(wanted, cancelled); },
-      {parked->second.from.peer, Waits(id), done});
+      {parked->from.peer, Waits(id), done});
 }
 
 void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found) {
-  const auto parked = parked_.find(id);
-  if (parked == parked_.end()) return;  // it was answered at its deadline
+  ParkedRequest* const parked = parked_.Find(id);
+  if (parked == nullptr) return;  // it was answered at its deadline
   const auto done = [this, id, wanted](const Result<OpenedDataset>& made) {
     if (!made.ok()) return FinishOpen(id, made);
     served_.Add(*made);
     SubmitOpen(id, wanted);
   };
   const bool is_import = found.missing == OpenedDataset::Missing::kImport;
-  if (is_import && std::exchange(parked->second.file_was_imported, true)) {
+  if (is_import && std::exchange(parked->file_was_imported, true)) {
     return FinishOpen(
         id, Status(StatusCode::kUnavailable,
                    fmt::format("{} changed after it was imported; try again", wanted.name)));
@@ -290,11 +267,11 @@ void DatasetWorker::Prepare(uint64_t id, const DatasetRequest& wanted, const Ope
                  return is_import ? store_.Import(wanted.name, cancelled)
                                   : store_.Derive(wanted, cancelled);
                },
-               {parked->second.from.peer, Waits(id), done});
+               {parked->from.peer, Waits(id), done});
 }
 
 void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened) {
-  const std::optional<PendingRequest> pending = Unpark(id);
+  const std::optional<ParkedRequest> pending = parked_.Take(id);
   if (!pending) return;
   if (!opened.ok()) return replies_.Reply(pending->from, opened.status());
   pb::Reply reply;
@@ -314,7 +291,7 @@ void DatasetWorker::SubmitList(PendingRequest pending) {
 }
 
 void DatasetWorker::FinishList(uint64_t id, const Result<std::vector<DatasetFileInfo>>& list) {
-  const std::optional<PendingRequest> pending = Unpark(id);
+  const std::optional<ParkedRequest> pending = parked_.Take(id);
   if (!pending) return;
   if (!list.ok()) return replies_.Reply(pending->from, list.status());
   pb::Reply reply;
@@ -332,16 +309,16 @@ void DatasetWorker::SubmitLoad(const std::string& fingerprint, PendingRequest pe
                 [this, fingerprint](const std::atomic<bool>& cancelled) {
                   return store_.Load(fingerprint, cancelled);
                 },
-                {parked_.at(id).from.peer, Waits(id), done});
+                {parked_.Find(id)->from.peer, Waits(id), done});
 }
 
 void DatasetWorker::FinishLoad(uint64_t id, const std::string& fingerprint,
                                const Result<DatasetPointer>& dataset) {
   if (dataset.ok()) served_.Add(fingerprint, *dataset);
-  std::optional<PendingRequest> pending = Unpark(id);
+  std::optional<ParkedRequest> pending = parked_.Take(id);
   if (!pending) return;
   if (!dataset.ok()) return replies_.Reply(pending->from, dataset.status());
-  ready_.push_back(std::move(*pending));
+  WaitForTurn(std::move(*pending), 0);
 }
 
 template <auto kPayload>
@@ -352,38 +329,44 @@ void DatasetWorker::Serve(PendingRequest pending) {
     const std::string fingerprint = wanted.fingerprint();
     return SubmitLoad(fingerprint, std::move(pending));
   }
-  // Gathering one reply may take tens of milliseconds, and many may be due at once.
-  const auto beat = [this] { context_.Beat(); };
-  beat();
   const Clock::time_point start = Clock::now();
-  pb::Reply reply;
-  Result<Frame> payload = AnswerFrom(*dataset, wanted, beat, &reply);
-  if (!payload.ok()) return replies_.Reply(pending.from, payload.status());
-  if constexpr (requires { wanted.ledger(); }) {
-    ledgers_.Add(wanted.ledger(), {.dataset_rows = reply.arrays(0).shape(0)});
+  Result<BatchReply> reply = BatchReply::To(wanted, dataset);
+  if (!reply.ok()) return replies_.Reply(pending.from, reply.status());
+  if (!rows_.MayBegin(pending.from.peer, reply->payload_bytes())) {
+    return WaitForTurn(std::move(pending), reply->payload_bytes());
+  }
+  auto job = rows_.Begin({std::move(pending), start, std::move(*reply)});
+  if (job) Answer(std::move(*job));
+}
+
+void DatasetWorker::WaitForTurn(PendingRequest pending, size_t payload_bytes) {
+  const Asker from = pending.from;
+  const Status room = rows_.Wait(std::move(pending), payload_bytes);
+  if (!room.ok()) replies_.Reply(from, room);
+}
+
+void DatasetWorker::Answer(BatchJob job) {
+  if (!job.complete) return replies_.Reply(job.pending.from, TooLate());
+  pb::Reply& reply = job.reply.envelope;
+  const pb::Request& request = job.pending.request;
+  if (const uint64_t ledger =
+          request.has_sample() ? request.sample().ledger() : request.read().ledger()) {
+    ledgers_.Add(ledger, {.dataset_rows = reply.arrays(0).shape(0)});
   }
   pb::Timing* timing = reply.mutable_timing();
-  timing->set_queued_us(static_cast<uint32_t>(MicrosecondsBetween(pending.received, start)));
-  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(start, Clock::now())));
-  replies_.Reply(pending.from, std::move(reply), std::move(*payload));
+  timing->set_queued_us(
+      static_cast<uint32_t>(MicrosecondsBetween(job.pending.received, job.started)));
+  timing->set_serialising_us(static_cast<uint32_t>(MicrosecondsBetween(job.started, Clock::now())));
+  replies_.Reply(job.pending.from, std::move(reply), std::move(job.reply.payload));
 }
 
 void DatasetWorker::ExpireParked() {
-  for (auto it = parked_.begin(); it != parked_.end();) {
-    if (!it->second.deadline.expired()) {
-      ++it;
-      continue;
-    }
-    replies_.Reply(it->second.from, TooLate());
-    it = parked_.erase(it);
-  }
+  for (const ParkedRequest& late : parked_.TakeExpired()) replies_.Reply(late.from, TooLate());
 }
 
-void DatasetWorker::AnswerAllParked(const Status& status) {
-  for (const auto& [id, pending] : parked_) replies_.Reply(pending.from, status);
-  for (const PendingRequest& pending : ready_) replies_.Reply(pending.from, status);
-  parked_.clear();
-  ready_.clear();
+void DatasetWorker::AnswerAll(const Status& status) {
+  for (const ParkedRequest& pending : parked_.TakeAll()) replies_.Reply(pending.from, status);
+  for (const PendingRequest& pending : rows_.TakeAll()) replies_.Reply(pending.from, status);
 }
 
 }  // namespace

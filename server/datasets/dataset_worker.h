@@ -6,8 +6,9 @@
 // and Sample, Read and DatasetStats name the fingerprint, so a worker that was killed and started
 // again serves them with no other state.
 //
-// One thread receives messages, gathers rows straight into the reply's frame and sends. Threads of
-// their own list files, open finished caches and map them again for a replaced worker, so that one
+// One thread receives messages, gathers rows straight into the reply's frame and sends; a reply
+// that takes long is filled in turns with others (server/batches/batch_turns.h). Threads of their
+// own list files, open finished caches and map them again for a replaced worker, so that one
 // client's Open does not hold up another client's batches. Imports and
 // derivations run side by side in two queues (server/process/preparation_queue.h), so that neither
 // waits for the other, nor a small one for a large one. A request for a dataset that is being

@@ -1,7 +1,9 @@
 #include "data/columns/sampler.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstring>
+#include <numeric>
 #include <vector>
 
 #include "data/columns/gather.h"
@@ -64,14 +66,21 @@ TEST_CASE("gathering copies exactly the named rows of every width") {
   }
 }
 
-TEST_CASE("gathering shows signs of life") {
-  const std::vector<std::byte> source(4);
-  std::vector<std::byte> out(400);
-  const GatherColumn column = {source.data(), 4, out.data()};
-  const std::vector<uint64_t> rows(100, 0);
-  int signs = 0;
-  GatherRows(std::span(&column, 1), rows, [&] { ++signs; });
-  CHECK(signs == 3);
+TEST_CASE("gathering ends where it is told to, and can go on there") {
+  std::vector<std::byte> source(100), out(100);
+  for (size_t i = 0; i < source.size(); ++i) source[i] = static_cast<std::byte>(i);
+  std::vector<uint64_t> rows(100);
+  std::iota(rows.rbegin(), rows.rend(), 0);
+  const std::vector<std::byte> reversed(source.rbegin(), source.rend());
+  GatherColumn column = {source.data(), 1, out.data()};
+  int calls = 0;
+  CHECK(GatherRows(std::span(&column, 1), rows, [&] { return ++calls < 2; }) == 64);
+  CHECK(calls == 2);
+  CHECK(std::equal(out.begin(), out.begin() + 64, reversed.begin()));
+  CHECK(std::count(out.begin() + 64, out.end(), std::byte{0}) == 36);
+  column.destination += 64;
+  CHECK(GatherRows(std::span(&column, 1), std::span(rows).subspan(64)) == 36);
+  CHECK(out == reversed);
 }
 
 }  // namespace
