@@ -1,8 +1,10 @@
-# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds]): a Catch2
-# binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases tagged
-# "[long]" are proofs of minutes, a test of their own with that time limit.
+# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE]): a
+# Catch2 binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases
+# tagged "[long]" are proofs of minutes, a test of their own with that time limit. ALONGSIDE: may run
+# beside another test, since it neither measures time nor needs every core; tests that are no Catch2
+# binaries may, unless they say RUN_SERIAL.
 function(b4mrl_test name)
-  cmake_parse_arguments(ARG "" "TIMEOUT;LONG" "SOURCES;LIBS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "ALONGSIDE" "TIMEOUT;LONG" "SOURCES;LIBS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -12,9 +14,13 @@ function(b4mrl_test name)
     B4MRL_SOURCE_DIR="${CMAKE_SOURCE_DIR}" B4MRL_BINARY_DIR="${CMAKE_BINARY_DIR}")
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+  if(NOT ARG_ALONGSIDE)
+    set_tests_properties(${name} PROPERTIES RUN_SERIAL TRUE)
+  endif()
   if(ARG_LONG)
     string(REGEX REPLACE "_test$" "_long" long ${name})
     add_test(NAME ${long} COMMAND ${name} "[long]")
-    set_tests_properties(${long} PROPERTIES TIMEOUT ${ARG_LONG} LABELS "long;release-only")
+    set_tests_properties(${long} PROPERTIES
+      TIMEOUT ${ARG_LONG} LABELS "long;release-only" RUN_SERIAL TRUE)
   endif()
 endfunction()
