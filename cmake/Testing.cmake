@@ -1,7 +1,7 @@
 # b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE]): a
 # Catch2 binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases
 # tagged "[long]" are proofs of minutes, a test of their own with that time limit. ALONGSIDE: may run
-# beside another test, since it neither measures time nor needs every core; tests that are no Catch2
+# beside another test, since the times that it waits for others are generous; tests that are no Catch2
 # binaries may, unless they say RUN_SERIAL.
 function(b4mrl_test name)
   cmake_parse_arguments(ARG "ALONGSIDE" "TIMEOUT;LONG" "SOURCES;LIBS;LABELS" ${ARGN})

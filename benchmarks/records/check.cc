@@ -49,6 +49,7 @@ class Checker {
   // Whether the perturbations of an entry are these, presets or not: "hidden-high" is "hidden=9".
   bool IsSame(std::string_view key, const std::string& perturbations) const;
   // Whether the run of the result is one of the benchmark.
+  bool HasValue(const Algorithm& algorithm, const std::string& name, double wanted) const;
   bool Fills(const Benchmark& benchmark) const;
   void CheckDataset();
   void CheckIds(const std::string& file_name);
@@ -179,14 +180,21 @@ bool Checker::IsSame(std::string_view key, const std::string& perturbations) con
   return own.ok() && other.ok() && *own == *other;
 }
 
+// Records have the choices of hyperparameters by name, suites their numbers.
+bool Checker::HasValue(const Algorithm& algorithm, const std::string& name, double wanted) const {
+  Hyperparameters values(algorithm.hyperparameters);
+  const Json& own = EntryOf(EntryOf(result_, "hyperparameters"), name);
+  const std::string text = own.is_string() ? own.get<std::string>() : own.dump();
+  return values.SetText(name, text).ok() && values.Number(name) == wanted;
+}
+
 bool Checker::Fills(const Benchmark& benchmark) const {
   const Algorithm* known = FindKnownAlgorithm();
   // Nobody knows what a learner of the user's own uses.
   const bool has_simulator = known == nullptr || known->needs.simulator;
   const bool has_dataset = known == nullptr || known->needs.dataset;
-  const bool has_values = std::ranges::all_of(benchmark.hyperparameters, [&](const auto& value) {
-    return known == nullptr ||
-           NumberOf(EntryOf(result_, "hyperparameters"), value.first) == value.second;
+  const bool has_values = std::ranges::all_of(benchmark.hyperparameters, [&](const auto& wanted) {
+    return known == nullptr || HasValue(*known, wanted.first, wanted.second);
   });
   const std::string expected = has_dataset ? benchmark.dataset : "";
   const std::string dataset = DatasetName(result_, sources_);

@@ -69,7 +69,7 @@ Json AsJson(const HyperparameterValues& values) {
   Json json = Json::object();
   for (const auto& [name, text] : values) {
     const Json parsed = Json::parse(text, nullptr, /*allow_exceptions=*/false);
-    json[name] = parsed.is_number() ? parsed : Json(text);
+    json[name] = parsed.is_number() ? Json(parsed.get<double>()) : Json(text);
   }
   return json;
 }

@@ -10,7 +10,6 @@ constexpr size_t kCacheLine = 64;
 // Rows that are prefetched ahead: enough to hide the latency of memory, and few enough for the
 // processor's miss buffers.
 constexpr size_t kRowsAhead = 12;
-constexpr size_t kRowsBetweenCalls = 32;
 
 void PrefetchRow(const GatherColumn& column, uint64_t row) {
   const std::byte* begin = column.source + row * column.row_bytes;
@@ -41,13 +40,18 @@ inline void CopyRow(std::byte* to, const std::byte* from, size_t bytes) {
 }  // namespace
 
 size_t GatherRows(std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
-                  const std::function<bool()>& goes_on) {
+                  const std::function<size_t()>& pace) {
   const size_t count = rows.size();
   for (size_t i = 0; i < std::min(count, kRowsAhead); ++i) {
     for (const GatherColumn& column : columns) PrefetchRow(column, rows[i]);
   }
+  size_t stop = 1;
   for (size_t i = 0; i < count; ++i) {
-    if (i > 0 && i % kRowsBetweenCalls == 0 && !goes_on()) return i;
+    if (i == stop) {
+      const size_t more = pace();
+      if (more == 0) return i;
+      stop = i + std::min(more, count - i);
+    }
     if (i + kRowsAhead < count) {
       for (const GatherColumn& column : columns) PrefetchRow(column, rows[i + kRowsAhead]);
     }

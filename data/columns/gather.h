@@ -18,10 +18,10 @@ struct GatherColumn {
 };
 
 // Copies source row rows[i] to destination row i; the caller has checked that every row exists.
-// Calls `goes_on` every 32 rows and ends when it returns false. Returns how many rows it has
-// copied.
+// Calls `pace` after the first row, and then after as many rows as it returned; ends when that is
+// 0. Returns how many rows it has copied.
 size_t GatherRows(
     std::span<const GatherColumn> columns, std::span<const uint64_t> rows,
-    const std::function<bool()>& goes_on = [] { return true; });
+    const std::function<size_t()>& pace = [] { return SIZE_MAX; });
 
 }  // namespace b4mrl

@@ -18,7 +18,7 @@
 //                    that need none
 //   except           those that it is not defined for
 //   world            perturbations under which its data were recorded and policies are scored
-//   hyperparameters  a table of those that differ from their defaults, as numbers (true is 1)
+//   hyperparameters  a table of those that differ from their defaults, as numbers; true is 1
 //
 // A benchmark is named ENVIRONMENT/CHALLENGE/VARIED+DATASET. VARIED is the corruption if there is
 // one, else the simulator; of a challenge with a label, the label and the corruption. Two

@@ -16,8 +16,8 @@
 namespace b4mrl {
 namespace {
 
-constexpr size_t kPieceBytes = 256 * 1024;  // of a Read, copied at once
-constexpr size_t kRowsDrawn = 8192;         // of a Sample, at once, if its batches are shorter
+constexpr size_t kPageBytes = 4096;  // of a file; the unit in which a Read is copied
+constexpr size_t kRowsDrawn = 8192;  // of a Sample, at once, if its batches are shorter
 // A Sample has all columns but the last one, the timeouts.
 constexpr size_t kAllColumns = std::tuple_size_v<decltype(kTransitionColumns)>;
 constexpr size_t kSampledColumns = kAllColumns - 1;
@@ -108,28 +108,29 @@ Status BatchReply::SetPayload(const ArrayLayout& layout) {
                             payload_bytes_, limits::kMaxPayloadBytes));
 }
 
-bool BatchReply::Fill(const std::function<bool()>& goes_on) {
+bool BatchReply::Fill(const std::function<size_t()>& pace) {
   if (payload.size() < payload_bytes_) {
     payload = ArrayLayout(envelope.mutable_arrays(), payload_bytes_).Allocate();
   }
-  return draw_ ? CopyRows(goes_on) : CopyColumns(goes_on);
+  return draw_ ? CopyRows(pace) : CopyColumns(pace);
 }
 
-bool BatchReply::CopyColumns(const std::function<bool()>& goes_on) {
-  for (; column_ < columns_.size(); ++column_, bytes_copied_ = 0) {
+bool BatchReply::CopyColumns(const std::function<size_t()>& pace) {
+  for (size_t pages = 1; column_ < columns_.size(); ++column_, bytes_copied_ = 0) {
     const Column& column = columns_[column_];
     for (const size_t bytes = rows_ * column.row_bytes; bytes_copied_ < bytes;) {
-      const size_t piece = std::min(kPieceBytes, bytes - bytes_copied_);
+      const size_t piece = std::min(pages * kPageBytes, bytes - bytes_copied_);
       std::memcpy(payload.data() + column.offset + bytes_copied_, column.source + bytes_copied_,
                   piece);
       bytes_copied_ += piece;
-      if (!goes_on()) return false;
+      pages = pace();
+      if (pages == 0) return false;
     }
   }
   return true;
 }
 
-bool BatchReply::CopyRows(const std::function<bool()>& goes_on) {
+bool BatchReply::CopyRows(const std::function<size_t()>& pace) {
   while (rows_copied_ < rows_) {
     if (draw_->copied == draw_->drawn.size()) DrawBatches();
     std::vector<GatherColumn> columns;
@@ -137,8 +138,7 @@ bool BatchReply::CopyRows(const std::function<bool()>& goes_on) {
       columns.push_back({column.source, column.row_bytes,
                          payload.data() + column.offset + rows_copied_ * column.row_bytes});
     }
-    const size_t copied =
-        GatherRows(columns, std::span(draw_->drawn).subspan(draw_->copied), goes_on);
+    const size_t copied = GatherRows(columns, std::span(draw_->drawn).subspan(draw_->copied), pace);
     draw_->copied += copied;
     rows_copied_ += copied;
     if (draw_->copied < draw_->drawn.size()) return false;

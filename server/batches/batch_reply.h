@@ -1,7 +1,7 @@
 // The replies to Sample, Read and DatasetStats. Rows are gathered straight into the frame that is
-// sent, piece by piece: rows that have to come from the disk can take long, and others are to be
-// answered between two pieces. Errors: kInvalidArgument with the argument's name. Thread rule: one
-// thread.
+// sent, row by row or page by page: those that have to come from the disk can take long, and others
+// are to be answered in between. Errors: kInvalidArgument with the argument's name. Thread rule:
+// one thread.
 #pragma once
 
 #include <cstddef>
@@ -29,9 +29,10 @@ class BatchReply {
   static Result<BatchReply> To(const pb::DatasetStatsRequest& request,
                                std::shared_ptr<const Dataset> dataset);
 
-  // Copies rows, some in any case, until all are copied or `goes_on`, which is called every few
-  // dozen rows, returns false. Returns whether all are copied.
-  bool Fill(const std::function<bool()>& goes_on);
+  // Copies rows, some in any case, until all are copied or `pace` returns 0. It is called after the
+  // first row, and then after as many rows as it returned (at most 1000); of a Read, after as many
+  // pages of 4096 bytes. Returns whether all are copied.
+  bool Fill(const std::function<size_t()>& pace);
 
   size_t payload_bytes() const { return payload_bytes_; }
   pb::Reply envelope;
@@ -61,8 +62,8 @@ class BatchReply {
   // Adds arrays of rows_ rows for the first `count` columns.
   void AddArrays(size_t count, ArrayLayout* layout);
   Status SetPayload(const ArrayLayout& layout);
-  bool CopyColumns(const std::function<bool()>& goes_on);
-  bool CopyRows(const std::function<bool()>& goes_on);
+  bool CopyColumns(const std::function<size_t()>& pace);
+  bool CopyRows(const std::function<size_t()>& pace);
   void DrawBatches();
 
   std::shared_ptr<const Dataset> dataset_;

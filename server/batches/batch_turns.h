@@ -1,19 +1,22 @@
-// Requests for rows of mapped datasets: those whose replies are under way, and those that wait.
+// Requests for rows of mapped datasets, which are answered in turns.
 //
-// A reply is filled for a slice of time at once. Where that does not complete it, because the
-// rows are many or have to come from the disk, it goes on for a slice in its turn, so that no other
-// connection waits for more than a slice of each. Of one connection one reply is under way at a
-// time; large replies under way are few, since their payloads take memory. Requests that may not
-// begin yet wait, but not many of them.
+// A reply is filled for a slice of time as soon as it may begin. Where that does not complete it,
+// because the rows are many or have to come from the disk, it goes on for a slice in its turn, so
+// that a connection waits for one slice of each other one, not for whole replies. A slice ends
+// after a millisecond, or after the row or page of a file during which that millisecond ended.
+//
+// Of one connection one reply is under way at a time, and the next one begins after it, behind
+// those of other connections. Payloads take memory, so few large replies are under way at once, and
+// a bounded number of others. Requests that wait are bounded, too: of one connection the oldest
+// makes room, of all connections the newest of the one that has the most.
 // Thread rule: one thread.
 #pragma once
 
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <optional>
+#include <map>
 #include <utility>
-#include <vector>
 
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
@@ -23,50 +26,64 @@
 
 namespace b4mrl {
 
-// A reply that is being filled.
 struct BatchJob {
   PendingRequest pending;
-  Clock::time_point started;
   BatchReply reply;
-  bool complete = false;
+  Clock::time_point started = {};  // when the filling began
 };
 
 class BatchTurns {
  public:
-  // `alive` is called every few dozen rows.
-  explicit BatchTurns(std::function<void()> alive) : alive_(std::move(alive)) {}
+  struct Hooks {
+    std::function<void()> alive;               // called every few dozen rows
+    std::function<void(BatchJob job)> answer;  // takes a reply that is complete
+    // Takes a request without a reply: kDeadlineExceeded, or kLimitExceeded when too many wait.
+    std::function<void(const Asker& from, const Status& status)> refuse;
+  };
+  explicit BatchTurns(Hooks hooks) : hooks_(std::move(hooks)) {}
 
-  // Whether a reply with that payload to a connection may begin.
-  bool MayBegin(const RoutingId& peer, size_t payload_bytes) const;
-  // Fills a reply for a slice. Returns it if it is complete, else it is under way.
-  std::optional<BatchJob> Begin(BatchJob job);
-  // Fills the reply under way whose turn it is. Returns it if it is complete by then, or if its
-  // deadline passed.
-  std::optional<BatchJob> Next();
-
-  // Keeps a request until its reply may begin, of which the payload takes so many bytes as far as
-  // is known. A copy of one that waits or is under way gives that one the copy's deadline.
-  // kLimitExceeded when too many wait.
-  Status Wait(PendingRequest pending, size_t payload_bytes);
-  // Of the requests whose replies may begin, or whose deadlines have passed, the one that has
-  // waited longest.
-  std::optional<PendingRequest> TakeWaiting();
-
-  bool empty() const { return jobs_.empty() && waiting_.empty(); }
-  // Hands out all requests, none of which is answered then.
-  std::vector<PendingRequest> TakeAll();
+  // Fills a reply for a slice if it may begin, else it waits. A copy of a request that waits or is
+  // under way gives that one the copy's deadline instead.
+  void Add(BatchJob job);
+  // Lets replies begin that may, and fills the one whose turn it is for a slice.
+  void Turn();
+  // Refuses the requests whose deadlines have passed.
+  void Expire();
+  void RefuseAll(const Status& status);
+  bool empty() const { return connections_.empty(); }
 
  private:
-  struct Waiting {
-    PendingRequest pending;
-    size_t payload_bytes;
+  enum Size { kSmall, kLarge };  // of payloads
+  struct Connection {
+    std::deque<BatchJob> jobs;  // the first one is under way, or waits for a place
+    bool is_under_way = false;
+  };
+  // Replies of one size: how many are under way, and whose first jobs wait for a place.
+  struct Places {
+    size_t taken = 0;
+    std::deque<RoutingId> waiting;
   };
 
-  PendingRequest* FindOriginal(PendingRequest* copy);
+  using Connections = std::map<RoutingId, Connection>;
 
-  std::function<void()> alive_;
-  std::deque<BatchJob> jobs_;  // the next one first
-  std::deque<Waiting> waiting_;
+  static Size SizeOf(const BatchJob& job);
+  // Whether the reply is complete after a slice.
+  bool Fill(BatchJob* job);
+  // Puts a job behind those of its connection.
+  void Append(Connection* connection, BatchJob job);
+  // Refuses a request if too many wait.
+  void MakeRoom();
+  // Takes out the first job of a connection, whose next one then waits for a place.
+  BatchJob TakeFirst(Connections::iterator connection);
+  void Refuse(const BatchJob& job, const Status& status) {
+    hooks_.refuse(job.pending.from, status);
+  }
+
+  Hooks hooks_;
+  Connections connections_;      // those that have jobs
+  size_t jobs_ = 0;              // of all connections
+  std::deque<RoutingId> turns_;  // connections with a reply under way, next first
+  Places places_[2];
 };
 
 }  // namespace b4mrl

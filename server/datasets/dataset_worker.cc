@@ -46,7 +46,7 @@ constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 using Loads = PreparationQueue<DatasetPointer>;
 
-// For a request whose deadline passed while its dataset was imported, derived, mapped or read.
+// For a request whose deadline passed while its dataset was imported, derived or mapped.
 Status TooLate() {
   return Status(StatusCode::kDeadlineExceeded, "the dataset was not ready in time; ask again");
 }
@@ -91,14 +91,12 @@ class DatasetWorker {
   // names; has the dataset mapped first where it is not.
   template <auto kPayload>
   void Serve(PendingRequest pending);
-  void WaitForTurn(PendingRequest pending, size_t payload_bytes);
   void Answer(BatchJob job);
   // Handles messages and requests for rows for at most kTurnMs.
   void TakeTurn();
   // Returns whether there were messages.
   bool HandleMessages();
-  void DispatchWaiting();
-  void ExpireParked();
+  void ExpireLate();
   void AnswerAll(const Status& status);
 
   ChildContext& context_;
@@ -109,7 +107,10 @@ class DatasetWorker {
   ServedDatasets served_;
   ParkedRequests parked_;
   std::multiset<RoutingId> listers_;  // who asked for the lists that listing_ is to make
-  BatchTurns rows_{[this] { context_.Beat(); }};
+  BatchTurns rows_{{.alive = [this] { context_.Beat(); },
+                    .answer = [this](BatchJob job) { Answer(std::move(job)); },
+                    .refuse = [this](const Asker& from,
+                                     const Status& status) { replies_.Reply(from, status); }}};
   // Last: their tasks use the members above.
   BackgroundThread listing_;
   Preparations openings_{{kShortReads, kLongReads, kReadsOfClient}, kShortMs};
@@ -139,7 +140,7 @@ void DatasetWorker::Run() {
     loads_.Run();
     imports_.Run();
     derivations_.Run();
-    ExpireParked();
+    ExpireLate();
     served_.ReleaseIdle();
   }
   store_.Stop();
@@ -149,29 +150,21 @@ void DatasetWorker::Run() {
 
 void DatasetWorker::TakeTurn() {
   for (const Deadline turn = Deadline::AfterMs(kTurnMs); !turn.expired();) {
+    rows_.Turn();
     const bool had_messages = HandleMessages();
     if (!had_messages && rows_.empty()) return;
-    DispatchWaiting();
-    if (std::optional<BatchJob> job = rows_.Next()) Answer(std::move(*job));
   }
 }
 
 bool DatasetWorker::HandleMessages() {
-  bool had_work = false;
+  bool had_messages = false;
   for (const Deadline slice = Deadline::AfterMs(kMessagesMs); !slice.expired();) {
     std::optional<IncomingMessage> incoming = socket_.TryReceive();
     if (!incoming) break;
     Handle(std::move(*incoming));
-    had_work = true;
+    had_messages = true;
   }
-  return had_work;
-}
-
-void DatasetWorker::DispatchWaiting() {
-  std::optional<PendingRequest> pending = rows_.TakeWaiting();
-  if (!pending) return;
-  if (pending->deadline.expired()) return replies_.Reply(pending->from, TooLate());
-  Dispatch(std::move(*pending));
+  return had_messages;
 }
 
 void DatasetWorker::Handle(IncomingMessage incoming) {
@@ -318,7 +311,8 @@ void DatasetWorker::FinishLoad(uint64_t id, const std::string& fingerprint,
   std::optional<ParkedRequest> pending = parked_.Take(id);
   if (!pending) return;
   if (!dataset.ok()) return replies_.Reply(pending->from, dataset.status());
-  WaitForTurn(std::move(*pending), 0);
+  if (pending->deadline.expired()) return replies_.Reply(pending->from, TooLate());
+  Dispatch(std::move(*pending));
 }
 
 template <auto kPayload>
@@ -329,24 +323,12 @@ void DatasetWorker::Serve(PendingRequest pending) {
     const std::string fingerprint = wanted.fingerprint();
     return SubmitLoad(fingerprint, std::move(pending));
   }
-  const Clock::time_point start = Clock::now();
   Result<BatchReply> reply = BatchReply::To(wanted, dataset);
   if (!reply.ok()) return replies_.Reply(pending.from, reply.status());
-  if (!rows_.MayBegin(pending.from.peer, reply->payload_bytes())) {
-    return WaitForTurn(std::move(pending), reply->payload_bytes());
-  }
-  auto job = rows_.Begin({std::move(pending), start, std::move(*reply)});
-  if (job) Answer(std::move(*job));
-}
-
-void DatasetWorker::WaitForTurn(PendingRequest pending, size_t payload_bytes) {
-  const Asker from = pending.from;
-  const Status room = rows_.Wait(std::move(pending), payload_bytes);
-  if (!room.ok()) replies_.Reply(from, room);
+  rows_.Add({std::move(pending), *std::move(reply)});
 }
 
 void DatasetWorker::Answer(BatchJob job) {
-  if (!job.complete) return replies_.Reply(job.pending.from, TooLate());
   pb::Reply& reply = job.reply.envelope;
   const pb::Request& request = job.pending.request;
   if (const uint64_t ledger =
@@ -360,13 +342,14 @@ void DatasetWorker::Answer(BatchJob job) {
   replies_.Reply(job.pending.from, std::move(reply), std::move(job.reply.payload));
 }
 
-void DatasetWorker::ExpireParked() {
+void DatasetWorker::ExpireLate() {
+  rows_.Expire();
   for (const ParkedRequest& late : parked_.TakeExpired()) replies_.Reply(late.from, TooLate());
 }
 
 void DatasetWorker::AnswerAll(const Status& status) {
   for (const ParkedRequest& pending : parked_.TakeAll()) replies_.Reply(pending.from, status);
-  for (const PendingRequest& pending : rows_.TakeAll()) replies_.Reply(pending.from, status);
+  rows_.RefuseAll(status);
 }
 
 }  // namespace

@@ -196,7 +196,7 @@ TEST_CASE("A row that could not be written is written by the run that goes on") 
   TrainOptions straight = SmallRun("td3-bc", folder.File("straight"));
   straight.updates = 900;
   straight.checkpoint_every = 900;
-  straight.eval_every = 900;
+  straight.eval_every = GENERATE(1, 900);  // rows with an evaluation, and without one
   straight.log_every = 1;
   RequireOk(TryTraining(straight, client).status());
   TrainOptions cut = straight;

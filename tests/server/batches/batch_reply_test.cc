@@ -18,7 +18,7 @@ std::string Payload(const Request& request, const std::shared_ptr<const Dataset>
   REQUIRE(reply.ok());
   const size_t bytes = reply->payload_bytes();
   int interruptions = 0;
-  while (!reply->Fill([&] { return !with_interruptions; })) {
+  while (!reply->Fill([&]() -> size_t { return with_interruptions ? 0 : 7; })) {
     REQUIRE(with_interruptions);
     ++interruptions;
     BatchReply moved = std::move(*reply);  // as in a queue
@@ -58,7 +58,7 @@ TEST_CASE("a sample of several batches has the rows of its batches") {
     sample.set_with_indices(true);
     auto reply = BatchReply::To(sample, dataset);
     REQUIRE(reply.ok());
-    REQUIRE(reply->Fill([] { return true; }));
+    REQUIRE(reply->Fill([] { return 1000; }));
     const auto& table = reply->envelope.arrays();
     const auto values = ArrayAt<uint64_t>(reply->payload, table.rbegin()->offset(), rows * batches);
     return std::vector<uint64_t>(values.begin(), values.end());

@@ -3,6 +3,8 @@
 
 #include <catch2/catch.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "proto/base/limits.h"
 #include "tests/server/datasets/store_fixture.h"
@@ -11,127 +13,179 @@ namespace b4mrl {
 namespace {
 
 constexpr int64_t kNever = 3'600'000;
+constexpr uint32_t kPlacesForLarge = 8;
 
-// Requests for a dataset, as a worker keeps them.
+// Requests for a dataset, as a worker has them, and what became of them: "a1" is the request 1 of
+// the connection a.
 struct Asked {
   StoreFixture files;
   std::shared_ptr<const Dataset> dataset = files.OpenMade("").value().dataset;
   int beats = 0;
-  BatchTurns turns{[this] { ++beats; }};
+  std::vector<std::string> answered;
+  std::vector<std::pair<std::string, StatusCode>> refused;
+  BatchTurns turns{{.alive = [this] { ++beats; },
+                    .answer =
+                        [this](BatchJob job) {
+                          CHECK(job.reply.payload.size() == job.reply.payload_bytes());
+                          answered.push_back(NameOf(job.pending.from));
+                        },
+                    .refuse =
+                        [this](const Asker& from, const Status& status) {
+                          refused.emplace_back(NameOf(from), status.code());
+                        }}};
 
-  static PendingRequest Pending(const std::string& peer, uint64_t id, uint32_t rows,
-                                uint32_t batches, int64_t deadline_ms = kNever) {
+  static std::string NameOf(const Asker& from) {
+    return from.peer + std::to_string(from.request_id);
+  }
+  void Add(const std::string& peer, uint64_t id, uint32_t rows, uint32_t batches,
+           int64_t deadline_ms = kNever) {
     PendingRequest pending;
     pending.from = {peer, id};
     pending.deadline = Deadline::AfterMs(deadline_ms);
     pending.request.mutable_sample()->set_rows(rows);
     pending.request.mutable_sample()->set_batches(batches);
-    return pending;
+    AddPending(std::move(pending));
   }
-  // More than a slice on any machine: 64 MB.
-  static PendingRequest Large(const std::string& peer, uint64_t id, int64_t deadline_ms = kNever) {
-    return Pending(peer, id, limits::kMaxRowsPerBatch, 5, deadline_ms);
-  }
-  std::optional<BatchJob> Begin(PendingRequest pending) {
+  void AddPending(PendingRequest pending) {
     auto reply = BatchReply::To(pending.request.sample(), dataset);
     REQUIRE(reply.ok());
-    REQUIRE(turns.MayBegin(pending.from.peer, reply->payload_bytes()));
-    return turns.Begin({std::move(pending), Clock::now(), std::move(*reply)});
+    turns.Add({std::move(pending), *std::move(reply)});
+  }
+  void AddSmall(const std::string& peer, uint64_t id) { Add(peer, id, 5, 1); }
+  // 54 MB, which take many slices on any machine.
+  void AddLarge(const std::string& peer, uint64_t id, int64_t deadline_ms = kNever) {
+    Add(peer, id, limits::kMaxRowsPerBatch, 5, deadline_ms);
+  }
+  // Turns until so many requests are answered in all; the number of turns.
+  int TurnUntil(size_t answers) {
+    int count = 0;
+    for (; answered.size() < answers; ++count) turns.Turn();
+    return count;
   }
 };
 
+using Names = std::vector<std::string>;
+
 TEST_CASE("a reply of many rows is filled in slices, and others are filled between them") {
   Asked asked;
-  CHECK_FALSE(asked.Begin(Asked::Large("a", 1)));
-  const auto small = asked.Begin(Asked::Pending("b", 1, 5, 1));
-  REQUIRE(small);
-  CHECK(small->complete);
-  CHECK(small->pending.from.peer == "b");
-  int slices = 1;
-  std::optional<BatchJob> large;
-  for (; !large; ++slices) large = asked.turns.Next();
-  CHECK(slices > 1);
-  CHECK(large->complete);
-  CHECK(asked.beats >= slices - 1);
+  asked.AddLarge("a", 1);
+  asked.AddSmall("b", 1);
+  asked.AddSmall("b", 2);
+  CHECK(asked.answered == Names{"b1", "b2"});
+  const int beats = asked.beats;
+  CHECK(asked.TurnUntil(3) > 1);
+  CHECK(asked.answered.back() == "a1");
+  CHECK(asked.beats > beats);
   CHECK(asked.turns.empty());
 }
 
 TEST_CASE("replies under way go on in turns") {
   Asked asked;
-  CHECK_FALSE(asked.Begin(Asked::Large("a", 1)));
-  CHECK_FALSE(asked.Begin(Asked::Large("b", 1)));
-  int left = 2;
-  while (left == 2) left -= asked.turns.Next().has_value();
-  // Had one of them been filled first, the other one would have most of its rows before it.
-  int slices = 0;
-  for (; left == 1; ++slices) left -= asked.turns.Next().has_value();
-  CHECK(slices <= 5);
+  asked.AddLarge("a", 1);
+  asked.AddLarge("b", 1);
+  const int first = asked.TurnUntil(1);
+  // Had the first one been filled alone, the other one would take as many turns again.
+  CHECK(asked.TurnUntil(2) < first / 2);
 }
 
-TEST_CASE("of one connection one reply is under way, and of large ones a few") {
+TEST_CASE(
+    "of one connection one reply is under way, and the next one is behind other connections") {
   Asked asked;
-  for (int i = 0; i < 8; ++i) CHECK_FALSE(asked.Begin(Asked::Large(std::to_string(i), 1)));
-  const auto may_begin = [&](const std::string& peer, size_t bytes) {
-    return asked.turns.MayBegin(peer, bytes);
+  for (uint64_t id = 1; id <= 3; ++id) asked.AddLarge("a", id);
+  asked.AddSmall("a", 4);
+  CHECK(asked.answered.empty());
+  for (uint32_t i = 1; i < kPlacesForLarge; ++i) asked.AddLarge(std::string(1, 'a' + i), 1);
+  asked.AddLarge("z", 1);  // waits for a place
+  asked.AddSmall("y", 1);
+  CHECK(asked.answered == Names{"y1"});
+  asked.TurnUntil(4 + kPlacesForLarge + 1);
+  const auto place = [&](const std::string& name) {
+    return std::ranges::find(asked.answered, name) - asked.answered.begin();
   };
-  CHECK_FALSE(may_begin("7", 1000));
-  CHECK(may_begin("8", 1000));
-  CHECK_FALSE(may_begin("8", limits::kMaxPayloadBytes));
+  CHECK(place("a1") < place("a2"));
+  CHECK(place("z1") < place("a3"));
+  CHECK(place("a2") < place("a3"));
+  CHECK(asked.answered.back() == "a4");
+  CHECK(asked.turns.empty());
+}
 
-  // What may not begin waits; of the rest the first comes first.
-  CHECK(asked.turns.Wait(Asked::Large("8", 1), limits::kMaxPayloadBytes).ok());
-  CHECK(asked.turns.Wait(Asked::Pending("7", 2, 5, 1), 1000).ok());
-  CHECK_FALSE(asked.turns.TakeWaiting());
-  CHECK(asked.turns.Wait(Asked::Pending("9", 1, 5, 1), 1000).ok());
-  CHECK(asked.turns.TakeWaiting()->from.peer == "9");
-  CHECK_FALSE(asked.turns.TakeWaiting());
-  while (!asked.turns.Next()) continue;
-  CHECK(asked.turns.TakeWaiting()->from.peer == "8");
+TEST_CASE("however many requests one connection has waiting, another's begins after its next one") {
+  Asked asked;
+  for (uint32_t i = 0; i < kPlacesForLarge; ++i) {
+    for (uint64_t id = 1; id <= 20; ++id) asked.AddLarge(std::string(1, 'a' + i), id);
+  }
+  asked.AddLarge("z", 1);
+  // It begins when the first one is answered, before the second one of any other connection.
+  while (asked.answered.empty() || asked.answered.back() != "z1") asked.turns.Turn();
+  CHECK(asked.answered.size() <= 3 * kPlacesForLarge);
 }
 
 TEST_CASE("a copy of a request that waits or is under way takes no place, but sets its deadline") {
   Asked asked;
-  CHECK_FALSE(asked.Begin(Asked::Large("a", 1)));
-  CHECK(asked.turns.Wait(Asked::Large("a", 2), limits::kMaxPayloadBytes).ok());
-  for (int i = 0; i < 1000; ++i) {
-    REQUIRE(asked.turns.Wait(Asked::Large("a", 2), limits::kMaxPayloadBytes).ok());
-  }
-  CHECK(asked.turns.Wait(Asked::Large("a", 2, 0), limits::kMaxPayloadBytes).ok());
-  const auto late = asked.turns.TakeWaiting();
-  REQUIRE(late);
-  CHECK(late->from.request_id == 2);
-  CHECK_FALSE(asked.turns.TakeWaiting());
-
-  CHECK(asked.turns.Wait(Asked::Large("a", 1, 0), limits::kMaxPayloadBytes).ok());
-  const auto ended = asked.turns.Next();
-  REQUIRE(ended);
-  CHECK(ended->pending.from.request_id == 1);
-  CHECK_FALSE(ended->complete);
+  asked.AddLarge("a", 1);
+  for (int i = 0; i < 1000; ++i) asked.AddLarge("a", 2);
+  asked.AddLarge("a", 3);
+  CHECK(asked.refused.empty());
+  asked.AddLarge("a", 2, 0);
+  asked.turns.Expire();
+  CHECK(asked.refused == std::vector{std::pair{std::string("a2"), StatusCode::kDeadlineExceeded}});
+  asked.AddLarge("a", 1, 0);
+  asked.turns.Expire();
+  CHECK(asked.refused.back().first == "a1");
+  asked.TurnUntil(1);
+  CHECK(asked.answered == Names{"a3"});
   CHECK(asked.turns.empty());
 }
 
-TEST_CASE("requests for rows that wait are bounded for each connection") {
+TEST_CASE("a copy is known by its payload, whatever a peer sent around it, which is not kept") {
   Asked asked;
-  CHECK_FALSE(asked.Begin(Asked::Large("a", 0)));
-  for (uint32_t id = 1; id <= limits::kMaxRequestsInFlight; ++id) {
-    REQUIRE(asked.turns.Wait(Asked::Large("a", id), 0).ok());
-  }
-  CHECK(asked.turns.Wait(Asked::Large("a", 100), 0).code() == StatusCode::kLimitExceeded);
-  CHECK(asked.turns.Wait(Asked::Large("b", 100), 0).ok());
-  CHECK(asked.turns.TakeAll().size() == limits::kMaxRequestsInFlight + 2);
+  asked.AddLarge("a", 1);
+  const auto add = [&](int64_t deadline_ms, uint64_t id) {
+    PendingRequest pending;
+    pending.from = {"a", id};
+    pending.deadline = Deadline::AfterMs(deadline_ms);
+    pending.request.mutable_sample()->set_rows(5);
+    for (int i = 0; i < 1000; ++i) pending.request.add_arrays()->set_name("array");
+    pending.request.GetReflection()->MutableUnknownFields(&pending.request)->AddVarint(1000, 1);
+    asked.AddPending(std::move(pending));
+  };
+  add(kNever, 2);
+  add(0, 2);
+  asked.turns.Expire();
+  CHECK(asked.refused.size() == 1);
+  asked.TurnUntil(1);
   CHECK(asked.turns.empty());
 }
 
-TEST_CASE("what a peer sent around a request for rows is not kept") {
+TEST_CASE("of the requests of one connection that wait the oldest makes room") {
   Asked asked;
-  PendingRequest pending = Asked::Pending("a", 1, 5, 1);
-  for (int i = 0; i < 1000; ++i) pending.request.add_arrays()->set_name("array");
-  pending.request.GetReflection()->MutableUnknownFields(&pending.request)->AddVarint(1000, 1);
-  CHECK(asked.turns.Wait(std::move(pending), 0).ok());
-  const auto kept = asked.turns.TakeWaiting();
-  REQUIRE(kept);
-  CHECK(kept->request.SpaceUsedLong() < 1000);
-  CHECK(kept->request.sample().rows() == 5);
+  asked.AddLarge("a", 0);
+  for (uint64_t id = 1; id <= limits::kMaxRequestsInFlight + 2; ++id) asked.AddLarge("a", id);
+  asked.AddLarge("b", 0);
+  CHECK(asked.refused == std::vector{std::pair{std::string("a1"), StatusCode::kLimitExceeded},
+                                     {std::string("a2"), StatusCode::kLimitExceeded}});
+  asked.refused.clear();
+  asked.turns.RefuseAll(Status(StatusCode::kUnavailable, "over"));
+  CHECK(asked.refused.size() == limits::kMaxRequestsInFlight + 2);
+  CHECK(asked.turns.empty());
+}
+
+TEST_CASE("when too many requests wait, the connection that has the most gives way") {
+  Asked asked;
+  constexpr uint32_t kConnections = limits::kMaxQueuedRequests / limits::kMaxRequestsInFlight;
+  for (uint32_t i = 0; i < kConnections; ++i) {
+    for (uint64_t id = 1; id <= limits::kMaxRequestsInFlight; ++id) {
+      asked.AddLarge("many" + std::to_string(i) + "-", id);
+    }
+  }
+  CHECK(asked.refused.empty());
+  asked.AddLarge("few-", 1);
+  asked.AddLarge("few-", 2);
+  REQUIRE(asked.refused.size() == 2);
+  for (const auto& [name, code] : asked.refused) {
+    CHECK(name.starts_with("many"));
+    CHECK(code == StatusCode::kLimitExceeded);
+  }
 }
 
 }  // namespace
