@@ -65,7 +65,7 @@ Result<Recording> Session::Run(const std::string& path) {
     recording_.score = environment_.NormalisedScore(recording_.summary.mean_return);
   }
   B4MRL_RETURN_IF_ERROR(WriteMetadata());
-  B4MRL_RETURN_IF_ERROR(recorder_->writer().Commit());
+  B4MRL_RETURN_IF_ERROR(recorder_->writer().Commit(order_.existing));
   return std::move(recording_);
 }
 

@@ -10,6 +10,7 @@
 #include "algorithms/episodes/recorder.h"
 #include "client/client.h"
 #include "data/d4rl/dataset_provenance.h"
+#include "data/files/atomic_file.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -24,6 +25,8 @@ struct RecordingOrder {
   uint64_t rows = 0;
   uint64_t seed = 0;    // ignored by replays, whose seed is the run's
   std::string command;  // the command line that makes the file again
+  Existing existing =
+      Existing::kKeep;  // what is done with a file that appears while it is recorded
 };
 
 struct Recording {

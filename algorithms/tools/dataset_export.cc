@@ -32,10 +32,22 @@ struct ExportCommand {
   Status WriteD4rl(RemoteDataset& dataset) const;
   Status WriteCsv(RemoteDataset& dataset) const;
   Status WriteMinari(Client& client, RemoteDataset& dataset) const;
+  Existing IfExisting() const { return replace ? Existing::kReplace : Existing::kKeep; }
   // Calls `use` for all rows in order, in blocks; `stage` names the work in the progress.
   Status ForRows(RemoteDataset& dataset, std::string_view stage,
                  const std::function<Status(const DatasetRows&)>& use) const;
 };
+
+// How the rows were made, with what they were served with, for whoever reads the file alone.
+std::string RecipeOf(const pb::OpenDatasetReply& source) {
+  std::string recipe = source.provenance().recipe();
+  const std::string corruptions = FormatNamedArguments(NamedArgumentsOf(source.corruptions()));
+  if (!corruptions.empty()) {
+    recipe += fmt::format("{}served from {} with {}, seed {}", recipe.empty() ? "" : "; ",
+                          source.info().name(), corruptions, source.seed());
+  }
+  return recipe.substr(0, kMaxProvenanceText);
+}
 
 // What an exported file says of its rows: what its source says, with the environment and the hidden
 // dimensions of the dataset as it is served. Its rows may differ from the source's, so it has
@@ -49,7 +61,7 @@ DatasetProvenance ProvenanceOf(const RemoteDataset& dataset) {
   provenance.hidden_dimensions.assign(source.hidden_dimensions().begin(),
                                       source.hidden_dimensions().end());
   provenance.history_length = std::max(said.history_length(), 1u);
-  provenance.recipe = said.recipe();
+  provenance.recipe = RecipeOf(source);
   provenance.engine = said.engine();
   provenance.program = said.program();
   provenance.license = said.license();
@@ -92,7 +104,10 @@ Status ExportCommand::WriteD4rl(RemoteDataset& dataset) const {
   B4MRL_RETURN_IF_ERROR(
       writer.SetMetadata("corruption_seed", fmt::format("{}", served_from.seed())));
   B4MRL_RETURN_IF_ERROR(writer.SetMetadata("transitions", served_from.transition_rule()));
-  return writer.Commit();
+  if (const std::string& policy = served_from.info().behaviour_policy(); !policy.empty()) {
+    B4MRL_RETURN_IF_ERROR(writer.SetMetadata("behaviour_policy", policy));
+  }
+  return writer.Commit(IfExisting());
 }
 
 Status ExportCommand::WriteCsv(RemoteDataset& dataset) const {
@@ -102,7 +117,7 @@ Status ExportCommand::WriteCsv(RemoteDataset& dataset) const {
                                static_cast<uint32_t>(dataset.action_size())));
   B4MRL_RETURN_IF_ERROR(
       ForRows(dataset, "export", [&](const DatasetRows& rows) { return writer.Append(rows); }));
-  return writer.Commit();
+  return writer.Commit(IfExisting());
 }
 
 std::string MinariIdOf(const RemoteDataset& dataset) {
@@ -130,7 +145,9 @@ std::string DescriptionOf(const RemoteDataset& dataset, bool last_is_unfinished)
   add("Corruptions", FormatNamedArguments(NamedArgumentsOf(source.corruptions())));
   if (source.seed() != 0) add("Seed of the corruptions' noise", fmt::format("{}", source.seed()));
   if (source.transition_rule() == "d4rl") {
-    text += " Rows that end by time-out were dropped, as d4rl.qlearning_dataset does.";
+    text +=
+        " Rows that end by time-out were dropped, as d4rl.qlearning_dataset does, and the "
+        "observation after a terminal one is the first of the next episode.";
   }
   add("Licence", said.license());
   if (last_is_unfinished) {

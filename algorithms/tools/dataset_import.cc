@@ -1,10 +1,12 @@
 // b4mrl dataset import: the command that copies files of others into a daemon's data folder.
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <system_error>
 #include <vector>
@@ -31,6 +33,8 @@ struct ImportCommand {
   // Imports every file of D4RL in d4rl_folder that the data folder does not have. A file that
   // cannot be imported is reported and does not keep the others back.
   std::optional<Failure> ImportFolder(Destination& destination) const;
+  // A file that another import left there need not be a dataset.
+  std::optional<Failure> CheckPresent(const std::string& dataset, Destination& destination) const;
   std::optional<Failure> ImportFile(const std::string& source, const std::string& dataset,
                                     Destination& destination) const;
 };
@@ -77,24 +81,40 @@ bool LiesInFile(const Status& failure) {
          failure.code() == StatusCode::kFailedPrecondition;  // of another size than its task
 }
 
+// Copies what is stored of the first `size` bytes; holes stay holes.
+Status CopyData(int in, off_t size, const std::string& file, AtomicFile* out) {
+  std::vector<char> block(1 << 20);
+  for (off_t at = 0; at < size;) {
+    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
+    const off_t data = lseek(in, at, SEEK_DATA);
+    if (data < 0 && errno == ENXIO) return Status();  // a hole up to the end
+    at = std::max(at, data);  // file systems that know of no holes have data everywhere
+    const auto most = static_cast<size_t>(std::min<off_t>(size - at, block.size()));
+    const ssize_t count = pread(in, block.data(), most, at);
+    if (count < 0) return IoError("read", file, errno);
+    if (count == 0) return Status(StatusCode::kDataLoss, fmt::format("{} became shorter", file));
+    if (lseek(out->fd(), at, SEEK_SET) < 0) return IoError("write", out->path(), errno);
+    B4MRL_RETURN_IF_ERROR(out->Write({block.data(), static_cast<size_t>(count)}));
+    at += count;
+  }
+  return Status();
+}
+
 Status Copy(const std::string& file, const std::string& path) {
   if (std::error_code error; fs::is_directory(file, error)) {
     return InvalidArgument("file", file,
                            "an HDF5 file, or the folder of a Minari dataset, which has a file "
                            "data/metadata.json");
   }
-  std::ifstream in(file, std::ios::binary);
-  if (!in) return IoError("read", file, errno);
+  // Opening a pipe would wait for whoever writes into it.
+  const UniqueFd in(open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  struct stat info {};
+  if (!in.valid() || fstat(in.get(), &info) != 0) return IoError("read", file, errno);
+  if (!S_ISREG(info.st_mode)) return InvalidArgument("file", file, "a regular file");
   B4MRL_ASSIGN_OR_RETURN(AtomicFile out, AtomicFile::Create(path));
-  std::vector<char> block(1 << 20);
-  while (in) {
-    if (Interrupted()) return Status(StatusCode::kUnavailable, "interrupted");
-    in.read(block.data(), static_cast<std::streamsize>(block.size()));
-    const auto count = static_cast<size_t>(in.gcount());
-    B4MRL_RETURN_IF_ERROR(out.Write(std::string_view(block.data(), count)));
-  }
-  if (in.bad()) return IoError("read", file, errno);
-  return out.Commit();
+  B4MRL_RETURN_IF_ERROR(CopyData(in.get(), info.st_size, file, &out));
+  if (ftruncate(out.fd(), info.st_size) != 0) return IoError("extend", path, errno);
+  return out.Commit(Existing::kKeep);
 }
 
 std::optional<Failure> ImportCommand::Run() const {
@@ -120,11 +140,9 @@ std::optional<Failure> ImportCommand::ImportFolder(Destination& destination) con
   std::optional<Failure> first;
   size_t failed = 0;
   for (const D4rlFile& found : *files) {
-    if (destination.Has(found.dataset)) {
-      if (!quiet) fmt::print(stderr, "{}: is there already\n", found.dataset);
-      continue;
-    }
-    auto failure = ImportFile(found.path, found.dataset, destination);
+    auto failure = destination.Has(found.dataset)
+                       ? CheckPresent(found.dataset, destination)
+                       : ImportFile(found.path, found.dataset, destination);
     if (!failure) continue;
     if (Interrupted()) return failure;
     fmt::print(stderr, "{}: {}\n", found.dataset, failure->status.message());
@@ -135,6 +153,14 @@ std::optional<Failure> ImportCommand::ImportFolder(Destination& destination) con
   return Failure{first->exit_code,
                  Status(first->status.code(),
                         fmt::format("{} of {} files were not imported", failed, files->size()))};
+}
+
+std::optional<Failure> ImportCommand::CheckPresent(const std::string& dataset,
+                                                   Destination& destination) const {
+  const auto opened = destination.client().OpenDataset(dataset, {});
+  if (!opened.ok()) return BadInput(opened.status().WithContext("is there, but cannot be opened"));
+  if (!quiet) fmt::print(stderr, "{}: is there already\n", dataset);
+  return std::nullopt;
 }
 
 std::optional<Failure> ImportCommand::ImportFile(const std::string& source,

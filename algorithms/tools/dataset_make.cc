@@ -20,6 +20,7 @@
 #include "data/files/file_hash.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
+#include "proto/command_line/shell_word.h"
 
 namespace b4mrl {
 namespace {
@@ -92,17 +93,20 @@ Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
 // Replaces what the options name, and writes the command that makes the file again.
 Status MakeCommand::ApplyOptions(RecordingOrder& order) const {
   order.command = "b4mrl dataset make " + order.name;
+  order.existing = replace ? Existing::kReplace : Existing::kKeep;
   if (!agent.empty()) {
     order.kind = RecipeKind::kAgent;
     order.files = {agent};
-    order.command += " --agent " + agent;
+    std::error_code error;  // a path that cannot be made absolute stays as it is
+    const std::string path = std::filesystem::absolute(agent, error);
+    order.command += " --agent " + ShellWord(error ? agent : path);
   }
   const bool is_replay = order.kind == RecipeKind::kReplay;
   if (simulator) {
     if (is_replay)
       return InvalidArgument("--simulator", *simulator, "none for a run's transitions");
     order.simulator = *simulator;
-    order.command += " --simulator " + *simulator;
+    order.command += " --simulator " + ShellWord(*simulator);
   }
   if (rows) {
     order.rows = *rows;
@@ -200,7 +204,10 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   }
   const std::string& path = destination.path();
   const auto made = Record(*order, path, destination.client(), quiet);
-  if (!made.ok() && made.status().code() == StatusCode::kBusy) return BadInput(made.status());
+  // Such a file was not there when the recording began.
+  const bool appeared = !replace && std::filesystem::exists(path);
+  const bool is_taken = !made.ok() && (made.status().code() == StatusCode::kBusy || appeared);
+  if (is_taken) return BadInput(made.status());
   if (!made.ok()) return FromDaemon(made.status());
   const auto sha256 = Sha256OfFile(path);
   if (!sha256.ok()) return BadInput(sha256.status());

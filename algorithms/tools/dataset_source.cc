@@ -8,7 +8,7 @@ namespace b4mrl {
 void DatasetSource::AddTo(CLI::App& app) {
   app.add_option("name", name, "name of the dataset: \"HalfCheetah/medium\"")->required();
   app.add_option("--corruption", corruption,
-                 "corruptions of the dataset: \"hidden=9,obs-noise=0.02\"");
+                 "corruptions of the dataset: \"obs-noise=0.02,hidden=9\"");
   AddCorruptionSeed(app, corruption_seed);
   AddTransitions(app, transitions);
   app.add_flag("--quiet", quiet, "show no progress on stderr");

@@ -74,7 +74,9 @@ std::optional<Failure> VerifyCommand::Recording(const DatasetFileReader& reader,
     }
     PrintJson(out);
   } else if (is_equal) {
-    fmt::print("{}: all {} rows are equal, bit for bit\n", file, equal_rows);
+    fmt::print(
+        "{}: all {} rows are equal, bit for bit, in all columns but infos/action_log_probs\n", file,
+        equal_rows);
   }
   if (is_equal) return std::nullopt;
   const RowDifference& first = **difference;

@@ -86,7 +86,10 @@ Status ConvertMinari(const std::string& data_folder, const std::string& path, Cl
   if (!metadata.algorithm.empty()) {
     B4MRL_RETURN_IF_ERROR(writer.SetMetadata("behaviour_policy", metadata.algorithm));
   }
-  return writer.Commit();
+  if (metadata.d4rl_transitions) {
+    B4MRL_RETURN_IF_ERROR(writer.SetMetadata("transitions", "d4rl"));
+  }
+  return writer.Commit(Existing::kKeep);
 }
 
 }  // namespace b4mrl

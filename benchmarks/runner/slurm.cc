@@ -16,6 +16,7 @@
 #include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"
 #include "proto/base/child_program.h"
+#include "proto/command_line/shell_word.h"
 
 namespace b4mrl {
 namespace {
@@ -72,16 +73,6 @@ Status CheckOption(const std::string& option) {
     }
   }
   return Status();
-}
-
-// The word as the shell reads it back.
-std::string Quoted(std::string_view word) {
-  constexpr std::string_view kPlain =
-      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+./:,@";
-  if (!word.empty() && word.find_first_not_of(kPlain) == word.npos) return std::string(word);
-  std::string quoted = "'";
-  for (const char letter : word) quoted += letter == '\'' ? "'\\''" : std::string(1, letter);
-  return quoted + "'";
 }
 
 // The folder's path from the root, without links.
@@ -216,9 +207,9 @@ Result<std::string> BatchScript(const SlurmJob& job, const RunBlock& block) {
     lines += "#SBATCH " + option + "\n";
   }
   for (const std::string& word : job.command) {
-    command += (command.empty() ? "" : " ") + Quoted(word);
+    command += (command.empty() ? "" : " ") + ShellWord(word);
   }
-  return fmt::format(kScript, lines, Quoted(here), command, number);
+  return fmt::format(kScript, lines, ShellWord(here), command, number);
 }
 
 Result<std::set<uint64_t>> QueuedIndices(const std::string& folder, uint64_t runs,

@@ -1,12 +1,13 @@
 // Episode bounds, and the one rule by which a transition's next observation is chosen.
 //
 // kStored (the default): every row, with the next observation that the file stores.
-// kD4rl: the rows that d4rl.qlearning_dataset returns. The next observation is the observation of
-//   the next row; rows that end by time-out and the last row are dropped. A terminal row stays; its
-//   next observation is the first observation of the next episode: bootstrapping never reads it, a
-//   model of the dynamics must not, and discriminators see it, as with D4RL's own loader. The
-//   timeouts column marks the last kept row of an episode that timed out, so that episodes can
-//   still be told apart.
+// kD4rl: the rows that d4rl.qlearning_dataset returns, if the file has timeouts. (Without them,
+//   D4RL ends the episodes behind a terminal row one step earlier than the environment does.) The
+//   next observation is the observation of the next row; rows that end by time-out and the last row
+//   are dropped. A terminal row stays; its next observation is the first observation of the next
+//   episode: bootstrapping never reads it, a model of the dynamics must not, and discriminators see
+//   it, as with D4RL's own loader. The timeouts column marks the last kept row of an episode that
+//   timed out, so that episodes can still be told apart.
 // Pure functions; any thread.
 #pragma once
 

@@ -82,6 +82,6 @@ Status DatasetCsvWriter::Append(const DatasetRows& rows) {
   return Status();
 }
 
-Status DatasetCsvWriter::Commit() { return file_.Commit(); }
+Status DatasetCsvWriter::Commit(Existing existing) { return file_.Commit(existing); }
 
 }  // namespace b4mrl

@@ -25,7 +25,7 @@ class DatasetCsvWriter {
   // Appends rows with observations, actions, rewards, next observations, terminals and timeouts.
   Status Append(const DatasetRows& rows);
   // Makes the file appear. Nothing may be called afterwards.
-  Status Commit();
+  Status Commit(Existing existing = Existing::kReplace);
 
  private:
   DatasetCsvWriter(AtomicFile file, uint32_t observation_size, uint32_t action_size);

@@ -130,6 +130,6 @@ Status DatasetWriter::SetProvenance(const DatasetProvenance& provenance) {
 
 Status DatasetWriter::SetPolicy(const Agent& agent) { return WriteAgentInto(file_, agent); }
 
-Status DatasetWriter::Commit() { return file_.Commit(); }
+Status DatasetWriter::Commit(Existing existing) { return file_.Commit(existing); }
 
 }  // namespace b4mrl

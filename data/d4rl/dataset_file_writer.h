@@ -60,7 +60,7 @@ class DatasetWriter {
   // Writes D4RL's metadata of a behaviour policy: the agent's provenance and weights.
   Status SetPolicy(const Agent& agent);
   // Makes the file appear. Nothing may be called afterwards.
-  Status Commit();
+  Status Commit(Existing existing = Existing::kReplace);
 
   uint64_t rows() const { return rows_; }
 

@@ -220,10 +220,15 @@ Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::s
   B4MRL_ASSIGN_OR_RETURN(
       DatasetBuilder builder,
       DatasetBuilder::Create(cache_folder, source.observation_size, source.action_size));
+  imported.infers_timeouts = !file.Exists("timeouts");
   const bool stored = source.next_observations.has_value();
   B4MRL_RETURN_IF_ERROR(stored ? CopyStored(source, &builder) : CopyD4rl(source, &builder));
-  builder.SetProperty("transition_rule",
-                      TransitionRuleName(stored ? TransitionRule::kStored : TransitionRule::kD4rl));
+  const Result<std::string> said = file.ReadText("metadata/transitions");
+  const bool follows_d4rl =
+      !stored || (said.ok() && *said == TransitionRuleName(TransitionRule::kD4rl));
+  builder.SetProperty(
+      "transition_rule",
+      TransitionRuleName(follows_d4rl ? TransitionRule::kD4rl : TransitionRule::kStored));
   B4MRL_RETURN_IF_ERROR(builder.Commit());
   imported.rows = builder.rows();
   return imported;

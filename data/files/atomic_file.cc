@@ -8,10 +8,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <utility>
 
 namespace b4mrl {
 namespace {
+
+// Such that no file of the user's has it.
+constexpr char kSuffix[] = ".b4mrl-tmp";
 
 // Whether `path` still names the file of `fd`. If another writer commits between our open and our
 // lock, `fd` is the other writer's finished file.
@@ -25,14 +29,14 @@ bool StillNamed(int fd, const std::string& path) {
 }  // namespace
 
 AtomicFile::AtomicFile(std::string path, UniqueFd fd)
-    : path_(std::move(path)), temporary_path_(path_ + ".tmp"), fd_(std::move(fd)) {}
+    : path_(std::move(path)), temporary_path_(path_ + kSuffix), fd_(std::move(fd)) {}
 
 AtomicFile::~AtomicFile() {
   if (fd_.valid()) unlink(temporary_path_.c_str());
 }
 
 Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mode_t> mode) {
-  const std::string temporary = path + ".tmp";
+  const std::string temporary = path + kSuffix;
   constexpr int kAttempts = 10;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     UniqueFd fd(open(temporary.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644));
@@ -50,7 +54,7 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
 }
 
 bool IsBeingWritten(const std::string& path) {
-  const std::string temporary = path + ".tmp";
+  const std::string temporary = path + kSuffix;
   const UniqueFd fd(open(temporary.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
   return fd.valid() && flock(fd.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
 }
@@ -59,12 +63,21 @@ Status AtomicFile::Write(std::string_view text) {
   return WriteFully(fd_.get(), std::as_bytes(std::span(text)), path_);
 }
 
-Status AtomicFile::Commit() {
+Status AtomicFile::Commit(Existing existing) {
   if (!fd_.valid()) {
     return Status(StatusCode::kFailedPrecondition, fmt::format("{} is already committed", path_));
   }
   if (fsync(fd_.get()) != 0) return IoError("flush", temporary_path_, errno);
-  if (rename(temporary_path_.c_str(), path_.c_str()) != 0) return IoError("replace", path_, errno);
+  const char *from = temporary_path_.c_str(), *to = path_.c_str();
+  const bool keeps = existing == Existing::kKeep;
+  int failed = keeps ? renameat2(AT_FDCWD, from, AT_FDCWD, to, RENAME_NOREPLACE) : rename(from, to);
+  // File systems that cannot do it: what appears between the look and the name is replaced.
+  if (keeps && failed != 0 && errno == EINVAL && access(to, F_OK) != 0) failed = rename(from, to);
+  if (failed != 0 && keeps && access(to, F_OK) == 0) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("{} appeared in the meantime and is kept", path_));
+  }
+  if (failed != 0) return IoError("replace", path_, errno);
   // A child that another thread has just forked has the file open until it executes its program:
   // closing alone would leave the lock until then, and readers would take the file for one that is
   // being removed.

@@ -1,10 +1,11 @@
 // A file that appears complete or not at all.
 //
-// Bytes go to "<path>.tmp"; Commit flushes and fsyncs them, renames the file into place and fsyncs
-// the folder. Destroyed before Commit, the temporary file is removed; left behind by a killed
-// process, it is overwritten by the next writer. A lock on the temporary file refuses a second
-// writer (kBusy). Thread rule: one thread. Ownership: owns the descriptor until destruction.
-// Errors: kIoError with path and reason (full disk, permissions, missing folder), kBusy.
+// Bytes go to "<path>.b4mrl-tmp"; Commit flushes and fsyncs them, renames the file into place and
+// fsyncs the folder. Destroyed before Commit, the temporary file is removed; left behind by a
+// killed process, it is overwritten by the next writer. A lock on the temporary file refuses a
+// second writer (kBusy). Thread rule: one thread. Ownership: owns the descriptor until destruction.
+// Errors: kIoError with path and reason (full disk, permissions, missing folder), kBusy;
+// kFailedPrecondition if a file is there that is to be kept.
 #pragma once
 
 #include <sys/types.h>
@@ -20,6 +21,9 @@
 
 namespace b4mrl {
 
+// What Commit does with a file that is at the path by then.
+enum class Existing { kReplace, kKeep };
+
 class AtomicFile {
  public:
   // Opens the temporary file. It gets `mode`, whatever the umask; without `mode`, 0644 less umask.
@@ -32,7 +36,7 @@ class AtomicFile {
   const std::string& path() const { return path_; }
   // Writes all of `text` at the descriptor's position; continues after short writes.
   Status Write(std::string_view text);
-  Status Commit();
+  Status Commit(Existing existing = Existing::kReplace);
 
  private:
   AtomicFile(std::string path, UniqueFd fd);

@@ -28,6 +28,7 @@
 #include <utility>
 #include <vector>
 
+#include "data/files/atomic_file.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -132,7 +133,7 @@ class Hdf5Writer {
   Status WriteNumber(std::string_view path, double value);
 
   // Flushes and fsyncs the file and renames it into place. After an error no file appears.
-  Status Commit();
+  Status Commit(Existing existing = Existing::kReplace);
 
  private:
   struct State;

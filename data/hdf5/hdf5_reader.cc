@@ -84,7 +84,8 @@ Status CheckFilters(hid_t creation, std::string_view path) {
     if (filter != H5Z_FILTER_DEFLATE && filter != H5Z_FILTER_SHUFFLE &&
         filter != H5Z_FILTER_FLETCHER32) {
       return Refuse(StatusCode::kInvalidArgument, path,
-                    fmt::format("uses filter {}, allowed: deflate, shuffle, fletcher32",
+                    fmt::format("uses filter {}, allowed: deflate, shuffle, fletcher32; rewrite "
+                                "the file with `h5repack -f GZIP=4`",
                                 static_cast<int>(filter)));
     }
   }
@@ -201,7 +202,9 @@ Status Hdf5Column::State::CheckInflation() const {
       std::min<uint64_t>(H5Dget_storage_size(dataset.get()), file->stored_bytes);
   if (declared <= kInflationSlackBytes + stored * kMaxInflation) return Status();
   return Refuse(StatusCode::kDataLoss, path,
-                fmt::format("declares {} bytes but stores {}", declared, stored));
+                fmt::format("declares {} bytes but stores {}: it is crafted, or has rows that were "
+                            "never written",
+                            declared, stored));
 }
 
 Status Hdf5Column::State::Read(uint64_t first_row, uint64_t elements, hid_t memory_type,

@@ -333,13 +333,13 @@ Status Hdf5Writer::WriteNumber(std::string_view path, double value) {
   return state_->WriteScalar(path, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &value);
 }
 
-Status Hdf5Writer::Commit() {
+Status Hdf5Writer::Commit(Existing existing) {
   for (Column& column : state_->columns) B4MRL_RETURN_IF_ERROR(state_->FlushColumn(column));
   const std::string path = state_->file.path();
   const bool flushed = H5Fflush(state_->handle.get(), H5F_SCOPE_GLOBAL) >= 0;
   state_->CloseFile();
   if (!flushed || state_->driver.error_number != 0) return state_->Failure("flush", path);
-  return state_->file.Commit();
+  return state_->file.Commit(existing);
 }
 
 }  // namespace b4mrl

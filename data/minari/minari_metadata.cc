@@ -174,6 +174,7 @@ Status ParseOwnEntry(const Json& json, MinariMetadata* metadata) {
                            CountOf(*own, "history_length", kMaxAgentHistory));
     provenance.history_length = static_cast<uint32_t>(length);
   }
+  metadata->d4rl_transitions = own->value("transitions", Json()) == "d4rl";
   // Minari keeps this entry when it appends episodes; the last one is then another one.
   const bool is_as_written = own->value("episodes", Json(metadata->episodes)) == metadata->episodes;
   metadata->last_is_unfinished =

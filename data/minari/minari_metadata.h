@@ -28,8 +28,9 @@ struct MinariMetadata {
   std::string description;  // in words
   // "HalfCheetah-v5": the environment's id in Gymnasium's registry; "" if the file does not say.
   std::string gymnasium_id;
-  std::string gymnasium_kwargs;  // the environment's arguments as ASCII JSON; "" for none
-  DatasetProvenance provenance;  // empty in files of others
+  std::string gymnasium_kwargs;   // the environment's arguments as ASCII JSON; "" for none
+  DatasetProvenance provenance;   // empty in files of others
+  bool d4rl_transitions = false;  // whether the rows follow D4RL's rule (columns/episodes.h)
   // Whether the last row is marked as truncated only because the rows end there.
   bool last_is_unfinished = false;
 };

@@ -17,13 +17,14 @@ constexpr uint64_t kBlockRows = 16384;  // between two looks at `cancelled`
 // payloads of NaN included.
 class RowPerturber {
  public:
-  RowPerturber(const PerturbationSet& set, uint64_t seed, uint64_t matrix, uint32_t size)
-      : set_(set), seed_(seed), matrix_(matrix), before_(size), after_(size) {}
+  RowPerturber(const RowCorruption& corruption, uint32_t size)
+      : corruption_(corruption), before_(size), after_(size) {}
 
   void Apply(DrawContext::Kind kind, uint64_t row, std::span<float> observation) {
     std::copy(observation.begin(), observation.end(), before_.begin());
     after_ = before_;
-    set_.OnObservation({kind, seed_, matrix_, row}, {}, after_);
+    corruption_.set.OnObservation({kind, corruption_.seed, corruption_.matrix, row}, {}, after_);
+    for (const uint32_t dimension : corruption_.hidden) after_[dimension] = 0;
     for (size_t i = 0; i < observation.size(); ++i) {
       if (std::bit_cast<uint64_t>(after_[i]) != std::bit_cast<uint64_t>(before_[i])) {
         observation[i] = static_cast<float>(after_[i]);
@@ -32,9 +33,7 @@ class RowPerturber {
   }
 
  private:
-  const PerturbationSet& set_;
-  uint64_t seed_;
-  uint64_t matrix_;
+  const RowCorruption corruption_;
   std::vector<double> before_, after_;
 };
 
@@ -54,11 +53,10 @@ Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
   return corruption;
 }
 
-Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
-                       uint64_t matrix, const std::atomic<bool>& cancelled,
-                       DatasetBuilder* builder) {
+Status AppendCorrupted(const TransitionColumns& source, const RowCorruption& corruption,
+                       const std::atomic<bool>& cancelled, DatasetBuilder* builder) {
   const size_t size = source.observation_size;
-  RowPerturber perturber(set, seed, matrix, source.observation_size);
+  RowPerturber perturber(corruption, source.observation_size);
   std::vector<float> observations, next_observations;
   for (uint64_t first = 0; first < source.rows; first += kBlockRows) {
     if (cancelled) return Cancelled();

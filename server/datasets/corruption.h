@@ -34,11 +34,17 @@ struct Corruption {
 Result<Corruption> MakeCorruption(const std::vector<NamedArgument>& items,
                                   const EnvironmentSpec& spec);
 
-// Appends every row of `source`, corrupted. `matrix` names the noise matrix (NoiseMatrix). Ends
-// with Cancelled() within milliseconds after `cancelled` turned true.
-Status AppendCorrupted(const TransitionColumns& source, const PerturbationSet& set, uint64_t seed,
-                       uint64_t matrix, const std::atomic<bool>& cancelled,
-                       DatasetBuilder* builder);
+// How the rows of one dataset are corrupted. Refers to the set and the dimensions.
+struct RowCorruption {
+  const PerturbationSet& set;
+  uint64_t seed;
+  uint64_t matrix;                        // names the noise matrix (NoiseMatrix)
+  std::span<const uint32_t> hidden = {};  // dimensions that the source hides, which stay 0
+};
+// Appends every row of `source`, corrupted. Ends with Cancelled() within milliseconds after
+// `cancelled` turned true.
+Status AppendCorrupted(const TransitionColumns& source, const RowCorruption& corruption,
+                       const std::atomic<bool>& cancelled, DatasetBuilder* builder);
 // kUnavailable, with the text that the work was cancelled.
 Status Cancelled();
 

@@ -65,6 +65,7 @@ std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
                         {NumberOf(json, "rows"), StringOf(json, "behaviour_policy"), {}}};
   if (known != file || !provenance.ok() || !IsHash128(imported.fingerprint)) return std::nullopt;
   imported.contents.provenance = *provenance;
+  imported.contents.infers_timeouts = json.value("infers_timeouts", Json()) == true;
   return imported;
 }
 
@@ -78,6 +79,7 @@ Status DatasetIndex::Add(const std::string& name, const ImportedFile& imported) 
                      {"fingerprint", imported.fingerprint},
                      {"rows", imported.contents.rows},
                      {"behaviour_policy", PlainPolicy(imported.contents.behaviour_policy)},
+                     {"infers_timeouts", imported.contents.infers_timeouts},
                      {"provenance", ToJson(imported.contents.provenance)}};
   return WriteSmallFile(PathOf(name), json.dump(-1, ' ', false, Json::error_handler_t::replace),
                         ModeInside(folder_) & 0666);

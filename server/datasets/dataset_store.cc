@@ -97,6 +97,17 @@ bool LiesInFile(const Status& failure) {
          failure.code() == StatusCode::kUnknownName || failure.code() == StatusCode::kLimitExceeded;
 }
 
+// A file without timeouts has been cut into episodes of D4RL's step limit.
+Status CheckTimeouts(const ImportedFile& file, const EnvironmentSpec& spec) {
+  const uint32_t limit = spec.max_episode_steps;  // 0: of an unknown environment
+  if (!file.contents.infers_timeouts || limit == 0 || limit == kD4rlStepLimit) return Status();
+  return Status(
+      StatusCode::kInvalidArgument,
+      fmt::format("the file has no 'timeouts', without which its episodes would end after "
+                  "{} steps, but those of {} end after {}; add the column",
+                  kD4rlStepLimit, spec.name, limit));
+}
+
 }  // namespace
 
 DatasetStore::DatasetStore(const Options& options)
@@ -313,6 +324,7 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
   B4MRL_ASSIGN_OR_RETURN(
       const EnvironmentSpec spec,
       SpecOfDataset(request.name, environment, columns.observation_size, columns.action_size));
+  B4MRL_RETURN_IF_ERROR(CheckTimeouts(file, spec));
   B4MRL_ASSIGN_OR_RETURN(const Corruption corruption, MakeCorruption(request.corruptions, spec));
   const std::string text = FormatNamedArguments(corruption.set.items());
   // A file without next observations has already been imported under the other rule.
@@ -343,8 +355,9 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
       builder->SetProperty("corruptions", text);
       builder->SetProperty("seed", fmt::format("{}", opened.seed));
       const uint64_t matrix = NoiseMatrix(VersionedEnvironment(environment), file.columns_sha256);
-      return AppendCorrupted(source->columns(), corruption.set, opened.seed, matrix, cancelled,
-                             builder);
+      return AppendCorrupted(source->columns(),
+                             {corruption.set, opened.seed, matrix, provenance.hidden_dimensions},
+                             cancelled, builder);
     };
     const std::string fingerprint =
         DerivedFingerprint(file.fingerprint, text, opened.seed, TransitionRule::kStored);

@@ -30,7 +30,7 @@ std::string ImportedFingerprint(const std::string& environment, const std::strin
 std::string DerivedFingerprint(const std::string& fingerprint, const std::string& corruptions,
                                uint64_t seed, TransitionRule rule) {
   if (corruptions.empty() && rule == TransitionRule::kStored) return fingerprint;
-  return Fingerprint(fmt::format("b4mrl derived dataset 1\n{}\n{}\n{}\n{}\n", fingerprint,
+  return Fingerprint(fmt::format("b4mrl derived dataset 2\n{}\n{}\n{}\n{}\n", fingerprint,
                                  corruptions, seed, TransitionRuleName(rule)));
 }
 

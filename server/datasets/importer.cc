@@ -55,6 +55,7 @@ std::string Answer(const Result<ImportedDataset>& imported) {
   return Json({{"ok", true},
                {"rows", imported->rows},
                {"behaviour_policy", PlainPolicy(imported->behaviour_policy)},
+               {"infers_timeouts", imported->infers_timeouts},
                {"provenance", ToJson(imported->provenance)}})
       .dump();
 }
@@ -67,6 +68,7 @@ Result<ImportedDataset> ParseAnswer(const std::string& text) {
     return Status(StatusCode::kDataLoss, "the importer gave no usable answer");
   }
   ImportedDataset imported{rows.get<uint64_t>(), PlainPolicy(policy.get<std::string>()), {}};
+  imported.infers_timeouts = answer.value("infers_timeouts", Json()) == true;
   B4MRL_ASSIGN_OR_RETURN(imported.provenance, ProvenanceOf(answer.value("provenance", Json())));
   return imported;
 }

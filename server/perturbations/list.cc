@@ -209,6 +209,10 @@ Result<PerturbationSet> MakePerturbations(std::span<const NamedArgument> items,
     B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Perturbation> member, entry.make(input));
     members.push_back(std::move(member));
   }
+  // What is hidden stays hidden from noise, in whichever order they are written.
+  std::ranges::stable_partition(members, [](const auto& member) {
+    return member->ToNamedArgument().name != kHiddenDimensions.name;
+  });
   PerturbationSet set(spec, std::move(members));
   B4MRL_RETURN_IF_ERROR(CheckRangesAreAlone(set));
   return set;

@@ -62,10 +62,13 @@ TEST_CASE("Hidden dimensions stay hidden on the way through Minari, and the id t
                         "--corruption", "hidden=9,obs-noise=0.05", "--corruption-seed", "3"})
               .exit_code == 0);
   const std::string exported =
-      exports.Root() + "/b4mrl/HalfCheetah/random_hidden-9_obs-noise-0p05_seed-3-v0/data";
+      exports.Root() + "/b4mrl/HalfCheetah/random_obs-noise-0p05_hidden-9_seed-3-v0/data";
   REQUIRE(exports.Dataset({"import", exported, "--name", "HalfCheetah/back"}).exit_code == 0);
   const auto back = exports.Info("HalfCheetah/back");
   CHECK(back["hidden_dimensions"] == std::vector<int>{9});
+  CHECK_THAT(back["recipe"].get<std::string>(),
+             Catch::EndsWith("; served from HalfCheetah/random-v0 with obs-noise=0.05,hidden=9, "
+                             "seed 3"));
   const auto served = exports.Info(
       "HalfCheetah/random", {"--corruption", "hidden=9,obs-noise=0.05", "--corruption-seed", "3"});
   CHECK(back["observation_mean"] == served["observation_mean"]);

@@ -145,7 +145,7 @@ TEST_CASE("A file with a changed action does not verify, and the error names its
 
 TEST_CASE("Making all datasets goes on after one that fails, and leaves those that are there") {
   const TemporaryFolder folder;
-  const std::string obstacle = folder.File("Highway/random-v0.h5.tmp");
+  const std::string obstacle = folder.File("Highway/random-v0.h5.b4mrl-tmp");
   std::filesystem::create_directories(obstacle);
   const auto make_all = [&] {
     return Run({"dataset", "make", "all", "--environment", "Highway", "--rows", "50", "--data",

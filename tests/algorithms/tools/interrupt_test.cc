@@ -62,7 +62,7 @@ TEST_CASE("A dataset that is interrupted while it is made leaves nothing behind"
   fs::create_directory(data.File("HalfCheetah"));
   FolderWatch watch(data.File("HalfCheetah"));
   Tool tool({"dataset", "make", "HalfCheetah/medium", "--rows", "1e8", "--data", data.path()});
-  REQUIRE(watch.WaitFor("medium-v0.h5.tmp"));
+  REQUIRE(watch.WaitFor("medium-v0.h5.b4mrl-tmp"));
   tool.Signal(SIGINT);
   CheckInterrupted(tool);
   CHECK(fs::is_empty(data.File("HalfCheetah")));

@@ -120,7 +120,7 @@ TEST_CASE("a full disk is an error at every size, leaves the old file and no hal
     CHECK(status.code() == StatusCode::kIoError);
     CHECK(status.message().find("x.h5") != std::string::npos);
     CHECK(ReadBytes(path) == before);
-    CHECK_FALSE(std::filesystem::exists(path + ".tmp"));
+    CHECK_FALSE(std::filesystem::exists(path + ".b4mrl-tmp"));
   }
   CHECK(WriteExample(path, large).ok());
 }

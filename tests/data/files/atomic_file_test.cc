@@ -41,4 +41,30 @@ TEST_CASE("A file in its place is not locked, even while a forked child has it o
   CHECK(waitpid(child, &status, 0) == child);
 }
 
+TEST_CASE("A file that appears before the commit is kept, if it is to be, or replaced") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("rows.csv");
+  for (const Existing existing : {Existing::kKeep, Existing::kReplace}) {
+    Result<AtomicFile> file = AtomicFile::Create(path);
+    REQUIRE(file.ok());
+    REQUIRE(file->Write("new").ok());
+    WriteBytes(path, "the user's");
+    const Status committed = file->Commit(existing);
+    const bool keeps = existing == Existing::kKeep;
+    CHECK(committed.code() == (keeps ? StatusCode::kFailedPrecondition : StatusCode::kOk));
+    CHECK(ReadBytes(path) == (keeps ? "the user's" : "new"));
+  }
+  Result<AtomicFile> file = AtomicFile::Create(folder.File("other.csv"));
+  REQUIRE(file.ok());
+  CHECK(file->Commit(Existing::kKeep).ok());
+  CHECK(ReadBytes(folder.File("other.csv")).empty());
+}
+
+TEST_CASE("A user's file beside a file that is written stays") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("rows.csv.tmp"), "precious");
+  REQUIRE(WriteSmallFile(folder.File("rows.csv"), "new").ok());
+  CHECK(ReadBytes(folder.File("rows.csv.tmp")) == "precious");
+}
+
 }  // namespace b4mrl

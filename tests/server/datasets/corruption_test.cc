@@ -34,7 +34,7 @@ Corrupted Corrupt(const ExampleDataset& data, const std::string& items, uint64_t
   INFO(corruption.status().ToString());
   REQUIRE(corruption.ok());
   auto builder = DatasetBuilder::Create(folder.File("c"), kSize, kActions);
-  REQUIRE(AppendCorrupted(ColumnsOf(data), corruption->set, seed, matrix, false, &*builder).ok());
+  REQUIRE(AppendCorrupted(ColumnsOf(data), {corruption->set, seed, matrix}, false, &*builder).ok());
   REQUIRE(builder->Commit().ok());
   return {Dataset::Open(folder.File("c")).value()};
 }
@@ -145,7 +145,7 @@ TEST_CASE("presets resolve, names work, and what cannot corrupt data is refused"
     return MakeCorruption(ParseNamedArguments(items).value(), spec);
   };
   CHECK(FormatNamedArguments(resolve("hidden-high,obs-noise-low")->set.items()) ==
-        "hidden=9,obs-noise=0.01");
+        "obs-noise=0.01,hidden=9");
   CHECK(resolve("hidden-high")->hidden_dimensions == std::vector<uint32_t>{9});
   CHECK(resolve("hidden=" + spec.observation.dimensions[9].name)->set.items() ==
         resolve("hidden=9")->set.items());

@@ -158,32 +158,6 @@ TEST_CASE("requests that wait for datasets are bounded, and what is mapped is se
   CHECK(daemon.Sample(fingerprint, 0, 1, 5).code() == StatusCode::kOk);
 }
 
-TEST_CASE("requests for many rows keep those of another client waiting for a part of one alone") {
-  DataFolder files;
-  Daemon daemon(files.folder.path());
-  pb::Request sample;
-  sample.set_protocol_version(limits::kProtocolVersion);
-  sample.set_deadline_ms(kPatienceMs);
-  sample.mutable_sample()->set_fingerprint(
-      daemon.Open("HalfCheetah/medium").reply.open_dataset().fingerprint());
-  sample.mutable_sample()->set_batches(5);
-  sample.mutable_sample()->set_rows(limits::kMaxRowsPerBatch);
-  constexpr int kLarge = 6, kSmall = 5;
-  DealerSocket client = daemon.Connect();
-  for (int id = 1; id <= kLarge; ++id) {
-    sample.set_request_id(id);
-    REQUIRE(client.Send({SerializeEnvelope(sample).value(), Frame()}).ok());
-  }
-  for (int i = 0; i < kSmall; ++i) {
-    CHECK(daemon.Sample(sample.sample().fingerprint(), 0, i, 5).code() == StatusCode::kOk);
-  }
-  // A small one that waited for a whole large one, or for most of one, would have seen it answered.
-  int answered = 0;
-  while (client.TryReceive()) ++answered;
-  CHECK(answered < kSmall - 1);
-  for (; answered < kLarge; ++answered) CHECK(daemon.Receive(client).code() == StatusCode::kOk);
-}
-
 TEST_CASE("a listing that is longer than an envelope comes in pages") {
   constexpr int kFiles = 1500;
   TemporaryFolder folder;

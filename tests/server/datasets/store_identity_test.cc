@@ -90,6 +90,54 @@ TEST_CASE("dimensions that the behaviour policy could not see are hidden with th
   CHECK(fixture.OpenMade("hidden=3+9")->hidden_dimensions == std::vector<uint32_t>{3, 9, 12});
 }
 
+TEST_CASE("hidden dimensions are 0 under noise, whoever hid them and in whichever order") {
+  const StoreFixture fixture;
+  DatasetProvenance provenance;
+  provenance.environment = "HalfCheetah";
+  provenance.hidden_dimensions = {12};
+  REQUIRE(
+      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  const auto opened = fixture.OpenMade("hidden=3,obs-noise=1");
+  CHECK(opened->hidden_dimensions == std::vector<uint32_t>{3, 12});
+  const TransitionColumns& columns = opened->dataset->columns();
+  for (const auto& observations : {columns.observations, columns.next_observations}) {
+    for (uint64_t row = 0; row < columns.rows; ++row) {
+      const auto values = observations.subspan(row * columns.observation_size);
+      REQUIRE(values[3] == 0);
+      REQUIRE(values[12] == 0);
+      REQUIRE(values[4] != fixture.data.observations[row * columns.observation_size + 4]);
+    }
+  }
+}
+
+TEST_CASE("a file without time-outs is refused where episodes end after other steps") {
+  const StoreFixture fixture;
+  DatasetStore store = fixture.Store();
+  const auto open = [&](const std::string& name, uint64_t observation, uint64_t action) {
+    fs::create_directories(fs::path(fixture.folder.File(name)).parent_path());
+    auto file = Hdf5Writer::Create(fixture.folder.File(name + ".h5"));
+    REQUIRE(file.ok());
+    const std::vector<float> zeros(40 * observation);
+    for (const auto& [column, width] :
+         {std::pair{"observations", observation}, std::pair{"next_observations", observation},
+          std::pair{"actions", action}, std::pair{"rewards", uint64_t{1}}}) {
+      const auto id = file->CreateColumn(column, {Hdf5Type::kFloat32, width});
+      REQUIRE(id.ok());
+      REQUIRE(file->Append(*id, std::span(zeros).first(40 * width)).ok());
+    }
+    const auto id = file->CreateColumn("terminals", {Hdf5Type::kBool, 0});
+    REQUIRE(id.ok());
+    REQUIRE(file->Append(*id, std::vector<uint8_t>(40)).ok());
+    REQUIRE(file->Commit().ok());
+    return fixture.OpenMade(store, {name, {}, 0, TransitionRule::kStored, ""}).status();
+  };
+  CHECK(open("HalfCheetah/other", 17, 6).ok());
+  CHECK(open("Mine/first", 25, 2).ok());  // of which nobody knows the limit
+  const Status refused = open("Highway/first", 25, 2);
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(refused.message(), Catch::Contains("'timeouts'") && Catch::Contains("after 30"));
+}
+
 TEST_CASE("data of another environment is refused by name, and of an unknown one by size") {
   const StoreFixture fixture;
   fs::create_directory(fixture.folder.File("Mine"));

@@ -137,10 +137,14 @@ TEST_CASE("Two noises in one set are independent") {
   CHECK(squares / kRows == Approx(1).epsilon(5 * std::sqrt(2.0 / kRows)));  // five standard errors
 }
 
-TEST_CASE("Perturbations apply in the order in which they are written") {
+TEST_CASE("Hidden dimensions are 0, in whichever order perturbations are written") {
   const DrawContext context = {DrawContext::Kind::kDataset, 1, 0, 0};
-  REQUIRE(NoiseOf(Make("obs-noise=1,hidden=9"), context)[9] == 0);
-  REQUIRE(NoiseOf(Make("hidden=9,obs-noise=1"), context)[9] != 0);
+  for (const char* written : {"obs-noise=1,hidden=9", "hidden=9,obs-noise=1"}) {
+    const PerturbationSet set = Make(written);
+    CHECK(NoiseOf(set, context)[9] == 0);
+    CHECK(NoiseOf(set, context)[8] != 0);
+    CHECK(FormatNamedArguments(set.items()) == "obs-noise=1,hidden=9");
+  }
 }
 
 TEST_CASE("Numbers that are not finite pass through noise and vanish only where hidden") {

@@ -136,10 +136,10 @@ TEST_CASE("Equal requests share one simulator while anybody holds it") {
 TEST_CASE("A simulator says everything that is in force") {
   const auto simulator = OpenHalfCheetah("gravity,hidden=v-root-z+16,obs-noise-high");
   REQUIRE(FormatNamedArguments(simulator->resolved_perturbations()) ==
-          "gravity=2,hidden=9+16,obs-noise=0.05");
+          "gravity=2,obs-noise=0.05,hidden=9+16");
   REQUIRE(simulator->config_json().find("\"reset_noise_scale\":0.1") != std::string::npos);
   const std::string& identity = simulator->identity();
-  CHECK(identity.find("gravity=2,hidden=9+16,obs-noise=0.05") != std::string::npos);
+  CHECK(identity.find("gravity=2,obs-noise=0.05,hidden=9+16") != std::string::npos);
   CHECK(identity.find("half_cheetah.xml:") != std::string::npos);
   CHECK(identity.find("MuJoCo 2.2.2") != std::string::npos);
   CHECK(identity.find("dynamics 1") != std::string::npos);

@@ -1,0 +1,98 @@
+// What `b4mrl dataset import` takes, and what comes back from files that `export` wrote.
+#include <sys/stat.h>
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/algorithms/tools/tool.h"
+#include "tests/data/example_dataset.h"
+#include "tests/data/temporary_folder.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Imports {
+  TemporaryFolder folder;
+
+  Outcome Dataset(Words arguments) const {
+    arguments.insert(arguments.begin(), "dataset");
+    arguments.insert(arguments.end(), {"--data", folder.File("data")});
+    return Run(arguments);
+  }
+  nlohmann::json Info(const std::string& name) const {
+    const Outcome outcome = Dataset({"info", name, "--json"});
+    INFO(outcome.err);
+    REQUIRE(outcome.exit_code == 0);
+    return nlohmann::json::parse(outcome.out, nullptr, false);
+  }
+};
+
+TEST_CASE("Rows that were exported by D4RL's rule come back under it") {
+  const Imports imports;
+  REQUIRE(imports.Dataset({"make", "Hopper/random", "--rows", "1500"}).exit_code == 0);
+  const bool as_minari = GENERATE(false, true);
+  INFO(as_minari);
+  const std::string target = imports.folder.File(as_minari ? "minari" : "rows.h5");
+  const Outcome exported = imports.Dataset({"export", "Hopper/random", target, "--transitions",
+                                            "d4rl", "--format", as_minari ? "minari" : "d4rl"});
+  INFO(exported.err);
+  REQUIRE(exported.exit_code == 0);
+  const std::string source = as_minari ? target + "/b4mrl/Hopper/random_d4rl-transitions-v0" : target;
+  const Outcome imported = imports.Dataset({"import", source, "--name", "Hopper/back"});
+  INFO(imported.err);
+  REQUIRE(imported.exit_code == 0);
+  const auto back = imports.Info("Hopper/back"), original = imports.Info("Hopper/random");
+  CHECK(original["transitions"] == "stored");
+  CHECK(back["transitions"] == "d4rl");
+  CHECK(back["behaviour_policy"] == original["behaviour_policy"]);
+  CHECK(back["rows"] < original["rows"]);
+  // A second application would drop rows again.
+  const Outcome again = imports.Dataset({"info", "Hopper/back", "--json", "--transitions", "d4rl"});
+  CHECK(nlohmann::json::parse(again.out, nullptr, false)["rows"] == back["rows"]);
+}
+
+TEST_CASE("What is no regular file is refused, and holes stay holes") {
+  const Imports imports;
+  const std::string pipe = imports.folder.File("pipe.h5");
+  REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+  for (const std::string& file : {pipe, std::string("/dev/zero")}) {
+    const Outcome refused = imports.Dataset({"import", file, "--name", "HalfCheetah/mine"});
+    CHECK(refused.exit_code == 3);
+    CHECK_THAT(refused.err, Catch::Contains(file) && Catch::Contains("a regular file"));
+  }
+  const std::string sparse = imports.folder.File("sparse.h5");
+  REQUIRE(WriteExample(sparse, MakeExampleDataset({700, 300}, 17, 6)).ok());
+  constexpr off_t kBytes = 1 << 30;
+  fs::resize_file(sparse, kBytes);
+  REQUIRE(imports.Dataset({"import", sparse, "--name", "HalfCheetah/mine"}).exit_code == 0);
+  struct stat copied {};
+  REQUIRE(stat(imports.folder.File("data/HalfCheetah/mine.h5").c_str(), &copied) == 0);
+  CHECK(copied.st_size == kBytes);
+  CHECK(copied.st_blocks * 512 < kBytes / 100);
+}
+
+TEST_CASE("A file of D4RL's that is there but is no dataset is not passed over") {
+  const Imports imports;
+  const std::string folder = imports.folder.File("d4rl");
+  fs::create_directories(folder);
+  fs::create_directories(imports.folder.File("data/d4rl"));
+  const ExampleDataset data = MakeExampleDataset({700, 300}, 11, 3);
+  REQUIRE(WriteExample(folder + "/hopper_medium-v2.hdf5", data).ok());
+  const std::string present = imports.folder.File("data/d4rl/hopper-medium-v2.hdf5");
+  WriteBytes(present, "no HDF5");
+  const Outcome damaged = imports.Dataset({"import", "--d4rl", folder});
+  CHECK(damaged.exit_code == 3);
+  CHECK_THAT(damaged.err, Catch::Contains("d4rl/hopper-medium-v2: is there, but cannot be opened"));
+  fs::remove(present);
+  CHECK(imports.Dataset({"import", "--d4rl", folder}).exit_code == 0);
+  const Outcome again = imports.Dataset({"import", "--d4rl", folder});
+  CHECK(again.exit_code == 0);
+  CHECK_THAT(again.err, Catch::Contains("d4rl/hopper-medium-v2: is there already"));
+}
+
+}  // namespace
+}  // namespace b4mrl
