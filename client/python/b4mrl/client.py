@@ -10,15 +10,15 @@ from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike, DTypeLike
 
-from b4mrl import catalogue, descriptions, errors
+from b4mrl import catalogue, descriptions
 from b4mrl.benchmarks.benchmark import Benchmark, find_info
 from b4mrl.benchmarks.ledger import Ledger, LedgerLike, number_of
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo, DatasetInfo, Perturbation, ServerStatus
 from b4mrl.display import Listing, Shown, Table
 from b4mrl.environment import Environment
-from b4mrl.hosted import check_render_mode
-from b4mrl.opening import Opening, dataset_request, dtype_name, mode_name, open_session
+from b4mrl.hosted import shown
+from b4mrl.opening import Opening, dataset_request, open_dataset, open_session, plain
 from b4mrl.origin import Origin
 from b4mrl.query import PendingQuery, QuerySessions, Rows
 from b4mrl.simulators import Simulator
@@ -147,9 +147,9 @@ class Client(Shown):
                 in float64.
             config: settings under the names that Gymnasium or highway-env give them.
             max_episode_steps: number of steps after which an episode is truncated. None: the
-                environment's own limit.
-            render_mode: None, or "rgb_array" for pictures of `width` x `height` pixels; 0 means the
-                environment's default size.
+                environment's own limit. -1: no limit of steps; Highway's `duration` stays.
+            render_mode: None, or "rgb_array" for pictures of `width` x `height` pixels, 16 to 1,920
+                each; 0 means the environment's default size.
             deadline_ms: time limit of each request, in milliseconds. None: the client's.
             ledger: counts the environment's steps and episodes; see `ledger()`. None: none does.
 
@@ -157,20 +157,19 @@ class Client(Shown):
             UnknownNameError, InvalidArgumentError, UnsupportedError: the daemon refused an
                 argument; the message has its reason.
         """
-        check_render_mode(render_mode)
-        asked: dict[str, Any] = {
-            "environment": environment,
-            "simulator": simulator,
-            "seed": seed,
-            "dtype": dtype_name(dtype),
-            "config": config,
-            "max_episode_steps": max_episode_steps,
-            "deadline_ms": deadline_ms,
-            "ledger": number_of(ledger),
-        }
-        shown: dict[str, Any] = {"render_mode": render_mode, "width": width, "height": height}
-        origin = self._origin(Client.make, asked | shown)
-        return Environment(self._open(Opening(**asked)), origin, **shown)
+        asked = plain(
+            environment=environment,
+            simulator=simulator,
+            seed=seed,
+            dtype=dtype,
+            config=config,
+            max_episode_steps=max_episode_steps,
+            deadline_ms=deadline_ms,
+            ledger=number_of(ledger),
+        )
+        own = shown(render_mode, width, height)
+        origin = self._origin(Client.make, asked | own)
+        return Environment(self._open(Opening(**asked)), origin, **own)
 
     def make_vec(
         self,
@@ -194,34 +193,26 @@ class Client(Shown):
 
         Args:
             autoreset_mode: when a finished environment is reset: "next_step", "same_step",
-                "disabled", or one of Gymnasium's AutoresetMode.
+                "disabled", or one of Gymnasium's AutoresetMode or its value.
             step_past_end: allows stepping finished environments in mode "disabled".
 
         All other arguments, and the exceptions, are those of `make`.
         """
-        check_render_mode(render_mode)
-        if num_envs == 0:
-            raise errors.InvalidArgumentError("num_envs is 0, allowed: at least 1")
-        asked: dict[str, Any] = {
-            "environment": environment,
-            "num_envs": num_envs,
-            "simulator": simulator,
-            "seed": seed,
-            "dtype": dtype_name(dtype),
-            "autoreset_mode": mode_name(autoreset_mode),
-            "config": config,
-            "max_episode_steps": max_episode_steps,
-            "deadline_ms": deadline_ms,
-            "ledger": number_of(ledger),
-        }
-        shown: dict[str, Any] = {
-            "step_past_end": step_past_end,
-            "render_mode": render_mode,
-            "width": width,
-            "height": height,
-        }
-        origin = self._origin(Client.make_vec, asked | shown)
-        return VectorEnvironment(self._open(Opening(**asked)), origin, **shown)
+        asked = plain(
+            environment=environment,
+            num_envs=num_envs,
+            simulator=simulator,
+            seed=seed,
+            dtype=dtype,
+            autoreset_mode=autoreset_mode,
+            config=config,
+            max_episode_steps=max_episode_steps,
+            deadline_ms=deadline_ms,
+            ledger=number_of(ledger),
+        )
+        own = {"step_past_end": bool(step_past_end), **shown(render_mode, width, height)}
+        origin = self._origin(Client.make_vec, asked | own)
+        return VectorEnvironment(self._open(Opening(**asked)), origin, **own)
 
     def query(
         self,
@@ -289,9 +280,8 @@ class Client(Shown):
         """
         rows = Rows.of(observations, actions, copy=True)
         self._leave_parent()
-        opening = Opening(
-            environment, simulator, 0, 0, rows.dtype, config=config, ledger=number_of(ledger)
-        )
+        asked = plain(simulator=simulator, config=config, ledger=number_of(ledger))
+        opening = Opening(environment, num_envs=0, seed=0, dtype=rows.dtype, **asked)
         return PendingQuery(self._query_sessions, opening, rows, seed, draw, first_row)
 
     def datasets(self) -> list[DatasetInfo]:
@@ -319,7 +309,7 @@ class Client(Shown):
 
         Args:
             name: a name from `datasets()`, such as "HalfCheetah/medium". The command
-                `b4mrl dataset make NAME` makes one that is missing.
+                `b4mrl dataset make NAME` makes one that is missing, if it is the project's.
             corruption: perturbations of the data, written like `simulator` of `make`:
                 "obs-noise-high", "hidden=9+10". None: the data as recorded.
             seed: seed of the corruption's noise: each seed gives a dataset one noise matrix.
@@ -332,24 +322,23 @@ class Client(Shown):
             ledger: counts the rows that are sampled and read; see `ledger()`.
         """
         number = number_of(ledger)
-        asked: dict[str, Any] = {
-            "name": name,
-            "corruption": corruption,
-            "seed": seed,
-            "transition_rule": transition_rule,
-            "environment": environment,
-            "open_deadline_ms": open_deadline_ms,
-            "deadline_ms": deadline_ms,
-            "ledger": number,
-        }
+        asked = plain(
+            name=name,
+            corruption=corruption,
+            seed=seed,
+            transition_rule=transition_rule,
+            environment=environment,
+            open_deadline_ms=open_deadline_ms,
+            deadline_ms=deadline_ms,
+            ledger=number,
+        )
         request = dataset_request(name, corruption, seed, transition_rule, environment)
         queries = functools.partial(Client._open_queries, ledger=number)
         connection = self._connect_datasets()
         try:
-            reply = connection.call(request, bytearray(), open_deadline_ms).reply.open_dataset
             return Dataset(
                 connection,
-                descriptions.read(reply),
+                descriptions.read(open_dataset(connection, request, open_deadline_ms)),
                 self._origin(Client.dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,

@@ -11,15 +11,23 @@ import numpy as np
 
 from b4mrl.errors import InvalidArgumentError
 
+WITHOUT_LIMIT = -1  # as a number of steps, as in gym.make
+MOST_STEPS = 2**32 - 1  # the longest limit that a task which counts steps can have
 
-def to_json(config: Mapping[str, Any] | None) -> str:
-    """`config` as a JSON object; "" if it is None or empty.
+
+def plain(config: Mapping[str, Any] | None) -> Any:
+    """A copy of `config` of what JSON has: dicts, lists, numbers, strings, booleans and None.
 
     Values may be numbers, strings, booleans, None, and lists, tuples, arrays or dicts of these. An
-    infinite number, as in `healthy_z_range=(0.7, inf)`, becomes null, which the daemon reads as an
+    infinite number, as in `healthy_z_range=(0.7, inf)`, becomes None, which the daemon reads as an
     unbounded end of the range. InvalidArgumentError: another type of value, or NaN.
     """
-    return json.dumps(_plain(config, "config"), allow_nan=False) if config else ""
+    return None if config is None else _plain(config, "config")
+
+
+def to_json(config: Mapping[str, Any] | None) -> str:
+    """`plain(config)` as a JSON object; "" if it is None or empty. Raises as `plain`."""
+    return json.dumps(plain(config), allow_nan=False) if config else ""
 
 
 def with_limit(
@@ -31,13 +39,14 @@ def with_limit(
     """`config` with an episode limit of `steps`, under the environment's own name for the setting.
 
     Args:
-        steps: number of steps after which an episode is truncated.
+        steps: number of steps after which an episode is truncated; WITHOUT_LIMIT: never, in a task
+            that counts steps.
         in_force: all settings of the environment; Highway's limit is a `duration` in seconds.
         step_seconds: simulated seconds of one step.
     """
     value: float
-    name, value = "max_episode_steps", steps
-    if "duration" in in_force:  # the first step whose end reaches the duration ends the episode
+    name, value = "max_episode_steps", MOST_STEPS if steps == WITHOUT_LIMIT else steps
+    if counts_seconds(in_force):  # the first step whose end reaches the duration ends the episode
         name, value = "duration", (steps - 0.5) * step_seconds
     given = dict(config or {})
     if name in given:
@@ -46,6 +55,11 @@ def with_limit(
             "allowed: one of the two"
         )
     return given | {name: value}
+
+
+def counts_seconds(in_force: Mapping[str, Any]) -> bool:
+    """Whether an environment with these settings limits an episode's seconds, not its steps."""
+    return "duration" in in_force
 
 
 def _plain(value: Any, name: str) -> Any:

@@ -166,12 +166,8 @@ class Dataset(Shown):
 
     def read(self, first_row: int, rows: int) -> Batch:
         """`rows` rows from `first_row` on in the file's order; fewer at the end of the dataset."""
-        first_row = checks.unsigned("first_row", first_row)
-        if not 0 < checks.unsigned("rows", rows) or first_row >= self.rows:
-            raise errors.InvalidArgumentError(
-                f"first_row is {first_row} and rows is {rows}, "
-                f"allowed: 0..{self.rows - 1} and at least 1"
-            )
+        first_row = checks.integer("first_row", first_row, 0, self.rows - 1)
+        rows = checks.integer("rows", rows, 1, None)
         return self._gather(first_row, min(rows, self.rows - first_row))
 
     def load(self, transitions: str | None = None) -> Batch:
@@ -234,7 +230,7 @@ class Dataset(Shown):
         """
         paired = None
         if pair_with is not None:
-            paired = self.pair(pair_with, seed=pair_seed, folder=pair_folder)
+            paired = self._paired(pair_with, pair_seed, pair_folder)
         connection = self._connection
         sent = (
             self._send_sample(connection, rows, seed, number, paired is not None)
@@ -262,22 +258,18 @@ class Dataset(Shown):
         bool; a row that is not valid holds zeros. The simulator starts from the observations as
         served, so it reveals nothing that a corruption hides. The noise of row i is that of
         Client.query with `seed`, draw 0 and row number i. The first call simulates all rows; the
-        dataset keeps the columns.
+        dataset keeps the columns for its streams and later calls, so they are read-only.
 
         Args:
             folder: keeps the columns on disk as well, for later runs of any process, under a name
                 made of the identities of dataset, simulator and seed; made if it is missing. The
-                columns are then mapped from the files, read-only, and take no memory of their own.
+                columns are then mapped from the files and take no memory of their own.
 
         FailedPreconditionError: the environment in which the dataset was recorded is not known.
         DataLossError: a file of the folder is damaged.
         """
-        text = simulators.text_of(simulators.parse(simulator))
-        where = None if folder is None else os.path.abspath(folder)
-        key = (text, checks.unsigned("seed", seed), where)
-        if key not in self._pairs:
-            self._pairs[key] = self._find_pairs(*key)
-        return self._pairs[key]
+        kept = self._paired(simulator, seed, folder)
+        return {name: column.view() for name, column in kept.items()}
 
     def close(self) -> None:
         """Closes the connection; streams that are still read raise an error."""
@@ -288,6 +280,17 @@ class Dataset(Shown):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _paired(
+        self, simulator: Simulator, seed: int, folder: str | os.PathLike[str] | None
+    ) -> Batch:
+        """The kept columns of pair; not the caller's to change."""
+        text = simulators.text_of(simulators.parse(simulator))
+        where = None if folder is None else os.path.abspath(folder)
+        key = (text, checks.unsigned("seed", seed), where)
+        if key not in self._pairs:
+            self._pairs[key] = self._find_pairs(*key)
+        return self._pairs[key]
 
     def _find_pairs(self, simulator: str, seed: int, folder: str | None) -> Batch:
         if not self.environment:
@@ -350,7 +353,7 @@ class Dataset(Shown):
         request.sample.seed = checks.unsigned("seed", seed)
         request.sample.first_batch = batch
         request.sample.batches = 1
-        request.sample.rows = checks.unsigned("rows", rows, bits=32)
+        request.sample.rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
         request.sample.with_indices = with_indices
         request.sample.ledger = self._ledger
         return connection.send(request, bytearray(), self._deadline_ms)

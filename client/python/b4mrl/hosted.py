@@ -11,17 +11,33 @@ from gymnasium.envs.registration import EnvSpec
 from b4mrl import errors, infos, simulators
 from b4mrl.display import Shown
 from b4mrl.origin import Origin
+from b4mrl.wire import checks, limits
 from b4mrl.wire.session import Session
 
 RENDER_MODES = ("rgb_array",)
 
 
-def check_render_mode(render_mode: str | None) -> None:
-    """InvalidArgumentError: there is no such render mode."""
+def shown(render_mode: str | None, width: int, height: int) -> dict[str, Any]:
+    """The arguments by name. InvalidArgumentError: there is no such render mode or size."""
     if render_mode is not None and render_mode not in RENDER_MODES:
         raise errors.InvalidArgumentError(
             f"render_mode is {render_mode!r}, allowed: None, {', '.join(RENDER_MODES)}"
         )
+    sizes = {"width": _side("width", width), "height": _side("height", height)}
+    return {"render_mode": render_mode, **sizes}
+
+
+def _side(name: str, value: int) -> int:
+    try:
+        pixels = checks.unsigned(name, value, bits=32)
+    except errors.InvalidArgumentError:
+        pixels = -1
+    if pixels != 0 and not limits.MIN_PICTURE_SIDE <= pixels <= limits.MAX_PICTURE_SIDE:
+        raise errors.InvalidArgumentError(
+            f"{name} is {value!r}, allowed: {limits.MIN_PICTURE_SIDE}..{limits.MAX_PICTURE_SIDE} "
+            "pixels, or 0 for the environment's default"
+        )
+    return pixels
 
 
 class Hosted(Shown):
@@ -33,7 +49,7 @@ class Hosted(Shown):
     Args:
         session: owned by this object.
         origin: the arguments with which the session was opened.
-        render_mode, width, height: as in Client.make, which has checked render_mode.
+        render_mode, width, height: as in Client.make, which has checked them.
     """
 
     def __init__(
@@ -68,7 +84,8 @@ class Hosted(Shown):
     def spec(self) -> EnvSpec | None:
         """The spec from which gym.make or gym.make_vec makes the same environment again.
 
-        Its `max_episode_steps` is the daemon's limit, whatever spec was assigned.
+        Its `max_episode_steps` is the daemon's limit, and its arguments are what was opened, as
+        JSON has it, whatever spec was assigned.
         """
         return self._spec
 
@@ -77,6 +94,9 @@ class Hosted(Shown):
         self._spec = copy.copy(spec)
         if self._spec is not None:
             self._spec.max_episode_steps = self.session.spec.max_episode_steps or None
+            opened = self._origin.gym_spec().kwargs
+            given = self._spec.kwargs.items()
+            self._spec.kwargs = {name: opened.get(name, value) for name, value in given}
 
     @property
     def transport(self) -> str:

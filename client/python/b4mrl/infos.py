@@ -2,6 +2,8 @@
 
 A column's name says where its number belongs: "x_position" is a key; "tendon_length[1]" is the
 second entry of an array; "rewards.collision_reward" is an entry of a dictionary in the dictionary.
+Flags, which travel as numbers like everything else, become bools.
+
 As in Gymnasium's vector environments, the dictionary of a batch has for every key `k` an array with
 one entry for each environment, and a boolean mask `_k` of the environments that reported it.
 """
@@ -20,6 +22,7 @@ from b4mrl.wire.messages import CAUSES
 Mask = NDArray[np.bool_]
 
 CAUSE_NAMES = {value.number: value.name.lower() for value in CAUSES.values}
+_FLAGS = frozenset({"crashed"})  # keys that are bools in the original tasks
 _ENTRY = re.compile(r"(.*)\[\d+\]")
 
 # Key -> number of its column, numbers of an array's columns, or items of a dictionary.
@@ -37,12 +40,19 @@ class InfoLayout:
     def __init__(self, names: Iterable[str], reset_names: Iterable[str]) -> None:
         columns = list(enumerate(names))
         reported = set(reset_names)
+        self._flags = [name for _, name in columns if name in _FLAGS]
         self._step = _tree(columns)
         self._reset = _tree([(i, name) for i, name in columns if name in reported])
 
     def single(self, row: Sequence[float] | None, is_reset: bool) -> dict[str, Any]:
         """The dictionary of one environment from its (columns,) numbers."""
-        return {} if row is None else _read(self._reset if is_reset else self._step, row)
+        if row is None:
+            return {}
+        infos = _read(self._reset if is_reset else self._step, row)
+        for key in self._flags:
+            if key in infos:
+                infos[key] = bool(infos[key])
+        return infos
 
     def batch(self, rows: NDArray[np.float64] | None, is_reset: Mask) -> dict[str, Any]:
         """The dictionary of a batch from (n, columns) numbers; `is_reset` (n,) marks resets."""
@@ -50,10 +60,14 @@ class InfoLayout:
         if rows is None:
             return infos
         if not is_reset.any():
-            return _columns(self._step, rows)
-        if not is_reset.all():
-            _merge(infos, self._step, rows, ~is_reset)
-        _merge(infos, self._reset, rows, is_reset)
+            infos = _columns(self._step, rows)
+        else:
+            if not is_reset.all():
+                _merge(infos, self._step, rows, ~is_reset)
+            _merge(infos, self._reset, rows, is_reset)
+        for key in self._flags:
+            if key in infos:
+                infos[key] = infos[key].astype(np.bool_)
         return infos
 
 

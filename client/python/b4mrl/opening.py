@@ -6,12 +6,14 @@ dataset worker.
 
 from __future__ import annotations
 
+import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import DTypeLike
 
 from b4mrl import config, descriptions, errors, simulators
@@ -23,10 +25,15 @@ from b4mrl.wire.messages import AUTORESET_MODES, Request
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import Session
 
+_VERSION = re.compile(r"-v\d+$")  # at the end of a dataset's name
+
 
 @dataclass(frozen=True)
 class Opening:
-    """The arguments of Client.make or make_vec; `num_envs` 0 opens a session for queries alone."""
+    """The arguments of Client.make or make_vec; `num_envs` 0 opens a session for queries alone.
+
+    Those of a client have come through `plain`, so that no caller's object changes them later.
+    """
 
     environment: str
     simulator: simulators.Simulator = None
@@ -61,10 +68,10 @@ class Opening:
 def open_session(endpoint: str, routes: Routes, opening: Opening, deadline_ms: float) -> Session:
     """Opens a session; `deadline_ms` limits the opening and each later request of the session."""
     steps = opening.max_episode_steps
-    if steps is not None:
-        steps = checks.unsigned("max_episode_steps", steps, bits=32)
     session = _open(endpoint, routes, opening.request(), deadline_ms)
     if steps is None or steps == session.spec.max_episode_steps:
+        return session
+    if steps == config.WITHOUT_LIMIT and config.counts_seconds(session.in_force.config):
         return session
     # The first session's configuration says which setting ends an episode; a second one sets it.
     with session:
@@ -87,6 +94,23 @@ def dataset_request(
     return request
 
 
+def open_dataset(connection: Connection, request: Any, deadline_ms: float) -> Any:
+    """The reply to an OpenDataset request.
+
+    UnknownNameError: there is no such dataset; the message says how one of the project's is made.
+    """
+    try:
+        return connection.call(request, bytearray(), deadline_ms).reply.open_dataset
+    except errors.UnknownNameError as error:
+        name = request.open_dataset.dataset
+        is_missing = str(error).startswith("unknown dataset ")  # and no corruption
+        if not is_missing or _VERSION.search(name):  # those of a version come from elsewhere
+            raise
+        raise errors.UnknownNameError(
+            f"{error}; `b4mrl dataset make {name}` makes it if `b4mrl list datasets` names it"
+        ) from None
+
+
 def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Session:
     # Open to the gateway and all requests to the session's worker carry the same token.
     token = secrets.token_bytes(limits.TOKEN_BYTES)
@@ -106,21 +130,63 @@ def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Se
     return Session(worker, in_force, spec, dtype, deadline_ms)
 
 
+def plain(**arguments: Any) -> dict[str, Any]:
+    """Arguments of Client.make, make_vec and dataset, checked, as JSON has them.
+
+    Numpy's numbers become Python's, and the caller's dicts and lists texts or copies.
+    InvalidArgumentError: one of them is malformed or out of range.
+    """
+    return {
+        name: _PLAIN[name](value) if name in _PLAIN else value for name, value in arguments.items()
+    }
+
+
+def _step_limit(steps: int | None) -> int | None:
+    if steps is None:
+        return None
+    if steps == config.WITHOUT_LIMIT:
+        return config.WITHOUT_LIMIT
+    return checks.integer("max_episode_steps", steps, 1, config.MOST_STEPS)
+
+
 def mode_name(mode: Any) -> str:
-    """The name of an auto-reset mode, "same_step". InvalidArgumentError: there is no such mode."""
-    name = str(getattr(mode, "name", mode)).lower()
+    """The name of an auto-reset mode, "same_step". InvalidArgumentError: there is no such mode.
+
+    `mode` is that name, one of Gymnasium's AutoresetMode, or the value of one, "SameStep".
+    """
+    values = {member.value: member.name for member in AutoresetMode}
+    name = str(mode.name if isinstance(mode, AutoresetMode) else values.get(str(mode), mode))
     if name.upper() not in AUTORESET_MODES.values_by_name:
         known = ", ".join(name.lower() for name in AUTORESET_MODES.values_by_name)
-        raise errors.InvalidArgumentError(f"autoreset_mode is {name!r}, allowed: {known}")
-    return name
+        raise errors.InvalidArgumentError(
+            f"autoreset_mode is {mode!r}, allowed: {known}, or one of Gymnasium's AutoresetMode"
+        )
+    return name.lower()
 
 
 def dtype_name(dtype: DTypeLike) -> str:
     """The name of `dtype`. InvalidArgumentError: it is neither float32 nor float64."""
     try:
-        kind = np.dtype(dtype)
+        kind = np.dtype(np.void if dtype is None else dtype)  # None would mean float64
     except TypeError:
         kind = np.dtype(np.void)
     if kind not in (np.float32, np.float64):
         raise errors.InvalidArgumentError(f"dtype is {dtype!r}, allowed: float32, float64")
     return kind.name
+
+
+def _optional(convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda value: None if value is None else convert(value)
+
+
+_PLAIN: dict[str, Callable[[Any], Any]] = {
+    "simulator": simulators.plain,
+    "corruption": simulators.plain,
+    "config": config.plain,
+    "seed": _optional(lambda value: checks.unsigned("seed", value)),
+    "num_envs": lambda value: checks.integer("num_envs", value, 1, limits.MAX_LANES_PER_SESSION),
+    "dtype": dtype_name,
+    "autoreset_mode": mode_name,
+    "max_episode_steps": _step_limit,
+    "deadline_ms": _optional(lambda value: checks.deadline_ms(value, 0)),
+}

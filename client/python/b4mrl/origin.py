@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,7 @@ class Origin:
     Attributes:
         opener: called with endpoint, deadline_ms and the arguments; can be pickled.
         endpoint, deadline_ms: of the client that opened the environment or dataset.
-        arguments: of Client.make, make_vec or dataset, by name.
+        arguments: of Client.make, make_vec or dataset, by name, as `opening.plain` makes them.
     """
 
     opener: Callable[..., Any]
@@ -32,7 +33,7 @@ class Origin:
 
     def gym_spec(self) -> EnvSpec:
         """The spec from which gym.make or gym.make_vec makes the same environment."""
-        given = dict(self.arguments)
+        given = copy.deepcopy(dict(self.arguments))  # the caller may change the spec
         return EnvSpec(
             id=f"b4mrl/{given['environment']}-v0",
             entry_point="b4mrl.registration:make",

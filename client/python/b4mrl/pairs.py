@@ -40,7 +40,10 @@ def simulate(
     rows: int,
     seed: int,
 ) -> dict[str, Array]:
-    """The columns of all `rows` rows, which come in `parts`: (number of the first row, rows)."""
+    """The columns of all `rows` rows, which come in `parts`: (number of the first row, rows).
+
+    They are read-only, as those of `read` are.
+    """
     size = session.spec.observation.size
     pairs = {name: np.empty(_shape(name, rows, size), dtype) for name, dtype in _DTYPES.items()}
     for first_row, part in parts:
@@ -48,6 +51,8 @@ def simulate(
         answer = query.run(session, asked, seed, 0, first_row)
         for whole, column in zip(pairs.values(), answer):
             whole[first_row : first_row + len(column)] = column
+    for column in pairs.values():
+        column.flags.writeable = False  # also of the views that callers get
     return pairs
 
 

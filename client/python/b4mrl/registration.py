@@ -24,9 +24,10 @@ _KNOWN = ("HalfCheetah", "Hopper", "Walker2d", "Humanoid", "Highway")
 def register(names: Iterable[str] = _KNOWN) -> None:
     """Registers "b4mrl/NAME-v0" for every NAME that is not registered yet.
 
-    `gym.make` then takes the arguments of Client.make, `gym.make_vec` those of Client.make_vec.
-    Both also take `endpoint`, the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon
-    for all environments of the process.
+    `gym.make` then takes the arguments of Client.make, `gym.make_vec` those of Client.make_vec:
+    `max_episode_steps=-1` lifts the limit of steps, but not Highway's `duration` in seconds. Both
+    also take `endpoint`, the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon for
+    all environments of the process.
     """
     for name in names:
         environment_id = f"b4mrl/{name}-v0"
@@ -98,4 +99,4 @@ def _limit_of_the_caller() -> int | None:
     asked = caller.f_locals.get("max_episode_steps")
     if asked is None:  # gym.make(env.spec) takes the limit from the spec
         asked = getattr(caller.f_locals.get("env_spec"), "max_episode_steps", None)
-    return None if asked == -1 else asked  # -1 asks gym.make for no TimeLimit
+    return asked

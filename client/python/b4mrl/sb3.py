@@ -43,9 +43,18 @@ class StableBaselinesVecEnv(VecEnv):
         self.batch = batch
         self._actions: Any = None  # of the last step_async
         super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
+        self.metadata: dict[str, Any] = {**batch.metadata, **self.metadata}  # with render_fps
 
     def reset(self) -> Array:
-        # Stable-Baselines3 keeps reset options for each environment; these environments take none.
+        """Starts the next episodes, or the first ones of the seeds given to `seed`.
+
+        InvalidArgumentError: `set_options` has set an option; these environments take none.
+        """
+        if any(self._options):
+            raise errors.InvalidArgumentError(
+                f"options is {self._options!r}, allowed: none; settings are given to make_vec as "
+                "config="
+            )
         observations, info = self.batch.reset(seed=self._seeds)
         self.reset_infos = [infos.row_of(info, i) for i in range(self.num_envs)]
         self._reset_seeds()

@@ -117,7 +117,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 start_new_session=True,
-                env={"SPDLOG_LEVEL": "warn"} | dict(os.environ),
+                env=_variables(),
             )
         except OSError as error:
             started.put(error)
@@ -130,6 +130,16 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
     if isinstance(outcome, OSError):
         raise UnavailableError(f"cannot start the server: {outcome}") from outcome
     return outcome, unwanted
+
+
+def _variables() -> dict[str, str]:
+    """The daemon's environment variables.
+
+    The launcher `b4mrl` would run the program that B4MRL_SERVER names, but find_server has obeyed
+    the variable already, and it may name the launcher itself.
+    """
+    kept = {name: value for name, value in os.environ.items() if name != "B4MRL_SERVER"}
+    return {"SPDLOG_LEVEL": "warn"} | kept
 
 
 def _stop(
@@ -162,9 +172,10 @@ def serve(
 ) -> PrivateDaemon:
     """Starts a private daemon and waits until it is ready.
 
-    The daemon's program is the one that $B4MRL_SERVER names, else `b4mrl-serve` or `b4mrl` in PATH,
-    else `build/release/b4mrl-serve` in the checkout that holds this package or the working folder,
-    if that file and its folders are this user's or root's and no one else may write there.
+    The daemon's program is the one that $B4MRL_SERVER names (`b4mrl` stands for the `b4mrl-serve`
+    beside it), else `b4mrl-serve` or `b4mrl` in PATH, else `build/release/b4mrl-serve` in the
+    checkout that holds this package or the working folder, if that file and its folders are this
+    user's or root's and no one else may write there.
 
     Args:
         tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder, which
@@ -181,6 +192,8 @@ def serve(
     command = find_server()
     folder = None if tcp else _make_folder()
     command += ["--bind", "tcp://127.0.0.1:0" if tcp else f"ipc://{folder}/serve"]
+    if folder is not None:
+        command.append("--own-folder")  # so that it does not stay where this process is killed
     options = {"--data": data, "--models": models, "--workers": workers, "--threads": threads}
     for name, value in options.items():
         if value is not None:
@@ -206,17 +219,24 @@ def find_server() -> list[str]:
     """The daemon's command without options. UnavailableError: the program is not found."""
     for candidate in _candidates():
         if candidate and os.access(candidate, os.X_OK) and not os.path.isdir(candidate):
-            path = os.path.abspath(candidate)
-            return [path, "serve"] if os.path.basename(path) == "b4mrl" else [path]
+            return _command_of(os.path.abspath(candidate))
     raise UnavailableError(
         "the program b4mrl-serve is not found: name it in B4MRL_SERVER, add its folder to PATH, or "
         "work in a checkout that was built (build/release) and to which only its owner may write"
     )
 
 
+def _command_of(program: str) -> list[str]:
+    """The command of a daemon's program, or of the launcher `b4mrl` that stands before it."""
+    if os.path.basename(program) != "b4mrl":
+        return [program]
+    server = os.path.join(os.path.dirname(program), "b4mrl-serve")
+    return [server] if os.access(server, os.X_OK) else [program, "serve"]
+
+
 def _candidates() -> Iterator[str | None]:
     if named := os.environ.get("B4MRL_SERVER"):
-        if not os.access(named, os.X_OK):
+        if not os.access(named, os.X_OK) or os.path.isdir(named):
             raise UnavailableError(f"B4MRL_SERVER is {named!r}, allowed: an executable program")
         yield named
     yield shutil.which("b4mrl-serve")

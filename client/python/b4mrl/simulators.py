@@ -54,6 +54,19 @@ def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
     raise InvalidArgumentError(f"simulator is {simulator!r}, {_ALLOWED}")
 
 
+def plain(simulator: Simulator) -> str | list[list[str | None]] | None:
+    """`simulator` as a text; None for None. If a value has a comma: as pairs [name, value].
+
+    What it returns means the same to `parse`, becomes JSON and does not change with the caller's
+    dict or list. Raises as `parse`.
+    """
+    if simulator is None:
+        return None
+    items = parse(simulator)
+    text = text_of(items)
+    return text if parse(text) == items else [[it.name, it.argument or None] for it in items]
+
+
 def text_of(items: Iterable[NamedArgument]) -> str:
     """The perturbations as one text, "gravity=1.5,obs-noise-low"."""
     return ",".join(map(str, items))

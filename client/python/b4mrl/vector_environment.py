@@ -55,7 +55,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         session: the session underneath; `session.in_force` has all settings and perturbations with
             their values.
         digests: (n,) uint64, a rolling hash of each environment's actions and outcomes since its
-            last seeded reset; equal digests mean equal trajectories.
+            last seeded reset; equal digests mean equal trajectories. A new array after each call.
     """
 
     def __init__(
@@ -130,8 +130,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         has ended.
         """
         rows = checks.action_rows(actions, self.num_envs, self.session.spec.action.shape)
-        self._refuse_ended(None)
-        return self.session.step(rows, None, self._result)
+        return self.session.step(rows, None, self._result, self._prepare_step)
 
     def send(self, actions: ArrayLike, env_ids: EnvIds = None) -> None:
         """Starts a step of the environments `env_ids` (k,), or of all; actions (k, *shape).
@@ -141,8 +140,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         lanes = self._lanes(env_ids)
         count = self.num_envs if lanes is None else len(lanes)
         rows = checks.action_rows(actions, count, self.session.spec.action.shape)
-        self._refuse_ended(lanes)
-        self.session.send_step(rows, lanes)
+        self.session.send_step(rows, lanes, lambda: self._prepare_step(lanes))
 
     def recv(self) -> StepResult:
         """The result of the first send that is answered, as `step` returns it.
@@ -240,24 +238,31 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             )
         return [None if s is None else checks.unsigned("seed", s) for s in seed]
 
-    def _refuse_ended(self, lanes: Lanes | None) -> None:
-        if self._mode != AutoresetMode.DISABLED or self._step_past_end:
-            return
-        ended = self._ended if lanes is None else self._ended[lanes]
-        if ended.any():
+    def _prepare_step(self, lanes: Lanes | None = None) -> NDArray[np.bool_]:
+        """Whether the episodes of `lanes` have ended before a step, which is refused then.
+
+        The step's outcome is read by these flags: it may be read twice, and the first reading
+        replaces `_ended`.
+        """
+        ended = self._ended.copy() if lanes is None else self._ended[lanes]
+        is_refused = self._mode == AutoresetMode.DISABLED and not self._step_past_end
+        if is_refused and ended.any():
             position = int(np.flatnonzero(ended)[0])
             lane = position if lanes is None else lanes[position]
             raise errors.FailedPreconditionError(
                 f"the episode of environment {lane} has ended; reset it with "
                 "options={'reset_mask': mask}, or make the environments with step_past_end=True"
             )
+        return ended
 
     def _keep(self, outcome: Outcome, ended: bool | NDArray[np.bool_]) -> Array:
         """Keeps an outcome's observations and digests as the latest; returns the observations."""
         chosen = slice(None) if outcome.lanes is None else outcome.lanes
         observations = outcome.observations.reshape(-1, *self._shape)
         self._observations[chosen] = observations
-        self.digests[chosen] = outcome.digests
+        digests = self.digests.copy()  # the caller may have kept the earlier ones
+        digests[chosen] = outcome.digests
+        self.digests = digests
         self._ended[chosen] = ended
         return observations
 
@@ -281,7 +286,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
                 info = self._final_info(outcome, outcome.ended)
         else:
             if self._mode == AutoresetMode.NEXT_STEP:
-                is_reset = self._ended[slice(None) if outcome.lanes is None else outcome.lanes]
+                is_reset = outcome.prepared
             infos.add_causes(info, outcome.causes)
         info |= self._infos.batch(outcome.infos, is_reset)
         has_new_episode = self._mode == AutoresetMode.SAME_STEP

@@ -13,7 +13,7 @@ import b4mrl
 import gymnasium as gym
 import numpy as np
 import pytest
-from b4mrl import errors
+from b4mrl import errors, simulators
 
 from equality import assert_same
 
@@ -36,6 +36,46 @@ def test_a_copied_environment_is_a_new_one_of_the_same_kind(
             assert_same(twin.reset(seed=3), env.reset(seed=3))
             assert_same(twin.step(np.ones(6)), env.step(np.ones(6)))
         env.step(np.ones(6))  # which the copy's end does not concern
+
+
+@copies
+def test_what_the_caller_changes_later_concerns_no_copy(
+    client: b4mrl.Client, make_copy: Callable[[Any], Any]
+) -> None:
+    config = {"max_episode_steps": np.int64(5), "healthy_z_range": np.array([0.5, np.inf])}
+    simulator = {"gravity": 2, "hidden": [1]}
+    with client.make("Hopper", simulator, config=config, seed=np.int64(3)) as env:
+        config["max_episode_steps"] = 7
+        config["healthy_z_range"][0] = 0.1
+        simulator["gravity"] = 1
+        simulator["hidden"].append(2)
+        env.spec.kwargs["config"]["max_episode_steps"] = 9
+        again = make_copy(env)
+        assert again.session.in_force.experiment_id == env.session.in_force.experiment_id
+        assert again.spec.kwargs["seed"] == 3
+        again.close()
+
+
+def test_a_spec_becomes_json_and_makes_the_same_again(client: b4mrl.Client) -> None:
+    options = {
+        "simulator": [("gravity", np.float64(2)), {"hidden": np.array([1, 2])}],
+        "config": {"healthy_z_range": np.array([0.5, np.inf]), "max_episode_steps": np.int64(5)},
+        "seed": np.int64(3),
+        "dtype": np.float64,
+        "width": np.int32(32),
+    }
+    own = client.make("Hopper", **options)
+    registered = gym.make("b4mrl:b4mrl/Hopper-v0", endpoint=client.endpoint, **options)
+    for env in (own, registered):
+        with env, gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json())) as again:
+            forces = [it.unwrapped.session.in_force for it in (env, again)]
+            assert forces[0].experiment_id == forces[1].experiment_id
+
+
+def test_a_value_with_a_comma_stays_one() -> None:
+    for simulator in ({"model": "a,b.xml"}, {"model": "a b.xml ", "gravity": None}):
+        assert simulators.parse(simulators.plain(simulator)) == simulators.parse(simulator)
+    assert simulators.plain({"gravity": 2, "leg-low": None}) == "gravity=2,leg-low"
 
 
 @copies

@@ -148,11 +148,8 @@ def test_a_list_is_an_action(client: b4mrl.Client) -> None:
     [
         (np.zeros(3), "action has shape (3,)"),
         (np.zeros((1, 6)), "action has shape (1, 6)"),
-        (None, "action is None"),
+        (None, "action is None"),  # which numpy takes as a number without a value
         (2, "action is 2"),
-        ("left", "action is 'left'"),
-        ([[1, 2], [3]], "action is [[1, 2], [3]]"),
-        (["a"] * 6, "action is ['a', 'a', 'a', 'a', 'a', 'a']"),
     ],
 )
 def test_a_wrong_action_is_named_as_it_was_given(client: b4mrl.Client, action, complaint) -> None:
@@ -161,6 +158,45 @@ def test_a_wrong_action_is_named_as_it_was_given(client: b4mrl.Client, action, c
         with pytest.raises(errors.InvalidArgumentError) as caught:
             env.step(action)
         assert str(caught.value) == f"{complaint}, allowed: numbers of shape (6,)"
+
+
+class Tensor:
+    """One of PyTorch's that cannot be converted as it is."""
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("use tensor.detach().numpy() instead")
+
+    def __repr__(self) -> str:
+        return "tensor"
+
+
+@pytest.mark.parametrize(
+    ("action", "complaint", "reason"),
+    [
+        ("left", "action is 'left'", "could not convert string to float"),
+        ([[1, 2], [3]], "action is [[1, 2], [3]]", "setting an array element with a sequence"),
+        (["a"] * 6, "action is ['a', 'a', 'a', 'a', 'a', 'a']", "could not convert string"),
+        (Tensor(), "action is tensor", "use tensor.detach().numpy() instead"),
+    ],
+)
+def test_an_action_that_is_no_array_is_refused_with_the_reason(
+    client: b4mrl.Client, action, complaint, reason
+) -> None:
+    with client.make("HalfCheetah") as env:
+        env.reset()
+        with pytest.raises(errors.InvalidArgumentError) as caught:
+            env.step(action)
+        assert str(caught.value).startswith(f"{complaint}, allowed: numbers of shape (6,) (")
+        assert reason in str(caught.value)
+        assert caught.value.__cause__ is not None
+
+
+def test_what_was_wrong_about_a_number_is_told(client: b4mrl.Client) -> None:
+    for value in (1.0, -1, 2**64):
+        with pytest.raises(errors.InvalidArgumentError) as caught:
+            client.make("HalfCheetah", seed=value)
+        wanted = f"seed is {value}, allowed: an integer in 0..18446744073709551615"
+        assert str(caught.value) == wanted
 
 
 @pytest.mark.parametrize("deadline", [0, -5, "10", float("nan"), float("inf"), True])
@@ -186,6 +222,8 @@ def test_a_deadline_that_cannot_be_is_refused(client: b4mrl.Client, deadline: ob
         ({"config": {"x": float("nan")}}, errors.InvalidArgumentError),
         ({"dtype": "float16"}, errors.InvalidArgumentError),
         ({"dtype": "no such"}, errors.InvalidArgumentError),
+        ({"dtype": None}, errors.InvalidArgumentError),
+        ({"max_episode_steps": 0}, errors.InvalidArgumentError),
         ({"seed": -1}, errors.InvalidArgumentError),
         ({"seed": 2**64}, errors.InvalidArgumentError),
         ({"render_mode": "human"}, errors.InvalidArgumentError),
@@ -250,6 +288,17 @@ def test_type_checkers_know_what_is_under_the_wrappers() -> None:
     """So that `env.unwrapped.normalised_score(total)` passes them."""
     hints = typing.get_type_hints(b4mrl.Environment.unwrapped.fget)
     assert hints["return"] is b4mrl.Environment
+
+
+def test_a_flag_of_the_infos_is_a_bool(client: b4mrl.Client) -> None:
+    crashed: list[object] = []
+    with client.make("Highway") as env, client.make_vec("Highway", 2) as vec:
+        crashed += [env.reset(seed=1)[1]["crashed"], env.step([1, 0])[4]["crashed"]]
+        vec.reset(seed=1)
+        batches = [vec.step(np.tile([1.0, 0.0], (2, 1)))[4]["crashed"] for _ in range(60)]
+        assert {batch.dtype for batch in batches} == {np.dtype(bool)}
+        assert np.any(batches)
+    assert crashed == [False, False] and {type(each) for each in crashed} == {bool}
 
 
 @pytest.mark.parametrize("options", [{"config": {"vehicles_count": 15}}, {"speed": 1}])

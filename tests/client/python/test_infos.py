@@ -9,7 +9,8 @@ from b4mrl import infos
 from equality import assert_same
 
 NAMES = ["x", "tendon[0]", "tendon[1]", "rewards.speed", "rewards.parts[0]", "rewards.parts[1]"]
-RESET_NAMES = ["x", "rewards.speed"]
+NAMES += ["crashed"]
+RESET_NAMES = ["x", "rewards.speed", "crashed"]
 
 
 def gymnasium_batch(singles: list[dict]) -> dict:
@@ -23,7 +24,7 @@ def gymnasium_batch(singles: list[dict]) -> dict:
 
 def test_a_name_says_where_its_number_belongs() -> None:
     single = infos.InfoLayout(NAMES, RESET_NAMES).single(
-        [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], is_reset=False
+        [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 1.0], is_reset=False
     )
     assert_same(
         single,
@@ -31,6 +32,7 @@ def test_a_name_says_where_its_number_belongs() -> None:
             "x": 0.0,
             "tendon": np.array([1.0, 2.0]),
             "rewards": {"speed": 3.0, "parts": np.array([4.0, 5.0])},
+            "crashed": True,
         },
     )
 

@@ -40,11 +40,25 @@ def test_a_task_that_counts_seconds_has_it_too(endpoint: str) -> None:
 
 def test_without_it_the_spec_has_the_tasks_own(client: b4mrl.Client, environment: str) -> None:
     own = client.environments()[environment].max_episode_steps
-    for arguments in ({}, {"max_episode_steps": -1}):
-        with gym.make(NAME.format(environment), endpoint=client.endpoint, **arguments) as env:
-            assert env.spec.max_episode_steps == own
+    with gym.make(NAME.format(environment), endpoint=client.endpoint) as env:
+        assert env.spec.max_episode_steps == own
     with client.make(environment) as env, client.make_vec(environment, 2) as vec:
         assert env.spec.max_episode_steps == vec.spec.max_episode_steps == own
+
+
+def test_minus_one_lifts_the_limit_of_steps(client: b4mrl.Client, environment: str) -> None:
+    own = client.environments()[environment]
+    wanted = own.max_episode_steps if environment == "Highway" else 2**32 - 1
+    options = {"endpoint": client.endpoint, "max_episode_steps": -1}
+    with gym.make(NAME.format(environment), **options) as env, gym.make(env.spec) as again:
+        for each in (env, again):
+            assert each.unwrapped.session.spec.max_episode_steps == wanted
+        if environment == "HalfCheetah":
+            env.reset(seed=0)
+            for _ in range(own.max_episode_steps + 1):
+                assert not env.step(np.zeros(6, np.float32))[3]
+    with client.make_vec(environment, 2, max_episode_steps=-1) as vec:
+        assert vec.spec.max_episode_steps == wanted
 
 
 def test_what_the_settings_say_is_in_the_spec(endpoint: str) -> None:
@@ -59,7 +73,9 @@ def test_the_two_must_not_differ(client: b4mrl.Client) -> None:
     client.make("HalfCheetah", config=config, max_episode_steps=4).close()
     with pytest.raises(errors.InvalidArgumentError, match="is 5 and config"):
         client.make("HalfCheetah", config=config, max_episode_steps=5)
-    with pytest.raises(errors.InvalidArgumentError, match="max_episode_steps"):
+    with pytest.raises(errors.InvalidArgumentError, match="is -1 and config"):
+        client.make("HalfCheetah", config=config, max_episode_steps=-1)
+    with pytest.raises(errors.InvalidArgumentError, match="max_episode_steps is -3"):
         client.make("HalfCheetah", max_episode_steps=-3)
 
 

@@ -80,12 +80,16 @@ def test_without_a_render_mode_there_is_no_picture(client: b4mrl.Client) -> None
         assert vec.render() is None
 
 
-@pytest.mark.parametrize("size", [{"width": 8}, {"height": 100_000}, {"width": -1}])
-def test_a_size_that_cannot_be_is_refused(client: b4mrl.Client, size: dict) -> None:
-    with client.make("HalfCheetah", render_mode="rgb_array", **size) as env:
-        env.reset()
-        with pytest.raises(errors.InvalidArgumentError):
-            env.render()
+@pytest.mark.parametrize("size", [8, 100_000, -1, 96.0, "96"])
+def test_a_size_that_cannot_be_is_refused_before_anything_is_opened(
+    client: b4mrl.Client, monkeypatch: pytest.MonkeyPatch, size: object
+) -> None:
+    monkeypatch.setattr("b4mrl.client.open_session", None)
+    for make in (client.make, client.make_vec):
+        for side in ("width", "height"):
+            with pytest.raises(errors.InvalidArgumentError) as caught:
+                make("HalfCheetah", render_mode="rgb_array", **{side: size})
+            assert str(caught.value).startswith(f"{side} is {size!r}, allowed: 16..1920 pixels")
 
 
 def test_before_the_first_reset_there_is_nothing_to_see(client: b4mrl.Client) -> None:

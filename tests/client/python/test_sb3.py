@@ -128,6 +128,23 @@ def test_learning_goes_on_after_ctrl_c(client: b4mrl.Client) -> None:
     vec.close()
 
 
+def test_recorders_of_videos_find_what_they_need(client: b4mrl.Client) -> None:
+    vec = batch(client, "HalfCheetah", 2, render_mode="rgb_array", width=32, height=32)
+    assert vec.metadata["render_fps"] == 20 and "rgb_array" in vec.metadata["render_modes"]
+    vec.close()
+
+
+def test_options_of_a_reset_are_refused(client: b4mrl.Client) -> None:
+    vec = batch(client, "HalfCheetah", 2)
+    vec.reset()
+    vec.set_options([{}, {"config": {"max_episode_steps": 3}}])
+    with pytest.raises(errors.InvalidArgumentError, match="options is .*max_episode_steps"):
+        vec.reset()
+    vec.set_options()
+    vec.reset()
+    vec.close()
+
+
 def test_another_mode_is_refused(client: b4mrl.Client) -> None:
     with client.make_vec("HalfCheetah", 2) as vec:
         with pytest.raises(errors.InvalidArgumentError, match="same_step"):

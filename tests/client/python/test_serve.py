@@ -58,20 +58,28 @@ def test_its_options_are_those_of_the_command() -> None:
         assert sum(role.startswith("worker-") for role in roles) == 3
 
 
-def test_it_dies_with_the_program_that_started_it() -> None:
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_it_dies_with_the_program_that_started_it_and_its_folder_too(end: signal.Signals) -> None:
     code = (
-        "import b4mrl, os, time; d = b4mrl.serve(); print(d.process_id, flush=True); time.sleep(60)"
+        "import b4mrl, signal; daemon = b4mrl.serve(); print(daemon.process_id); "
+        "print(daemon.endpoint, flush=True); signal.pause()"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as program:
         daemon = int(program.stdout.readline())
+        address = program.stdout.readline().decode().strip()
         watched = os.pidfd_open(daemon)
-        program.send_signal(signal.SIGKILL)
+        program.send_signal(end)
     assert select.select([watched], [], [], 20)[0], "the daemon outlived its program"
+    assert not Path(address.removeprefix("ipc://")).parent.exists()
 
 
 @pytest.mark.parametrize(
     ("variable", "complaint"),
-    [("/does/not/exist", "executable program"), ("/bin/false", "^the server '/bin/false' did not")],
+    [
+        ("/does/not/exist", "executable program"),
+        ("/bin", "executable program"),
+        ("/bin/false", "^the server '/bin/false' did not"),
+    ],
 )
 def test_a_program_that_does_not_serve_is_named(
     monkeypatch: pytest.MonkeyPatch, variable: str, complaint: str
@@ -161,6 +169,18 @@ def test_the_program_is_found_in_path(monkeypatch: pytest.MonkeyPatch, tmp_path:
     monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "b4mrl").symlink_to(PROGRAM)
     assert find_server() == [str(tmp_path / "b4mrl"), "serve"]
+
+
+def test_the_launcher_may_be_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    launcher = Path(PROGRAM).with_name("b4mrl")
+    monkeypatch.setenv("B4MRL_SERVER", str(launcher))
+    assert find_server() == [str(launcher.with_name("b4mrl-serve"))]
+    alone = tmp_path / "b4mrl"
+    alone.symlink_to(launcher)
+    monkeypatch.setenv("B4MRL_SERVER", str(alone))  # which the launcher itself would obey
+    assert find_server() == [str(alone), "serve"]
+    with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
+        assert client.environments()
 
 
 @pytest.mark.parametrize("inside", ["the package", "the working folder"])

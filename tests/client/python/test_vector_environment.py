@@ -213,8 +213,9 @@ def test_actions_of_another_shape_are_refused(client: b4mrl.Client, shape) -> No
 
 @pytest.mark.parametrize("num_envs", [0, -1, 2000, 1.5])
 def test_a_number_of_environments_that_cannot_be_is_refused(client, num_envs) -> None:
-    with pytest.raises(errors.B4mrlError):
+    with pytest.raises(errors.InvalidArgumentError) as caught:
         client.make_vec("HalfCheetah", num_envs)
+    assert str(caught.value) == f"num_envs is {num_envs}, allowed: an integer in 1..1024"
 
 
 def test_returned_arrays_are_the_callers(client: b4mrl.Client) -> None:
@@ -229,6 +230,32 @@ def test_returned_arrays_are_the_callers(client: b4mrl.Client) -> None:
         stepped[:] = 7
         rest = vec.reset(options={"reset_mask": np.array([True, False])})[0]
         np.testing.assert_array_equal(rest[1], kept[1])
+
+
+def test_digests_that_a_caller_kept_stay_as_they_were(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        vec.reset(seed=0)
+        kept = vec.digests
+        wanted = kept.copy()
+        vec.step(np.zeros((2, 6)))
+        np.testing.assert_array_equal(kept, wanted)
+        assert not np.any(vec.digests == wanted)
+
+
+@pytest.mark.parametrize("member", list(AutoresetMode))
+def test_a_mode_is_gymnasiums_member_its_value_or_its_name(
+    client: b4mrl.Client, member: AutoresetMode
+) -> None:
+    for written in (member, member.value, member.name, member.name.lower()):
+        with client.make_vec("HalfCheetah", 2, autoreset_mode=written) as vec:
+            assert vec.metadata["autoreset_mode"] == member
+
+
+@pytest.mark.parametrize("given", ["Same_Stp", None, 3])
+def test_a_mode_that_is_none_is_named_as_it_was_given(client: b4mrl.Client, given: object) -> None:
+    with pytest.raises(errors.InvalidArgumentError) as caught:
+        client.make_vec("HalfCheetah", 2, autoreset_mode=given)
+    assert f"autoreset_mode is {given!r}, allowed: next_step, same_step," in str(caught.value)
 
 
 def test_it_is_registered_for_make_vec(endpoint: str) -> None:

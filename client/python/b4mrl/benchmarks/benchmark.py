@@ -162,6 +162,7 @@ class Benchmark(Shown):
     def mask(self) -> NDArray[np.bool_]:
         """Which dimensions of an observation a policy may see in evaluations; False: it sees 0.
 
+        Read-only, of the observation's shape.
         Hidden is what its training hid: dimensions that the dataset hides or that its behaviour
         policy could not see; in a benchmark without a dataset, those that the simulator hides. A
         learner of a full dataset and a simulator that hides dimensions may see all of them.
@@ -173,6 +174,7 @@ class Benchmark(Shown):
             hidden = _hidden_by(self._seen_through, space)
         seen = np.ones(space.size, np.bool_)
         seen[hidden] = False
+        seen.flags.writeable = False  # evaluations use this array, too
         return seen.reshape(space.shape)
 
     def evaluate(
@@ -199,8 +201,7 @@ class Benchmark(Shown):
 
         InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
         """
-        if checks.unsigned("episodes", episodes) < 1:
-            raise InvalidArgumentError(f"episodes is {episodes}, allowed: 1 or more")
+        episodes = checks.integer("episodes", episodes, 1, None)
         if observe not in _OBSERVE:
             raise InvalidArgumentError(f"observe is {observe!r}, allowed: {', '.join(_OBSERVE)}")
         if observe == "served" and not self._noise:

@@ -26,12 +26,20 @@ def text(name: str, value: Any) -> str:
 
 def unsigned(name: str, value: Any, bits: int = 64) -> int:
     """`value` as an int. InvalidArgumentError: it is not an integer of 0..2**bits - 1."""
+    return integer(name, value, 0, 2**bits - 1)
+
+
+def integer(name: str, value: Any, low: int, high: int | None) -> int:
+    """`value` as an int. InvalidArgumentError: it is not an integer of low..high (None: no end)."""
     try:
         number = operator.index(value)
     except TypeError:
-        number = -1
-    if not 0 <= number < 2**bits:
-        raise InvalidArgumentError(f"{name} is {value!r}, allowed: 0..{2**bits - 1}")
+        number = low - 1
+    if number < low or (high is not None and number > high):
+        allowed = f"of at least {low}" if high is None else f"in {low}..{high}"
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, allowed: an integer {allowed}"
+        )
     return number
 
 
@@ -64,8 +72,10 @@ def _actions(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         given = np.asarray(value)
         if given.dtype != np.float32:
             given = given.astype(np.float64, copy=False)
-    except (TypeError, ValueError):
-        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, {allowed}") from None
+    except (TypeError, ValueError, RuntimeError) as error:  # PyTorch's say what is to be called
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, {allowed} ({error})"
+        ) from error
     if given.shape != shape:
         what = f"has shape {given.shape}" if given.ndim else f"is {reprlib.repr(value)}"
         raise InvalidArgumentError(f"{name} {what}, {allowed}")

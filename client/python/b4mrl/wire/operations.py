@@ -11,6 +11,9 @@ daemon executed it:
 - a step with other actions follows the kept operation, too, and a RuntimeWarning says that the
   caller never got its outcome.
 
+An exception at the very end of a call, after `_end` has let the operation go, comes too late for
+this: it loses the outcome on its way to the caller, and a repetition of the call is a new one.
+
 Thread rule: one thread at a time; a second one gets FailedPreconditionError.
 """
 
@@ -20,7 +23,7 @@ import threading
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +36,8 @@ from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.lane_numbers import LaneNumbers, Lanes
 
 T = TypeVar("T")
-Read = Callable[[Delivery, "Lanes | None"], T]  # from a reply and the lanes of its request
+# From a reply, the lanes of its request, and what `prepare` returned when the operation began.
+Read = Callable[[Delivery, "Lanes | None", Any], T]
 
 
 @dataclass(slots=True)
@@ -43,6 +47,8 @@ class _Operation:
     numbers: NDArray[np.uint64]
     envelope: bytes
     payload: bytearray
+    prepared: Any
+    read: Read[Any] | None  # of the call that began it; None for a sent step
     is_interrupted: bool = True  # no call waits for its outcome, or Ctrl-C would end that call
 
 
@@ -67,27 +73,38 @@ class Operations:
         columns: Mapping[str, Array],
         deadline_ms: float,
         read: Read[T],
+        prepare: Callable[[], Any] | None = None,
     ) -> T:
-        """Executes a Step, Reset or Restore and returns `read(reply, lanes)`.
+        """Executes a Step, Reset or Restore and returns `read(reply, lanes, prepared)`.
 
-        If Ctrl-C comes before `read` is done, the operation counts as interrupted.
+        `prepared` is what `prepare()` returned when the operation began, before it was sent. What
+        `prepare` raises keeps the operation from beginning; a repetition of an interrupted call
+        does not call it. If Ctrl-C comes before `read` is done, the operation counts as
+        interrupted, and `read` may have been called already when the call is repeated.
         """
-        user = threading.get_ident()
-        if self._inside not in (0, user):
-            raise errors.another_thread()
+        user = self._require_alone()
         try:
             self._inside = user
-            request_id = self._begin(kind, lanes, columns, deadline_ms)
+            request_id = self._begin(kind, lanes, columns, deadline_ms, prepare, read)
             return self._take(self._connection.await_any((request_id,)), read)
         finally:
             self._inside = 0
 
     def send_step(
-        self, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float
+        self,
+        lanes: Lanes | None,
+        columns: Mapping[str, Array],
+        deadline_ms: float,
+        prepare: Callable[[], Any] | None = None,
     ) -> None:
         """The first half of a step; several may be under way for different lanes."""
-        request_id = self._begin("step", lanes, columns, deadline_ms)
-        self._under_way[request_id].is_interrupted = False
+        user = self._require_alone()
+        try:
+            self._inside = user
+            request_id = self._begin("step", lanes, columns, deadline_ms, prepare, None)
+            self._under_way[request_id].is_interrupted = False
+        finally:
+            self._inside = 0
 
     def receive_step(self, read: Read[T]) -> T:
         """The second half of a step: `read` of the sent step that is answered first.
@@ -107,13 +124,19 @@ class Operations:
 
     def await_interrupted(self, deadline_ms: float) -> None:
         """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
+        self._require_alone()
+        self._drop_unsent()
         for request_id in self._interrupted():
             self._settle(request_id, deadline_ms)
 
+    def _require_alone(self) -> int:
+        user = threading.get_ident()
+        if self._inside not in (0, user):
+            raise errors.another_thread()
+        return user
+
     def _settle(self, request_id: int, deadline_ms: float) -> Delivery:
         """The outcome of an interrupted operation. Raises the error if it is still unknown."""
-        if not self._connection.is_in_flight(request_id):
-            return Delivery(request_id, executed=False)  # the operation was never sent
         self._connection.ask_again(request_id, deadline_ms)
         delivery = self._connection.await_any((request_id,))
         if delivery.error is not None and delivery.unsettled is not None:
@@ -123,21 +146,39 @@ class Operations:
     def _interrupted(self) -> list[int]:
         return [each for each, operation in self._under_way.items() if operation.is_interrupted]
 
+    def _drop_unsent(self) -> None:
+        """Frees the lanes of operations that Ctrl-C kept from being sent.
+
+        Nothing else would: the next request may get such an operation's id and take its place.
+        """
+        for request_id in self._interrupted():
+            if not self._connection.is_in_flight(request_id):
+                self._end(Delivery(request_id, executed=False))
+
     def _begin(
-        self, kind: str, lanes: Lanes | None, columns: Mapping[str, Array], deadline_ms: float
+        self,
+        kind: str,
+        lanes: Lanes | None,
+        columns: Mapping[str, Array],
+        deadline_ms: float,
+        prepare: Callable[[], Any] | None,
+        read: Read[Any] | None,
     ) -> int:
         """Sends an operation, or finds the interrupted one that it repeats; returns the request id.
 
         The operation counts as interrupted until _take reads its outcome or send_step returns.
         """
         if self._under_way:
+            self._drop_unsent()
             for request_id in self._interrupted():
                 if self._is_repeated(request_id, kind, lanes, columns):
                     self._connection.ask_again(request_id, deadline_ms)
                     return request_id
             self._pass_over(kind, lanes, deadline_ms)
+        prepared = None if prepare is None else prepare()
         numbers = self._numbers.next_of(lanes)
-        operation = _Operation(kind, lanes, numbers, *_pack(kind, lanes, numbers, columns))
+        packed = _pack(kind, lanes, numbers, columns)
+        operation = _Operation(kind, lanes, numbers, *packed, prepared, read)
         request_id = self._connection.next_id
         self._under_way[request_id] = operation
         self._numbers.begin(lanes)
@@ -152,21 +193,26 @@ class Operations:
         self, request_id: int, kind: str, lanes: Lanes | None, columns: Mapping[str, Array]
     ) -> bool:
         operation = self._under_way[request_id]
-        if operation.kind != kind or not self._connection.is_in_flight(request_id):
-            return False
-        if self._numbers.count_of(lanes) != len(operation.numbers):
+        if operation.kind != kind or self._numbers.count_of(lanes) != len(operation.numbers):
             return False
         again = _pack(kind, lanes, operation.numbers, columns)
         return again == (operation.envelope, operation.payload)
 
     def _pass_over(self, kind: str, lanes: Lanes | None, deadline_ms: float) -> None:
-        """Ends the interrupted operations of `lanes`, before another operation of `kind`."""
+        """Ends the interrupted operations of `lanes`, before another operation of `kind`.
+
+        Their outcomes are read, though no caller gets them: whoever keeps what the latest outcome
+        says about a lane, such as the end of its episode, is not to miss one.
+        """
         for request_id in self._interrupted():
             operation = self._under_way[request_id]
             if not _overlap(lanes, operation.lanes):
                 continue
             delivery = self._settle(request_id, deadline_ms)
-            self._end(delivery)
+            if operation.read is None or delivery.error is not None:
+                self._end(delivery)
+            else:
+                self._take(delivery, operation.read)
             if kind == "step" and delivery.executed:
                 warnings.warn(
                     f"the interrupted {operation.kind} (operation {operation.numbers[0]} of its "
@@ -184,7 +230,7 @@ class Operations:
                 self._end(delivery)
             raise delivery.error
         try:
-            result = read(delivery, operation.lanes)
+            result = read(delivery, operation.lanes, operation.prepared)
         except errors.B4mrlError:
             self._end(delivery)
             raise

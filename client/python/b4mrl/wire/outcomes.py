@@ -75,6 +75,7 @@ class StepOutcome(Outcome):
         rewards, terminated, truncated: (n,) as in Gymnasium.
         causes: (n,) numbers of Cause in b4mrl.proto; 0 if the episode goes on.
         ended: the episodes that ended in this step; None if none did.
+        prepared: what the caller's `prepare` returned when the step began; None without one.
     """
 
     rewards: NDArray[np.float64]
@@ -82,6 +83,7 @@ class StepOutcome(Outcome):
     truncated: NDArray[np.bool_]
     causes: NDArray[np.uint8]
     ended: Ended | None
+    prepared: Any
 
 
 class LaneStep(NamedTuple):
@@ -132,7 +134,9 @@ class OutcomeReader:
             infos=self._infos(found, "infos", count),
         )
 
-    def step(self, delivery: Delivery, lanes: Lanes | None, count: int) -> StepOutcome:
+    def step(
+        self, delivery: Delivery, lanes: Lanes | None, count: int, prepared: Any = None
+    ) -> StepOutcome:
         self._check_step(delivery, count)
         found = delivery.arrays
         return StepOutcome(
@@ -145,6 +149,7 @@ class OutcomeReader:
             truncated=found["truncated"].astype(np.bool_),
             causes=found["cause"],
             ended=self._ended(found, count) if "final_lanes" in found else None,
+            prepared=prepared,
         )
 
     def lane_step(self, delivery: Delivery) -> LaneStep:

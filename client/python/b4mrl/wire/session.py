@@ -98,20 +98,38 @@ class Session:
         columns = {} if seeds is None else {"seeds": seeds}
         return self._call("reset", lanes, columns, lambda *it: read(self._outcome(*it)))
 
-    def step(self, actions: Array, lanes: Lanes | None, read: Callable[[StepOutcome], T]) -> T:
-        """One step of every lane: actions (n, action size), float32 or float64."""
+    def step(
+        self,
+        actions: Array,
+        lanes: Lanes | None,
+        read: Callable[[StepOutcome], T],
+        prepare: Callable[[], Any] | None = None,
+    ) -> T:
+        """One step of every lane: actions (n, action size), float32 or float64.
+
+        `prepare()` is called when the step begins, but not when an interrupted one is repeated:
+        what it returns is `prepared` of the outcome, and what it raises keeps the step from being
+        sent.
+        """
         columns = {"actions": actions}
-        return self._call("step", lanes, columns, lambda *it: read(self._step_outcome(*it)))
+        return self._call(
+            "step", lanes, columns, lambda *it: read(self._step_outcome(*it)), prepare
+        )
 
     def step_lane(self, actions: Array, read: Callable[[LaneStep], T]) -> T:
         """One step of the only lane of a session: actions (1, action size), as in `step`."""
         columns = {"actions": actions}
-        return self._call("step", None, columns, lambda it, _: read(self._reader.lane_step(it)))
+        return self._call("step", None, columns, lambda it, *_: read(self._reader.lane_step(it)))
 
-    def send_step(self, actions: Array, lanes: Lanes | None = None) -> None:
+    def send_step(
+        self,
+        actions: Array,
+        lanes: Lanes | None = None,
+        prepare: Callable[[], Any] | None = None,
+    ) -> None:
         """The first half of step; several may be under way for different lanes."""
         self._refuse_closed()
-        self._operations.send_step(lanes, {"actions": actions}, self.deadline_ms)
+        self._operations.send_step(lanes, {"actions": actions}, self.deadline_ms, prepare)
 
     def receive_step(self, read: Callable[[StepOutcome], T]) -> T:
         """The second half of step: `read` of the sent step that is answered first.
@@ -139,7 +157,7 @@ class Session:
         """Sets the lanes' states, from `snapshot` or readable parts; returns the observations."""
         count = self._numbers.count_of(lanes)
         return self._call(
-            "restore", lanes, parts, lambda it, _: self._reader.observations(it.arrays, count)
+            "restore", lanes, parts, lambda it, *_: self._reader.observations(it.arrays, count)
         )
 
     def render(
@@ -232,17 +250,18 @@ class Session:
         kind: str,
         lanes: Lanes | None,
         columns: Mapping[str, Array],
-        read: Callable[[Delivery, Lanes | None], T],
+        read: Callable[[Delivery, Lanes | None, Any], T],
+        prepare: Callable[[], Any] | None = None,
     ) -> T:
         self._refuse_closed()
-        return self._operations.call(kind, lanes, columns, self.deadline_ms, read)
+        return self._operations.call(kind, lanes, columns, self.deadline_ms, read, prepare)
 
     def _refuse_closed(self) -> None:
         if not self._farewell.is_due:
             raise errors.FailedPreconditionError("the environment is closed")
 
-    def _outcome(self, delivery: Delivery, lanes: Lanes | None) -> Outcome:
+    def _outcome(self, delivery: Delivery, lanes: Lanes | None, _: Any) -> Outcome:
         return self._reader.outcome(delivery.arrays, lanes, self._numbers.count_of(lanes))
 
-    def _step_outcome(self, delivery: Delivery, lanes: Lanes | None) -> StepOutcome:
-        return self._reader.step(delivery, lanes, self._numbers.count_of(lanes))
+    def _step_outcome(self, delivery: Delivery, lanes: Lanes | None, prepared: Any) -> StepOutcome:
+        return self._reader.step(delivery, lanes, self._numbers.count_of(lanes), prepared)

@@ -115,6 +115,8 @@ def test_the_mask_hides_what_the_training_hid(
     spec = medium.environments()[bench.environment]
     assert bench.mask.shape == spec.observation.shape and bench.mask.dtype == np.bool_
     np.testing.assert_array_equal(np.flatnonzero(~bench.mask), hidden)
+    with pytest.raises(ValueError, match="read-only"):  # evaluations use the same array
+        bench.mask[:] = True
 
 
 def test_a_policy_sees_zeros_where_the_mask_hides_unless_it_observes_in_full(

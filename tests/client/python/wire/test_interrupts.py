@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import pkgutil
 import random
@@ -16,6 +17,7 @@ from typing import Any
 import b4mrl
 import numpy as np
 import pytest
+from b4mrl import errors
 from b4mrl.wire.operations import Operations
 
 from conftest import environment_workers
@@ -172,6 +174,79 @@ def test_an_interrupted_send_may_be_made_again(client: b4mrl.Client, place: str,
         for _ in range(2):  # whichever send is answered first
             observations, *_, info = vec.recv()
             assert_same(observations, expected[info["env_id"]])
+
+
+@pytest.mark.parametrize("between", ["nothing", "a send", "a state"])
+def test_what_was_not_sent_keeps_no_environment_busy(client: b4mrl.Client, between: str) -> None:
+    with client.make_vec("HalfCheetah", 4) as vec, client.make_vec("HalfCheetah", 4) as twin:
+        vec.reset(seed=1)
+        twin.reset(seed=1)
+        actions = vec.action_space.sample()
+        expected = twin.step(actions)[0]
+        place = "b4mrl.wire.connection.Connection.send"
+        interrupt(lambda: vec.send(actions[:2] + 1, [0, 1]), place, "before")
+        if between == "a send":  # which gets the request id that the other one was to have
+            vec.send(actions[2:], [2, 3])
+            assert_same(vec.recv()[0], expected[2:])
+        elif between == "a state":
+            vec.get_state()
+        vec.send(actions[:2], [0, 1])
+        assert_same(vec.recv()[0], expected[:2])
+
+
+@pytest.mark.parametrize("autoreset", ["next_step", "same_step", "disabled"])
+@pytest.mark.parametrize(
+    ("place", "when"),
+    [
+        ("b4mrl.vector_environment.VectorEnvironment._result", "after"),
+        ("b4mrl.wire.lane_numbers.LaneNumbers.end", "before"),
+    ],
+)
+def test_an_outcome_of_a_batch_that_is_read_twice_is_the_same(
+    client: b4mrl.Client, autoreset: str, place: str, when: str
+) -> None:
+    options: dict[str, Any] = {"autoreset_mode": autoreset, "max_episode_steps": 2}
+    with (
+        client.make_vec("Hopper", 2, **options) as vec,
+        client.make_vec("Hopper", 2, **options) as twin,
+    ):
+        vec.reset(seed=1)
+        twin.reset(seed=1)
+        for _ in range(5):  # over the ends of two episodes
+            actions = vec.action_space.sample()
+            interrupt(functools.partial(vec.step, actions), place, when)
+            result = vec.step(actions)
+            assert_same(result, twin.step(actions))
+            if autoreset == "disabled" and result[3].any():
+                with pytest.raises(errors.FailedPreconditionError, match="has ended"):
+                    vec.step(actions)
+                assert_same(vec.reset(seed=1), twin.reset(seed=1))
+        np.testing.assert_array_equal(vec.digests, twin.digests)
+
+
+@pytest.mark.filterwarnings("ignore:the interrupted step")
+def test_a_batch_knows_of_the_episodes_that_ended_in_a_dropped_outcome(
+    client: b4mrl.Client,
+) -> None:
+    place = "b4mrl.wire.connection.Connection.await_any"
+    for autoreset in ("next_step", "disabled"):
+        options: dict[str, Any] = {"autoreset_mode": autoreset, "max_episode_steps": 1}
+        with (
+            client.make_vec("Hopper", 2, **options) as vec,
+            client.make_vec("Hopper", 2, **options) as twin,
+        ):
+            vec.reset(seed=1)
+            twin.reset(seed=1)
+            interrupt(lambda: vec.step(np.ones((2, 3))), place, "before")
+            twin.step(np.ones((2, 3)))
+            for batch in (vec, twin):
+                if autoreset == "disabled":
+                    with pytest.raises(errors.FailedPreconditionError, match="has ended"):
+                        batch.step(np.zeros((2, 3)))
+                    batch.reset(options={"reset_mask": [True, False]})
+            if autoreset == "next_step":
+                assert_same(vec.step(np.zeros((2, 3))), twin.step(np.zeros((2, 3))))
+            np.testing.assert_array_equal(vec.digests, twin.digests)
 
 
 @pytest.mark.parametrize("place", ["zmq.Socket.send", "b4mrl.wire.ring.RingWriter.write"])
