@@ -191,7 +191,9 @@ void Connection::Pump() {
 bool Connection::Accept(Message message) {
   pb::Reply envelope;
   if (!ParseEnvelope(message.envelope, &envelope).ok()) return false;
-  const uint64_t id = envelope.request_id();
+  uint64_t id = envelope.request_id();
+  // A request that cannot be read, for a name that is not UTF-8, is refused without its id.
+  if (id == 0 && envelope.status().code() != 0 && pending_.size() == 1) id = pending_.front().id;
   const auto pending = std::find_if(pending_.begin(), pending_.end(),
                                     [id](const Pending& entry) { return entry.id == id; });
   if (pending == pending_.end()) return false;  // answered already, or given up

@@ -58,7 +58,8 @@ class RemoteDataset;
 // requested ahead, so that the next one has usually arrived when it is needed. A reply holds
 // several batches if they are small; one call of Next then receives the reply, another one sends
 // new requests, and both are short. After an error, Next requests the same batch again. The dataset
-// must not be moved while it has streams; they share its limit of limits::kMaxRequestsInFlight.
+// must outlive its streams and must not be moved while it has some; they share its limit of
+// limits::kMaxRequestsInFlight.
 class BatchStream {
  public:
   BatchStream(BatchStream&& other) noexcept;

@@ -6,8 +6,11 @@
 // empty list of lanes means all lanes in order. Send and Receive keep several requests for
 // different lanes in flight; a lane has at most one (else kBusy). Every step is executed exactly
 // once, even if the worker dies meanwhile (client/lane_numbers.h). A refused request has changed
-// nothing. After kInternal, kStale, kGap and kSessionLost, and after kDeadlineExceeded or
-// kUnavailable for want of a reply, the lanes of the request cannot be used any more.
+// nothing, unless it was sent twice: another copy of it may have been executed. After such a
+// refusal, after kInternal, kStale, kGap, kSessionLost, kDataLoss and kIoError, and after
+// kDeadlineExceeded or kUnavailable for want of a reply, the lanes of the request cannot be used
+// any more; Step and Reset say so (kFailedPrecondition). A session that was moved from may only be
+// destroyed or assigned.
 //
 // A session that gets no request for the daemon's lease (session_lease_ms of
 // Client::hello().limits) ends: kSessionLost. Pings and the Client's requests do not keep it; a

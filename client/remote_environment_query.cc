@@ -80,6 +80,9 @@ Result<uint64_t> RemoteEnvironment::SendRows(std::span<const Scalar> observation
 
 template <typename Scalar>
 Status RemoteEnvironment::ReceiveRows(uint64_t id, const QueryResults<Scalar>& output) {
+  if (FindUnderWay(id) != under_way_.end()) {
+    return InvalidArgument("id", std::to_string(id), "that of a query, not of a step");
+  }
   B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   B4MRL_RETURN_IF_ERROR(CheckOutput(output, spec_.observation.size()));
   const uint64_t rows = output.rewards.size();

@@ -137,6 +137,7 @@ void Gateway::HandleForeign(const Asker& from, Message message) {
   if (!request_.has_close() || status.code() != StatusCode::kSessionLost) {
     return replies_.Reply(from, status);
   }
+  openings_.Close(request_.session_token());
   pb::Reply closed;  // a session that does not exist counts as closed
   closed.mutable_close();
   replies_.Reply(from, std::move(closed));

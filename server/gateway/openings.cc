@@ -61,6 +61,16 @@ void Openings::Open(const Asker& from, const pb::Request& request) {
   if (!status.ok()) Leave(number, status);
 }
 
+void Openings::Close(const std::string& token) {
+  std::vector<uint64_t> closed;
+  for (const auto& [number, waiting] : waiting_) {
+    if (waiting.token == token) closed.push_back(number);
+  }
+  for (const uint64_t number : closed) {
+    Leave(number, Status(StatusCode::kSessionLost, "the session was closed before it was open"));
+  }
+}
+
 Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const {
   const auto peer = peers_.find(from.peer);
   if (peer == peers_.end()) return false;

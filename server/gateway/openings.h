@@ -49,6 +49,9 @@ class Openings {
 
   // `request` is an Open.
   void Open(const Asker& from, const pb::Request& request);
+  // Ends the Opens of a session that does not exist yet, such as one whose model is compiled: its
+  // client does not want it any more.
+  void Close(const std::string& token);
   // Goes on with the Opens for which a worker or compiler has answered, and ends those whose
   // deadline has passed.
   void Pump();

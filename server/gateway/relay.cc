@@ -44,12 +44,16 @@ Status Relay::Forward(const RoutingId& client, const pb::Request& request, Messa
   B4MRL_ASSIGN_OR_RETURN(Route * route, FindOrMakeRoute(client, request));
   const auto found = route->carried.find(request.request_id());
   const bool is_copy = found != route->carried.end();
-  B4MRL_RETURN_IF_ERROR(Admit(*route, message, is_copy));
   const size_t bytes = BytesOf(message);
+  const Deadline deadline = DeadlineOf(request, kGraceMs);
+  if (is_copy && !HasRoomForCopy(*route, bytes)) {
+    found->second.deadline = deadline;
+    return Status();
+  }
+  if (!is_copy) B4MRL_RETURN_IF_ERROR(Admit(*route, bytes));
   if (!route->socket.Send(Copy(message)).ok()) {
     return Status(StatusCode::kLimitExceeded, "the relay's queue towards this process is full");
   }
-  const Deadline deadline = DeadlineOf(request, kGraceMs);
   route->last_use = Clock::now();
   route->bytes += bytes;
   bytes_ += bytes;
@@ -119,14 +123,20 @@ Status Relay::EvictIdleRoute() {
   return Status();
 }
 
-Status Relay::Admit(const Route& route, const Message& message, bool is_copy) const {
+// A copy helps where a message was lost, but takes no room from requests that have not been passed
+// on: it gets what is left of half the bytes. What a replaced process held is sent again anyway.
+bool Relay::HasRoomForCopy(const Route& route, size_t bytes) const {
+  return route.bytes + bytes <= limits::kMaxRelayRouteBytes / 2 &&
+         bytes_ + bytes <= limits::kMaxRelayBytes / 2;
+}
+
+Status Relay::Admit(const Route& route, size_t bytes) const {
   const size_t count = route.carried.size();
-  if (!is_copy && count >= limits::kMaxRequestsInFlight) {
+  if (count >= limits::kMaxRequestsInFlight) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("{} requests of this connection are being relayed, at most {}", count,
                               limits::kMaxRequestsInFlight));
   }
-  const size_t bytes = BytesOf(message);
   if (route.bytes + bytes > limits::kMaxRelayRouteBytes ||
       bytes_ + bytes > limits::kMaxRelayBytes) {
     return Status(

@@ -83,7 +83,8 @@ class Relay {
                            uint32_t session);
   // Makes room for one more route: kLimitExceeded when every route has a request in flight.
   Status EvictIdleRoute();
-  Status Admit(const Route& route, const Message& message, bool is_copy) const;
+  Status Admit(const Route& route, size_t bytes) const;
+  bool HasRoomForCopy(const Route& route, size_t bytes) const;
   // Passes the route's replies on to its client. False when the client has gone.
   bool HandBackReplies(Route& route);
   void SendAgain(Route& route);

@@ -374,5 +374,14 @@ TEST_CASE("noise on the wire is passed over") {
   CHECK(fixture.ReceiveText(id) == "x");
 }
 
+TEST_CASE("A refusal without an id answers the only request that is under way") {
+  Fixture fixture;
+  const uint64_t id = fixture.Send("x");
+  FakeCall call = fixture.Take();
+  call.request.set_request_id(0);
+  fixture.server().ReplyError(call, Status(StatusCode::kInvalidArgument, "cannot be read"));
+  CHECK(fixture.connection().Receive(id).status().code() == StatusCode::kInvalidArgument);
+}
+
 }  // namespace
 }  // namespace b4mrl

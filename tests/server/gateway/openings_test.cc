@@ -354,6 +354,19 @@ TEST_CASE("A model that nobody waits for any more is not compiled") {
   CHECK(fixture.script.runs("good1.xml") == 0);
 }
 
+TEST_CASE("A session that is closed while its model is compiled is not opened") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.AskForModel("a", 1, "slow.xml");
+  fixture.AskForModel("a", 2, "good1.xml");
+  fixture.openings->Close(Token(2));
+  CHECK(fixture.AnswerTo("a", 2) == StatusCode::kSessionLost);
+  fixture.AskForModel("b", 3, "good2.xml");
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("b", 3) == StatusCode::kOk);
+  CHECK(fixture.script.runs("good1.xml") == 0);
+}
+
 TEST_CASE("Names that no model file can have, and unknown environments, are refused at once") {
   Fixture fixture;
   fixture.AskForModel("a", 1, "no.txt");
