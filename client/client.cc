@@ -15,6 +15,9 @@ namespace b4mrl {
 namespace {
 
 constexpr char kClientName[] = "b4mrl-cpp";
+// Of all pages of a list together, serialised: 4 KiB for each entry of the longest catalogue
+// (limits::kMaxCatalogueEntries) or list of datasets (limits::kMaxDatasets).
+constexpr size_t kMaxListBytes = 16 << 20;
 
 // A caller's deadline as the protocol has it: 0 is the default, and there is a largest one.
 Result<int64_t> DeadlineInForce(std::string_view name, int64_t milliseconds) {
@@ -56,6 +59,15 @@ bool HasSaneSizes(const pb::EnvironmentInfo& info) {
   };
   return in_range(info.observation().dimensions_size(), limits::kMaxObservationDimensions) &&
          in_range(info.action().dimensions_size(), limits::kMaxActionDimensions);
+}
+
+// Counts one more page of a list, whose length the server alone decides.
+Status CountPage(const ReceivedReply& page, size_t* bytes) {
+  *bytes += page.envelope.ByteSizeLong();
+  if (*bytes <= kMaxListBytes) return Status();
+  return Status(StatusCode::kInternal,
+                fmt::format("the pages of the server's list have {} bytes, allowed: at most {}",
+                            *bytes, kMaxListBytes));
 }
 
 Status CheckOpenReply(const pb::OpenReply& reply, const EnvironmentOptions& options) {
@@ -160,15 +172,17 @@ Result<Client> Client::Connect(const std::string& endpoint, int64_t deadline_ms,
 }
 
 Result<pb::CatalogueReply> Client::Catalogue(bool with_benchmarks) {
+  const Deadline deadline = Deadline::AfterMs(limits::kDefaultDeadlineMs);  // of all pages
+  size_t bytes = 0;
   pb::CatalogueReply catalogue;
   while (true) {
     const uint32_t known = EntriesOf(catalogue);
     pb::Request request;
     request.mutable_catalogue()->set_first(known);
     request.mutable_catalogue()->set_with_benchmarks(with_benchmarks);
-    B4MRL_ASSIGN_OR_RETURN(
-        const ReceivedReply reply,
-        gateway_.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+    B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply,
+                           gateway_.Call(std::move(request), Frame(), deadline));
+    B4MRL_RETURN_IF_ERROR(CountPage(reply, &bytes));
     catalogue.MergeFrom(reply.envelope.catalogue());
     const uint32_t now_known = EntriesOf(catalogue);
     const bool is_all = now_known == known || now_known >= catalogue.total();
@@ -250,6 +264,8 @@ Result<Connection> Client::Reach(const pb::Port& port, const std::string& token)
     // Without a relay, the first request waits for the connection until its deadline.
     if (!CanRelay()) return direct;
     if (direct.AwaitHandshake(Deadline::AfterMs(limits::kDirectConnectMs))) return direct;
+    // The address may answer all the same.
+    if (direct.IsCancelled()) return Status(StatusCode::kUnavailable, "interrupted");
     unreachable_.insert(address);
   }
   if (!CanRelay()) {
@@ -302,13 +318,15 @@ Result<RemoteEnvironment> Client::OpenSession(Connection& opener, const std::str
 
 Result<std::vector<pb::DatasetInfo>> Client::ListDatasets() {
   B4MRL_ASSIGN_OR_RETURN(Connection worker, Reach(hello_.dataset_port(), ""));
+  const Deadline deadline = Deadline::AfterMs(limits::kDefaultDeadlineMs);  // of all pages
+  size_t bytes = 0;
   std::vector<pb::DatasetInfo> datasets;
   while (true) {
     pb::Request request;
     request.mutable_list_datasets()->set_first(static_cast<uint32_t>(datasets.size()));
-    B4MRL_ASSIGN_OR_RETURN(
-        const ReceivedReply reply,
-        worker.Call(std::move(request), Frame(), Deadline::AfterMs(limits::kDefaultDeadlineMs)));
+    B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply,
+                           worker.Call(std::move(request), Frame(), deadline));
+    B4MRL_RETURN_IF_ERROR(CountPage(reply, &bytes));
     const pb::ListDatasetsReply& page = reply.envelope.list_datasets();
     datasets.insert(datasets.end(), page.datasets().begin(), page.datasets().end());
     const bool is_all = page.datasets().empty() || datasets.size() >= page.total();

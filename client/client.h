@@ -11,7 +11,14 @@
 //
 // Workers and the dataset worker listen on ports of their own. If such a port does not exist, or
 // cannot be reached within limits::kDirectConnectMs, requests go through the gateway, which is
-// slower; the Client reports that once.
+// slower; the Client reports that once. Ports and limits are those of the Hello that Connect waited
+// for, and an address that was not reached is not tried again: a Client belongs to one run of the
+// daemon. Processes that are replaced keep their ports; for a daemon that was started again with
+// other options, connect a new Client.
+//
+// A Client checks what a server sends, and cannot be crashed by it, but trusts it with memory:
+// every connection (of the Client, a session or a dataset) takes frames of up to 64 MiB, one for
+// each request in flight, and 128 messages more that ZeroMQ has received and the Client not yet.
 #pragma once
 
 #include <atomic>
@@ -55,7 +62,9 @@ class Client {
   void set_reporter(std::function<void(const std::string&)> reporter);
   // Whether requests to any session or dataset so far went through the gateway.
   bool relayed() const { return relayed_; }
-  // All pages of the catalogue as one message; benchmarks only if asked for, as they are many.
+  // All pages of the catalogue as one message; benchmarks only if asked for, as they are many. All
+  // pages together have limits::kDefaultDeadlineMs, here and in ListDatasets; kInternal if they
+  // take more than 16 MiB.
   Result<pb::CatalogueReply> Catalogue(bool with_benchmarks = false);
   Result<pb::ServerStatusReply> ServerStatus();
   // Opens a ledger: the daemon counts there what the sessions and datasets that name its number in

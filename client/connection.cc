@@ -12,6 +12,7 @@ namespace b4mrl {
 namespace {
 
 constexpr int kPatienceFraction = 8;
+constexpr int64_t kLookMs = 20;               // between two looks at `cancelled`
 constexpr std::chrono::seconds kQuiet{1};     // before anything looks for the daemon's end
 constexpr std::chrono::seconds kRestart{10};  // for a daemon that has ended to be started again
 
@@ -25,13 +26,35 @@ Delivery Read(uint64_t id, pb::Reply envelope, Frame payload) {
   reply.payload = std::move(payload);
   Result<ArrayReader> arrays = ArrayReader::Parse(reply.envelope.arrays(), reply.payload);
   if (!arrays.ok()) {
-    return {id, Delivery::Kind::kNoAnswer, arrays.status().WithContext("unreadable reply")};
+    return {id, Delivery::Kind::kNoAnswer, NotUnderstood(arrays.status())};
   }
   reply.arrays = std::move(*arrays);
   return {id, Delivery::Kind::kReply, std::move(reply)};
 }
 
+// Protocol Buffers writes strings that are not UTF-8, but reads none. The strings of the frequent
+// requests are the client's own, so these are not read for it.
+Status CheckStrings(const pb::Request& request) {
+  if (request.has_step() || request.has_query() || request.has_sample()) return Status();
+  if (pb::Request().ParseFromString(request.SerializeAsString())) return Status();
+  return Status(
+      StatusCode::kInvalidArgument,
+      "a name, an argument or another string of the request is not UTF-8, allowed: UTF-8");
+}
+
 }  // namespace
+
+Status NotUnderstood(const Status& error) {
+  return Status(StatusCode::kInternal, fmt::format("unreadable reply: {}", error.message()));
+}
+
+Result<TensorView> ReceivedReply::Require(std::string_view name,
+                                          std::initializer_list<DType> dtypes,
+                                          std::initializer_list<uint64_t> shape) const {
+  Result<TensorView> view = arrays.Require(name, dtypes, shape);
+  if (!view.ok()) return NotUnderstood(view.status());
+  return view;
+}
 
 Result<Connection> Connection::OpenDoor(const Context& context, const std::string& address,
                                         const std::string& door, std::string token,
@@ -55,7 +78,7 @@ bool Connection::IsCancelled() {
 bool Connection::AwaitHandshake(const Deadline& deadline) {
   while (link_.connections() == 0) {
     if (deadline.expired() || IsCancelled()) return false;
-    link_.Wait(deadline);
+    link_.Wait(Deadline::AfterMs(std::min(deadline.remaining_ms(), kLookMs)));
   }
   return true;
 }
@@ -72,6 +95,7 @@ Result<uint64_t> Connection::Send(pb::Request request, Frame payload, Deadline d
     return InvalidNumber("bytes of the arrays", static_cast<double>(payload.size()),
                          fmt::format("at most {}", limits::kMaxPayloadBytes));
   }
+  B4MRL_RETURN_IF_ERROR(CheckStrings(request));
   request.set_protocol_version(limits::kProtocolVersion);
   request.set_session_token(token_);
   request.set_request_id(next_id_);

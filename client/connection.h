@@ -35,6 +35,10 @@
 
 namespace b4mrl {
 
+// The error of a reply that says OK and cannot be understood. Its request was executed, so this is
+// kInternal whatever `error` is, which would read as a refusal that has changed nothing.
+Status NotUnderstood(const Status& error);
+
 // A reply whose status is OK, with its arrays validated. It owns the memory of `arrays`.
 struct ReceivedReply {
   uint64_t request_id = 0;
@@ -42,12 +46,16 @@ struct ReceivedReply {
   Frame payload;
   ArrayReader arrays;
 
-  // The array `name`, whose elements are of type T and whose shape is `shape`
-  // (ArrayReader::Require); a view of this reply.
+  // ArrayReader::Require, but the error is that of a reply that cannot be understood.
+  Result<TensorView> Require(std::string_view name, std::initializer_list<DType> dtypes,
+                             std::initializer_list<uint64_t> shape) const;
+
+  // The array `name`, whose elements are of type T and whose shape is `shape`; a view of this
+  // reply.
   template <typename T>
   Result<std::span<const T>> Column(std::string_view name,
                                     std::initializer_list<uint64_t> shape) const {
-    B4MRL_ASSIGN_OR_RETURN(const TensorView view, arrays.Require(name, {DTypeOf<T>()}, shape));
+    B4MRL_ASSIGN_OR_RETURN(const TensorView view, Require(name, {DTypeOf<T>()}, shape));
     return view.As<T>();
   }
 };
@@ -82,8 +90,8 @@ class Connection {
   // Queues a request and returns its id. The caller has set the payload and the array table of
   // `request`; Send adds version, token, id and deadline. kLimitExceeded while
   // limits::kMaxRequestsInFlight requests are unanswered, or answered but not yet received;
-  // kInvalidArgument for a message that is larger than a server accepts; kFailedPrecondition after
-  // CloseSession.
+  // kInvalidArgument for a message that is larger than a server accepts, or has a string that is
+  // not UTF-8, which no server can read; kFailedPrecondition after CloseSession.
   Result<uint64_t> Send(pb::Request request, Frame payload, Deadline deadline);
 
   // Waits for the reply to `id`. Returns an error of the server as its Status, kDeadlineExceeded or
@@ -104,8 +112,11 @@ class Connection {
   // and since the last request.
   void DelayCancellation(Clock::duration grace) { grace_ = grace; }
 
-  // Waits for the first connection; returns whether it was made before the deadline.
+  // Waits for the first connection; returns whether it was made before the deadline and before the
+  // wait was cancelled.
   bool AwaitHandshake(const Deadline& deadline);
+  // Whether `cancelled` ends waits now.
+  bool IsCancelled();
 
   // The number of requests that were sent and not received.
   size_t in_flight() const { return pending_.size() + arrived_.size(); }
@@ -135,7 +146,6 @@ class Connection {
         listening_(std::move(listening)),
         token_(std::move(token)),
         cancelled_(cancelled) {}
-  bool IsCancelled();
   Status Transmit(Pending& pending);
   // Waits for one message and accepts it, or resends and gives up requests that are due.
   void Pump();

@@ -126,7 +126,7 @@ class RemoteDataset {
         ledger_(ledger) {}
   Result<uint64_t> SendSample(uint32_t rows, uint64_t seed, uint64_t first_batch, uint32_t batches,
                               bool with_indices);
-  // Refuses a reply with another number of rows: callers have room for `rows` rows.
+  // kInternal for a reply with another number of rows: callers have room for `rows` rows.
   Result<TransitionRows> ReadRows(Result<ReceivedReply> reply, uint64_t rows) const;
   Deadline NewDeadline() const { return Deadline::AfterMs(deadline_ms_); }
 

@@ -32,14 +32,28 @@ Status ReadEndedEpisodes(const ReceivedReply& reply, uint64_t rows, const Tensor
   const uint64_t ended = final_lanes->rows();
   B4MRL_ASSIGN_OR_RETURN(outcome->final_lanes, reply.Column<uint32_t>("final_lanes", {ended}));
   for (const uint32_t lane : outcome->final_lanes) {
-    if (lane >= rows) return InvalidNumber("final_lanes", lane, fmt::format("0..{}", rows - 1));
+    if (lane >= rows) {
+      return NotUnderstood(InvalidNumber("final_lanes", lane, fmt::format("0..{}", rows - 1)));
+    }
   }
-  B4MRL_ASSIGN_OR_RETURN(outcome->final_observations,
-                         reply.arrays.Require("final_observations", {observations.dtype},
-                                              {ended, observations.shape[1]}));
+  B4MRL_ASSIGN_OR_RETURN(
+      outcome->final_observations,
+      reply.Require("final_observations", {observations.dtype}, {ended, observations.shape[1]}));
   B4MRL_ASSIGN_OR_RETURN(outcome->final_returns, reply.Column<double>("final_returns", {ended}));
   B4MRL_ASSIGN_OR_RETURN(outcome->final_lengths, reply.Column<uint32_t>("final_lengths", {ended}));
   return Status();
+}
+
+// The error of a request that was sent twice, or has no reply. kBusy and kLimitExceeded would say
+// that nothing was executed, but they refuse one copy of the request.
+Status WithoutOutcome(const Status& status) {
+  if (status.code() != StatusCode::kBusy && status.code() != StatusCode::kLimitExceeded) {
+    return status;
+  }
+  return Status(StatusCode::kUnavailable,
+                fmt::format("one copy of the request was refused, another one may have been "
+                            "executed: {}",
+                            status.message()));
 }
 
 }  // namespace
@@ -76,7 +90,7 @@ Result<StepOutcome> RemoteEnvironment::Reset(std::span<const uint32_t> lanes,
   request.request().mutable_reset();
   if (!seeds.empty()) request.Add("seeds", seeds, {count});
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, request.Send());
-  return ReadOutcome(ReceiveNumbered(id), count, /*is_step=*/false);
+  return ReceiveNumbered(id, /*is_step=*/false);
 }
 
 template <typename Scalar>
@@ -105,12 +119,12 @@ Result<uint64_t> RemoteEnvironment::Send(std::span<const double> actions,
 Result<StepOutcome> RemoteEnvironment::Step(std::span<const float> actions,
                                             std::span<const uint32_t> lanes) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, SendActions(actions, lanes));
-  return ReadOutcome(ReceiveNumbered(id), numbers_.CountOf(lanes), /*is_step=*/true);
+  return ReceiveNumbered(id, /*is_step=*/true);
 }
 Result<StepOutcome> RemoteEnvironment::Step(std::span<const double> actions,
                                             std::span<const uint32_t> lanes) {
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, SendActions(actions, lanes));
-  return ReadOutcome(ReceiveNumbered(id), numbers_.CountOf(lanes), /*is_step=*/true);
+  return ReceiveNumbered(id, /*is_step=*/true);
 }
 
 Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
@@ -119,13 +133,11 @@ Result<StepOutcome> RemoteEnvironment::Receive(uint64_t* failed_id) {
                  [](const UnderWay& entry) { return entry.id; });
   Delivery delivery = connection_->ReceiveAny(ids);
   if (failed_id != nullptr) *failed_id = delivery.id;
-  const auto sent = FindUnderWay(delivery.id);
-  const size_t lanes = sent == under_way_.end() ? 0 : numbers_.CountOf(sent->lanes);
-  return ReadOutcome(Finish(std::move(delivery)), lanes, /*is_step=*/true);
+  return Finish(std::move(delivery), /*is_step=*/true);
 }
 
-Result<ReceivedReply> RemoteEnvironment::ReceiveNumbered(uint64_t id) {
-  return Finish(connection_->ReceiveAny(std::span(&id, 1)));
+Result<StepOutcome> RemoteEnvironment::ReceiveNumbered(uint64_t id, bool is_step) {
+  return Finish(connection_->ReceiveAny(std::span(&id, 1)), is_step);
 }
 
 std::vector<RemoteEnvironment::UnderWay>::iterator RemoteEnvironment::FindUnderWay(uint64_t id) {
@@ -133,31 +145,37 @@ std::vector<RemoteEnvironment::UnderWay>::iterator RemoteEnvironment::FindUnderW
                       [id](const UnderWay& entry) { return entry.id == id; });
 }
 
-Result<ReceivedReply> RemoteEnvironment::Finish(Delivery delivery) {
+Result<StepOutcome> RemoteEnvironment::Finish(Delivery delivery, bool is_step) {
   const auto found = FindUnderWay(delivery.id);
-  if (found == under_way_.end()) return std::move(delivery.reply);
-  LaneNumbers::Outcome outcome = LaneNumbers::Outcome::kUnknown;
-  if (delivery.kind == Delivery::Kind::kReply) outcome = LaneNumbers::Outcome::kExecuted;
+  if (found == under_way_.end()) return delivery.reply.status();
+  const auto end = [&](LaneNumbers::Outcome outcome) {
+    numbers_.End(found->lanes, outcome);
+    under_way_.erase(found);
+  };
   if (delivery.kind == Delivery::Kind::kRefused) {
-    outcome = OutcomeOfRefusal(delivery.reply.status());
+    end(OutcomeOfRefusal(delivery.reply.status()));
+    return delivery.reply.status();
   }
-  numbers_.End(found->lanes, outcome);
-  under_way_.erase(found);
-  return std::move(delivery.reply);
+  if (delivery.kind == Delivery::Kind::kNoAnswer) {
+    end(LaneNumbers::Outcome::kUnknown);
+    return WithoutOutcome(delivery.reply.status());
+  }
+  Result<StepOutcome> outcome =
+      ReadOutcome(std::move(*delivery.reply), numbers_.CountOf(found->lanes), is_step);
+  end(outcome.ok() ? LaneNumbers::Outcome::kExecuted : LaneNumbers::Outcome::kUnknown);
+  return outcome;
 }
 
-Result<StepOutcome> RemoteEnvironment::ReadOutcome(Result<ReceivedReply> reply, uint64_t rows,
+Result<StepOutcome> RemoteEnvironment::ReadOutcome(ReceivedReply reply, uint64_t rows,
                                                    bool is_step) const {
-  if (!reply.ok()) return reply.status();
   StepOutcome outcome;
-  outcome.reply = std::move(*reply);
+  outcome.reply = std::move(reply);
   outcome.request_id = outcome.reply.request_id;
   outcome.timing = outcome.reply.envelope.timing();
   const ReceivedReply& columns = outcome.reply;
   const DType dtype = static_cast<DType>(in_force_.observation_dtype());
-  B4MRL_ASSIGN_OR_RETURN(
-      outcome.observations,
-      columns.arrays.Require("observations", {dtype}, {rows, spec_.observation.size()}));
+  B4MRL_ASSIGN_OR_RETURN(outcome.observations, columns.Require("observations", {dtype},
+                                                               {rows, spec_.observation.size()}));
   if (columns.arrays.Has("digests")) {
     B4MRL_ASSIGN_OR_RETURN(outcome.digests, columns.Column<uint64_t>("digests", {rows}));
   }

@@ -5,12 +5,20 @@
 // Observations have the session's dtype; actions may be float or double, whatever the dtype. An
 // empty list of lanes means all lanes in order. Send and Receive keep several requests for
 // different lanes in flight; a lane has at most one (else kBusy). Every step is executed exactly
-// once, even if the worker dies meanwhile (client/lane_numbers.h). A refused request has changed
-// nothing, unless it was sent twice: another copy of it may have been executed. After such a
-// refusal, after kInternal, kStale, kGap, kSessionLost, kDataLoss and kIoError, and after
-// kDeadlineExceeded or kUnavailable for want of a reply, the lanes of the request cannot be used
-// any more; Step and Reset say so (kFailedPrecondition). A session that was moved from may only be
-// destroyed or assigned.
+// once, even if the worker dies meanwhile (client/lane_numbers.h). A session that was moved from
+// may only be destroyed or assigned.
+//
+// What an error of a Step, Reset or Restore says about the request's lanes:
+//   - they are as before, and the same or another request may follow: kInvalidArgument,
+//     kUnknownName, kUnsupported, kBusy, kLimitExceeded, kVersionMismatch, kFailedPrecondition, and
+//     kDeadlineExceeded and kUnavailable if the daemon has said so itself;
+//   - it is not known what they have executed, and they cannot be used any more, which later
+//     requests for them say (kFailedPrecondition): kStale, kGap, kSessionLost, kDataLoss, kIoError;
+//     kInternal, also where the daemon's reply cannot be understood; kDeadlineExceeded and
+//     kUnavailable for want of a reply, or when one copy of a request that was sent twice
+//     (client/connection.h) was refused and another one may have been executed.
+// A Snapshot that was sent twice may still be under way when its reply comes. A Step of its lanes
+// is then refused with kBusy, and is to be sent again.
 //
 // A session that gets no request for the daemon's lease (session_lease_ms of
 // Client::hello().limits) ends: kSessionLost. Pings and the Client's requests do not keep it; a
@@ -191,11 +199,11 @@ class RemoteEnvironment {
   template <typename Scalar>
   Result<uint64_t> SendActions(std::span<const Scalar> actions, std::span<const uint32_t> lanes);
   std::vector<UnderWay>::iterator FindUnderWay(uint64_t id);
-  // Ends the operation in numbers_ by its outcome, and returns the reply.
-  Result<ReceivedReply> Finish(Delivery delivery);
-  Result<ReceivedReply> ReceiveNumbered(uint64_t id);
-  // Refuses a reply whose arrays do not have `rows` rows, one for each lane of the request.
-  Result<StepOutcome> ReadOutcome(Result<ReceivedReply> reply, uint64_t rows, bool is_step) const;
+  // Ends the operation in numbers_ by what its delivery says.
+  Result<StepOutcome> Finish(Delivery delivery, bool is_step);
+  Result<StepOutcome> ReceiveNumbered(uint64_t id, bool is_step);
+  // kInternal for a reply whose arrays do not have `rows` rows, one for each lane of the request.
+  Result<StepOutcome> ReadOutcome(ReceivedReply reply, uint64_t rows, bool is_step) const;
 
   template <typename Scalar>
   Result<uint64_t> SendRows(std::span<const Scalar> observations, std::span<const Scalar> actions,

@@ -86,10 +86,9 @@ Status RemoteEnvironment::ReceiveRows(uint64_t id, const QueryResults<Scalar>& o
   B4MRL_ASSIGN_OR_RETURN(const ReceivedReply reply, connection_->Receive(id));
   B4MRL_RETURN_IF_ERROR(CheckOutput(output, spec_.observation.size()));
   const uint64_t rows = output.rewards.size();
-  B4MRL_ASSIGN_OR_RETURN(
-      const TensorView next,
-      reply.arrays.Require("next_observations", {DType::kFloat32, DType::kFloat64},
-                           {rows, spec_.observation.size()}));
+  B4MRL_ASSIGN_OR_RETURN(const TensorView next,
+                         reply.Require("next_observations", {DType::kFloat32, DType::kFloat64},
+                                       {rows, spec_.observation.size()}));
   B4MRL_ASSIGN_OR_RETURN(const auto rewards, reply.Column<double>("rewards", {rows}));
   B4MRL_ASSIGN_OR_RETURN(const auto terminated, reply.Column<uint8_t>("terminated", {rows}));
   B4MRL_ASSIGN_OR_RETURN(const auto valid, reply.Column<uint8_t>("valid", {rows}));

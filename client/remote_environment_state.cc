@@ -42,10 +42,9 @@ Result<LaneStates> RemoteEnvironment::Snapshot(std::span<const uint32_t> lanes) 
   states.lanes = numbers_.CountOf(lanes);
   for (const pb::Array& entry : reply.envelope.arrays()) {
     const bool exact = entry.name() == kSnapshot;
-    B4MRL_ASSIGN_OR_RETURN(
-        const TensorView view,
-        reply.arrays.Require(entry.name(), {exact ? DType::kUint8 : DType::kFloat64},
-                             {states.lanes, ArrayReader::kAny}));
+    B4MRL_ASSIGN_OR_RETURN(const TensorView view,
+                           reply.Require(entry.name(), {exact ? DType::kUint8 : DType::kFloat64},
+                                         {states.lanes, ArrayReader::kAny}));
     if (exact) {
       const std::span<const uint8_t> bytes = view.As<uint8_t>();
       states.snapshot.assign(bytes.begin(), bytes.end());
@@ -96,7 +95,7 @@ Result<StepOutcome> RemoteEnvironment::Restore(const LaneStates& states,
     }
   }
   B4MRL_ASSIGN_OR_RETURN(const uint64_t id, request.Send());
-  return ReadOutcome(ReceiveNumbered(id), count, /*is_step=*/false);
+  return ReceiveNumbered(id, /*is_step=*/false);
 }
 
 }  // namespace b4mrl

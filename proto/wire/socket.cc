@@ -22,6 +22,9 @@ namespace b4mrl {
 namespace {
 
 constexpr int64_t kLongestBlockMs = 20;  // longest wait of DealerSocket::Receive
+// Messages that a DEALER holds before its thread takes them, each of up to 64 MiB: twice the
+// requests that a session may have in flight.
+constexpr int kUnreadReplies = 2 * limits::kMaxRequestsInFlight;
 
 zmq_msg_t* AsZmq(Frame& frame) { return static_cast<zmq_msg_t*>(frame.handle()); }
 
@@ -199,6 +202,7 @@ Result<DealerSocket> DealerSocket::Connect(const Context& context, const std::st
   void* socket = zmq_socket(context.handle(), ZMQ_DEALER);
   if (socket == nullptr) return ZmqError("create", "a socket");
   SetCommonOptions(socket);
+  SetInt(socket, ZMQ_RCVHWM, kUnreadReplies);
   SetInt(socket, ZMQ_RECONNECT_IVL, 5);
   SetInt(socket, ZMQ_RECONNECT_IVL_MAX, 200);
   const std::string monitor_address = fmt::format("inproc://monitor-{}", monitor_number++);

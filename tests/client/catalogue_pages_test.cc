@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client/client.h"
@@ -82,6 +83,33 @@ TEST_CASE("A catalogue without end is cut at the limit") {
   const auto entries = static_cast<uint32_t>(catalogue->environments_size());
   CHECK(entries >= limits::kMaxCatalogueEntries);
   CHECK(entries < limits::kMaxCatalogueEntries + 1000);
+}
+
+TEST_CASE("A catalogue of long entries is given up at the limit of its bytes") {
+  std::atomic<uint32_t> asked = 0;
+  const FakeDaemon daemon(Catalogue([&](uint32_t, pb::CatalogueReply* page) {
+    ++asked;
+    page->set_total(UINT32_MAX);
+    page->add_environments()->set_name(std::string(60'000, 'n'));
+  }));
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  CHECK(client->Catalogue().status().code() == StatusCode::kInternal);
+  CHECK(asked.load() < 300u);  // which take 17 MiB
+}
+
+TEST_CASE("A list of datasets with long entries is given up at the limit of its bytes") {
+  const FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_list_datasets()) return false;
+    pb::Reply reply;
+    reply.mutable_list_datasets()->set_total(UINT32_MAX);
+    reply.mutable_list_datasets()->add_datasets()->set_name(std::string(60'000, 'n'));
+    server.Reply(call, std::move(reply));
+    return true;
+  });
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  CHECK(client->ListDatasets().status().code() == StatusCode::kInternal);
 }
 
 }  // namespace

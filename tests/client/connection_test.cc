@@ -176,6 +176,15 @@ TEST_CASE("a wait ends when it is cancelled, and the session is closed all the s
   CHECK_FALSE(unreached->AwaitHandshake(Deadline::AfterMs(kPatientMs)));
 }
 
+TEST_CASE("a request with a string that is not UTF-8 is refused before it is sent") {
+  Fixture fixture;
+  CHECK(fixture.TrySend("caf\xe9").status().code() == StatusCode::kInvalidArgument);
+  CHECK(fixture.connection().in_flight() == 0);
+  const uint64_t id = fixture.Send("caf\xc3\xa9");
+  fixture.server().Echo(fixture.Take());
+  CHECK(fixture.ReceiveText(id) == "caf\xc3\xa9");
+}
+
 TEST_CASE("an address that is none is refused") {
   Context context;
   CHECK(Connection::Open(context, "carrier-pigeon", "").status().code() ==
@@ -361,7 +370,7 @@ TEST_CASE("a reply whose arrays reach beyond its payload is no answer") {
   fixture.server().Reply(fixture.Take(), std::move(reply), Frame::Copy("short"));
   const Delivery delivery = fixture.connection().ReceiveAny(ids);
   CHECK(delivery.kind == Delivery::Kind::kNoAnswer);
-  CHECK(delivery.reply.status().code() == StatusCode::kInvalidArgument);
+  CHECK(delivery.reply.status().code() == StatusCode::kInternal);
 }
 
 TEST_CASE("noise on the wire is passed over") {

@@ -170,7 +170,24 @@ TEST_CASE("no credit at all still delivers") {
   CHECK(stream.Next().ok());
 }
 
-TEST_CASE("rows that do not fit the dataset are refused") {
+TEST_CASE("statistics that do not fit the dataset are a fault of the server") {
+  FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_dataset_stats()) return false;
+    server.Reply(call);
+    return true;
+  });
+  Opened dataset(daemon);
+  CHECK(dataset->Stats().status().code() == StatusCode::kInternal);
+}
+
+TEST_CASE("a dataset whose name is not UTF-8 is refused at once") {
+  FakeDaemon daemon;
+  Result<Client> client = Client::Connect(daemon.address());
+  REQUIRE(client.ok());
+  CHECK(client->OpenDataset("caf\xe9/medium").status().code() == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("rows that do not fit the dataset are a fault of the server") {
   FakeDaemon daemon([](FakeServer& server, FakeCall& call) {
     if (!call.request.has_sample()) return false;
     pb::Reply reply;
@@ -180,7 +197,7 @@ TEST_CASE("rows that do not fit the dataset are refused") {
     return true;
   });
   Opened dataset(daemon);
-  CHECK(dataset->Sample(1, 0, 0).status().code() == StatusCode::kInvalidArgument);
+  CHECK(dataset->Sample(1, 0, 0).status().code() == StatusCode::kInternal);
 }
 
 TEST_CASE("a reply must have the rows that were asked for, and no more than the dataset has") {
@@ -200,14 +217,14 @@ TEST_CASE("a reply must have the rows that were asked for, and no more than the 
   Opened dataset(daemon);
   for (const uint64_t answered : {0, 5, 7, 12}) {
     rows = answered;
-    CHECK(dataset->Sample(6, 0, 0).status().code() == StatusCode::kInvalidArgument);
-    CHECK(dataset->Read(0, 6).status().code() == StatusCode::kInvalidArgument);
+    CHECK(dataset->Sample(6, 0, 0).status().code() == StatusCode::kInternal);
+    CHECK(dataset->Read(0, 6).status().code() == StatusCode::kInternal);
   }
   rows = 12;
   CHECK(dataset->Sample(6, 0, 0, /*batches=*/2).ok());
   CHECK(dataset->Read(0, 12).ok());
   // The dataset has 100 rows: only 4 are left behind the first 96.
-  CHECK(dataset->Read(96, 12).status().code() == StatusCode::kInvalidArgument);
+  CHECK(dataset->Read(96, 12).status().code() == StatusCode::kInternal);
   rows = 4;
   CHECK(dataset->Read(96, 12)->rows == 4);
 }

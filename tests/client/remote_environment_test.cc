@@ -1,6 +1,8 @@
 #include "client/remote_environment.h"
 
+#include <atomic>
 #include <catch2/catch.hpp>
+#include <string>
 #include <vector>
 
 #include "client/client.h"
@@ -131,22 +133,58 @@ TEST_CASE("a reply must have one row for each lane of its request") {
     server.Reply(call, std::move(reply), layout.Allocate());
     return true;
   });
-  Session session(daemon);
-  const std::vector<uint32_t> lane1 = {1};
   for (const size_t answered : {0, 1, 3}) {
     rows = answered;
-    CHECK(session->Reset().status().code() == StatusCode::kInvalidArgument);
-    CHECK(session->Step(kTwoActions).status().code() == StatusCode::kInvalidArgument);
+    CHECK(Session(daemon)->Reset().status().code() == StatusCode::kInternal);
+    CHECK(Session(daemon)->Step(kTwoActions).status().code() == StatusCode::kInternal);
+    Session session(daemon);
     REQUIRE(session->Send(kTwoActions).ok());
-    CHECK(session->Receive().status().code() == StatusCode::kInvalidArgument);
+    CHECK(session->Receive().status().code() == StatusCode::kInternal);
   }
+  Session session(daemon);
+  const std::vector<uint32_t> lane0 = {0};
+  const std::vector<uint32_t> lane1 = {1};
   rows = 1;
   CHECK(session->Step(kOneAction, lane1).ok());
   REQUIRE(session->Send(kOneAction, lane1).ok());
   CHECK(session->Receive().ok());
   rows = 2;
-  CHECK(session->Step(kOneAction, lane1).status().code() == StatusCode::kInvalidArgument);
   CHECK(session->Step(kTwoActions).ok());
+  // The daemon has executed what it answers, so the lane's next number is not known any more.
+  const Status status = session->Step(kOneAction, lane1).status();
+  CHECK(status.code() == StatusCode::kInternal);
+  CHECK(status.message().starts_with("unreadable reply: "));
+  rows = 1;
+  CHECK(session->Step(kOneAction, lane1).status().code() == StatusCode::kFailedPrecondition);
+  CHECK(session->Step(kOneAction, lane0).ok());
+}
+
+TEST_CASE("a step of which one copy was refused has no outcome, whatever the refusal says") {
+  std::atomic<int> steps{0};
+  FakeDaemon daemon([&steps](FakeServer& server, FakeCall& call) {
+    if (!call.request.has_step()) return false;
+    if (++steps == 2) server.ReplyError(call, Status(StatusCode::kBusy, "still at the first copy"));
+    return true;
+  });
+  Session session(daemon, {.num_envs = 2, .deadline_ms = 4'000});
+  const std::vector<uint32_t> lane0 = {0};
+  const Status status = session->Step(kOneAction, lane0).status();
+  CHECK(status.code() == StatusCode::kUnavailable);
+  CHECK(status.message().find("still at the first copy") != std::string::npos);
+  CHECK(session->Step(kOneAction, lane0).status().code() == StatusCode::kFailedPrecondition);
+}
+
+TEST_CASE("the reply to a step is not received as that to a query") {
+  FakeDaemon daemon;
+  Session session(daemon);
+  const Result<uint64_t> id = session->Send(kTwoActions);
+  REQUIRE(id.ok());
+  std::vector<float> next(kObservationSize);
+  std::vector<double> rewards(1);
+  std::vector<uint8_t> terminated(1), valid(1);
+  const QueryOutput output{next, rewards, terminated, valid};
+  CHECK(session->ReceiveQuery(*id, output).code() == StatusCode::kInvalidArgument);
+  CHECK(session->Receive().ok());
 }
 
 TEST_CASE("a query is cut into requests whose answers land in their places") {

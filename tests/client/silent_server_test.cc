@@ -5,6 +5,7 @@
 #include <chrono>
 #include <optional>
 #include <string>
+#include <thread>
 
 #include "client/connection.h"
 #include "tests/client/fake_server.h"
@@ -42,6 +43,25 @@ TEST_CASE("a cancelled wait goes on for as long as it was told, while the server
   const Clock::time_point asked = Clock::now();
   CHECK(call("silence").code() == StatusCode::kUnavailable);
   CHECK(Clock::now() >= asked + kGrace);
+}
+
+TEST_CASE("a wait for the first connection ends when it is cancelled meanwhile") {
+  const SocketFolder folder;
+  Context context;
+  std::atomic<bool> cancelled = false;
+  Result<Connection> connection =
+      Connection::Open(context, folder.Address("nobody"), "", &cancelled);
+  REQUIRE(connection.ok());
+  std::thread caller([&] {
+    FakeServer unused(folder.Address("unused"));
+    (void)unused.Take(100);  // long enough for the wait to have begun
+    cancelled = true;
+  });
+  const Clock::time_point start = Clock::now();
+  CHECK_FALSE(connection->AwaitHandshake(Deadline::AfterMs(kPatientMs)));
+  CHECK(connection->IsCancelled());
+  CHECK(SecondsSince(start) < 60);  // a tenth of the deadline
+  caller.join();
 }
 
 TEST_CASE("a daemon that has ended is given up after ten seconds, and its address is named") {

@@ -3,9 +3,11 @@
 #include <signal.h>
 
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <fstream>
 #include <set>
 
+#include "tests/data/temporary_folder.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/raw_peer.h"
 #include "tests/integration/support/under_fire.h"
@@ -112,6 +114,29 @@ TEST_CASE("Sessions that are closed while they open leave no lane behind") {
 }
 TEST_CASE("3,000 sessions that are closed while they open leave no lane behind", "[.][long]") {
   CloseWhileOpening(3'000);
+}
+
+TEST_CASE("A session that is closed while its model is compiled does not come to be") {
+  const TemporaryFolder folder;
+  const std::string models = folder.File("models");
+  std::filesystem::create_directories(models);
+  WriteBytes(models + "/own.xml", ReadBytes(B4MRL_SOURCE_DIR "/data/models/half_cheetah.xml"));
+  PrivateDaemon daemon =
+      StartDaemon({.data_folder = folder.path(),
+                   .arguments = {"--workers", "1", "--threads", "1", "--models", models}});
+  Client client = Connect(daemon.endpoint());
+  Context context;
+  RawPeer gateway(context, daemon.endpoint());
+  pb::Request open = OpenRequest(1);
+  pb::NamedArgument* model = open.mutable_open()->add_perturbations();
+  model->set_name("model");
+  model->set_argument("own.xml");
+  const std::string token = NextToken();
+  gateway.Send(open, token);
+  gateway.Send(CloseRequest(), token);
+  REQUIRE(gateway.AwaitAll(kFirePatienceMs));
+  // Should the session exist, it would for an hour: nobody else knows its token.
+  CHECK(Take(client.ServerStatus()).session_count() == 0);
 }
 
 bool IsStoppedOrGone(pid_t process) {

@@ -3,6 +3,7 @@
 
 #include <catch2/catch.hpp>
 #include <string>
+#include <utility>
 
 #include "proto/wire/frame.h"
 #include "server/shared_memory/session_table.h"
@@ -49,6 +50,37 @@ TEST_CASE("A status of many sessions with long names fits an envelope, and count
   uint32_t of_workers = 0;
   for (const pb::WorkerStatus& worker : status.workers()) of_workers += worker.sessions();
   CHECK(of_workers == kSessions);
+}
+
+TEST_CASE("A status has question marks where a path or a cut text is not UTF-8") {
+  SharedState state = Take(SharedState::Create(1, limits::kLoopbackLeaseMs));
+  SessionTable table(state);
+  pb::OpenRequest open;
+  pb::NamedArgument* perturbation = open.add_perturbations();
+  perturbation->set_name("xy");
+  for (int i = 0; i < 100; ++i) perturbation->mutable_argument()->append("\xc3\xa9");
+  const std::string bytes = open.SerializeAsString();
+  REQUIRE(
+      table.MakeLive(Take(table.Allocate({std::string(limits::kTokenBytes, 't'), bytes, 1, 1}))));
+  const std::pair<std::string, std::string> folders[] = {
+      {"/caf\xe9", "/caf?"},  // ISO 8859-1
+      {"/caf\xc3\xa9/\xe2\x82\xac", "/caf\xc3\xa9/\xe2\x82\xac"},
+      {"/\xf0\x9f\x98\x80", "/\xf0\x9f\x98\x80"},
+      {"/\xe2\x82", "/??"},            // cut
+      {"/\xc0\xafx", "/??x"},          // could be written shorter
+      {"/\xed\xa0\x80", "/???"},       // a surrogate
+      {"/\xf4\x90\x80\x80", "/????"},  // beyond the last character
+  };
+  for (const auto& [folder, shown] : folders) {
+    pb::Reply reply;
+    StatusReport(state, folder).Fill(reply.mutable_server_status());
+    CHECK(reply.server_status().data_folder() == shown);
+    const Frame envelope = Take(SerializeEnvelope(reply));
+    pb::Reply parsed;
+    RequireOk(ParseEnvelope(envelope, &parsed));
+    REQUIRE(parsed.server_status().sessions_size() == 1);
+    CHECK(parsed.server_status().sessions(0).perturbations().ends_with("\xc3\xa9?"));
+  }
 }
 
 }  // namespace
