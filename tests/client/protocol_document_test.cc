@@ -129,8 +129,15 @@ class Daemon {
 FakeCall Capture(pb::Request::PayloadCase kind, const std::function<void(Client&)>& use) {
   std::mutex mutex;
   std::optional<FakeCall> captured;
-  FakeDaemon fake([&](FakeServer&, FakeCall& call) {
+  FakeDaemon fake([&](FakeServer& server, FakeCall& call) {
     const std::lock_guard lock(mutex);
+    if (call.request.has_reset()) {  // the fake's own reply has other observations
+      pb::Reply reply;
+      ArrayLayout layout(reply.mutable_arrays());
+      layout.Add("observations", DType::kFloat32, {1, kCheetahObservationSize});
+      server.Reply(call, std::move(reply), layout.Allocate());
+      return true;
+    }
     if (call.request.payload_case() != kind || captured) return false;
     captured = FakeCall{call.sender, call.request, call.payload.Share()};
     return false;

@@ -41,8 +41,8 @@ TEST_CASE("Rows that were exported by D4RL's rule come back under it") {
                                             "d4rl", "--format", as_minari ? "minari" : "d4rl"});
   INFO(exported.err);
   REQUIRE(exported.exit_code == 0);
-  const std::string source = as_minari ? target + "/b4mrl/Hopper/random_d4rl-transitions-v0" : target;
-  const Outcome imported = imports.Dataset({"import", source, "--name", "Hopper/back"});
+  const std::string id = as_minari ? "/b4mrl/Hopper/random_d4rl-transitions-v0" : "";
+  const Outcome imported = imports.Dataset({"import", target + id, "--name", "Hopper/back"});
   INFO(imported.err);
   REQUIRE(imported.exit_code == 0);
   const auto back = imports.Info("Hopper/back"), original = imports.Info("Hopper/random");

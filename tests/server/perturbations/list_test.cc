@@ -35,19 +35,18 @@ TEST_CASE("Presets have the paper's values, and the delay ours") {
   const std::string noise = "obs-noise-low,obs-noise-high,hidden-low,hidden-high,";
   const std::string actions = "action-noise-low,action-noise-high,action-delay";
   CHECK(Resolved("gravity,friction," + noise + actions, "HalfCheetah") ==
-        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.05,hidden=16,hidden=9,"
-        "action-noise=0.2,action-noise=0.5,action-delay=2");
+        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.05,"
+        "action-noise=0.2,action-noise=0.5,action-delay=2,hidden=16,hidden=9");
   CHECK(Resolved("gravity,leg," + noise + actions, "Hopper") ==
-        "gravity=2,leg=0.8,obs-noise=0.001,obs-noise=0.02,hidden=9,hidden=10,"
-        "action-noise=0.5,action-noise=1,action-delay=2");
+        "gravity=2,leg=0.8,obs-noise=0.001,obs-noise=0.02,"
+        "action-noise=0.5,action-noise=1,action-delay=2,hidden=9,hidden=10");
   CHECK(Resolved("gravity,friction," + noise + actions, "Walker2d") ==
-        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.03,hidden=16,hidden=9,"
-        "action-noise=0.2,action-noise=0.5,action-delay=2");
+        "gravity=2,friction=0.3,obs-noise=0.01,obs-noise=0.03,"
+        "action-noise=0.2,action-noise=0.5,action-delay=2,hidden=16,hidden=9");
   CHECK(Resolved("action-delay", "Humanoid") == "action-delay=2");
   CHECK(Resolved("cars," + noise + actions, "Highway") ==
-        "cars=15,obs-noise=0.5,obs-noise=1,hidden=3+4+8+9+13+14+18+19+23+24,"
-        "hidden=2+3+4+7+8+9+12+13+14+17+18+19+22+23+24,"
-        "action-noise=0.5,action-noise=1,action-delay=2");
+        "cars=15,obs-noise=0.5,obs-noise=1,action-noise=0.5,action-noise=1,action-delay=2,"
+        "hidden=3+4+8+9+13+14+18+19+23+24,hidden=2+3+4+7+8+9+12+13+14+17+18+19+22+23+24");
 }
 
 TEST_CASE("A preset hides the same quantity under every setting") {
