@@ -25,8 +25,8 @@ struct RecordingOrder {
   uint64_t rows = 0;
   uint64_t seed = 0;    // ignored by replays, whose seed is the run's
   std::string command;  // the command line that makes the file again
-  Existing existing =
-      Existing::kKeep;  // what is done with a file that appears while it is recorded
+  // What is done with a file that appears while the dataset is recorded.
+  Existing existing = Existing::kKeep;
 };
 
 struct Recording {

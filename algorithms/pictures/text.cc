@@ -5,7 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
+
+#include "proto/wire/utf8.h"
 
 namespace b4mrl {
 namespace {
@@ -19,19 +20,10 @@ struct Character {
 };
 
 Character FirstCharacter(std::string_view text) {
-  const auto byte = [&](size_t i) { return static_cast<uint8_t>(text[i]); };
-  const uint8_t lead = byte(0);
-  if (lead < 0x80) return {1, (lead >= 0x20 && lead != 0x7F) || lead == '\n' || lead == '\t'};
-  const size_t bytes = lead >= 0xF0 ? 4 : lead >= 0xE0 ? 3 : 2;
-  if (lead < 0xC2 || lead > 0xF4 || text.size() < bytes) return {};
-  uint32_t code = lead & (0xFFu >> (bytes + 1));
-  for (size_t i = 1; i < bytes; ++i) {
-    if ((byte(i) & 0xC0) != 0x80) return {};
-    code = code << 6 | (byte(i) & 0x3F);
-  }
-  const uint32_t least = bytes == 2 ? 0x80 : bytes == 3 ? 0x800 : 0x10000;  // else overlong
-  const bool surrogate = code >= 0xD800 && code <= 0xDFFF;
-  const bool valid = code >= least && code <= 0x10FFFF && !surrogate && (code & 0xFFFE) != 0xFFFE;
+  const auto [bytes, code] = FirstUtf8Character(text);
+  const bool is_control = (code < 0x20 && code != '\n' && code != '\t') || code == 0x7F;
+  const bool is_noncharacter = (code & 0xFFFE) == 0xFFFE;
+  const bool valid = bytes > 0 && !is_control && !is_noncharacter;
   return valid ? Character{bytes, true} : Character{};
 }
 

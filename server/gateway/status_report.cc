@@ -9,6 +9,7 @@
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
+#include "proto/wire/utf8.h"
 
 namespace b4mrl {
 namespace {
@@ -23,29 +24,11 @@ std::string Absolute(const std::string& folder) {
   return error ? folder : absolute;
 }
 
-// The bytes of the character of UTF-8 with which `text` begins; 0 if it begins with none.
-size_t CharacterBytes(std::string_view text) {
-  const auto byte = [text](size_t i) {
-    return static_cast<uint8_t>(i < text.size() ? text[i] : '\0');
-  };
-  const uint8_t first = byte(0);
-  if (first < 0x80) return 1;
-  const size_t size = first < 0xe0 ? 2 : first < 0xf0 ? 3 : 4;
-  // These leave out what could be written shorter, surrogates, and numbers beyond U+10FFFF.
-  const uint8_t low = first == 0xe0 ? 0xa0 : first == 0xf0 ? 0x90 : 0x80;
-  const uint8_t high = first == 0xed ? 0x9f : first == 0xf4 ? 0x8f : 0xbf;
-  if (first < 0xc2 || first > 0xf4 || byte(1) < low || byte(1) > high) return 0;
-  for (size_t i = 2; i < size; ++i) {
-    if (byte(i) < 0x80 || byte(i) > 0xbf) return 0;
-  }
-  return size;
-}
-
 // `text` with a question mark for each byte that is not UTF-8: no client could read a message with
 // such a byte. A path may have any bytes, and a text that was cut may end within a character.
 std::string AsUtf8(std::string text) {
   for (size_t i = 0; i < text.size();) {
-    const size_t bytes = CharacterBytes(std::string_view(text).substr(i));
+    const size_t bytes = FirstUtf8Character(std::string_view(text).substr(i)).bytes;
     if (bytes == 0) text[i] = '?';
     i += std::max<size_t>(bytes, 1);
   }
