@@ -21,7 +21,7 @@ namespace {
 
 // Rows are read in blocks, which are cut after a whole episode: so many rows, or fewer if they
 // would have more numbers.
-constexpr uint64_t kBlockRows = 131'072, kBlockNumbers = 32 << 20;
+constexpr uint64_t kRowsAtOnce = 131'072, kNumbersAtOnce = 32 << 20;
 constexpr uint32_t kLanes = 128;
 
 // The first number that differs in a bit.
@@ -91,7 +91,7 @@ class PartVerifier {
 Result<std::optional<RowDifference>> PartVerifier::Run(uint64_t first_row, Progress& progress) {
   const uint64_t end = first_row + part_.rows;
   const uint64_t row_numbers = 2ull * file_.observation_size() + file_.action_size();
-  const uint64_t most = std::min(kBlockRows, kBlockNumbers / row_numbers);
+  const uint64_t most = std::min(kRowsAtOnce, kNumbersAtOnce / row_numbers);
   for (block_row_ = first_row; block_row_ < end && !first_;) {
     const uint64_t count = std::min(most, end - block_row_);
     B4MRL_ASSIGN_OR_RETURN(block_, file_.Read(block_row_, count));

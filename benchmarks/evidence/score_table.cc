@@ -23,7 +23,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 // No score or return is as large: figures would have no scale, and sums would be infinite.
-constexpr double kMostPoints = 1e9;
+constexpr double kLargestScore = 1e9;
 
 struct Name {
   std::string_view algorithm, shown;
@@ -36,7 +36,7 @@ void ReadScorings(const Json& scorings, ScoredRun* run) {
   if (!scorings.is_object()) return;
   for (const auto& [name, entry] : scorings.items()) {
     const auto score = NumberOf(entry, run->is_return ? "return" : "score");
-    if (score && std::abs(*score) <= kMostPoints) run->further[name] = *score;
+    if (score && std::abs(*score) <= kLargestScore) run->further[name] = *score;
   }
 }
 
@@ -61,8 +61,8 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
 }
 
 bool HasScale(const CurvePoint& point) {
-  return std::abs(point.mean_return) <= kMostPoints &&
-         std::abs(point.score.value_or(0)) <= kMostPoints;
+  return std::abs(point.mean_return) <= kLargestScore &&
+         std::abs(point.score.value_or(0)) <= kLargestScore;
 }
 
 // The run of a result. The error says why the JSON is none that counts.
@@ -86,7 +86,7 @@ Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
     return Status(StatusCode::kDataLoss, "it is no result of a run");
   }
   if (!std::ranges::all_of(*curve, HasScale)) {
-    return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kMostPoints));
+    return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kLargestScore));
   }
   run.curve = *std::move(curve);
   const uint64_t all = CountOf(json, "updates").value_or(0);

@@ -15,7 +15,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kMostSeeds = 1'000;
+constexpr uint64_t kLongestSeedRange = 1'000;
 
 Result<std::vector<uint64_t>> ChooseSeeds(const std::string& text, const Budget& budget) {
   uint64_t first = 0, last = budget.seeds - 1;
@@ -25,9 +25,9 @@ Result<std::vector<uint64_t>> ChooseSeeds(const std::string& text, const Budget&
                            ParseUnsigned("--seeds", text.substr(0, dots), 0, UINT64_MAX - 1));
     last = first;
     if (dots != std::string::npos) {
-      B4MRL_ASSIGN_OR_RETURN(
-          last, ParseUnsigned("--seeds", text.substr(dots + 2), first,
-                              std::min(first, UINT64_MAX - kMostSeeds) + kMostSeeds - 1));
+      B4MRL_ASSIGN_OR_RETURN(last, ParseUnsigned("--seeds", text.substr(dots + 2), first,
+                                                 std::min(first, UINT64_MAX - kLongestSeedRange) +
+                                                     kLongestSeedRange - 1));
     }
   }
   std::vector<uint64_t> seeds;

@@ -16,7 +16,7 @@ namespace {
 constexpr size_t kMaxHiddenLayers = 16;
 
 // The path of the policy's entry `name`.
-std::string At(std::string_view name) { return fmt::format("metadata/policy/{}", name); }
+std::string PolicyEntry(std::string_view name) { return fmt::format("metadata/policy/{}", name); }
 
 Status Inconsistent(std::string message) {
   return Status(StatusCode::kInvalidArgument, "agent: " + std::move(message));
@@ -51,12 +51,12 @@ Status CheckPerDimension(std::string_view name, const std::vector<T>& values, si
 
 Status WriteLayer(Hdf5Writer& file, std::string_view name, const AgentLayer& layer) {
   const std::array<uint64_t, 2> shape = {layer.outputs, layer.inputs};
-  B4MRL_RETURN_IF_ERROR(file.WriteArray(At(name) + "/weight", layer.weight, shape));
-  return file.WriteArray(At(name) + "/bias", layer.bias, std::span(shape).first(1));
+  B4MRL_RETURN_IF_ERROR(file.WriteArray(PolicyEntry(name) + "/weight", layer.weight, shape));
+  return file.WriteArray(PolicyEntry(name) + "/bias", layer.bias, std::span(shape).first(1));
 }
 
 Result<AgentLayer> ReadLayer(const Hdf5Reader& file, std::string_view name) {
-  const std::string weight_path = At(name) + "/weight";
+  const std::string weight_path = PolicyEntry(name) + "/weight";
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Column weight, file.OpenColumn(weight_path));
   if (weight.shape().size() != 2 || weight.rows() > kMaxAgentLayerWidth) {
     return Inconsistent(
@@ -67,7 +67,7 @@ Result<AgentLayer> ReadLayer(const Hdf5Reader& file, std::string_view name) {
   layer.inputs = static_cast<uint32_t>(weight.width());
   layer.weight.resize(weight.rows() * weight.width());
   B4MRL_RETURN_IF_ERROR(weight.Read(0, layer.weight));
-  B4MRL_ASSIGN_OR_RETURN(layer.bias, file.ReadFloats(At(name) + "/bias"));
+  B4MRL_ASSIGN_OR_RETURN(layer.bias, file.ReadFloats(PolicyEntry(name) + "/bias"));
   return layer;
 }
 
@@ -134,8 +134,10 @@ Status WriteProvenance(Hdf5Writer& file, const AgentProvenance& provenance) {
 }
 
 Status ReadKind(const Hdf5Reader& file, Agent* agent) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string nonlinearity, file.ReadText(At("nonlinearity")));
-  B4MRL_ASSIGN_OR_RETURN(const std::string distribution, file.ReadText(At("output_distribution")));
+  B4MRL_ASSIGN_OR_RETURN(const std::string nonlinearity,
+                         file.ReadText(PolicyEntry("nonlinearity")));
+  B4MRL_ASSIGN_OR_RETURN(const std::string distribution,
+                         file.ReadText(PolicyEntry("output_distribution")));
   if (nonlinearity != "relu" && nonlinearity != "tanh") {
     return InvalidArgument("nonlinearity", nonlinearity, "relu, tanh");
   }
@@ -151,7 +153,7 @@ Status ReadKind(const Hdf5Reader& file, Agent* agent) {
 Status ReadLayers(const Hdf5Reader& file, Agent* agent) {
   for (size_t i = 0; i < kMaxHiddenLayers; ++i) {
     const std::string name = fmt::format("fc{}", i);
-    if (!file.Exists(At(name))) break;
+    if (!file.Exists(PolicyEntry(name))) break;
     B4MRL_ASSIGN_OR_RETURN(AgentLayer layer, ReadLayer(file, name));
     agent->hidden.push_back(std::move(layer));
   }
@@ -164,14 +166,17 @@ Status ReadLayers(const Hdf5Reader& file, Agent* agent) {
 
 Status ReadInputs(const Hdf5Reader& file, Agent* agent) {
   uint64_t history = 1;
-  B4MRL_RETURN_IF_ERROR(ReadOptional(file, At("history_length"), kMaxAgentHistory, &history));
+  B4MRL_RETURN_IF_ERROR(
+      ReadOptional(file, PolicyEntry("history_length"), kMaxAgentHistory, &history));
   agent->history_length = static_cast<uint32_t>(history);
   std::vector<float> mask;
-  B4MRL_RETURN_IF_ERROR(ReadOptional(file, At("observation_mask"), &mask));
+  B4MRL_RETURN_IF_ERROR(ReadOptional(file, PolicyEntry("observation_mask"), &mask));
   for (const float entry : mask) agent->observation_mask.push_back(entry != 0 ? 1 : 0);
-  B4MRL_RETURN_IF_ERROR(ReadOptional(file, At("observation_mean"), &agent->observation_mean));
-  B4MRL_RETURN_IF_ERROR(ReadOptional(file, At("observation_std"), &agent->observation_std));
-  return ReadOptional(file, At("action_scale"), &agent->action_scale);
+  B4MRL_RETURN_IF_ERROR(
+      ReadOptional(file, PolicyEntry("observation_mean"), &agent->observation_mean));
+  B4MRL_RETURN_IF_ERROR(
+      ReadOptional(file, PolicyEntry("observation_std"), &agent->observation_std));
+  return ReadOptional(file, PolicyEntry("action_scale"), &agent->action_scale);
 }
 
 }  // namespace
@@ -227,9 +232,9 @@ Status WriteAgentInto(Hdf5Writer& file, const Agent& given) {
   B4MRL_RETURN_IF_ERROR(WriteProvenance(file, agent.provenance));
   const bool relu = agent.nonlinearity == Nonlinearity::kRelu;
   const bool gaussian = agent.output_distribution == OutputDistribution::kTanhGaussian;
-  B4MRL_RETURN_IF_ERROR(file.WriteString(At("nonlinearity"), relu ? "relu" : "tanh"));
+  B4MRL_RETURN_IF_ERROR(file.WriteString(PolicyEntry("nonlinearity"), relu ? "relu" : "tanh"));
   B4MRL_RETURN_IF_ERROR(
-      file.WriteString(At("output_distribution"), gaussian ? "tanh_gaussian" : "tanh"));
+      file.WriteString(PolicyEntry("output_distribution"), gaussian ? "tanh_gaussian" : "tanh"));
   for (size_t i = 0; i < agent.hidden.size(); ++i) {
     B4MRL_RETURN_IF_ERROR(WriteLayer(file, fmt::format("fc{}", i), agent.hidden[i]));
   }
@@ -237,15 +242,16 @@ Status WriteAgentInto(Hdf5Writer& file, const Agent& given) {
   if (gaussian) {
     B4MRL_RETURN_IF_ERROR(WriteLayer(file, "last_fc_log_std", *agent.last_fc_log_std));
   }
-  B4MRL_RETURN_IF_ERROR(file.WriteInteger(At("history_length"), agent.history_length));
+  B4MRL_RETURN_IF_ERROR(file.WriteInteger(PolicyEntry("history_length"), agent.history_length));
   const std::vector<float> mask(agent.observation_mask.begin(), agent.observation_mask.end());
   const std::array<uint64_t, 1> dimensions = {agent.observation_dimensions};
   const std::array<uint64_t, 1> actions = {agent.action_dimensions};
-  B4MRL_RETURN_IF_ERROR(file.WriteArray(At("observation_mask"), mask, dimensions));
+  B4MRL_RETURN_IF_ERROR(file.WriteArray(PolicyEntry("observation_mask"), mask, dimensions));
   B4MRL_RETURN_IF_ERROR(
-      file.WriteArray(At("observation_mean"), agent.observation_mean, dimensions));
-  B4MRL_RETURN_IF_ERROR(file.WriteArray(At("observation_std"), agent.observation_std, dimensions));
-  return file.WriteArray(At("action_scale"), agent.action_scale, actions);
+      file.WriteArray(PolicyEntry("observation_mean"), agent.observation_mean, dimensions));
+  B4MRL_RETURN_IF_ERROR(
+      file.WriteArray(PolicyEntry("observation_std"), agent.observation_std, dimensions));
+  return file.WriteArray(PolicyEntry("action_scale"), agent.action_scale, actions);
 }
 
 Status WriteAgent(const std::string& path, const Agent& agent) {

@@ -14,7 +14,9 @@ namespace {
 
 constexpr std::string_view kLicense = "metadata/license";
 
-std::string At(std::string_view name) { return fmt::format("metadata/recording/{}", name); }
+std::string RecordingEntry(std::string_view name) {
+  return fmt::format("metadata/recording/{}", name);
+}
 
 Status CheckText(std::string_view path, std::string_view text) {
   if (text.size() <= kMaxProvenanceText) return Status();
@@ -65,29 +67,31 @@ Status WriteParts(Hdf5Writer& file, const std::vector<RecordedPart>& parts) {
   const auto sha256 = [](const RecordedPart& part) { return part.policy_sha256; };
   const auto seed = [](const RecordedPart& part) { return part.seed; };
   const auto rows = [](const RecordedPart& part) { return part.rows; };
-  B4MRL_RETURN_IF_ERROR(WriteText(file, At("policies"), Joined(parts, ";", policy)));
-  B4MRL_RETURN_IF_ERROR(WriteText(file, At("policies_sha256"), Joined(parts, ",", sha256)));
-  B4MRL_RETURN_IF_ERROR(WriteText(file, At("seeds"), Joined(parts, ",", seed)));
-  return WriteText(file, At("rows"), Joined(parts, ",", rows));
+  B4MRL_RETURN_IF_ERROR(WriteText(file, RecordingEntry("policies"), Joined(parts, ";", policy)));
+  B4MRL_RETURN_IF_ERROR(
+      WriteText(file, RecordingEntry("policies_sha256"), Joined(parts, ",", sha256)));
+  B4MRL_RETURN_IF_ERROR(WriteText(file, RecordingEntry("seeds"), Joined(parts, ",", seed)));
+  return WriteText(file, RecordingEntry("rows"), Joined(parts, ",", rows));
 }
 
 // Reads the list `name`, which must have `count` elements.
 Result<std::vector<std::string>> ReadList(const Hdf5Reader& file, std::string_view name,
                                           char separator, size_t count) {
   std::string text;
-  B4MRL_RETURN_IF_ERROR(ReadText(file, At(name), &text));
+  B4MRL_RETURN_IF_ERROR(ReadText(file, RecordingEntry(name), &text));
   std::vector<std::string_view> elements = Split(text, separator);
   if (elements.empty() && count == 1) elements.emplace_back();  // one empty element
   if (elements.size() != count) {
-    return InvalidNumber(fmt::format("number of elements of '{}'", At(name)), elements.size(),
-                         fmt::format("{}, as '{}' has", count, At("rows")));
+    return InvalidNumber(fmt::format("number of elements of '{}'", RecordingEntry(name)),
+                         elements.size(),
+                         fmt::format("{}, as '{}' has", count, RecordingEntry("rows")));
   }
   return std::vector<std::string>(elements.begin(), elements.end());
 }
 
 Result<std::vector<RecordedPart>> ReadParts(const Hdf5Reader& file) {
   std::string text;
-  B4MRL_RETURN_IF_ERROR(ReadText(file, At("rows"), &text));
+  B4MRL_RETURN_IF_ERROR(ReadText(file, RecordingEntry("rows"), &text));
   const std::vector<std::string_view> rows = Split(text, ',');
   if (rows.empty()) return std::vector<RecordedPart>();
   B4MRL_ASSIGN_OR_RETURN(auto policies, ReadList(file, "policies", ';', rows.size()));
@@ -96,9 +100,10 @@ Result<std::vector<RecordedPart>> ReadParts(const Hdf5Reader& file) {
   std::vector<RecordedPart> parts;
   for (size_t i = 0; i < rows.size(); ++i) {
     RecordedPart part{std::move(policies[i]), std::move(hashes[i])};
-    B4MRL_ASSIGN_OR_RETURN(part.seed, ParseUnsigned(At("seeds"), seeds[i], 0, UINT64_MAX));
-    B4MRL_ASSIGN_OR_RETURN(part.rows,
-                           ParseUnsigned(At("rows"), rows[i], 1, limits::kMaxDatasetRows));
+    B4MRL_ASSIGN_OR_RETURN(part.seed,
+                           ParseUnsigned(RecordingEntry("seeds"), seeds[i], 0, UINT64_MAX));
+    B4MRL_ASSIGN_OR_RETURN(
+        part.rows, ParseUnsigned(RecordingEntry("rows"), rows[i], 1, limits::kMaxDatasetRows));
     parts.push_back(std::move(part));
   }
   return parts;
@@ -106,21 +111,21 @@ Result<std::vector<RecordedPart>> ReadParts(const Hdf5Reader& file) {
 
 Status ReadHidden(const Hdf5Reader& file, std::vector<uint32_t>* hidden) {
   std::string text;
-  B4MRL_RETURN_IF_ERROR(ReadText(file, At("hidden"), &text));
+  B4MRL_RETURN_IF_ERROR(ReadText(file, RecordingEntry("hidden"), &text));
   for (const std::string_view element : Split(text, ',')) {
     B4MRL_ASSIGN_OR_RETURN(
         const uint64_t dimension,
-        ParseUnsigned(At("hidden"), element, 0, limits::kMaxObservationDimensions - 1));
+        ParseUnsigned(RecordingEntry("hidden"), element, 0, limits::kMaxObservationDimensions - 1));
     hidden->push_back(static_cast<uint32_t>(dimension));
   }
   return Status();
 }
 
 Status ReadHistory(const Hdf5Reader& file, uint32_t* history_length) {
-  if (!file.Exists(At("history"))) return Status();
-  B4MRL_ASSIGN_OR_RETURN(const double value, file.ReadNumber(At("history")));
+  if (!file.Exists(RecordingEntry("history"))) return Status();
+  B4MRL_ASSIGN_OR_RETURN(const double value, file.ReadNumber(RecordingEntry("history")));
   if (!(value >= 1 && value <= kMaxAgentHistory)) {
-    return InvalidNumber(At("history"), value, fmt::format("1..{}", kMaxAgentHistory));
+    return InvalidNumber(RecordingEntry("history"), value, fmt::format("1..{}", kMaxAgentHistory));
   }
   *history_length = static_cast<uint32_t>(value);
   return Status();
@@ -143,7 +148,7 @@ Status CheckPart(const RecordedPart& part) {
 
 Status DatasetProvenance::Validate() const {
   for (const ProvenanceText& entry : kProvenanceTexts) {
-    B4MRL_RETURN_IF_ERROR(CheckText(At(entry.name), this->*entry.text));
+    B4MRL_RETURN_IF_ERROR(CheckText(RecordingEntry(entry.name), this->*entry.text));
   }
   B4MRL_RETURN_IF_ERROR(CheckText(kLicense, license));
   const bool ascending =
@@ -152,11 +157,12 @@ Status DatasetProvenance::Validate() const {
   if (!ascending || (!hidden_dimensions.empty() &&
                      hidden_dimensions.back() >= limits::kMaxObservationDimensions)) {
     return InvalidArgument(
-        At("hidden"), fmt::format("{}", fmt::join(hidden_dimensions, ",")),
+        RecordingEntry("hidden"), fmt::format("{}", fmt::join(hidden_dimensions, ",")),
         fmt::format("ascending numbers in 0..{}", limits::kMaxObservationDimensions - 1));
   }
   if (history_length == 0 || history_length > kMaxAgentHistory) {
-    return InvalidNumber(At("history"), history_length, fmt::format("1..{}", kMaxAgentHistory));
+    return InvalidNumber(RecordingEntry("history"), history_length,
+                         fmt::format("1..{}", kMaxAgentHistory));
   }
   if (parts.size() > kMaxRecordedParts) {
     return InvalidNumber("number of parts of a recording", parts.size(),
@@ -169,11 +175,11 @@ Status DatasetProvenance::Validate() const {
 Status WriteDatasetProvenance(Hdf5Writer& file, const DatasetProvenance& provenance) {
   B4MRL_RETURN_IF_ERROR(provenance.Validate());
   for (const ProvenanceText& entry : kProvenanceTexts) {
-    B4MRL_RETURN_IF_ERROR(WriteText(file, At(entry.name), provenance.*entry.text));
+    B4MRL_RETURN_IF_ERROR(WriteText(file, RecordingEntry(entry.name), provenance.*entry.text));
   }
-  B4MRL_RETURN_IF_ERROR(WriteText(file, At("hidden"),
+  B4MRL_RETURN_IF_ERROR(WriteText(file, RecordingEntry("hidden"),
                                   fmt::format("{}", fmt::join(provenance.hidden_dimensions, ","))));
-  B4MRL_RETURN_IF_ERROR(file.WriteInteger(At("history"), provenance.history_length));
+  B4MRL_RETURN_IF_ERROR(file.WriteInteger(RecordingEntry("history"), provenance.history_length));
   B4MRL_RETURN_IF_ERROR(WriteParts(file, provenance.parts));
   return WriteText(file, std::string(kLicense), provenance.license);
 }
@@ -182,7 +188,7 @@ Result<DatasetProvenance> ReadDatasetProvenance(const Hdf5Reader& file) {
   DatasetProvenance provenance;
   provenance.environment = ReadForeignText(file, "metadata/environment");
   for (const ProvenanceText& entry : kProvenanceTexts) {
-    B4MRL_RETURN_IF_ERROR(ReadText(file, At(entry.name), &(provenance.*entry.text)));
+    B4MRL_RETURN_IF_ERROR(ReadText(file, RecordingEntry(entry.name), &(provenance.*entry.text)));
   }
   B4MRL_RETURN_IF_ERROR(ReadHidden(file, &provenance.hidden_dimensions));
   B4MRL_RETURN_IF_ERROR(ReadHistory(file, &provenance.history_length));

@@ -15,7 +15,7 @@ namespace b4mrl {
 namespace {
 
 // The longest sleep. A bell that is lost then costs this time and no more.
-constexpr int64_t kLongestBlockMs = 20;
+constexpr int64_t kLongestSleepMs = 20;
 
 Deadline Earlier(const Deadline& deadline, int64_t milliseconds) {
   const Deadline other = Deadline::AfterMs(milliseconds);
@@ -41,7 +41,7 @@ Result<ClientDoor> ClientDoor::Connect(const std::string& name, const Deadline& 
   ClientDoor door(name);
   while (!door.open_ && !door.is_refused() && !deadline.expired()) {
     if (cancelled != nullptr && *cancelled) break;
-    door.Connect(Earlier(deadline, kLongestBlockMs));
+    door.Connect(Earlier(deadline, kLongestSleepMs));
   }
   if (door.open_) return door;
   return Status(StatusCode::kUnavailable, fmt::format("the door {} does not open", name));
@@ -92,7 +92,7 @@ Status ClientDoor::Send(Message message) {
   open_->writer.Push(std::move(message));
   Write();
   if (!open_ || open_->writer.queued() == 0) return Status();
-  const Deadline longest = Deadline::AfterMs(kLongestBlockMs);
+  const Deadline longest = Deadline::AfterMs(kLongestSleepMs);
   while (open_ && open_->writer.queued() > 0 && !longest.expired()) {
     Sleep(kSleepsForSpace, longest);
     Write();
@@ -102,10 +102,10 @@ Status ClientDoor::Send(Message message) {
 
 std::optional<Message> ClientDoor::Receive(const Deadline& deadline) {
   std::optional<Message> message = Take();
-  if (!message && open_) message = Await(Earlier(deadline, kLongestBlockMs));
+  if (!message && open_) message = Await(Earlier(deadline, kLongestSleepMs));
   // At once, even after the deadline: the caller may have been away while the worker was replaced,
   // and should learn that before it gives up its requests.
-  if (!open_) Connect(Deadline::AfterMs(kLongestBlockMs));
+  if (!open_) Connect(Deadline::AfterMs(kLongestSleepMs));
   return message;
 }
 

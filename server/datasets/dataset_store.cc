@@ -33,13 +33,14 @@ namespace fs = std::filesystem;
 constexpr int64_t kMinImportMs = 60'000, kMaxImportMs = 3'600'000;
 constexpr uint64_t kImportBytesPerMs = 4 * 1024;
 
+constexpr uint64_t kRowsAtOnce = 65'536;  // between two looks at whether to go on
+
 // Appends the rows that the rule d4rl keeps, in blocks, because a builder holds a block in memory.
 Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder) {
-  constexpr uint64_t kBlockRows = 65536;
-  for (uint64_t first = 0; first < all.rows; first += kBlockRows) {
+  for (uint64_t first = 0; first < all.rows; first += kRowsAtOnce) {
     if (cancelled) return Cancelled();
-    const TransitionColumns block = all.Rows(first, std::min(kBlockRows, all.rows - first));
+    const TransitionColumns block = all.Rows(first, std::min(kRowsAtOnce, all.rows - first));
     const uint64_t end = first + block.rows;
     const TransitionColumns following = all.Rows(end, std::min<uint64_t>(1, all.rows - end));
     B4MRL_RETURN_IF_ERROR(
@@ -51,12 +52,11 @@ Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& ca
 // The hash of a dataset's columns. Calls `go_on` between blocks of rows; an error
 // of `go_on` ends the call.
 Result<std::string> HashCache(const Dataset& dataset, const std::function<Status()>& go_on) {
-  constexpr uint64_t kBlockRows = 65536;
   const TransitionColumns& all = dataset.columns();
   ColumnsHash hash;
-  for (uint64_t first = 0; first < all.rows; first += kBlockRows) {
+  for (uint64_t first = 0; first < all.rows; first += kRowsAtOnce) {
     B4MRL_RETURN_IF_ERROR(go_on());
-    hash.Append(all.Rows(first, std::min(kBlockRows, all.rows - first)));
+    hash.Append(all.Rows(first, std::min(kRowsAtOnce, all.rows - first)));
   }
   return hash.Hex();
 }
