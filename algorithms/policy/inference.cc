@@ -8,7 +8,13 @@
 #include "algorithms/policy/inference_kernels.h"
 
 namespace b4mrl {
-namespace inference {
+namespace {
+
+using inference::kPanel;
+using inference::Padded;
+
+constexpr int kWidthMax = 1 << 14;
+constexpr int kRowsPerBlock = 48;  // a multiple of the kernel's six rows; activations stay in L2
 
 struct PackedLayer {
   int inputs = 0;
@@ -16,17 +22,6 @@ struct PackedLayer {
   AlignedVector<float> weights;
   AlignedVector<float> bias;
 };
-
-}  // namespace inference
-
-namespace {
-
-using inference::kPanel;
-using inference::PackedLayer;
-using inference::Padded;
-
-constexpr int kWidthMax = 1 << 14;
-constexpr int kRowsPerBlock = 48;  // a multiple of the kernel's six rows; activations stay in L2
 
 // Packs a layer's weights into memory that `packed` may have from an earlier call.
 void Pack(const DenseWeights& dense, PackedLayer& packed) {

@@ -22,7 +22,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMaxResultBytes = 64 << 20;
+constexpr size_t kMaxProgressBytes = 64 << 20;
 
 // What progress.csv says at its evaluations: the curve, and the ledger at the last one.
 struct Evaluations {
@@ -31,7 +31,7 @@ struct Evaluations {
 };
 
 Result<Evaluations> ReadEvaluations(const std::string& path) {
-  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(path, kMaxResultBytes));
+  B4MRL_ASSIGN_OR_RETURN(std::string text, ReadSmallFile(path, kMaxProgressBytes));
   text.resize(text.rfind('\n') + 1);  // without a line that is being written
   Evaluations read;
   std::map<std::string, size_t, std::less<>> columns;

@@ -17,7 +17,7 @@
 namespace b4mrl {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;
+using Json = nlohmann::ordered_json;
 
 bool Exists(const std::string& path) {
   std::error_code error;
@@ -65,11 +65,11 @@ std::map<std::string, uint64_t> FrozenIndices(const std::string& folder,
 }
 
 // Numbers as numbers, the rest as texts, as records of runs have them.
-OrderedJson AsJson(const HyperparameterValues& values) {
-  OrderedJson json = OrderedJson::object();
+Json AsJson(const HyperparameterValues& values) {
+  Json json = Json::object();
   for (const auto& [name, text] : values) {
-    const OrderedJson parsed = OrderedJson::parse(text, nullptr, /*allow_exceptions=*/false);
-    json[name] = parsed.is_number() ? OrderedJson(parsed.get<double>()) : OrderedJson(text);
+    const Json parsed = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+    json[name] = parsed.is_number() ? Json(parsed.get<double>()) : Json(text);
   }
   return json;
 }
@@ -161,37 +161,36 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
 }
 
 std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status) {
-  OrderedJson runs = OrderedJson::array();
+  Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
     const auto& [progress, result, updates, index, log, failure] = status.runs[i];
-    runs.push_back(
-        {{"name", run.name},
-         {"id", run.id},
-         {"cell", run.cell_id},
-         {"algorithm", run.algorithm},
-         {"environment", run.environment},
-         {"simulator", run.simulator},
-         {"dataset", run.full_dataset},
-         {"corruption", run.corruption},
-         {"world", run.world},
-         {"seed", run.seed},
-         {"precision", run.precision},
-         {"recipe", run.recipe},
-         {"hyperparameters", AsJson(run.hyperparameters)},
-         {"benchmarks", run.benchmarks},
-         {"planned_updates", run.updates},
-         {"updates", updates},
-         {"state", RunProgressName(progress)},
-         {"done", progress == RunProgress::kDone},
-         {"index", index ? OrderedJson(*index) : OrderedJson()},
-         {"log", log.empty() ? OrderedJson() : OrderedJson(log)},
-         {"failure", failure.empty() ? OrderedJson() : OrderedJson(failure)},
-         {"score", result && result->score ? OrderedJson(*result->score) : OrderedJson()},
-         {"return", result ? OrderedJson(result->mean_return) : OrderedJson()},
-         {"seconds", result ? result->seconds : 0}});
+    runs.push_back({{"name", run.name},
+                    {"id", run.id},
+                    {"cell", run.cell_id},
+                    {"algorithm", run.algorithm},
+                    {"environment", run.environment},
+                    {"simulator", run.simulator},
+                    {"dataset", run.full_dataset},
+                    {"corruption", run.corruption},
+                    {"world", run.world},
+                    {"seed", run.seed},
+                    {"precision", run.precision},
+                    {"recipe", run.recipe},
+                    {"hyperparameters", AsJson(run.hyperparameters)},
+                    {"benchmarks", run.benchmarks},
+                    {"planned_updates", run.updates},
+                    {"updates", updates},
+                    {"state", RunProgressName(progress)},
+                    {"done", progress == RunProgress::kDone},
+                    {"index", index ? Json(*index) : Json()},
+                    {"log", log.empty() ? Json() : Json(log)},
+                    {"failure", failure.empty() ? Json() : Json(failure)},
+                    {"score", result && result->score ? Json(*result->score) : Json()},
+                    {"return", result ? Json(result->mean_return) : Json()},
+                    {"seconds", result ? result->seconds : 0}});
   }
-  return runs.dump(-1, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
+  return runs.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace b4mrl

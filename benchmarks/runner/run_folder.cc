@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 constexpr std::string_view kMark = "failed.json";
 constexpr size_t kShortId = 8;  // digits of the id in the name of a run's folder
