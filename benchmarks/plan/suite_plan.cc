@@ -91,6 +91,28 @@ Status AddAllBenchmarks(const SuiteChoice& choice, const Budget& budget, const P
   return Status();
 }
 
+// Takes out the runs whose dataset nobody has made and the recipe cannot make.
+Status LeaveOutUnmakeable(Client& client, SuitePlan* plan) {
+  std::map<const DatasetRecipe*, size_t> unmakeable;  // their runs
+  for (const PlannedRun& run : plan->runs) {
+    const DatasetRecipe* recipe = FindRecipe(run.dataset);
+    if (recipe != nullptr && !recipe->missing.empty()) ++unmakeable[recipe];
+  }
+  if (unmakeable.empty()) return Status();
+  B4MRL_ASSIGN_OR_RETURN(const auto listed, client.ListDatasets());
+  for (const pb::DatasetInfo& info : listed) unmakeable.erase(FindRecipe(info.name()));
+  std::erase_if(plan->runs, [&](const PlannedRun& run) {
+    return unmakeable.contains(FindRecipe(run.dataset));
+  });
+  for (const auto& [recipe, runs] : unmakeable) {
+    plan->left_out.push_back(fmt::format(
+        "runs left out: {}, as {} cannot be made: {}; `b4mrl dataset make {} --agent FILE` "
+        "makes it with an agent of yours",
+        runs, recipe->full_name(), recipe->missing, recipe->name));
+  }
+  return Status();
+}
+
 }  // namespace
 
 std::string OfD4rl(const std::string& dataset) {
@@ -127,17 +149,17 @@ PlanSources PlanKnowledge::sources() const {
           [this](const std::string& name) { return DescribeDataset(name, published_, *client_); }};
 }
 
-Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
-                                          Client& client) {
+Result<SuitePlan> PlanSuite(const SuiteChoice& choice, const Budget& budget, Client& client) {
   B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ChooseBenchmarks(choice));
   B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
   const PlanSources sources = knowledge.sources();
   PlanChoice wanted = {choice.algorithms, {}, choice.learner};
   B4MRL_ASSIGN_OR_RETURN(wanted.seeds, ChooseSeeds(choice.seeds, budget));
-  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan,
-                         MakePlan(benchmarks, budget, wanted, sources));
-  B4MRL_RETURN_IF_ERROR(AddAllBenchmarks(choice, budget, wanted, sources, &plan));
-  for (PlannedRun& run : plan) {
+  SuitePlan plan;
+  B4MRL_ASSIGN_OR_RETURN(plan.runs, MakePlan(benchmarks, budget, wanted, sources));
+  B4MRL_RETURN_IF_ERROR(LeaveOutUnmakeable(client, &plan));
+  B4MRL_RETURN_IF_ERROR(AddAllBenchmarks(choice, budget, wanted, sources, &plan.runs));
+  for (PlannedRun& run : plan.runs) {
     const DatasetRecipe* recipe = FindRecipe(run.dataset);
     if (recipe == nullptr || budget.rows) continue;
     const auto figures = knowledge.published().find(recipe->full_name());

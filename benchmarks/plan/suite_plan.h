@@ -47,8 +47,14 @@ class PlanKnowledge {
   PublishedDatasets published_;
 };
 
+struct SuitePlan {
+  std::vector<PlannedRun> runs;
+  // Why runs are not among them, a line for each dataset: no agent of the project has its level,
+  // and the data folder has none that somebody made with an agent of their own.
+  std::vector<std::string> left_out;
+};
+
 // `client` is connected to a daemon on the data folder.
-Result<std::vector<PlannedRun>> PlanSuite(const SuiteChoice& choice, const Budget& budget,
-                                          Client& client);
+Result<SuitePlan> PlanSuite(const SuiteChoice& choice, const Budget& budget, Client& client);
 
 }  // namespace b4mrl

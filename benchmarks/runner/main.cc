@@ -216,11 +216,15 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   client.DelayCancellation(kInterruptPatience);
   B4MRL_ASSIGN_OR_RETURN(const pb::ServerStatusReply daemon_status, client.ServerStatus());
   options.data_folder = daemon_status.data_folder();
-  B4MRL_ASSIGN_OR_RETURN(std::vector<PlannedRun> plan, PlanSuite(choice, chosen, client));
-  if (plan.empty()) {
+  B4MRL_ASSIGN_OR_RETURN(SuitePlan suite, PlanSuite(choice, chosen, client));
+  if (suite.runs.empty()) {
     return Status(StatusCode::kInvalidArgument,
-                  "the chosen benchmarks are defined for none of the chosen algorithms");
+                  suite.left_out.empty()
+                      ? "the chosen benchmarks are defined for none of the chosen algorithms"
+                      : fmt::format("{}", fmt::join(suite.left_out, "\n")));
   }
+  for (const std::string& reason : suite.left_out) fmt::print(stderr, "{}\n", reason);
+  std::vector<PlannedRun> plan = std::move(suite.runs);
   if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (looks) {
