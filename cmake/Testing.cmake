@@ -1,10 +1,13 @@
-# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE]): a
-# Catch2 binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases
+# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE seconds]):
+# a Catch2 binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases
 # tagged "[long]" are proofs of minutes, a test of their own with that time limit. ALONGSIDE: may run
-# beside another test, since the times that it waits for others are generous; tests that are no Catch2
-# binaries may, unless they say RUN_SERIAL.
+# beside another test, since the times that it waits for others are generous, and takes about so many
+# seconds; tests that are no Catch2 binaries may, unless they say RUN_SERIAL.
+#
+# Before its first run CTest knows no test's time, so those that may run beside others tell theirs
+# (property COST): they begin first, the longest at the head, and no core waits for them at the end.
 function(b4mrl_test name)
-  cmake_parse_arguments(ARG "ALONGSIDE" "TIMEOUT;LONG" "SOURCES;LIBS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT;LONG;ALONGSIDE" "SOURCES;LIBS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -14,7 +17,9 @@ function(b4mrl_test name)
     B4MRL_SOURCE_DIR="${CMAKE_SOURCE_DIR}" B4MRL_BINARY_DIR="${CMAKE_BINARY_DIR}")
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
-  if(NOT ARG_ALONGSIDE)
+  if(ARG_ALONGSIDE)
+    set_tests_properties(${name} PROPERTIES COST ${ARG_ALONGSIDE})
+  else()
     set_tests_properties(${name} PROPERTIES RUN_SERIAL TRUE)
   endif()
   if(ARG_LONG)
