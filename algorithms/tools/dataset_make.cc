@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -48,12 +47,8 @@ struct MakeCommand {
 };
 
 std::string SourceFile(std::string_view folder, std::string_view stem) {
-  const char* agents = std::getenv("B4MRL_AGENTS");
-  const bool is_set = folder == "agents" && agents != nullptr && *agents != '\0';
-  return fmt::format(
-      "{}/{}.h5",
-      is_set ? agents : SharedFolder(folder, fmt::format("{}/{}", B4MRL_DATA_FOLDER, folder)),
-      stem);
+  return fmt::format("{}/{}.h5",
+                     SharedFolder(folder, fmt::format("{}/{}", B4MRL_DATA_FOLDER, folder)), stem);
 }
 
 Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,

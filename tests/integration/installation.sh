@@ -8,7 +8,7 @@ cmake=$1 build=$2
 folder=$(mktemp -d "${TMPDIR:-/tmp}/b4mrl-installation.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
 # Nothing but the installation and the home folder is to say where things are.
-unset B4MRL_AGENTS B4MRL_DATA B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF XDG_DATA_HOME XDG_CACHE_HOME
+unset B4MRL_DATA B4MRL_ENDPOINT B4MRL_SERVER B4MRL_TOOLS B4MRL_PERF XDG_DATA_HOME XDG_CACHE_HOME
 export HOME=$folder/home
 
 fail() {
