@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "algorithms/base/within_memory.h"
+#include "algorithms/nn/products/kernel_choice.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/config_file.h"
 #include "client/interrupt.h"
@@ -94,6 +95,7 @@ int Run(int argc, char** argv) {
 }  // namespace b4mrl
 
 int main(int argc, char** argv) {
+  b4mrl::RestartWithBetterBlasKernels(argv);
   b4mrl::CatchInterrupts();
   return b4mrl::RunProgram("b4mrl", [=] { return b4mrl::Run(argc, argv); });
 }

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/nn/products/kernel_choice.h"
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/support/ping_pong.h"
 #include "client/interrupt.h"
@@ -137,5 +138,6 @@ int Main(int argc, char** argv) {
 }  // namespace b4mrl::perf
 
 int main(int argc, char** argv) {
+  b4mrl::RestartWithBetterBlasKernels(argv);
   return b4mrl::RunProgram("b4mrl perf", [=] { return b4mrl::perf::Main(argc, argv); });
 }

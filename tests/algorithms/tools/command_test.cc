@@ -219,32 +219,6 @@ TEST_CASE("A training process that is killed and resumed ends like one that was 
   CHECK(rounded.err.find("--precision is 'bf16'") != std::string::npos);
 }
 
-TEST_CASE("Datasets and scores have equal bytes under another BLAS kernel") {
-  TemporaryFolder folder;
-  const std::string oldest = "OPENBLAS_CORETYPE=Prescott";  // nobody's default any more
-  const auto make = [&](const std::string& data, const Words& environment) {
-    const Outcome outcome = Run(
-        {"dataset", "make", "HalfCheetah/medium", "--rows", "2000", "--data", folder.File(data)},
-        environment);
-    INFO(outcome.err);
-    REQUIRE(outcome.exit_code == 0);
-    return ReadBytes(folder.File(data + "/HalfCheetah/medium-v0.h5"));
-  };
-  CHECK(make("a", {}) == make("b", {oldest}));
-
-  const Words evaluate = {"evaluate",
-                          "--agent",
-                          B4MRL_SOURCE_DIR "/data/agents/halfcheetah-medium.h5",
-                          "--environment",
-                          "HalfCheetah",
-                          "--episodes",
-                          "2",
-                          "--json"};
-  const Outcome here = Run(evaluate);
-  REQUIRE(here.exit_code == 0);
-  CHECK(here.out == Run(evaluate, {oldest}).out);
-}
-
 TEST_CASE("Making a dataset replaces an existing one only when told to") {
   const TemporaryFolder folder;
   const Words make = {"dataset", "make", "HalfCheetah/medium", "--data", folder.File("data")};

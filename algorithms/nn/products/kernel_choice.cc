@@ -1,0 +1,47 @@
+#include "algorithms/nn/products/kernel_choice.h"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+
+#include "algorithms/nn/products/blas.h"
+
+namespace b4mrl {
+namespace {
+
+constexpr char kVariable[] = "OPENBLAS_CORETYPE";
+constexpr std::string_view kFallback = "Prescott";
+
+}  // namespace
+
+VectorInstructions VectorInstructions::OfThisProcessor() {
+  __builtin_cpu_init();
+  return {.avx2_fma = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
+          .avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
+                    __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+                    __builtin_cpu_supports("avx512vl"),
+          .avx512_bf16 = static_cast<bool>(__builtin_cpu_supports("avx512bf16"))};
+}
+
+std::string_view BetterBlasKernels(std::string_view chosen, const VectorInstructions& has) {
+  if (chosen != kFallback) return "";
+  if (has.avx512 && has.avx512_bf16) return "Cooperlake";
+  if (has.avx512) return "SkylakeX";
+  return has.avx2_fma ? "Haswell" : "";
+}
+
+void RestartWithBetterBlasKernels(char** argv) {
+  if (std::getenv(kVariable) != nullptr) return;
+  const std::string better(
+      BetterBlasKernels(BlasKernelName(), VectorInstructions::OfThisProcessor()));
+  std::error_code error;
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (better.empty() || error) return;
+  setenv(kVariable, better.c_str(), 1);
+  execv(program.c_str(), argv);
+  // It could not be started again: the slow kernels are right, too.
+}
+
+}  // namespace b4mrl
