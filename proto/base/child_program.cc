@@ -23,10 +23,14 @@ extern char** environ;
 
 namespace b4mrl {
 
-std::string ProgramBesideThisOne(std::string_view name) {
+std::string ThisProgram() {
   std::array<char, PATH_MAX> path{};
   const ssize_t length = readlink("/proc/self/exe", path.data(), path.size());
-  const std::string own(path.data(), length > 0 ? static_cast<size_t>(length) : 0);
+  return {path.data(), length > 0 ? static_cast<size_t>(length) : 0};
+}
+
+std::string ProgramBesideThisOne(std::string_view name) {
+  const std::string own = ThisProgram();
   return own.substr(0, own.rfind('/') + 1).append(name);
 }
 

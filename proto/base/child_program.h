@@ -16,6 +16,8 @@
 
 namespace b4mrl {
 
+// The path of the running program; "" if the system does not tell.
+std::string ThisProgram();
 // The path of `name` in the folder of the running program.
 std::string ProgramBesideThisOne(std::string_view name);
 

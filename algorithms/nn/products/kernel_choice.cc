@@ -3,10 +3,11 @@
 #include <unistd.h>
 
 #include <cstdlib>
-#include <filesystem>
-#include <system_error>
+#include <string>
 
 #include "algorithms/nn/products/blas.h"
+#include "algorithms/nn/products/precision.h"
+#include "proto/base/child_program.h"
 
 namespace b4mrl {
 namespace {
@@ -17,12 +18,11 @@ constexpr std::string_view kFallback = "Prescott";
 }  // namespace
 
 VectorInstructions VectorInstructions::OfThisProcessor() {
-  __builtin_cpu_init();
   return {.avx2_fma = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"),
           .avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
                     __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
                     __builtin_cpu_supports("avx512vl"),
-          .avx512_bf16 = static_cast<bool>(__builtin_cpu_supports("avx512bf16"))};
+          .avx512_bf16 = HasBf16()};
 }
 
 std::string_view BetterBlasKernels(std::string_view chosen, const VectorInstructions& has) {
@@ -36,11 +36,9 @@ void RestartWithBetterBlasKernels(char** argv) {
   if (std::getenv(kVariable) != nullptr) return;
   const std::string better(
       BetterBlasKernels(BlasKernelName(), VectorInstructions::OfThisProcessor()));
-  std::error_code error;
-  const std::string program = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (better.empty() || error) return;
+  if (better.empty()) return;
   setenv(kVariable, better.c_str(), 1);
-  execv(program.c_str(), argv);
+  execv(ThisProgram().c_str(), argv);
   // It could not be started again: the slow kernels are right, too.
 }
 

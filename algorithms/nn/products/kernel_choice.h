@@ -5,7 +5,6 @@
 // have chosen.
 #pragma once
 
-#include <string>
 #include <string_view>
 
 namespace b4mrl {
