@@ -20,6 +20,7 @@ from b4mrl.wire.door import Door, open_door
 from b4mrl.wire.messages import Reply, Request
 
 from servers import RING_BYTES, Answer, DoorServer, SocketServer, greeting, listen, make_memory
+from waiting import await_true, descriptor_count
 
 WAIT_MS = 10_000  # for a server on a busy machine
 
@@ -58,10 +59,7 @@ def receive(door: Door) -> links.Message:
 
 
 def await_requests(server: DoorServer, count: int) -> None:
-    finish = time.monotonic() + WAIT_MS / 1000
-    pause = threading.Event()
-    while len(server.requests) < count and time.monotonic() < finish:
-        pause.wait(0.001)
+    assert await_true(lambda: len(server.requests) >= count)
     assert len(server.requests) == count
 
 
@@ -144,7 +142,7 @@ def greet_once(listener: socket.socket, with_memory: bool = True, text: bytes = 
 )
 def test_another_greeting_is_no_door(text: bytes, with_memory: bool) -> None:
     name, listener = listen()
-    descriptors = len(os.listdir("/proc/self/fd"))
+    descriptors = descriptor_count()
 
     def greet() -> None:
         for _ in range(3):
@@ -155,7 +153,7 @@ def test_another_greeting_is_no_door(text: bytes, with_memory: bool) -> None:
     assert open_door(name, WAIT_MS) is None
     greeter.join()
     gc.collect()
-    assert len(os.listdir("/proc/self/fd")) <= descriptors
+    assert await_true(lambda: descriptor_count() <= descriptors)
     listener.close()
 
 
@@ -281,15 +279,11 @@ def test_collected_connections_leave_no_descriptor(start) -> None:
 
     use()  # the server keeps what it had of its latest guest
     gc.collect()
-    descriptors = len(os.listdir("/proc/self/fd"))
+    descriptors = descriptor_count()
     for _ in range(5):
         use()
     gc.collect()
-    finish = time.monotonic() + WAIT_MS / 1000
-    pause = threading.Event()
-    while len(os.listdir("/proc/self/fd")) > descriptors and time.monotonic() < finish:
-        pause.wait(0.01)  # the server closes its side
-    assert len(os.listdir("/proc/self/fd")) <= descriptors
+    assert await_true(lambda: descriptor_count() <= descriptors)  # the server closes its side
 
 
 def test_what_is_sent_before_the_greeting_arrives_after_it() -> None:

@@ -7,10 +7,7 @@ import gc
 import os
 import subprocess
 import sys
-import threading
-import time
 import warnings
-from collections.abc import Callable
 
 import b4mrl
 import gymnasium as gym
@@ -21,7 +18,7 @@ from b4mrl import errors
 from b4mrl.wire import sockets
 from b4mrl.wire.connection import Connection
 
-PATIENCE_SECONDS = 60  # for what happens in the background of a busy machine
+from waiting import await_true, descriptor_count
 
 PROGRAM = """
 import sys, threading
@@ -66,15 +63,6 @@ def run(endpoint: str, kind: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
-def await_true(condition: Callable[[], bool]) -> bool:
-    """Whether it becomes true in time."""
-    finish = time.monotonic() + PATIENCE_SECONDS
-    pause = threading.Event()
-    while not condition() and time.monotonic() < finish:
-        pause.wait(0.01)
-    return condition()
-
-
 @pytest.fixture
 def own_client() -> b4mrl.Client:
     """Of a daemon whose sessions are all of one test."""
@@ -109,7 +97,7 @@ def test_what_is_collected_leaves_nothing_behind(own_client: b4mrl.Client) -> No
 
     use()  # ZeroMQ's own threads and descriptors stay
     assert await_true(lambda: own_client.server_status().session_count == 0)
-    descriptors, threads = len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))
+    descriptors, threads = descriptor_count(), len(os.listdir("/proc/self/task"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for _ in range(5):
@@ -117,8 +105,8 @@ def test_what_is_collected_leaves_nothing_behind(own_client: b4mrl.Client) -> No
         gc.collect()
     assert [str(w.message) for w in caught if w.category is ResourceWarning] == []
     assert await_true(lambda: own_client.server_status().session_count == 0)
-    assert await_true(lambda: len(os.listdir("/proc/self/fd")) <= descriptors)
-    assert len(os.listdir("/proc/self/task")) <= threads
+    assert await_true(lambda: descriptor_count() <= descriptors)
+    assert await_true(lambda: len(os.listdir("/proc/self/task")) <= threads)
 
 
 def test_gymnasiums_makers_leave_no_socket_open(endpoint: str) -> None:
