@@ -28,20 +28,25 @@ const Cell* Decided(const ScoreTable& table, const Benchmark& benchmark, const S
   return counts ? cell : nullptr;
 }
 
-// Those on which all series have a cell, each set of runs once.
-Benchmarks Shared(const ScoreTable& table, const std::vector<Series>& series) {
-  Benchmarks shared;
+// Of the benchmarks those on which all series have a cell, each set of runs once.
+Benchmarks Distinct(const ScoreTable& table, const std::vector<Series>& series,
+                    const Benchmarks& benchmarks) {
+  Benchmarks distinct;
   std::set<std::string> seen;
-  for (const Benchmark* benchmark : table.benchmarks()) {
+  for (const Benchmark* benchmark : benchmarks) {
     std::string runs;
     const bool all = std::ranges::all_of(series, [&](const Series& each) {
       const Cell* cell = Decided(table, *benchmark, each);
       if (cell != nullptr) runs += cell->runs.front()->id;
       return cell != nullptr;
     });
-    if (all && seen.insert(runs).second) shared.push_back(benchmark);
+    if (all && seen.insert(runs).second) distinct.push_back(benchmark);
   }
-  return shared;
+  return distinct;
+}
+
+Benchmarks Shared(const ScoreTable& table, const std::vector<Series>& series) {
+  return Distinct(table, series, table.benchmarks());
 }
 
 // The series that are compared, and where.
@@ -60,27 +65,6 @@ std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
     series.erase(std::ranges::max_element(series, {}, left_by));
   }
   return {};
-}
-
-// The first run of a cell, which no other cell has.
-const std::string& RunIn(const ScoreTable& table, const Series& series,
-                         const Benchmark& benchmark) {
-  return table.Find(benchmark.name, series)->runs.front()->id;
-}
-
-bool HasEnoughRuns(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
-  std::set<std::string> cells;
-  for (const Benchmark* benchmark : benchmarks) cells.insert(RunIn(table, series, *benchmark));
-  return cells.size() >= kLeastBenchmarks;
-}
-
-size_t DistinctPairs(const ScoreTable& table, const Series& one, const Series& other,
-                     const Benchmarks& benchmarks) {
-  std::set<std::pair<std::string, std::string>> pairs;
-  for (const Benchmark* benchmark : benchmarks) {
-    pairs.emplace(RunIn(table, one, *benchmark), RunIn(table, other, *benchmark));
-  }
-  return pairs.size();
 }
 
 // Where benchmarks differ in their number of runs, each stands by the mean of its runs: pooled, one
@@ -109,14 +93,14 @@ std::optional<double> PaperIqm(const CellScores& paper, const std::string& algor
   return InterquartileMean(means);
 }
 
-Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds,
-                      bool has_intervals) {
+Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds) {
   Aggregate aggregate;
+  aggregate.cells = scores.size();
   aggregate.iqm = InterquartileMean(scores);
   aggregate.median = MedianOverBenchmarks(scores);
   aggregate.mean = MeanOverBenchmarks(scores);
   aggregate.profile = PerformanceProfile(scores, thresholds);
-  if (!has_intervals) return aggregate;
+  if (scores.size() < kLeastBenchmarks) return aggregate;
   // The interquartile mean first, then the profile.
   const auto statistic = [&thresholds](std::span<const Scores> drawn) {
     std::vector<double> numbers = {InterquartileMean(drawn[0])};
@@ -129,14 +113,21 @@ Aggregate AggregateOf(const Scores& scores, const std::vector<double>& threshold
   return aggregate;
 }
 
-Improvement ImprovementOf(const Scores& one, const Scores& other, bool has_interval) {
-  const Scores both[] = {one, other};
+Improvement ImprovementOf(const ScoreTable& table, const Series& one, const Series& other,
+                          const Benchmarks& benchmarks, bool has_interval) {
+  const Benchmarks pairs = Distinct(table, {one, other}, benchmarks);
+  std::vector<Scores> both = {ScoresOf(table, one, pairs), ScoresOf(table, other, pairs)};
+  Improvement improvement = {.better = one, .worse = other, .pairs = pairs.size()};
+  improvement.probability = ProbabilityOfImprovement(both[0], both[1]);
+  if (improvement.probability < 0.5) {
+    std::swap(both[0], both[1]);
+    std::swap(improvement.better, improvement.worse);
+    improvement.probability = ProbabilityOfImprovement(both[0], both[1]);
+  }
+  if (!has_interval) return improvement;
   const auto statistic = [](std::span<const Scores> drawn) {
     return std::vector{ProbabilityOfImprovement(drawn[0], drawn[1])};
   };
-  Improvement improvement;
-  improvement.probability = ProbabilityOfImprovement(one, other);
-  if (!has_interval) return improvement;
   improvement.interval = BootstrapIntervals(both, statistic, kBootstrap).front();
   return improvement;
 }
@@ -148,26 +139,18 @@ std::optional<Aggregates> AggregatesOf(const ScoreTable& table, const CellScores
   if (series.empty()) return std::nullopt;
   Aggregates aggregates;
   for (double at = 0; at <= kProfileEnd; at += kProfileStep) aggregates.thresholds.push_back(at);
-  std::vector<Scores> scores;
-  std::vector<bool> has_intervals;
   for (const Series& each : series) {
-    scores.push_back(ScoresOf(table, each, benchmarks));
-    has_intervals.push_back(HasEnoughRuns(table, each, benchmarks));
-    aggregates.series.push_back(
-        AggregateOf(scores.back(), aggregates.thresholds, has_intervals.back()));
+    const Benchmarks cells = Distinct(table, {each}, benchmarks);
+    aggregates.series.push_back(AggregateOf(ScoresOf(table, each, cells), aggregates.thresholds));
     aggregates.series.back().series = each;
-    aggregates.series.back().paper_iqm = PaperIqm(paper, each.algorithm, benchmarks);
+    aggregates.series.back().paper_iqm = PaperIqm(paper, each.algorithm, cells);
   }
   for (size_t i = 0; i < series.size(); ++i) {
     for (size_t j = i + 1; j < series.size(); ++j) {
-      const bool is_better = ProbabilityOfImprovement(scores[i], scores[j]) >= 0.5;
-      const size_t better = is_better ? i : j, worse = is_better ? j : i;
-      Improvement improvement =
-          ImprovementOf(scores[better], scores[worse], has_intervals[i] && has_intervals[j]);
-      improvement.better = series[better];
-      improvement.worse = series[worse];
-      improvement.pairs = DistinctPairs(table, series[better], series[worse], benchmarks);
-      aggregates.improvements.push_back(std::move(improvement));
+      const bool has_interval = aggregates.series[i].iqm_interval.has_value() &&
+                                aggregates.series[j].iqm_interval.has_value();
+      aggregates.improvements.push_back(
+          ImprovementOf(table, series[i], series[j], benchmarks, has_interval));
     }
   }
   aggregates.benchmarks = std::move(benchmarks);

@@ -1,10 +1,11 @@
 // Estimates over many benchmarks, with intervals: what an algorithm is worth on the whole.
 //
-// Compared are series that have settled cells on the same benchmarks, eight of them or more. A
-// benchmark whose cells are filled by the same runs as another's counts once. Intervals are of 95%,
-// by a percentile bootstrap that draws benchmarks and, inside them, runs. An algorithm whose cells
-// are of fewer than eight runs, or seeds of them, has none: an online learner's single run may
-// stand for many benchmarks. Pure functions; any thread; equal tables give equal numbers.
+// Compared are series that have settled cells on the same benchmarks, eight of them or more. There
+// each cell of a series counts once, and each pair of two series' cells, however many benchmarks
+// the same runs fill: an online learner's single run stands for all datasets, an offline one's for
+// all simulators. Intervals are of 95%, by a percentile bootstrap that draws cells and, inside
+// them, runs; a series with fewer than eight cells has none. Pure functions; any thread; equal
+// tables give equal numbers.
 #pragma once
 
 #include <cstddef>
@@ -21,10 +22,11 @@ inline constexpr size_t kLeastBenchmarks = 8;
 
 struct Aggregate {
   Series series;
-  double iqm = 0, median = 0, mean = 0;  // of scores
+  size_t cells = 0;                      // different ones
+  double iqm = 0, median = 0, mean = 0;  // of their scores
   std::optional<Interval> iqm_interval;
-  std::optional<double> paper_iqm;  // of the paper's means on these benchmarks, if it has all
-  std::vector<double> profile;      // share of runs with a score above each threshold
+  std::optional<double> paper_iqm;  // of the paper's means of these cells, if it has all
+  std::vector<double> profile;      // share of the cells' runs with a score above each threshold
   std::vector<Interval> profile_intervals;  // one a threshold, or none
 };
 
@@ -32,7 +34,7 @@ struct Aggregate {
 struct Improvement {
   Series better, worse;
   double probability = 0.5;
-  size_t pairs = 0;  // of cells that it rests on: one run may fill many benchmarks
+  size_t pairs = 0;  // of different cells
   std::optional<Interval> interval;
 };
 

@@ -18,17 +18,22 @@ Table EstimatesTable(const Aggregates& aggregates) {
   table.id = "aggregates";
   table.title = "Interquartile mean, median and mean of the scores.";
   table.caption =
-      "Intervals of 95%: percentile bootstrap, 2,000 resamples of benchmarks and of the runs "
-      "inside them. An algorithm with fewer than eight runs has none: a run without a dataset "
-      "may stand for many benchmarks. Where an algorithm's benchmarks differ in their number of "
-      "seeds, each stands by its mean.";
-  table.columns = {{"Algorithm"},          {"Interquartile mean", true},
-                   {"95% interval", true}, {"Median", true},
-                   {"Mean", true},         {"Interquartile mean of the paper's means", true}};
+      "Each cell counts once, however many benchmarks its runs fill: an algorithm that uses no "
+      "dataset has one for each simulator, one that uses no simulator one for each dataset. "
+      "Intervals of 95%: percentile bootstrap, 2,000 resamples of cells and of the runs inside "
+      "them, from eight cells on. Where an algorithm's cells differ in their number of seeds, "
+      "each stands by its mean.";
+  table.columns = {{"Algorithm"},
+                   {"Cells", true},
+                   {"Interquartile mean", true},
+                   {"95% interval", true},
+                   {"Median", true},
+                   {"Mean", true},
+                   {"Interquartile mean of the paper's means", true}};
   for (const Aggregate& each : aggregates.series) {
-    table.rows.push_back({DisplayName(each.series), Fixed(each.iqm, 1),
-                          IntervalEntry(each.iqm_interval, 1), Fixed(each.median, 1),
-                          Fixed(each.mean, 1), Fixed(each.paper_iqm, 1)});
+    table.rows.push_back({DisplayName(each.series), fmt::format("{}", each.cells),
+                          Fixed(each.iqm, 1), IntervalEntry(each.iqm_interval, 1),
+                          Fixed(each.median, 1), Fixed(each.mean, 1), Fixed(each.paper_iqm, 1)});
   }
   return table;
 }
@@ -39,8 +44,8 @@ Table ImprovementsTable(const Aggregates& aggregates) {
   table.title = "Probability of improvement.";
   table.caption =
       "How likely a run of the first algorithm scores higher than a run of the second on the same "
-      "benchmark, equal scores counted half. A run may stand for many benchmarks: pairs are those "
-      "of different runs.";
+      "benchmark, equal scores counted half. Each pair of cells counts once, however many "
+      "benchmarks both fill.";
   table.columns = {
       {"Algorithm"}, {"Over"}, {"Probability", true}, {"Pairs", true}, {"95% interval", true}};
   for (const Improvement& each : aggregates.improvements) {
@@ -82,8 +87,8 @@ Section AggregatesSection(const Evidence& evidence) {
   }
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
-      "same runs of all of them counted once (one algorithm may still have fewer runs than there "
-      "are benchmarks): {}.{} Updates of the runs as above: ours differ between algorithms. Runs "
+      "same runs of all of them counted once: {}.{} Updates of the runs as above: ours differ "
+      "between algorithms. Runs "
       "that learn nothing settle first, so while others still learn these figures are too low.",
       aggregates->benchmarks.size(), names, LeftOut(evidence.table, *aggregates))});
   section.blocks.emplace_back(EstimatesTable(*aggregates));

@@ -93,6 +93,39 @@ TEST_CASE("An algorithm with many cells elsewhere does not keep the others from 
   CHECK(aggregates->benchmarks.size() == 8);
 }
 
+TEST_CASE("A run counts once, and a pair of runs, however many benchmarks they fill") {
+  std::vector<std::string> shared;  // by one run of each of two algorithms
+  std::vector<MadeResult> made;
+  for (size_t i = 0; i < 12; ++i) {
+    const std::string& name = OwnBenchmarks()[i].name;
+    made.push_back({.algorithm = "sac", .benchmarks = {name}, .score = static_cast<double>(i)});
+    if (i < 5) {
+      shared.push_back(name);
+    } else {
+      made.push_back({.algorithm = "iql", .benchmarks = {name}, .score = 20});
+      made.push_back({.algorithm = "td3-bc", .benchmarks = {name}, .score = 30});
+    }
+  }
+  made.push_back({.algorithm = "iql", .benchmarks = shared, .score = 100});
+  made.push_back({.algorithm = "td3-bc", .benchmarks = shared, .score = 0});
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  CHECK(aggregates->benchmarks.size() == 12);
+  for (const Aggregate& each : aggregates->series) {
+    const bool is_iql = each.series.algorithm == "iql";
+    CHECK(each.cells == (each.series.algorithm == "sac" ? 12 : 8));
+    if (is_iql) CHECK(each.mean == (100 + 7 * 20) / 8.0);
+  }
+  for (const Improvement& each : aggregates->improvements) {
+    if (each.better.algorithm == "sac" || each.worse.algorithm == "sac") continue;
+    CHECK(each.better.algorithm == "td3-bc");
+    CHECK(each.probability == 7.0 / 8);
+    CHECK(each.pairs == 8);
+  }
+}
+
 TEST_CASE("One run that fills many benchmarks has no interval") {
   auto made = TwoAlgorithms(8);
   std::erase_if(made, [](const MadeResult& each) { return each.algorithm == "iql"; });
