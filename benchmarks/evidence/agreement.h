@@ -60,26 +60,4 @@ PaperAgreement AgreementWith(const CellScores& paper, const CellScores& ours,
                              const std::vector<Benchmark>& benchmarks,
                              const AgreementOptions& options);
 
-// How high an algorithm's scores are beside the paper's. Each run counts once.
-struct ScoreLevel {
-  std::string algorithm;
-  size_t runs = 0, lower = 0;  // that the paper has too; of them, below the paper's
-  double difference = 0;       // mean of ours minus the paper's
-  size_t settled_runs = 0;
-  double settled_difference = 0;
-};
-// In the field's order; algorithms without such a run are left out.
-std::vector<ScoreLevel> ScoreLevels(const CellScores& paper, const CellScores& ours,
-                                    const std::vector<Benchmark>& benchmarks);
-
-// A cell whose score and the paper's differ.
-struct Deviation {
-  std::string benchmark, algorithm;  // of the first benchmark that its run fills
-  CellScore ours;
-  double paper = 0;
-};
-// The cells that differ by more than `points`, a run once, in the order of the benchmarks.
-std::vector<Deviation> Deviations(const CellScores& paper, const CellScores& ours,
-                                  const std::vector<Benchmark>& benchmarks, double points);
-
 }  // namespace b4mrl

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "benchmarks/evidence/agreement.h"
+#include "benchmarks/evidence/differences.h"
 #include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/figures.h"
 #include "benchmarks/pages/sections.h"
