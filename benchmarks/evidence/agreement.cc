@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <iterator>
 #include <map>
 #include <numeric>
@@ -51,25 +52,49 @@ std::optional<double> MeanOf(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-// The runs that one benchmark ranks.
-using Ranking = std::set<std::string>;
+// The runs that one benchmark ranks, and the dataset and corruption of it (of the first of several
+// that rank the same runs).
+struct Ranking {
+  std::set<std::string> runs;
+  std::string data;
+};
+
+// Two runs of a ranking.
+struct RunPair {
+  std::string one, other, data;
+};
 
 // The rankings of the cells' benchmarks, without those whose runs another one ranks too: offline
 // learners fill all benchmarks of a dataset, and each pair of runs is to count as one observation.
 std::vector<Ranking> RankingsOf(const std::vector<Item>& cells) {
   std::map<const Benchmark*, Ranking> by_benchmark;
-  for (const Item& item : cells) by_benchmark[item.benchmark].insert(item.run);
-  std::set<Ranking> distinct;
-  for (const auto& [benchmark, runs] : by_benchmark) {
-    if (runs.size() >= kLeastRanked) distinct.insert(runs);
+  for (const Item& item : cells) {
+    Ranking& ranking = by_benchmark[item.benchmark];
+    ranking.runs.insert(item.run);
+    ranking.data = item.benchmark->dataset + " " + item.benchmark->corruption;
+  }
+  std::map<std::set<std::string>, std::string> distinct;  // data by runs
+  for (const auto& [benchmark, ranking] : by_benchmark) {
+    if (ranking.runs.size() >= kLeastRanked) distinct.emplace(ranking.runs, ranking.data);
   }
   std::vector<Ranking> rankings;
-  std::ranges::copy_if(distinct, std::back_inserter(rankings), [&](const Ranking& runs) {
-    return std::ranges::none_of(distinct, [&](const Ranking& other) {
-      return other.size() > runs.size() && std::ranges::includes(other, runs);
+  for (const auto& [runs, data] : distinct) {
+    const bool is_part = std::ranges::any_of(distinct, [&runs](const auto& other) {
+      return other.first.size() > runs.size() && std::ranges::includes(other.first, runs);
     });
-  });
+    if (!is_part) rankings.push_back({runs, data});
+  }
   return rankings;
+}
+
+std::vector<RunPair> PairsIn(const Ranking& ranking) {
+  std::vector<RunPair> pairs;
+  for (auto one = ranking.runs.begin(); one != ranking.runs.end(); ++one) {
+    for (auto other = std::next(one); other != ranking.runs.end(); ++other) {
+      pairs.push_back({*one, *other, ranking.data});
+    }
+  }
+  return pairs;
 }
 
 bool IsOnline(const std::string& algorithm) {
@@ -98,31 +123,45 @@ class Comparer {
   PaperAgreement Compare() const;
 
  private:
+  // Means by the run that they are of, with their standard errors.
+  struct Means {
+    Table values, errors;
+    // By more than two standard errors of the difference.
+    bool AreApart(const RunPair& pair) const;
+  };
+
+  void AddRankings(const std::vector<Item>& cells);
   // The paper's runs with other seeds.
   Table Draw(uint64_t draw) const;
-  // What a figure is taken over: one value for each run, effect or ranking.
+  // What a figure is taken over: one value for each run, effect, ranking or pair.
   std::vector<Pair> ScoresBeside(const Table& table) const;
   std::vector<Pair> EffectsBeside(const Table& table) const;
   std::vector<double> RankingsBeside(const Table& table) const;
-  // Of the pairs that the paper separates.
   std::vector<double> SeparatedBeside(const Table& table) const;
-  bool IsSeparated(const std::string& one, const std::string& other) const;
-  std::vector<PairOrder> Pairs() const;
-  // The figure that `summarise` makes of the values that `observe` returns for a table.
-  template <typename Value>
-  Agreement Figure(std::vector<Value> (Comparer::*observe)(const Table&) const,
-                   std::optional<double> (*summarise)(const std::vector<Value>&)) const;
+  std::vector<double> OrdersBeside(const Table& table, const std::vector<RunPair>& pairs) const;
+  // 1 where the table orders the two as the paper does, -1 where otherwise, 0 where they are equal.
+  int OrderIn(const Table& table, const RunPair& pair) const;
+  std::vector<PairOrder> PairOrders() const;
+  // The figure that `summarise` makes of the values that `observe` returns for a table. Its
+  // interval resamples `groups`, to one of which each value belongs.
+  template <typename Observe, typename Value>
+  Agreement Figure(Observe observe, std::optional<double> (*summarise)(const std::vector<Value>&),
+                   const std::vector<std::string>& groups) const;
 
   std::vector<Item> runs_;     // the paper's that we have too
   std::vector<Item> effects_;  // of the runs, those with another one as reference
   std::vector<Ranking> rankings_;
-  std::map<std::string, double> errors_;  // of the paper's means, by run
-  // The pairs of runs that the paper separates, of each ranking that has any.
-  std::vector<std::vector<std::pair<std::string, std::string>>> separated_;
-  Table ours_, means_;
-  std::map<std::string, double> deviations_;
-  Table floor_;
+  std::vector<std::vector<RunPair>> separated_;  // by the paper, of each ranking that has any
+  std::vector<RunPair> pairs_;                   // of all rankings, each once
+  std::vector<RunPair> apart_;                   // of these, in the paper and in ours
+  Means paper_, ours_;
+  Table deviations_, floor_;
 };
+
+bool Comparer::Means::AreApart(const RunPair& pair) const {
+  return std::abs(values.at(pair.one) - values.at(pair.other)) >
+         2 * std::hypot(errors.at(pair.one), errors.at(pair.other));
+}
 
 Comparer::Comparer(const CellScores& paper, const CellScores& ours,
                    const std::vector<Benchmark>& benchmarks, const AgreementOptions& options) {
@@ -142,53 +181,62 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
       Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm), ""};
       const Benchmark* reference = ReferenceOf(benchmark, benchmarks);
       if (reference != nullptr) item.reference_run = SharedRun(*reference, algorithm);
-      if (ours_.emplace(item.run, own->mean).second) {
-        means_[item.run] = score.mean;
+      if (ours_.values.emplace(item.run, own->mean).second) {
+        ours_.errors[item.run] = own->standard_error;
+        paper_.values[item.run] = score.mean;
+        paper_.errors[item.run] = score.standard_error;
         // Of one run from three: the paper's deviation is divided by the number of seeds.
         deviations_[item.run] = score.std * std::sqrt(1.5);
-        errors_[item.run] = score.standard_error;
         runs_.push_back(item);
       }
       cells.push_back(std::move(item));
     }
   }
-  rankings_ = RankingsOf(cells);
-  for (const Ranking& runs : rankings_) {
-    std::vector<std::pair<std::string, std::string>> pairs;
-    for (auto one = runs.begin(); one != runs.end(); ++one) {
-      for (auto other = std::next(one); other != runs.end(); ++other) {
-        if (IsSeparated(*one, *other)) pairs.emplace_back(*one, *other);
-      }
-    }
-    if (!pairs.empty()) separated_.push_back(std::move(pairs));
-  }
+  AddRankings(cells);
   for (const Item& item : cells) {
     floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
   for (const Item& item : runs_) {
-    if (item.run != item.reference_run && ours_.contains(item.reference_run)) {
+    if (item.run != item.reference_run && ours_.values.contains(item.reference_run)) {
       effects_.push_back(item);
     }
+  }
+}
+
+void Comparer::AddRankings(const std::vector<Item>& cells) {
+  rankings_ = RankingsOf(cells);
+  std::set<std::pair<std::string, std::string>> seen;
+  for (const Ranking& ranking : rankings_) {
+    std::vector<RunPair> separated;
+    for (const RunPair& pair : PairsIn(ranking)) {
+      const bool is_separated = paper_.AreApart(pair);
+      if (is_separated) separated.push_back(pair);
+      if (!seen.emplace(pair.one, pair.other).second) continue;
+      pairs_.push_back(pair);
+      if (is_separated && ours_.AreApart(pair)) apart_.push_back(pair);
+    }
+    if (!separated.empty()) separated_.push_back(std::move(separated));
   }
 }
 
 Table Comparer::Draw(uint64_t draw) const {
   Rng random(0, "another seed of the paper's", draw);
   Table table;
-  for (const auto& [run, mean] : means_) table[run] = mean + deviations_.at(run) * random.Normal();
+  for (const auto& [run, mean] : paper_.values)
+    table[run] = mean + deviations_.at(run) * random.Normal();
   return table;
 }
 
 std::vector<Pair> Comparer::ScoresBeside(const Table& table) const {
   std::vector<Pair> pairs;
-  for (const Item& item : runs_) pairs.emplace_back(means_.at(item.run), table.at(item.run));
+  for (const Item& item : runs_) pairs.emplace_back(paper_.values.at(item.run), table.at(item.run));
   return pairs;
 }
 
 std::vector<Pair> Comparer::EffectsBeside(const Table& table) const {
   std::vector<Pair> pairs;
   for (const Item& item : effects_) {
-    pairs.emplace_back(means_.at(item.run) - means_.at(item.reference_run),
+    pairs.emplace_back(paper_.values.at(item.run) - paper_.values.at(item.reference_run),
                        table.at(item.run) - table.at(item.reference_run));
   }
   return pairs;
@@ -196,10 +244,10 @@ std::vector<Pair> Comparer::EffectsBeside(const Table& table) const {
 
 std::vector<double> Comparer::RankingsBeside(const Table& table) const {
   std::vector<double> orders;
-  for (const Ranking& runs : rankings_) {
+  for (const Ranking& ranking : rankings_) {
     std::vector<double> paper, other;
-    for (const std::string& run : runs) {
-      paper.push_back(means_.at(run));
+    for (const std::string& run : ranking.runs) {
+      paper.push_back(paper_.values.at(run));
       other.push_back(table.at(run));
     }
     // A table that cannot tell the algorithms apart orders none of them.
@@ -208,99 +256,127 @@ std::vector<double> Comparer::RankingsBeside(const Table& table) const {
   return orders;
 }
 
-bool Comparer::IsSeparated(const std::string& one, const std::string& other) const {
-  return std::abs(means_.at(one) - means_.at(other)) >
-         2 * std::hypot(errors_.at(one), errors_.at(other));
+int Comparer::OrderIn(const Table& table, const RunPair& pair) const {
+  const double product = (paper_.values.at(pair.one) - paper_.values.at(pair.other)) *
+                         (table.at(pair.one) - table.at(pair.other));
+  return (product > 0) - (product < 0);
 }
 
-std::vector<double> Comparer::SeparatedBeside(const Table& table) const {
+std::vector<double> Comparer::OrdersBeside(const Table& table,
+                                           const std::vector<RunPair>& pairs) const {
   std::vector<double> orders;
-  for (const auto& pairs : separated_) {
-    int order = 0;  // pairs that the table orders as the paper does, less the others
-    for (const auto& [one, other] : pairs) {
-      const double product =
-          (means_.at(one) - means_.at(other)) * (table.at(one) - table.at(other));
-      order += (product > 0) - (product < 0);
-    }
-    orders.push_back(order / static_cast<double>(pairs.size()));
-  }
+  for (const RunPair& pair : pairs) orders.push_back(OrderIn(table, pair));
   return orders;
 }
 
-std::vector<PairOrder> Comparer::Pairs() const {
+std::vector<double> Comparer::SeparatedBeside(const Table& table) const {
+  std::vector<double> means;
+  for (const auto& pairs : separated_) means.push_back(*MeanOf(OrdersBeside(table, pairs)));
+  return means;
+}
+
+std::vector<PairOrder> Comparer::PairOrders() const {
   std::map<std::string, std::string> algorithms;  // by run
   for (const Item& item : runs_) algorithms[item.run] = item.algorithm;
-  const auto place = [&](const std::string& run) {
-    return std::pair(OrderOf(algorithms.at(run)), run);
+  std::vector<PairOrder> orders;
+  const auto order_of = [&](const RunPair& pair) -> PairOrder& {
+    std::string one = algorithms.at(pair.one), other = algorithms.at(pair.other);
+    if (OrderOf(other) < OrderOf(one)) std::swap(one, other);
+    const auto found = std::ranges::find_if(
+        orders, [&](const PairOrder& each) { return each.one == one && each.other == other; });
+    return found == orders.end() ? *orders.insert(found, {one, other}) : *found;
   };
-  std::vector<PairOrder> pairs;
-  std::set<std::pair<std::string, std::string>> seen;
+  const auto is_turned = [this](const RunPair& pair) { return OrderIn(ours_.values, pair) < 0; };
   for (const Ranking& ranking : rankings_) {
-    std::vector<std::string> runs(ranking.begin(), ranking.end());
-    std::ranges::sort(runs, {}, place);
-    for (size_t i = 0; i < runs.size(); ++i) {
-      for (size_t j = i + 1; j < runs.size(); ++j) {
-        const std::string &one = algorithms.at(runs[i]), &other = algorithms.at(runs[j]);
-        auto pair = std::ranges::find_if(
-            pairs, [&](const PairOrder& each) { return each.one == one && each.other == other; });
-        if (pair == pairs.end()) pair = pairs.insert(pair, {one, other});
-        const double ours = ours_.at(runs[i]) - ours_.at(runs[j]);
-        const double theirs = means_.at(runs[i]) - means_.at(runs[j]);
-        ++pair->rankings;
-        const bool is_turned = ours * theirs < 0;
-        pair->turned += is_turned ? 1 : 0;
-        if (!seen.emplace(runs[i], runs[j]).second) continue;
-        ++pair->runs;
-        pair->turned_runs += is_turned ? 1 : 0;
-      }
+    for (const RunPair& pair : PairsIn(ranking)) {
+      PairOrder& order = order_of(pair);
+      ++order.rankings;
+      order.turned += is_turned(pair) ? 1 : 0;
     }
   }
-  std::ranges::stable_sort(pairs, {}, [](const PairOrder& pair) {
-    return std::pair(OrderOf(pair.one), OrderOf(pair.other));
+  for (const RunPair& pair : pairs_) {
+    PairOrder& order = order_of(pair);
+    ++order.runs;
+    order.turned_runs += is_turned(pair) ? 1 : 0;
+  }
+  for (const RunPair& pair : apart_) {
+    PairOrder& order = order_of(pair);
+    ++order.apart;
+    order.turned_apart += is_turned(pair) ? 1 : 0;
+  }
+  std::ranges::stable_sort(orders, {}, [](const PairOrder& order) {
+    return std::pair(OrderOf(order.one), OrderOf(order.other));
   });
-  return pairs;
+  return orders;
 }
 
 // Nothing where most resamples have no such figure.
 template <typename Value>
 std::optional<Interval> IntervalOf(const std::vector<Value>& values,
-                                   std::optional<double> (*summarise)(const std::vector<Value>&)) {
-  if (values.size() < 2) return std::nullopt;
+                                   std::optional<double> (*summarise)(const std::vector<Value>&),
+                                   const std::vector<std::string>& groups) {
+  std::map<std::string, std::vector<Value>> by_group;
+  for (size_t i = 0; i < values.size(); ++i) by_group[groups[i]].push_back(values[i]);
+  if (by_group.size() < 2) return std::nullopt;
+  std::vector<std::vector<Value>> grouped;
+  for (auto& [name, members] : by_group) grouped.push_back(std::move(members));
   std::vector<std::vector<double>> estimates;
-  std::vector<Value> drawn(values.size());
   for (uint64_t number = 0; number < kResamples; ++number) {
     Rng random(0, "resample of the agreement", number);
-    for (Value& value : drawn) value = values[random.Below(values.size())];
+    std::vector<Value> drawn;
+    for (size_t i = 0; i < grouped.size(); ++i) {
+      const std::vector<Value>& members = grouped[random.Below(grouped.size())];
+      drawn.insert(drawn.end(), members.begin(), members.end());
+    }
     if (const auto each = summarise(drawn)) estimates.push_back({*each});
   }
   if (estimates.size() <= kResamples / 2) return std::nullopt;
   return PercentileIntervals(estimates, kConfidence).front();
 }
 
-template <typename Value>
-Agreement Comparer::Figure(std::vector<Value> (Comparer::*observe)(const Table&) const,
-                           std::optional<double> (*summarise)(const std::vector<Value>&)) const {
-  const std::vector<Value> values = (this->*observe)(ours_);
+template <typename Observe, typename Value>
+Agreement Comparer::Figure(Observe observe,
+                           std::optional<double> (*summarise)(const std::vector<Value>&),
+                           const std::vector<std::string>& groups) const {
+  const std::vector<Value> values = observe(ours_.values);
   std::vector<double> draws;
   for (uint64_t draw = 0; draw < kDraws; ++draw) {
-    if (const auto each = summarise((this->*observe)(Draw(draw)))) draws.push_back(*each);
+    if (const auto each = summarise(observe(Draw(draw)))) draws.push_back(*each);
   }
   return {.ours = summarise(values),
-          .floor = summarise((this->*observe)(floor_)),
+          .floor = summarise(observe(floor_)),
           .ceiling = draws.size() == kDraws ? MeanOf(draws) : std::nullopt,
-          .interval = IntervalOf(values, summarise),
+          .interval = IntervalOf(values, summarise, groups),
           .count = values.size()};
+}
+
+// What each thing belongs to that a figure counts.
+template <typename Thing, typename GroupOf>
+std::vector<std::string> GroupsOf(const std::vector<Thing>& things, GroupOf group_of) {
+  std::vector<std::string> groups;
+  for (const Thing& thing : things) groups.push_back(std::invoke(group_of, thing));
+  return groups;
 }
 
 PaperAgreement Comparer::Compare() const {
   PaperAgreement agreement;
-  agreement.scores = Figure(&Comparer::ScoresBeside, SpearmanOf);
-  agreement.effects = Figure(&Comparer::EffectsBeside, SpearmanOf);
+  const auto scores = [this](const Table& table) { return ScoresBeside(table); };
+  agreement.scores = Figure(scores, SpearmanOf, GroupsOf(runs_, &Item::run));
+  const auto effects = [this](const Table& table) { return EffectsBeside(table); };
+  agreement.effects = Figure(effects, SpearmanOf, GroupsOf(effects_, &Item::run));
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
-  agreement.rankings = Figure(&Comparer::RankingsBeside, MeanOf);
-  agreement.separated = Figure(&Comparer::SeparatedBeside, MeanOf);
-  agreement.pairs = Pairs();
+  const auto rankings = [this](const Table& table) { return RankingsBeside(table); };
+  agreement.rankings = Figure(rankings, MeanOf, GroupsOf(rankings_, &Ranking::data));
+  const auto separated = [this](const Table& table) { return SeparatedBeside(table); };
+  agreement.separated = Figure(
+      separated, MeanOf,
+      GroupsOf(separated_, [](const std::vector<RunPair>& pairs) { return pairs.front().data; }));
+  const auto run_pairs = [this](const Table& table) { return OrdersBeside(table, pairs_); };
+  agreement.run_pairs = Figure(run_pairs, MeanOf, GroupsOf(pairs_, &RunPair::data));
+  const auto apart = [this](const Table& table) { return OrdersBeside(table, apart_); };
+  agreement.apart = Figure(apart, MeanOf, GroupsOf(apart_, &RunPair::data));
+  agreement.pairs = PairOrders();
   return agreement;
 }
 

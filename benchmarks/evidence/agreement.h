@@ -4,8 +4,9 @@
 //            algorithm and the dataset, and of online learners, which use none, of all their runs
 //   ceiling  the paper's numbers with other seeds: the mean over 200 draws of each run's score from
 //            the normal distribution with its mean and its deviation
-// and has an interval of 95%: percentile bootstrap, 2,000 resamples of what is counted. It says how
-// far the figure depends on which cells were run, and is too narrow where rankings share runs.
+// and has an interval of 95%: percentile bootstrap, 2,000 resamples of runs, of effects, or of the
+// datasets (with their corruptions) that rankings and pairs are of. It says how far the figure
+// depends on which cells were run.
 // Pure functions; any thread; equal scores give equal numbers.
 #pragma once
 
@@ -24,16 +25,18 @@ namespace b4mrl {
 struct Agreement {
   std::optional<double> ours, floor, ceiling;  // nothing where ranks are not defined
   std::optional<Interval> interval;            // of `ours`
-  size_t count = 0;                            // of runs, effects or rankings
+  size_t count = 0;                            // of runs, effects, rankings or pairs
 };
 
 // Two algorithms whose order ours and the paper's rankings can be compared by.
 struct PairOrder {
   std::string one, other;
-  size_t rankings = 0;     // that hold both
-  size_t turned = 0;       // of them, those that order them otherwise than the paper
-  size_t runs = 0;         // different pairs of runs behind the rankings
-  size_t turned_runs = 0;  // of them, those that are turned over
+  size_t rankings = 0;      // that hold both
+  size_t turned = 0;        // of them, those that order them otherwise than the paper
+  size_t runs = 0;          // different pairs of runs behind the rankings
+  size_t turned_runs = 0;   // of them, those that are turned over
+  size_t apart = 0;         // of `runs`, those whose means lie apart here and in the paper
+  size_t turned_apart = 0;  // of them, those that are turned over
 };
 
 struct PaperAgreement {
@@ -47,6 +50,12 @@ struct PaperAgreement {
   // The same over those pairs of algorithms alone whose means in the paper are more than two
   // standard errors of their difference apart. Of the benchmarks with such a pair.
   Agreement separated;
+  // The same over the different pairs of runs in the rankings, each once: the share of those in the
+  // paper's order minus the share of those in the other.
+  Agreement run_pairs;
+  // Of these, over the pairs whose means are more than two standard errors of their difference
+  // apart, in the paper and in ours.
+  Agreement apart;
   // Of `rankings`, in the field's order (OrderOf).
   std::vector<PairOrder> pairs;
 };

@@ -18,17 +18,19 @@ namespace {
 
 constexpr double kExplainedPoints = 15;
 
-void AddRows(const std::string& which, const PaperAgreement& agreement, Table* table) {
-  const auto add = [&](const char* figure, const Agreement& each) {
-    table->rows.push_back({which, figure, fmt::format("{}", each.count), Fixed(each.ours, 2),
-                           IntervalEntry(each.interval, 2), Fixed(each.floor, 2),
-                           Fixed(each.ceiling, 2)});
-  };
-  add("scores (Spearman)", agreement.scores);
-  add("effects of flaws (Spearman)", agreement.effects);
-  add("algorithms inside a benchmark (mean Kendall)", agreement.rankings);
-  add("of them, pairs that the paper separates", agreement.separated);
-}
+// The figures of an agreement, in the order in which tables have them.
+struct Figure {
+  const char* name;
+  Agreement PaperAgreement::*of;
+};
+constexpr Figure kFigures[] = {
+    {"scores (Spearman)", &PaperAgreement::scores},
+    {"effects of flaws (Spearman)", &PaperAgreement::effects},
+    {"algorithms inside a benchmark (mean Kendall)", &PaperAgreement::rankings},
+    {"of them, pairs that the paper separates", &PaperAgreement::separated},
+    {"pairs of runs, each once (Kendall)", &PaperAgreement::run_pairs},
+    {"of them, pairs apart in both", &PaperAgreement::apart},
+};
 
 // Ours, with the paper's scores of one algorithm in the place of ours.
 CellScores WithThePapers(const Evidence& evidence, const std::string& algorithm) {
@@ -45,71 +47,130 @@ CellScores ByLastFifths(CellScores scores) {
   return scores;
 }
 
-// `settled`: the agreement of the settled cells.
-Table RanksTable(const Evidence& evidence, const PaperAgreement& settled) {
+// Those that have settled in both.
+CellScores SettledIn(const CellScores& scores, const CellScores& others) {
+  CellScores settled;
+  for (const auto& [name, score] : scores) {
+    const CellScore* other = Find(others, name.first, name.second);
+    if (score.settled && other != nullptr && other->settled) settled[name] = score;
+  }
+  return settled;
+}
+
+Table RanksTable(const PaperAgreement& settled) {
   Table table;
   table.id = "agreement";
-  table.title = "Rank correlations with the paper.";
+  table.title = "Rank correlations with the paper, of the settled cells.";
   table.caption =
-      "Each run counts once, however many benchmarks it fills, and so does each ranking: of "
-      "benchmarks that hold the same runs, or some of another's, one counts. An effect is the "
-      "score minus that of the same algorithm and dataset with clean data and the gravity error "
-      "alone. Floor: a table that knows algorithm and dataset alone, as the means of the "
-      "paper's runs, the compared one among them (of SAC and TD3, which use no dataset, over "
-      "all of them). Ceiling: the paper's own numbers with another seed, drawn from their means "
-      "and deviations (mean of 200). Separated: the paper's means are more than two standard "
-      "errors of their difference apart. By last fifths: the mean score of a run's last fifth "
-      "stands for that of its last evaluation. With a recipe: where an algorithm has run with "
-      "it, its scores by that stand for the others. By the paper: its scores stand for ours of "
-      "that algorithm. The intervals are percentile bootstraps with 2,000 resamples of what is "
-      "counted: they tell what other cells could give, not what other seeds would, and are too "
-      "narrow where rankings share runs.";
-  table.columns = {
-      {"Cells"},       {"Figure"},       {"n", true}, {"Ours", true}, {"95% interval", true},
-      {"Floor", true}, {"Ceiling", true}};
-  const auto compare = [&](const CellScores& ours, AgreementOptions options) {
-    return AgreementWith(evidence.paper, ours, evidence.benchmarks, options);
-  };
-  AddRows("settled", settled, &table);
-  AddRows("settled, without H2O, TD3 and SAC",
-          compare(evidence.ours, {.without = {"h2o", "td3", "sac"}}), &table);
-  AddRows("settled, without MOPO and HyMOPO",
-          compare(evidence.ours, {.without = {"mopo", "hymopo"}}), &table);
-  AddRows("settled, by last fifths", compare(ByLastFifths(evidence.ours), {}), &table);
-  for (const std::string& recipe : OtherRecipes(evidence.table)) {
-    const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
-    AddRows(fmt::format("settled, with the recipe {}", recipe), compare(scores, {}), &table);
+      "Scores and effects: each run counts once, however many benchmarks it fills. Algorithms "
+      "inside a benchmark: of benchmarks that hold the same runs, or some of another's, one "
+      "counts, but a run without a dataset, or without a simulator, still stands in many. Pairs of "
+      "runs: of all these rankings, each pair once. An effect is the score minus that of the same "
+      "algorithm and dataset with clean data and the gravity error alone. Separated: the paper's "
+      "means are more than two standard errors of their difference apart. Apart in both: the "
+      "paper's "
+      "and ours are, by the error of each cell (a single seed borrows it from the paper's "
+      "deviations), so that no other seed is likely to order them otherwise. Floor: a table that "
+      "knows algorithm and dataset alone, as the means of the paper's runs, the compared one among "
+      "them (of SAC and TD3, which use no dataset, over all of them). Ceiling: the paper's own "
+      "numbers with another seed, drawn from their means and deviations, these taken as divided by "
+      "the number of seeds (mean of 200). The intervals are percentile bootstraps with 2,000 "
+      "resamples of runs, of effects, or of the datasets of rankings and pairs: they tell what "
+      "other "
+      "cells could give, not what other seeds would.";
+  table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
+                   {"Floor", true}, {"Ceiling", true}};
+  for (const Figure& figure : kFigures) {
+    const Agreement& each = settled.*figure.of;
+    table.rows.push_back({figure.name, fmt::format("{}", each.count), Fixed(each.ours, 2),
+                          IntervalEntry(each.interval, 2), Fixed(each.floor, 2),
+                          Fixed(each.ceiling, 2)});
   }
-  for (const char* algorithm : {"sac", "mopo"}) {
-    const std::string which = fmt::format("settled, {} by the paper", DisplayName(algorithm));
-    AddRows(which, compare(WithThePapers(evidence, algorithm), {}), &table);
-  }
-  AddRows("all", compare(evidence.ours, {.settled_only = false}), &table);
-  AddRows("all, by last fifths", compare(ByLastFifths(evidence.ours), {.settled_only = false}),
-          &table);
-  AddRows("the paper beside itself", compare(evidence.paper, {}), &table);
   return table;
 }
 
-Table PairsTable(std::vector<PairOrder> pairs) {
+// The same figures of other cells, and of other scores in their place.
+Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
+  Table table;
+  table.id = "agreement-otherwise";
+  table.title = "The same of other cells, and with other scores.";
+  table.caption =
+      "In brackets n and the floor, which change with the cells. By last fifths: the mean score of "
+      "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
+      "algorithm "
+      "has run with it, its scores by that stand for the others; they are compared on the cells "
+      "that have settled with both. By the paper: its scores stand for ours of that algorithm. "
+      "All: "
+      "also cells that have not settled.";
+  table.columns = {{"Cells"}};
+  for (const Figure& figure : kFigures) table.columns.push_back({figure.name, true});
+  const auto add = [&](const std::string& which, const PaperAgreement& agreement) {
+    std::vector<std::string> row = {which};
+    for (const Figure& figure : kFigures) {
+      const Agreement& each = agreement.*figure.of;
+      row.push_back(
+          fmt::format("{} ({}; {})", Fixed(each.ours, 2), each.count, Fixed(each.floor, 2)));
+    }
+    table.rows.push_back(std::move(row));
+  };
+  const auto compare = [&](const CellScores& ours, const AgreementOptions& options) {
+    return AgreementWith(evidence.paper, ours, evidence.benchmarks, options);
+  };
+  add("settled", settled);
+  add("without H2O, TD3 and SAC", compare(evidence.ours, {.without = {"h2o", "td3", "sac"}}));
+  add("without MOPO and HyMOPO", compare(evidence.ours, {.without = {"mopo", "hymopo"}}));
+  add("by last fifths", compare(ByLastFifths(evidence.ours), {}));
+  for (const std::string& recipe : OtherRecipes(evidence.table)) {
+    const CellScores scores = OwnScores(evidence.table, evidence.deviations, recipe);
+    add(fmt::format("settled also with the recipe {}", recipe),
+        compare(SettledIn(evidence.ours, scores), {}));
+    add(fmt::format("the same, by the recipe {}", recipe),
+        compare(SettledIn(scores, evidence.ours), {}));
+  }
+  for (const char* algorithm : {"sac", "mopo"}) {
+    add(fmt::format("{} by the paper", DisplayName(algorithm)),
+        compare(WithThePapers(evidence, algorithm), {}));
+  }
+  add("all", compare(evidence.ours, {.settled_only = false}));
+  add("all, by last fifths", compare(ByLastFifths(evidence.ours), {.settled_only = false}));
+  add("the paper beside itself", compare(evidence.paper, {}));
+  return table;
+}
+
+Table PairsTable(const std::vector<PairOrder>& pairs) {
   Table table;
   table.id = "pairs";
   table.title = "Algorithms that ours order otherwise than the paper's.";
   table.caption =
       "Of the rankings behind Kendall's figure of the settled cells: those that hold both "
-      "algorithms, those in which the two are turned over, and the different pairs of runs behind "
-      "them, in all and turned over. A run without a dataset, or without a simulator, stands in "
-      "many rankings, so one "
-      "difference between two runs may turn over many.";
+      "algorithms, and those in which the two are turned over; the different pairs of runs behind "
+      "them, and those that are turned over; and of these pairs those whose means lie apart in the "
+      "paper and in ours. A run without a dataset, or without a simulator, stands in many "
+      "rankings, "
+      "so one difference between two runs may turn over many.";
   table.columns = {{"Algorithm"},           {"Beside"},
                    {"Rankings", true},      {"Turned over", true},
-                   {"Pairs of runs", true}, {"Of them turned over", true}};
-  std::erase_if(pairs, [](const PairOrder& pair) { return pair.turned == 0; });
-  std::ranges::stable_sort(pairs, std::ranges::greater(), &PairOrder::turned);
+                   {"Pairs of runs", true}, {"Turned over", true},
+                   {"Apart in both", true}, {"Turned over", true}};
+  PairOrder all = {"all", ""};
   for (const PairOrder& pair : pairs) {
-    table.rows.push_back({DisplayName(pair.one), DisplayName(pair.other),
-                          fmt::format("{}", pair.rankings), fmt::format("{}", pair.turned),
-                          fmt::format("{}", pair.runs), fmt::format("{}", pair.turned_runs)});
+    all.rankings += pair.rankings;
+    all.turned += pair.turned;
+    all.runs += pair.runs;
+    all.turned_runs += pair.turned_runs;
+    all.apart += pair.apart;
+    all.turned_apart += pair.turned_apart;
+  }
+  std::vector<PairOrder> rows = pairs;
+  std::ranges::stable_sort(rows, std::ranges::greater(), &PairOrder::turned);
+  if (!rows.empty()) rows.push_back(all);
+  for (const PairOrder& pair : rows) {
+    std::vector<std::string> row = {DisplayName(pair.one), DisplayName(pair.other)};
+    for (const size_t count :
+         {pair.rankings, pair.turned, pair.runs, pair.turned_runs, pair.apart, pair.turned_apart}) {
+      row.push_back(fmt::format("{}", count));
+    }
+    table.rows.push_back(std::move(row));
   }
   return table;
 }
@@ -168,7 +229,8 @@ Section AgreementSection(const Evidence& evidence) {
   section.title = "Agreement with the paper";
   const PaperAgreement settled =
       AgreementWith(evidence.paper, evidence.ours, evidence.benchmarks, {});
-  section.blocks.emplace_back(RanksTable(evidence, settled));
+  section.blocks.emplace_back(RanksTable(settled));
+  section.blocks.emplace_back(OtherRanksTable(evidence, settled));
   Table pairs = PairsTable(settled.pairs);
   if (!pairs.rows.empty()) section.blocks.emplace_back(std::move(pairs));
   Table levels = LevelsTable(evidence);
