@@ -5,7 +5,6 @@
 #include <poll.h>
 #include <sys/file.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <nlohmann/json.hpp>
@@ -13,6 +12,7 @@
 
 #include "data/files/atomic_file.h"
 #include "proto/base/clock.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
@@ -20,6 +20,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxResultBytes = 1 << 20;
+constexpr int kMaxDepth = 2;  // an object of numbers, texts, and lists and objects of them
 // How long to wait for the lock: ReadRunStatus holds it for microseconds, a training for longer.
 constexpr int64_t kLockPatienceMs = 200;
 constexpr int kLockPauseMs = 10;
@@ -84,19 +85,11 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   return json;
 }
 
-// Whether a value holds nothing nested: it is a number, text and the like, or a list or object of
-// them. Others are refused, since writing them again recurses and a file may nest values without
-// limit.
-bool IsFlat(const Json& value) {
-  const auto primitive = [](const Json& item) { return item.is_primitive(); };
-  return value.is_primitive() || std::ranges::all_of(value, primitive);
-}
-
 Result<Json> ReadResult(const std::string& folder) {
   const std::string path = ResultPath(folder);
   B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxResultBytes));
-  Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (json.is_object() && std::ranges::all_of(json, IsFlat)) return json;
+  Json json = ParseShallow<Json>(text, kMaxDepth);
+  if (json.is_object()) return json;
   return Status(StatusCode::kDataLoss, fmt::format("{} is not a run's result", path));
 }
 

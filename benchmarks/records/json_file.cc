@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "data/files/atomic_file.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
@@ -16,29 +17,10 @@ using Json = nlohmann::ordered_json;
 constexpr size_t kMaxFileBytes = 64 << 20;
 constexpr int kMaxDepth = 32;  // lists and objects inside each other
 
-// Whether the text opens more lists and objects inside each other than kMaxDepth.
-bool IsDeep(std::string_view text) {
-  int depth = 0;
-  bool in_string = false;
-  for (size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string && c == '\\') {
-      ++i;  // the escaped character
-    } else if (c == '"') {
-      in_string = !in_string;
-    } else if (!in_string && (c == '[' || c == '{')) {
-      if (++depth > kMaxDepth) return true;
-    } else if (!in_string && (c == ']' || c == '}')) {
-      --depth;
-    }
-  }
-  return false;
-}
-
 }  // namespace
 
 Result<Json> ParseJsonObject(std::string_view text, std::string_view name) {
-  Json json = IsDeep(text) ? Json() : Json::parse(text, nullptr, false);
+  Json json = ParseShallow<Json>(text, kMaxDepth);
   if (json.is_object()) return json;
   return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", name));
 }

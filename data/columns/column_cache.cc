@@ -16,12 +16,14 @@
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr int kSchema = 1;
 constexpr size_t kMaxManifestBytes = 1 << 20;
+constexpr int kMaxManifestDepth = 4;  // lists and objects inside each other
 constexpr size_t kMaxColumns = 64;
 constexpr std::string_view kManifestName = "manifest.json";
 
@@ -118,9 +120,7 @@ Status ColumnCache::Lock() {
 Status ColumnCache::ReadManifest() {
   B4MRL_ASSIGN_OR_RETURN(const std::string text,
                          ReadSmallFile(ManifestPath(folder_), kMaxManifestBytes));
-  // Drops values that are nested deeper than a manifest's, because dump() recurses.
-  const auto shallow = [](int depth, Json::parse_event_t, Json&) { return depth <= 4; };
-  const Json manifest = Json::parse(text, shallow, /*allow_exceptions=*/false);
+  const Json manifest = ParseShallow<Json>(text, kMaxManifestDepth);
   if (!manifest.is_object()) return Damaged(folder_, "its manifest is not a JSON object");
   if (manifest.value("hash", Json()) != HashManifest(manifest)) {
     return Damaged(folder_, "its manifest does not have the hash that it names");

@@ -10,6 +10,7 @@
 #include "data/columns/column_cache.h"
 #include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
+#include "proto/wire/json_depth.h"
 #include "server/datasets/provenance_json.h"
 
 namespace b4mrl {
@@ -18,6 +19,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr size_t kMaxEntryBytes = 64 * 1024;
+constexpr int kMaxEntryDepth = 8;  // lists and objects inside each other
 constexpr size_t kMaxFailures = 256;
 constexpr int64_t kFailureMs = 600'000;
 
@@ -53,7 +55,7 @@ std::optional<ImportedFile> DatasetIndex::Find(const std::string& name,
                                                const FileIdentity& file) const {
   const Result<std::string> text = ReadSmallFile(PathOf(name), kMaxEntryBytes);
   if (!text.ok()) return std::nullopt;
-  const Json json = Json::parse(*text, nullptr, /*allow_exceptions=*/false);
+  const Json json = ParseShallow<Json>(*text, kMaxEntryDepth);
   if (!json.is_object()) return std::nullopt;
   const FileIdentity known{NumberOf(json, "file_bytes"), NumberOf(json, "modified_ns"),
                            NumberOf(json, "inode")};

@@ -12,6 +12,7 @@
 
 #include "data/files/stored_bytes.h"
 #include "proto/base/unique_fd.h"
+#include "proto/wire/json_depth.h"
 #include "server/datasets/provenance_json.h"
 #include "server/sandbox/sandbox.h"
 #include "server/sandbox/sandboxed_child.h"
@@ -61,7 +62,7 @@ std::string Answer(const Result<ImportedDataset>& imported) {
 }
 
 Result<ImportedDataset> ParseAnswer(const std::string& text) {
-  const Json answer = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const Json answer = ParseShallow<Json>(text, kMaxAnswerDepth);
   const Json rows = answer.value("rows", Json());
   const Json policy = answer.value("behaviour_policy", Json());
   if (!rows.is_number_unsigned() || !policy.is_string()) {

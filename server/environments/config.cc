@@ -6,6 +6,7 @@
 #include <string>
 
 #include "proto/base/limits.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
@@ -45,13 +46,10 @@ Result<Config> ParseConfig(std::string_view text) {
     return InvalidNumber("bytes of config", static_cast<double>(text.size()),
                          fmt::format("at most {}", limits::kMaxOpenRequestBytes));
   }
-  bool too_deep = false;
-  const auto watch_depth = [&too_deep](int depth, Config::parse_event_t, Config&) {
-    too_deep = too_deep || depth > kMaxDepth;
-    return !too_deep;
-  };
-  Config config = Config::parse(text, watch_depth, /*allow_exceptions=*/false);
-  if (too_deep) return InvalidArgument("depth of config", "more", std::to_string(kMaxDepth));
+  if (NestsDeeper(text, kMaxDepth)) {
+    return InvalidArgument("depth of config", "more", std::to_string(kMaxDepth));
+  }
+  Config config = Config::parse(text, nullptr, /*allow_exceptions=*/false);
   if (config.is_discarded()) {
     ErrorFinder finder;
     Config::sax_parse(text, &finder);

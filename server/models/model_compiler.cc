@@ -15,6 +15,7 @@
 #include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
 #include "proto/base/limits.h"
+#include "proto/wire/json_depth.h"
 #include "server/environments/list.h"
 #include "server/environments/mujoco/compiled_model.h"
 #include "server/models/model_scan.h"
@@ -140,7 +141,7 @@ Result<std::string> CompileModelInChild(const std::string& program,
   if (!answer.ended_well) unlink((options.cache_folder + "/" + trial).c_str());
   const std::string context = "model=" + options.file_name;
   if (!answer.json.ok()) return answer.json.status().WithContext(context);
-  const Json hash = Json::parse(*answer.json, nullptr, false).value("hash", Json());
+  const Json hash = ParseShallow<Json>(*answer.json, kMaxAnswerDepth).value("hash", Json());
   if (hash.is_string() && IsHash128(hash.get<std::string>())) return hash.get<std::string>();
   return Status(StatusCode::kDataLoss, context + ": the model compiler gave no usable answer");
 }

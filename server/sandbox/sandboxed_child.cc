@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/base/child_program.h"
+#include "proto/wire/json_depth.h"
 
 namespace b4mrl {
 namespace {
@@ -58,7 +59,7 @@ Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& proces
 
 Result<std::string> ParseAnswer(const std::string& text, const std::string& name) {
   const Status malformed(StatusCode::kDataLoss, name + " gave no usable answer");
-  const Json answer = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const Json answer = ParseShallow<Json>(text, kMaxAnswerDepth);
   if (!answer.is_object() || !answer.contains("ok") || !answer["ok"].is_boolean()) return malformed;
   if (answer["ok"].get<bool>()) return text;
   const Json code = answer.value("code", Json());

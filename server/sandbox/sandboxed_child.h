@@ -6,7 +6,6 @@
 #pragma once
 
 #include <atomic>
-#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -21,17 +20,20 @@ struct SandboxedChild {
   std::string name;                    // for messages: "the importer"
 };
 
+// Lists and objects of an answer inside each other. A crafted file may control the child.
+inline constexpr int kMaxAnswerDepth = 8;
+
 struct ChildAnswer {
   bool ended_well = false;   // with exit code 0; others may leave unfinished files
-  Result<std::string> json;  // of an answer with "ok": true
+  Result<std::string> json;  // of an answer with "ok": true, nested to kMaxAnswerDepth at most
 };
 
 // Waits for the child's answer and its exit. An answer with "ok": false becomes the Status that it
-// names; a death, no answer or too long an answer becomes kDataLoss, and SIGKILL, which the system
-// sends when memory is short, kInternal. The child is ended within 100 ms of a missed deadline
-// (kDeadlineExceeded) and of `cancelled` (may be null) turning true (kUnavailable), and two seconds
-// after it has closed its output. The messages do
-// not name the file, which the caller adds.
+// names; a death, no answer, too long or too deep an answer becomes kDataLoss, and SIGKILL, which
+// the system sends when memory is short, kInternal. The child is ended within 100 ms of a missed
+// deadline (kDeadlineExceeded) and of `cancelled` (may be null) turning true (kUnavailable), and
+// two seconds after it has closed its output. The messages do not name the file, which the caller
+// adds.
 ChildAnswer RunSandboxedChild(const SandboxedChild& child, const Deadline& deadline,
                               const std::atomic<bool>* cancelled = nullptr);
 

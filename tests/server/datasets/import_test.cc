@@ -248,6 +248,11 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
     fixture.WriteScript(std::string("echo '{\"ok\": true, \"rows\": ") + rows + "}'\n");
     CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
   }
+  const std::string deep = std::string(1000, '[') + std::string(1000, ']');
+  fixture.WriteScript(R"(echo '{"ok": true, "rows": 1, "behaviour_policy": "", "provenance": )" +
+                      deep + "}'\n");
+  CHECK_THAT(fixture.Import(fixture.folder.File("program")).status().message(),
+             Catch::Contains("no usable answer"));
   fixture.WriteScript("exit 0\n");
   CHECK(fixture.Import(fixture.folder.File("program")).status().code() == StatusCode::kDataLoss);
   CHECK(fixture.Import(fixture.folder.File("none")).status().code() == StatusCode::kIoError);

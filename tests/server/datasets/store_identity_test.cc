@@ -174,6 +174,22 @@ TEST_CASE("a file that was imported for another version of its environment is im
   CHECK(again->fingerprint == now->fingerprint);
 }
 
+TEST_CASE("an entry of the index that nests lists without limit is no entry") {
+  const TemporaryFolder folder;
+  const DatasetIndex index(folder.path());
+  const FileIdentity file{1, 2, 3};
+  ImportedFile imported{file, "", "", std::string(32, 'a'), {7, "", {}}};
+  imported.contents.provenance.environment = "HalfCheetah";
+  imported.contents.provenance.parts = {{"SAC", "ab", 3, 7}};
+  REQUIRE(index.Add("x", imported).ok());
+  REQUIRE(index.Find("x", file));
+  const std::string entry = folder.File(DatasetIndex::KeyOf("x") + ".json");
+  std::string text = ReadBytes(entry);
+  text.insert(1, "\"more\": " + std::string(1000, '[') + std::string(1000, ']') + ", ");
+  WriteBytes(entry, text);
+  CHECK_FALSE(index.Find("x", file));
+}
+
 // The example without next_observations, as D4RL's first version has it.
 void WriteWithoutNext(const std::string& path, const ExampleDataset& data) {
   auto file = Hdf5Writer::Create(path);

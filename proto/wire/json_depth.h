@@ -1,0 +1,23 @@
+// Refuses JSON that nests lists and objects without limit, as text of a peer, a file or another
+// process may: copies, comparisons and writers of what was read recurse, so that a few kilobytes of
+// brackets could overflow the stack. Pure functions; any thread.
+#pragma once
+
+#include <string_view>
+
+namespace b4mrl {
+
+// Whether a text has more than `most` lists and objects inside each other. Exact for valid JSON; in
+// time linear in the text, unlike a parser's callback, which searches a list for every object in
+// it.
+bool NestsDeeper(std::string_view json, int most);
+
+// What a text holds, in the caller's kind of nlohmann::json; discarded if it is no JSON or nests
+// deeper than `most`.
+template <typename Json>
+Json ParseShallow(std::string_view text, int most) {
+  if (NestsDeeper(text, most)) return Json(Json::value_t::discarded);
+  return Json::parse(text, nullptr, /*allow_exceptions=*/false);
+}
+
+}  // namespace b4mrl
