@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string_view>
 
@@ -22,8 +23,11 @@ bool Take(const Json& json, std::string_view name, std::string* out) {
 
 template <typename T>
 bool Take(const Json& value, T* out) {
-  if (value.is_number_unsigned()) *out = static_cast<T>(value.get<uint64_t>());
-  return value.is_number_unsigned();
+  if (!value.is_number_unsigned()) return false;
+  const uint64_t number = value.get<uint64_t>();
+  if (number > std::numeric_limits<T>::max()) return false;
+  *out = static_cast<T>(number);
+  return true;
 }
 
 bool TakePart(const Json& json, RecordedPart* part) {
