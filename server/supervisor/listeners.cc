@@ -16,6 +16,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <system_error>
 #include <thread>
 
 #include "proto/base/child_program.h"
@@ -111,7 +112,9 @@ Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
     if (bind.starts_with("ipc://")) {
       B4MRL_ASSIGN_OR_RETURN(std::string path, ParseIpcAddress(bind));
       // Clients are told the path and may run in another folder, so it is made absolute.
-      plan.ipc.push_back(std::filesystem::absolute(path));
+      std::error_code error;
+      plan.ipc.push_back(std::filesystem::absolute(path, error));
+      if (error) return IoError("resolve", path, error.value());
       continue;
     }
     B4MRL_ASSIGN_OR_RETURN(const TcpAddress address, ParseTcpAddress(bind));

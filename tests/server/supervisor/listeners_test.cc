@@ -1,8 +1,10 @@
 // A daemon takes over the socket files of daemons that are gone, and those alone.
 #include "server/supervisor/listeners.h"
 
+#include <fcntl.h>
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <cerrno>
@@ -91,6 +93,18 @@ TEST_CASE("The socket file of a daemon that answers nobody is refused") {
   const std::vector<UniqueFd> waiting = FillQueueOf(path);
   CHECK(OpenListeners(OptionsOn(path)).status().code() == StatusCode::kIoError);
   CHECK(std::filesystem::exists(path));
+}
+
+TEST_CASE("A relative address is refused where the working directory is gone") {
+  const UniqueFd here(open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  {
+    const TemporaryFolder folder;
+    REQUIRE(chdir(folder.path().c_str()) == 0);
+  }
+  const Status refused = OpenListeners(OptionsOn("relative")).status();
+  REQUIRE(fchdir(here.get()) == 0);
+  CHECK(refused.code() == StatusCode::kIoError);
+  CHECK_THAT(refused.message(), Catch::Contains("relative"));
 }
 
 }  // namespace
