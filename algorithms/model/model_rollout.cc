@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "algorithms/base/learner.h"
+#include "algorithms/base/within_memory.h"
 #include "proto/base/rng.h"
 
 namespace b4mrl {
@@ -69,7 +70,9 @@ Status ModelRollout::Begin(uint64_t cycle, std::vector<float> starts, const Poli
   cycle_ = cycle;
   next_start_ = 0;
   finished_.clear();
-  worker_ = std::jthread([this](const std::stop_token& stop) { worker_status_ = RollOut(stop); });
+  worker_ = std::jthread([this](const std::stop_token& stop) {
+    worker_status_ = WithinMemory("rollouts in the model", [&] { return RollOut(stop); });
+  });
   return Status();
 }
 
