@@ -20,7 +20,7 @@ namespace b4mrl {
 
 // How a process ended.
 enum class Death {
-  kKilled,   // SIGKILL from outside the daemon
+  kKilled,   // SIGKILL from outside the daemon, or from the supervisor for the process's memory
   kCrashed,  // another signal, or an exit without a drain
   kFrozen,   // SIGKILL from the supervisor, because the process stood still
 };

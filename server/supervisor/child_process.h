@@ -26,7 +26,7 @@ class ChildProcess {
   Status Start();
   bool running() const { return process_id_ > 0; }
   // The time at which to Start a dead child again: at once, or later and later while the child
-  // keeps dying within 250 ms of its start. A kill from outside the daemon does not count.
+  // keeps dying within 250 ms of its start. A kill from outside, or for its memory, does not count.
   int64_t restart_at_ms() const { return restart_at_ms_; }
 
   // Reaps the process if it has ended, and says how it ended.
