@@ -13,6 +13,7 @@
 #include <cstring>
 #include <utility>
 
+#include "proto/base/child_program.h"
 #include "server/process/options.h"
 
 namespace b4mrl {
@@ -54,9 +55,7 @@ ChildProcess::ChildProcess(uint32_t child, ChildOptions options, SharedState* sh
 
 Status ChildProcess::Start() {
   std::vector<std::string> arguments = ChildArguments(options_, shared_->fd());
-  std::vector<char*> pointers;
-  for (std::string& argument : arguments) pointers.push_back(argument.data());
-  pointers.push_back(nullptr);
+  const std::vector<char*> pointers = PointersTo(arguments);
   std::vector<int> kept_fds = {shared_->fd()};
   for (const ListeningEndpoint& endpoint : options_.endpoints) kept_fds.push_back(endpoint.fd);
   if (options_.door_listener >= 0) kept_fds.push_back(options_.door_listener);

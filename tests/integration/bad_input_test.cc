@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "proto/base/child_program.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/loopback.h"
@@ -29,9 +30,7 @@ Ended RunServe(std::vector<std::string> arguments) {
   const TemporaryFolder folder;
   const std::string log = folder.File("log");
   arguments.insert(arguments.begin(), kServe);
-  std::vector<char*> pointers;
-  for (std::string& word : arguments) pointers.push_back(word.data());
-  pointers.push_back(nullptr);
+  const std::vector<char*> pointers = PointersTo(arguments);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, log.c_str(), O_CREAT | O_WRONLY, 0600);
