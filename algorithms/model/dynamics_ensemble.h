@@ -77,9 +77,8 @@ struct DynamicsData {
 };
 
 struct DynamicsProgress {
-  int64_t epoch = 0;    // epochs completed
-  int64_t updates = 0;  // updates in all epochs
-  int64_t updates_per_epoch = 0;
+  int64_t epoch = 0;         // epochs completed
+  int64_t updates = 0;       // updates in all epochs
   double train_loss = 0;     // of the last minibatch, all terms
   bool epoch_ended = false;  // whether this call ended an epoch and updated holdout_mse
   bool finished = false;

@@ -199,7 +199,6 @@ DynamicsProgress DynamicsEnsemble<Scalar>::Train(const DynamicsData<Scalar>& dat
   if (epoch_ended) EndEpoch(data);
   return {.epoch = epoch_,
           .updates = updates_,
-          .updates_per_epoch = per_epoch,
           .train_loss = train_loss_,
           .epoch_ended = epoch_ended,
           .finished = finished_ != 0,

@@ -67,9 +67,10 @@ TEST_CASE("an ensemble learns a noisy linear system, its noise and when to stop"
   options.scale_inputs = GENERATE(false, true);
   options.max_updates = 6000;
   DynamicsEnsemble<float> ensemble = Make(options, system);
-  DynamicsProgress progress;
+  DynamicsProgress progress = ensemble.Train(system.Views(), 1000);
+  CHECK(progress.epoch_ended);
+  CHECK(progress.updates == 31);  // 1980 training rows in batches of 64
   while (!progress.finished) progress = ensemble.Train(system.Views(), 1000);
-  CHECK(progress.updates_per_epoch == 31);  // 1980 training rows in batches of 64
   CHECK(ensemble.Elites().size() == 2);
 
   MatrixBuffer<float> inputs(kObservations + kActions, 100), mean(kOutputs, 100);
