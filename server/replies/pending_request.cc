@@ -7,15 +7,19 @@ namespace b4mrl {
 namespace {
 
 size_t ContentsOf(PendingRequest* pending) {
-  if (!pending->contents) {
-    pb::Request request = pending->request;
-    request.clear_deadline_ms();
-    pending->contents = std::hash<std::string>()(request.SerializeAsString());
-  }
+  if (!pending->contents) pending->contents = HashOfContents(&pending->request);
   return *pending->contents;
 }
 
 }  // namespace
+
+size_t HashOfContents(pb::Request* request) {
+  const uint32_t deadline_ms = request->deadline_ms();
+  request->clear_deadline_ms();
+  const size_t hash = std::hash<std::string>()(request->SerializeAsString());
+  request->set_deadline_ms(deadline_ms);
+  return hash;
+}
 
 bool IsCopy(PendingRequest* one, PendingRequest* other) {
   return one->from.request_id == other->from.request_id && one->from.peer == other->from.peer &&

@@ -10,13 +10,16 @@
 
 namespace b4mrl {
 
+// A hash of all that a request says but for the time that is left for it, which differs between
+// copies. Leaves the request as it was.
+size_t HashOfContents(pb::Request* request);
+
 struct PendingRequest {
   Asker from;
   pb::Request request;
   Clock::time_point received;
   Deadline deadline = Deadline::AfterMs(0);
-  // A hash of the request's contents, once IsCopy has needed it; `request` stays the same from then
-  // on.
+  // HashOfContents of `request`, once IsCopy has needed it; `request` stays the same from then on.
   std::optional<size_t> contents = std::nullopt;
 };
 

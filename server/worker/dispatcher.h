@@ -70,7 +70,8 @@ class Dispatcher {
   // Closes a session that was not attached here; an Attach of it that is on its way is refused.
   Result<pb::Reply> CloseUnattached(const std::string& token);
   // Starts a job, which will reply. An error of this function is the reply instead.
-  Status HandleSessionRequest(const Asker& from, const pb::Request& request, Frame payload,
+  // Leaves `request` as it was.
+  Status HandleSessionRequest(const Asker& from, pb::Request& request, Frame payload,
                               bool more_waiting);
   // OK if `request` may proceed. Else the error: the daemon is stopping, the request has ended its
   // worker too often, or a limit on requests is reached.

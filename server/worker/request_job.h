@@ -57,6 +57,8 @@ class RequestJob : public QueuedWork {
   // Where the reply goes: to the sender of the request's latest copy. Socket's thread.
   RoutingId sender;
   Clock::time_point received;
+  // What tells a copy of the request beside its kind and its arrays' bytes; 0 where these say all.
+  size_t contents = 0;
   // The lanes that are busy with this job.
   const std::vector<uint32_t>& busy_lanes() const { return busy_lanes_; }
 

@@ -40,33 +40,6 @@ TEST_CASE("A request that names finished and unfinished lanes executes only the 
   REQUIRE(apart.state().lane(1).committed() == 2);
 }
 
-TEST_CASE("A request resent while it waits is executed once and answered to the newest sender") {
-  WorkerFixture worker;
-  worker.Open(1);
-  worker.Reset({1});
-  worker.answers.clear();
-  const std::vector<Input> inputs = {Numbers({2}), Actions(1, 0.1f)};
-  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "old connection");
-  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "new connection");
-  worker.Work();
-  REQUIRE(worker.answers.size() == 1);
-  REQUIRE(worker.answers[0].receiver == "new connection");
-  REQUIRE(worker.state().lane(0).committed() == 2);
-}
-
-TEST_CASE("A request id under way with other contents is refused") {
-  WorkerFixture worker;
-  worker.Open(1);
-  worker.Reset({1});
-  worker.answers.clear();
-  worker.Send(WorkerFixture::StepRequest(7), {Numbers({2}), Actions(1, 0.1f)}, true);
-  worker.Send(WorkerFixture::StepRequest(7), {Numbers({2}), Actions(1, 0.2f)}, true);
-  REQUIRE(worker.answers.size() == 1);
-  REQUIRE(worker.answers[0].code() == StatusCode::kInvalidArgument);
-  worker.Work();
-  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
-}
-
 TEST_CASE("A busy lane refuses other requests, and other lanes go on") {
   WorkerFixture worker;
   worker.Open(2);

@@ -1,0 +1,62 @@
+// Which requests of an id that is under way are copies of it, and which are refused.
+#include <catch2/catch.hpp>
+
+#include "server/worker/dispatcher.h"
+#include "tests/server/worker/worker_fixture.h"
+
+namespace b4mrl {
+namespace {
+
+TEST_CASE("A request resent while it waits is executed once and answered to the newest sender") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  const std::vector<Input> inputs = {Numbers({2}), Actions(1, 0.1f)};
+  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "old connection");
+  worker.Send(WorkerFixture::StepRequest(7), inputs, true, "new connection");
+  worker.Work();
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].receiver == "new connection");
+  REQUIRE(worker.state().lane(0).committed() == 2);
+}
+
+TEST_CASE("A request id under way with other contents is refused") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  worker.Send(WorkerFixture::StepRequest(7), {Numbers({2}), Actions(1, 0.1f)}, true);
+  worker.Send(WorkerFixture::StepRequest(7), {Numbers({2}), Actions(1, 0.2f)}, true);
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kInvalidArgument);
+  worker.Work();
+  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
+}
+
+TEST_CASE("A query that differs by a number beside its arrays is no copy") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  const auto send_query = [&](uint64_t draw, uint32_t deadline_ms) {
+    pb::Request request;
+    request.set_request_id(7);
+    request.set_deadline_ms(deadline_ms);
+    request.mutable_query()->set_draw(draw);
+    const Input observation = Array<float>("observations", {1, 17}, std::vector<float>(17));
+    worker.Send(request, {observation, Actions(1, 0)}, true);
+  };
+  send_query(1, 10'000);
+  send_query(1, 9'000);  // a copy has less time left
+  REQUIRE(worker.answers.empty());
+  send_query(2, 10'000);
+  REQUIRE(worker.answers.size() == 1);
+  REQUIRE(worker.answers[0].code() == StatusCode::kInvalidArgument);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 2);
+  REQUIRE(worker.answers[1].code() == StatusCode::kOk);
+}
+
+}  // namespace
+}  // namespace b4mrl
