@@ -52,8 +52,9 @@ void Moments::Add(double value) {
   if (count_ == 1 || value > max_) max_ = value;
 }
 
-// After a NaN or an infinity the mean is NaN, since infinity - infinity is NaN. Minimum and maximum
-// would miss a NaN, since comparisons with NaN are false.
+// A NaN makes all of these NaN: minimum and maximum would miss it, since comparisons with NaN are
+// false. An infinity makes the standard deviation NaN, and the mean infinite; with the next value
+// the mean, and so minimum and maximum, become NaN, too, since infinity - infinity is NaN.
 double Moments::mean() const { return count_ == 0 ? kNaN : mean_; }
 double Moments::std() const {
   return count_ == 0 ? kNaN : std::sqrt(squares_ / static_cast<double>(count_));

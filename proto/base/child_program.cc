@@ -136,7 +136,7 @@ int WaitForExit(pid_t child, const Deadline& deadline) {
 }
 
 Result<std::string> MakeTemporaryFolder(std::string_view name) {
-  constexpr size_t kRoomForNames = 48;  // "/b4mrl-gateway-XXXXXX/serve.worker-1023" and more
+  constexpr size_t kRoomForNames = 48;  // "/b4mrl-gateway-XXXXXX/serve.worker-63" and more
   const char* const set = std::getenv("TMPDIR");
   std::string_view base = set == nullptr ? "" : set;
   if (base.empty() || base.size() + kRoomForNames >= sizeof(sockaddr_un::sun_path)) base = "/tmp";

@@ -103,7 +103,7 @@ class DatasetWorker {
   RouterSocket socket_;
   Responder replies_;
   LedgerTable ledgers_;
-  DatasetStore store_;  // used by background threads only
+  DatasetStore store_;  // used by background threads; Run only stops it
   ServedDatasets served_;
   ParkedRequests parked_;
   std::multiset<RoutingId> listers_;  // who asked for the lists that listing_ is to make

@@ -6,7 +6,8 @@
 // the file system beyond reading the one file and writing into the one folder that was made for
 // this import. Its limits on time and size follow the bytes that the file stores, without its
 // holes. It prints one JSON line on stdout:
-//   {"ok": true, "rows": 1000000, "behaviour_policy": "SAC", "provenance": {...}}
+//   {"ok": true, "rows": 1000000, "behaviour_policy": "SAC", "infers_timeouts": false,
+//    "provenance": {...}}
 //   {"ok": false, "code": 12, "message": "..."}
 // The hashes of the file and of the columns are not taken from this process: a crafted file may
 // control it. Thread rule: RunImporter is a process's main function; ImportInChild may be called by

@@ -55,9 +55,9 @@ class LaneStepper {
   Status Step(Environment& environment, ConstLaneRecord before, std::span<const double> action,
               LaneRecord after, ActionPrecision precision = ActionPrecision::kFloat64) const;
 
-  // Replaces a step that has ended its process twice: the episode ends as truncated with cause
-  // kCrash, at the last observation. In mode same_step the next episode starts at once, else with
-  // the next reset.
+  // Replaces a step that has ended its process again and again: the episode ends as truncated with
+  // cause kCrash, at the last observation. In mode same_step the next episode starts at once, else
+  // with the next reset.
   Status TruncateAfterCrash(Environment& environment, ConstLaneRecord before,
                             LaneRecord after) const;
 

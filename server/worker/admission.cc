@@ -11,7 +11,8 @@ namespace b4mrl {
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
                     const WorkUnderWay& all) {
   if (RequestIsRefused(session.record(), request.request_id())) {
-    return Status(StatusCode::kInternal, "this request ended its worker twice and is not repeated");
+    return Status(StatusCode::kInternal,
+                  "this request ended its worker again and again, and is not repeated");
   }
   const size_t in_flight = session.requests_in_flight();
   if (in_flight >= limits::kMaxRequestsInFlight) {

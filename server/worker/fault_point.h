@@ -22,7 +22,7 @@ enum class FaultPoint : uint8_t {
 using FaultHook = void (*)(FaultPoint point, uint32_t lane, uint64_t number,
                            std::span<std::byte> idle_buffer);
 
-// To be set before threads start, and never again.
+// A process sets it before its threads start, and a test while no other thread executes work.
 inline FaultHook fault_hook = nullptr;
 
 inline void ReachFaultPoint(FaultPoint point, uint32_t lane, uint64_t number,

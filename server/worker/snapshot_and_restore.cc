@@ -172,9 +172,9 @@ Status RestoreJob::Prepare(const pb::Request& request) {
   for (const uint32_t position : selection_.execute) {
     const uint32_t lane = selection_.lanes[position];
     if (!OperationIsRefused(owner().slot(lane), AttemptKey(Operation::kRestore))) continue;
-    return Refusal(
-        Status(StatusCode::kFailedPrecondition,
-               fmt::format("restoring lane {} ended its worker twice; allowed: a reset", lane)));
+    return Refusal(Status(
+        StatusCode::kFailedPrecondition,
+        fmt::format("restoring lane {} ended its worker again and again; allowed: a reset", lane)));
   }
   items = static_cast<uint32_t>(selection_.execute.size());
   busy_lanes_ = selection_.lanes;

@@ -125,8 +125,8 @@ Status LaneJob::CheckResets() const {
     const uint32_t lane = selection_.lanes[position];
     if (!OperationIsRefused(owner().slot(lane), AttemptKey(operation_, SeedOf(position)))) continue;
     return Refusal(Status(StatusCode::kFailedPrecondition,
-                          fmt::format("the start of lane {} ended its worker twice; allowed: a "
-                                      "reset with another seed, or a restore",
+                          fmt::format("the start of lane {} ended its worker again and again; "
+                                      "allowed: a reset with another seed, or a restore",
                                       lane)));
   }
   return Status();
