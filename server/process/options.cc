@@ -7,6 +7,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
+#include <iterator>
+#include <ranges>
+#include <sstream>
 
 #include "data/files/make_folder.h"
 #include "data/files/toml_file.h"
@@ -32,75 +35,116 @@ uint32_t HalfOfTheMemoryMib() {
       std::clamp<uint64_t>(MemoryBytes() >> 21, limits::kMinMemoryMib, limits::kMaxMemoryMib));
 }
 
-Status Complain(std::string message) {
-  return Status(StatusCode::kInvalidArgument, std::move(message));
+// A key of the configuration file with its value.
+struct ConfigEntry {
+  std::string key;
+  const toml::node& value;
+};
+
+Status Refuse(const ConfigEntry& entry, std::string_view allowed) {
+  if (const auto text = entry.value.value<std::string>()) {
+    return InvalidArgument(entry.key, *text, allowed);
+  }
+  std::ostringstream shown;
+  shown << toml::toml_formatter(entry.value);
+  return InvalidArgument(entry.key, shown.str(), allowed);
 }
+
+// These take a value where no flag has set the option, and check it either way.
+
+Status TakeCount(const ConfigEntry& entry, uint32_t least, uint32_t most, uint32_t* target) {
+  const std::optional<int64_t> value = entry.value.value<int64_t>();
+  if (!value || *value < least || *value > most) {
+    return Refuse(entry, fmt::format("a number in {}..{}", least, most));
+  }
+  if (*target == 0) *target = static_cast<uint32_t>(*value);
+  return Status();
+}
+
+Status TakeText(const ConfigEntry& entry, std::string* target) {
+  const std::optional<std::string> value = entry.value.value<std::string>();
+  if (!value) return Refuse(entry, "a string");
+  if (target->empty()) *target = *value;
+  return Status();
+}
+
+Status TakeFlag(const ConfigEntry& entry, bool* target) {
+  const std::optional<bool> value = entry.value.value<bool>();
+  if (!value) return Refuse(entry, "true or false");
+  *target |= *value;
+  return Status();
+}
+
+Status TakeSpin(const ConfigEntry& entry, std::optional<uint32_t>* target) {
+  uint32_t spin_us = 0;
+  B4MRL_RETURN_IF_ERROR(TakeCount(entry, 0, limits::kMaxSpinUs, &spin_us));
+  if (!*target) *target = spin_us;
+  return Status();
+}
+
+Status TakeBinds(const ConfigEntry& entry, std::vector<std::string>* target) {
+  std::vector<std::string> binds;
+  const auto add = [&](const toml::node& node) -> Status {
+    const std::optional<std::string> address = node.value<std::string>();
+    if (!address) return Refuse({entry.key, node}, "an address or a list of addresses");
+    binds.push_back(*address);
+    return Status();
+  };
+  const toml::array* list = entry.value.as_array();
+  if (list == nullptr || list->empty()) {
+    B4MRL_RETURN_IF_ERROR(add(entry.value));
+  } else {
+    for (const toml::node& node : *list) B4MRL_RETURN_IF_ERROR(add(node));
+  }
+  if (target->empty()) *target = std::move(binds);
+  return Status();
+}
+
+struct ConfigKey {
+  std::string_view name;
+  Status (*take)(const ConfigEntry& entry, ServeOptions& to);
+};
+using Entry = const ConfigEntry&;
+constexpr ConfigKey kConfigKeys[] = {
+    {"bind", [](Entry entry, ServeOptions& to) { return TakeBinds(entry, &to.binds); }},
+    {"workers",
+     [](Entry entry, ServeOptions& to) {
+       return TakeCount(entry, 1, limits::kMaxWorkers, &to.workers);
+     }},
+    {"threads",
+     [](Entry entry, ServeOptions& to) {
+       return TakeCount(entry, 1, limits::kMaxThreads, &to.threads);
+     }},
+    {"lease",
+     [](Entry entry, ServeOptions& to) {
+       return TakeCount(entry, 1, limits::kMaxLeaseSeconds, &to.lease_seconds);
+     }},
+    {"memory",
+     [](Entry entry, ServeOptions& to) {
+       return TakeCount(entry, limits::kMinMemoryMib, limits::kMaxMemoryMib, &to.memory_mib);
+     }},
+    {"pin", [](Entry entry, ServeOptions& to) { return TakeFlag(entry, &to.pin); }},
+    {"data", [](Entry entry, ServeOptions& to) { return TakeText(entry, &to.data_folder); }},
+    {"models", [](Entry entry, ServeOptions& to) { return TakeText(entry, &to.models_folder); }},
+    {"suites", [](Entry entry, ServeOptions& to) { return TakeText(entry, &to.suites_folder); }},
+    {"insecure", [](Entry entry, ServeOptions& to) { return TakeFlag(entry, &to.insecure); }},
+    {"single-port", [](Entry entry, ServeOptions& to) { return TakeFlag(entry, &to.single_port); }},
+    {"no-door", [](Entry entry, ServeOptions& to) { return TakeFlag(entry, &to.no_door); }},
+    {"spin", [](Entry entry, ServeOptions& to) { return TakeSpin(entry, &to.spin_us); }},
+};
 
 // Takes the options that no flag has set from the file. Checks every key, so that a misspelt key is
 // an error.
-Status ApplyConfigValue(const std::string& key, const toml::node& node, ServeOptions* options) {
-  const auto count = [&](uint32_t* target, uint32_t most, uint32_t least = 1) -> Status {
-    const std::optional<int64_t> value = node.value<int64_t>();
-    if (!value || *value < least || *value > most) {
-      return Complain(fmt::format("{} must be a number in {}..{}", key, least, most));
-    }
-    if (*target == 0) *target = static_cast<uint32_t>(*value);
-    return Status();
-  };
-  const auto text = [&](std::string* target) -> Status {
-    const std::optional<std::string> value = node.value<std::string>();
-    if (!value) return Complain(fmt::format("{} must be a string", key));
-    if (target->empty()) *target = *value;
-    return Status();
-  };
-  const auto flag = [&](bool* target) -> Status {
-    const std::optional<bool> value = node.value<bool>();
-    if (!value) return Complain(fmt::format("{} must be true or false", key));
-    *target |= *value;
-    return Status();
-  };
-  if (key == "workers") return count(&options->workers, limits::kMaxWorkers);
-  if (key == "threads") return count(&options->threads, limits::kMaxThreads);
-  if (key == "lease") return count(&options->lease_seconds, limits::kMaxLeaseSeconds);
-  if (key == "memory") {
-    return count(&options->memory_mib, limits::kMaxMemoryMib, limits::kMinMemoryMib);
-  }
-  if (key == "data") return text(&options->data_folder);
-  if (key == "models") return text(&options->models_folder);
-  if (key == "suites") return text(&options->suites_folder);
-  if (key == "insecure") return flag(&options->insecure);
-  if (key == "pin") return flag(&options->pin);
-  if (key == "single-port") return flag(&options->single_port);
-  if (key == "no-door") return flag(&options->no_door);
-  if (key == "spin") {
-    const std::optional<int64_t> value = node.value<int64_t>();
-    if (!value || *value < 0 || *value > limits::kMaxSpinUs) {
-      return Complain(fmt::format("spin must be a number in 0..{}", limits::kMaxSpinUs));
-    }
-    if (!options->spin_us) options->spin_us = static_cast<uint32_t>(*value);
-    return Status();
-  }
-  if (key == "bind") {
-    const toml::array* list = node.as_array();
-    std::vector<std::string> binds;
-    for (size_t i = 0; list != nullptr && i < list->size(); ++i) {
-      binds.push_back((*list)[i].value_or(std::string()));
-    }
-    if (node.is_string()) binds.push_back(node.value_or(std::string()));
-    if (binds.empty()) return Complain("bind must be an address or a list of addresses");
-    if (options->binds.empty()) options->binds = std::move(binds);
-    return Status();
-  }
-  return UnknownName(
-      "key", key,
-      std::vector<std::string>{"bind", "workers", "threads", "lease", "memory", "pin", "data",
-                               "models", "suites", "insecure", "single-port", "no-door", "spin"});
+Status ApplyConfigValue(const ConfigEntry& entry, ServeOptions* options) {
+  const auto* key = std::ranges::find(kConfigKeys, entry.key, &ConfigKey::name);
+  if (key != std::end(kConfigKeys)) return key->take(entry, *options);
+  return UnknownName("key", entry.key, std::views::transform(kConfigKeys, &ConfigKey::name));
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
   for (const auto& [key, node] : table) {
-    const Status status = ApplyConfigValue(std::string(key.str()), node, options);
+    const Status status = ApplyConfigValue({std::string(key.str()), node}, options);
     if (!status.ok()) return status.WithContext(path);
   }
   return Status();

@@ -138,7 +138,12 @@ TEST_CASE("A configuration file is checked key by key") {
   };
   refused("worker = 2\n", {file, "did you mean 'workers'?"});
   refused("workers = 1000\n", {file, "workers", "1..64"});
-  refused("workers = 'two'\n", {file, "workers", "1..64"});
+  refused("workers = 'two'\n", {file, "workers is 'two'", "1..64"});
+  refused("pin = 'yes'\n", {file, "pin is 'yes'", "true or false"});
+  refused("data = 7\n", {file, "data is '7'", "a string"});
+  refused("spin = -1\n", {file, "spin is '-1'", "0.."});
+  refused("bind = ['tcp://127.0.0.1:0', 5]\n", {file, "bind is '5'", "a list of addresses"});
+  refused("bind = []\n", {file, "bind is '[]'", "a list of addresses"});
   refused("threads = = 2\n", {file, "line 1"});
   RequireEnd({"--data", data.path(), "--config", data.File("none.toml")}, kBadInput, {"none.toml"});
 }
