@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,18 +22,23 @@ inline constexpr int64_t kReapIntervalMs = 1'000;
 // Time in which the replies sent before the drain may leave the process.
 inline constexpr int64_t kFlushMs = 1'000;
 
-struct ChildOptions {
-  std::string role;      // "gateway", "worker", "dataset-worker"
-  uint32_t index = 0;    // of an environment worker
-  uint32_t threads = 1;  // of an environment worker
-  bool pin = false;      // an environment worker keeps each thread on one core
-  std::string data_folder;
-  std::string models_folder;  // "" for the default
-  std::string suites_folder;  // beside the project's suites; "": none
+// What the user tells the supervisor and the supervisor its children.
+struct CommonOptions {
+  uint32_t threads = 0;       // of each environment worker
+  bool pin = false;           // an environment worker keeps each thread on one core
+  uint32_t memory_mib = 0;    // above which the supervisor replaces a process
+  std::string data_folder;    // exists
+  std::string models_folder;  // exists, or "" for the default
+  std::string suites_folder;  // exists, or "": the project's suites alone
+  // The longest spin of a worker's threads and of its doors' clients; 0: none.
+  std::optional<uint32_t> spin_us;
+};
+
+struct ChildOptions : CommonOptions {
+  std::string role;    // "gateway", "worker", "dataset-worker"
+  uint32_t index = 0;  // of an environment worker
   std::vector<ListeningEndpoint> endpoints;
-  int door_listener = -1;     // of an environment worker; -1: it has no local door
-  uint32_t spin_us = 0;       // the longest spin of a worker and of its doors' clients
-  uint64_t memory_bytes = 0;  // above which the supervisor replaces the process
+  int door_listener = -1;  // of an environment worker; -1: it has no local door
   // Where clients reach each environment worker and the dataset worker, in the form of pb::Port.
   struct Port {
     uint32_t tcp = 0;

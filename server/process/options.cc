@@ -234,13 +234,8 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
 void CompleteChild(const ServeOptions& serve, const ChildFlags& flags, CommandLine* line) {
   ChildOptions& child = line->child;
   line->is_child = true;
+  static_cast<CommonOptions&>(child) = serve;
   child.threads = std::clamp(serve.threads, 1u, limits::kMaxThreads);
-  child.pin = serve.pin;
-  child.data_folder = serve.data_folder;
-  child.models_folder = serve.models_folder;
-  child.suites_folder = serve.suites_folder;
-  child.spin_us = serve.spin_us.value_or(0);
-  child.memory_bytes = uint64_t{serve.memory_mib} << 20;
   for (const std::string& text : flags.listeners) child.endpoints.push_back(ParseListener(text));
   for (const std::string& text : flags.worker_ports) child.worker_ports.push_back(ParsePort(text));
   child.dataset_port = ParsePort(flags.dataset_port);
@@ -332,8 +327,8 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
   };
   if (child.pin) arguments.push_back("--pin");
   if (child.door_listener >= 0) add("--door", std::to_string(child.door_listener));
-  add("--spin", std::to_string(child.spin_us));
-  add("--memory", std::to_string(child.memory_bytes >> 20));
+  add("--spin", std::to_string(child.spin_us.value_or(0)));
+  add("--memory", std::to_string(child.memory_mib));
   if (!child.models_folder.empty()) add("--models", child.models_folder);
   if (!child.suites_folder.empty()) add("--suites", child.suites_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {

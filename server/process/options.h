@@ -11,22 +11,14 @@
 
 namespace b4mrl {
 
-struct ServeOptions {
+struct ServeOptions : CommonOptions {
   std::vector<std::string> binds;  // "tcp://HOST:PORT" or "ipc://PATH"; port 0 picks a free one
   uint32_t workers = 0;
-  uint32_t threads = 0;        // of each worker
-  bool pin = false;            // keep each thread on one core
   uint32_t lease_seconds = 0;  // a session without requests ends after this; 0: the default
-  uint32_t memory_mib = 0;     // a process of the daemon that takes more is replaced
-  std::string data_folder;     // exists
-  std::string models_folder;   // exists, or "" for the default
-  std::string suites_folder;   // exists, or "": the project's suites alone
   bool insecure = false;       // allow addresses that other machines can reach
   bool single_port = false;    // clients reach the gateway alone, which relays
   bool no_door = false;        // clients of this machine use sockets, too
   bool own_folder = false;     // the folder of the first ipc address ends with the daemon
-  std::optional<uint32_t>
-      spin_us;  // longest spin of workers and clients with a local door; 0: none
 };
 
 struct CommandLine {

@@ -179,10 +179,10 @@ void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
 void ChildProcess::KillIfLarge(int64_t now_ms) {
   if (!running() || now_ms < next_memory_look_ms_) return;
   next_memory_look_ms_ = now_ms + kMemoryLookMs;
-  const uint64_t bytes = OwnMemoryBytes(process_id_);
-  if (bytes <= options_.memory_bytes) return;
-  spdlog::warn("{} takes {} MiB of memory, more than {}, and is replaced", ChildName(child_),
-               bytes >> 20, options_.memory_bytes >> 20);
+  const uint64_t mib = OwnMemoryBytes(process_id_) >> 20;
+  if (mib <= options_.memory_mib) return;
+  spdlog::warn("{} takes {} MiB of memory, more than {}, and is replaced", ChildName(child_), mib,
+               options_.memory_mib);
   Kill();
 }
 

@@ -57,13 +57,7 @@ class Supervisor {
 
 void Supervisor::AddChildren(const ServeOptions& options) {
   ChildOptions common;
-  common.threads = options.threads;
-  common.pin = options.pin;
-  common.spin_us = options.spin_us.value_or(0);
-  common.memory_bytes = uint64_t{options.memory_mib} << 20;
-  common.data_folder = options.data_folder;
-  common.models_folder = options.models_folder;
-  common.suites_folder = options.suites_folder;
+  static_cast<CommonOptions&>(common) = options;
   common.worker_ports = listeners_.worker_ports;
   common.dataset_port = listeners_.dataset_port;
   for (const auto& worker : listeners_.workers) {

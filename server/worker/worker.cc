@@ -38,7 +38,8 @@ constexpr char kFromDoor = 'd';
 // may, and those of all workers together three eighths of the machine's memory.
 uint64_t SimulatorBytes(ChildContext& context) {
   const uint64_t of_the_machine = MemoryBytes() / 8 * 3 / context.shared().worker_count();
-  return std::min(context.options().memory_bytes / 4 * 3, of_the_machine);
+  const uint64_t allowed = uint64_t{context.options().memory_mib} << 20;
+  return std::min(allowed / 4 * 3, of_the_machine);
 }
 
 class Worker {
@@ -199,14 +200,15 @@ Status RunWorker(ChildContext& context) {
     return InvalidNumber("--index", context.options().index, "below the number of workers");
   }
   const std::vector<int> cores = CoresOf(context.options());
-  const std::chrono::microseconds spin = SpinBudget(context.options().spin_us);
+  const uint32_t spin_us = context.options().spin_us.value_or(0);
+  const std::chrono::microseconds spin = SpinBudget(spin_us);
   // Pinned before ZeroMQ's thread for input and output starts, which then shares the core: waking a
   // thread of another core costs several microseconds more.
   if (!cores.empty()) PinThisThread({cores[0]});
   Context sockets;
   B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
                          RouterSocket::Bind(sockets, context.options().endpoints));
-  Doors doors(context.options().door_listener, context.options().spin_us);
+  Doors doors(context.options().door_listener, spin_us);
   Worker worker(context, std::move(socket), std::move(doors), spin, cores);
   return worker.Run();
 }

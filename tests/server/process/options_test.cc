@@ -6,20 +6,25 @@
 #include <cstdlib>
 #include <filesystem>
 
+#include "proto/base/child_program.h"
 #include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 namespace {
 
-ServeOptions Parse(std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), "b4mrl-serve");
-  std::vector<char*> argv;
-  for (std::string& argument : arguments) argv.push_back(argument.data());
+// `words` begin with the program's name.
+CommandLine ParseWhole(std::vector<std::string> words) {
+  std::vector<char*> argv = PointersTo(words);
   int exit_code = 0;
   const std::optional<CommandLine> line =
-      ParseCommandLine(static_cast<int>(argv.size()), argv.data(), &exit_code);
+      ParseCommandLine(static_cast<int>(words.size()), argv.data(), &exit_code);
   REQUIRE(line);
-  return line->serve;
+  return *line;
+}
+
+ServeOptions Parse(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "b4mrl-serve");
+  return ParseWhole(std::move(arguments)).serve;
 }
 
 // A folder with the folders that options name.
@@ -90,6 +95,33 @@ TEST_CASE("A flag wins over the key of the configuration file") {
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));
   CHECK(options.suites_folder == folders.folder.File("other"));
+}
+
+TEST_CASE("A child reads from its arguments what the supervisor tells it") {
+  ChildOptions told;
+  told.role = "worker";
+  told.index = 1;
+  told.threads = 3;
+  told.pin = true;
+  told.memory_mib = 66;
+  told.spin_us = 0;
+  told.data_folder = "data";
+  told.models_folder = "models";
+  told.suites_folder = "suites";
+  told.door_listener = 9;
+  const CommandLine line = ParseWhole(ChildArguments(told, 5));
+  CHECK(line.is_child);
+  CHECK(line.shared_memory_fd == 5);
+  CHECK(line.child.role == "worker");
+  CHECK(line.child.index == 1);
+  CHECK(line.child.threads == 3);
+  CHECK(line.child.pin);
+  CHECK(line.child.memory_mib == 66);
+  CHECK(line.child.spin_us == 0u);
+  CHECK(line.child.data_folder == "data");
+  CHECK(line.child.models_folder == "models");
+  CHECK(line.child.suites_folder == "suites");
+  CHECK(line.child.door_listener == 9);
 }
 
 TEST_CASE("A daemon begins where its default data folder cannot be made") {
