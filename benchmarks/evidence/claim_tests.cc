@@ -1,6 +1,7 @@
 // How claims are tested (claims.h).
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -17,6 +18,7 @@ constexpr double kLevel = 0.05;
 // Two cells of which the first is claimed to score higher.
 struct Comparison {
   std::optional<CellScore> higher, lower;
+  std::string algorithm;  // of the first
 
   bool IsThere() const { return higher && lower; }
   bool IsSettled() const { return higher->settled && lower->settled; }
@@ -70,12 +72,14 @@ Unit UnitOfBest(const Claim& claim, const CellScores& scores, size_t benchmark) 
   return unit;
 }
 
-// Algorithms that a claim about benchmarks names and that have no score in a unit. They are left
-// out of it, or the others' scores would decide nothing.
+// Algorithms that a claim names and that have no score in a unit. They are left out of it where the
+// others' scores can decide: not if the claim is about all cells, and of the side that one
+// algorithm has to beat as a whole none can be left out.
 std::set<std::string> LackingIn(const Claim& claim, const CellScores& scores, size_t benchmark) {
   std::set<std::string> lacking;
-  if (claim.test != ClaimTest::kBenchmarks) return lacking;
+  if (claim.test == ClaimTest::kCells) return lacking;
   for (const ClaimSide* side : {&claim.higher, &claim.lower}) {
+    if (claim.test == ClaimTest::kAny && side == &claim.lower) continue;
     for (const std::string& algorithm : side->algorithms) {
       if (!ScoreIn(scores, side->benchmarks[benchmark], algorithm)) lacking.insert(algorithm);
     }
@@ -92,7 +96,7 @@ Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
       if (claim.pairs == ClaimPairs::kSame && one != other) continue;
       if (unit.lacking.contains(one) || unit.lacking.contains(other)) continue;
       unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
-                                  ScoreIn(scores, claim.lower.benchmarks[benchmark], other)});
+                                  ScoreIn(scores, claim.lower.benchmarks[benchmark], other), one});
     }
   }
   return unit;
@@ -171,6 +175,37 @@ Chances TestCells(const Claim& claim, const std::vector<Unit>& units, ClaimResul
   return all;
 }
 
+// Each algorithm of the upper side in each unit is a candidate, which has to beat the whole lower
+// side. That no candidate does is no proof that none can.
+Chances TestAny(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
+  double least = 1;
+  for (const Unit& unit : units) {
+    std::map<std::string, std::vector<Comparison>> candidates;
+    for (const Comparison& comparison : unit.comparisons) {
+      candidates[comparison.algorithm].push_back(comparison);
+    }
+    for (const auto& [algorithm, comparisons] : candidates) {
+      ++result->comparisons;
+      if (!std::ranges::all_of(comparisons, &Comparison::IsThere)) continue;
+      if (!std::ranges::all_of(comparisons, &Comparison::IsSettled)) {
+        ++result->unsettled;
+        continue;
+      }
+      ++result->decided;
+      result->lacking.insert(unit.lacking.begin(), unit.lacking.end());
+      const auto holds = [&](const Comparison& comparison) { return Holds(claim, comparison); };
+      result->holding += std::ranges::all_of(comparisons, holds) ? 1 : 0;
+      double all = 0;
+      for (const Comparison& comparison : comparisons) {
+        CountDifference(comparison, result);
+        all = std::max(all, ChancesOf(claim, comparison).of_claim);
+      }
+      least = std::min(least, all);
+    }
+  }
+  return {std::min(1.0, least * static_cast<double>(result->decided)), 1};
+}
+
 Chances TestUnits(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
   size_t failing = 0;
   std::vector<double> chances_of_claim;
@@ -216,14 +251,24 @@ std::vector<Unit> UnitsOf(const Claim& claim, const CellScores& scores) {
   return units;
 }
 
+Chances TestOf(const Claim& claim, const std::vector<Unit>& units, ClaimResult* result) {
+  switch (claim.test) {
+    case ClaimTest::kBenchmarks:
+      return TestUnits(claim, units, result);
+    case ClaimTest::kCells:
+      return TestCells(claim, units, result);
+    case ClaimTest::kAny:
+      return TestAny(claim, units, result);
+  }
+  return {};
+}
+
 ClaimResult TestClaim(const Claim& claim, const CellScores& scores) {
   ClaimResult result;
   result.least = 1;
   result.most = 0;  // no differences yet
   const std::vector<Unit> units = UnitsOf(claim, scores);
-  const bool by_benchmarks = claim.test == ClaimTest::kBenchmarks;
-  const Chances chances =
-      by_benchmarks ? TestUnits(claim, units, &result) : TestCells(claim, units, &result);
+  const Chances chances = TestOf(claim, units, &result);
   result.favours = chances.of_claim <= chances.of_opposite;
   result.p = std::min(1.0, 2 * std::min(chances.of_claim, chances.of_opposite));
   if (result.decided > 0) {

@@ -70,7 +70,7 @@ Result<Claim> ReadClaim(const toml::table& table, const std::string& where,
   B4MRL_ASSIGN_OR_RETURN(const auto line, keys.Count("line"));
   claim.line = line.value_or(0);
   B4MRL_ASSIGN_OR_RETURN(const std::string test, keys.Text("test", true));
-  B4MRL_ASSIGN_OR_RETURN(const size_t which, Choose("test", test, {"benchmarks", "cells"}));
+  B4MRL_ASSIGN_OR_RETURN(const size_t which, Choose("test", test, {"benchmarks", "cells", "any"}));
   claim.test = static_cast<ClaimTest>(which);
   B4MRL_ASSIGN_OR_RETURN(const std::string pairs, keys.Text("pairs"));
   B4MRL_ASSIGN_OR_RETURN(const size_t pairing, Choose("pairs", pairs, {"all", "same", "best"}));

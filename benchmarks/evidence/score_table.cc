@@ -132,14 +132,12 @@ std::optional<double> Cell::MeanOf(
   return sum / static_cast<double>(runs.size());
 }
 
-bool Cell::IsSettled() const {
+Course Cell::CourseOfScore() const {
+  if (!std::ranges::all_of(runs, &ScoredRun::ended)) return Course::kRising;
   const auto movement = MeanOf(MovementOf);
-  return std::ranges::all_of(runs, &ScoredRun::ended) && movement &&
-         std::abs(*movement) <= kSettledPoints;
-}
-
-bool Cell::HasTooFewEvaluations() const {
-  return std::ranges::all_of(runs, &ScoredRun::ended) && !MeanOf(MovementOf);
+  if (!movement) return Course::kUntold;
+  if (std::abs(*movement) <= kSettledPoints) return Course::kSettled;
+  return *movement > 0 ? Course::kRising : Course::kFalling;
 }
 
 uint64_t Cell::LeastUpdates() const {

@@ -46,6 +46,15 @@ struct ScoredRun {
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 };
 
+// How a cell's score moves from the fifth before to the last one, as the mean over its seeds: by at
+// most kSettledPoints, or further up or down.
+enum class Course {
+  kSettled,
+  kRising,  // or a run has not ended
+  kFalling,
+  kUntold,  // every run has ended, and one was evaluated too rarely
+};
+
 struct Cell {
   std::vector<const ScoredRun*> runs;  // one a seed, ascending
 
@@ -55,11 +64,8 @@ struct Cell {
   // The mean over the seeds of something that a run may lack; nothing if one lacks it.
   std::optional<double> MeanOf(
       const std::function<std::optional<double>(const ScoredRun&)>& value) const;
-  // Every run has ended, and the mean over the seeds moves by at most kSettledPoints from the fifth
-  // before to the last one.
-  bool IsSettled() const;
-  // Every run has ended, and one was evaluated too rarely to say whether it has settled.
-  bool HasTooFewEvaluations() const;
+  Course CourseOfScore() const;
+  bool IsSettled() const { return CourseOfScore() == Course::kSettled; }
   uint64_t LeastUpdates() const;
   uint64_t MostUpdates() const;
 };

@@ -146,7 +146,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   score.std = cell.Deviation();
   score.seeds = cell.runs.size();
   score.settled = cell.IsSettled();
-  score.too_few_evaluations = cell.HasTooFewEvaluations();
+  score.course = cell.CourseOfScore();
   score.last_fifth = cell.MeanOf([](const ScoredRun& run) { return run.fifths.last; });
   score.gain_per_doubling =
       cell.MeanOf([](const ScoredRun& run) { return GainPerDoubling(run.curve); });

@@ -29,7 +29,7 @@ struct CellScore {
   double std = 0;  // between seeds, divided by their number; 0 with one seed
   size_t seeds = 0;
   bool settled = true;
-  bool too_few_evaluations = false;  // to say whether it has settled
+  Course course = Course::kSettled;  // of ours: why it has not settled
   // The mean over the seeds of the scores in the last fifth of the runs, where there is one.
   std::optional<double> last_fifth;
   // Points that another doubling of the updates adds, by the second half of each seed's curve: the

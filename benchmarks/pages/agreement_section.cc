@@ -199,12 +199,13 @@ Table DeviationsTable(const Evidence& evidence, const std::vector<Deviation>& de
   table.title =
       fmt::format("Cells that differ from the paper's by more than {} points.", kExplainedPoints);
   table.caption = fmt::format(
-      "A run that fills several cells stands once. {}: the score still moves, so longer training "
-      "is the first thing to try. Last fifth: the mean score over the last fifth of the run. A "
+      "A run that fills several cells stands once. {}: the score still rises, so longer training "
+      "is the first thing to try; {}: it falls. Last fifth: the mean score over the last fifth of "
+      "the run. A "
       "doubling adds: the points by which each doubling of the updates raises the score (median "
       "slope over the logarithm of the updates, second half of the run). A score that has settled, "
       "by the last two fifths of its run, may still rise by five points a doubling.",
-      kUnsettledMark);
+      kRisingMark, kFallingMark);
   table.columns = {{"Benchmark"},
                    {"Algorithm"},
                    {"Ours", true},

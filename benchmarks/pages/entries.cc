@@ -33,9 +33,19 @@ const PaperPlace* PlaceOf(const std::string& challenge) {
   return place == std::end(kPaperPlaces) ? nullptr : place;
 }
 
-std::string MarkOf(bool settled, bool too_few_evaluations) {
-  if (settled) return "";
-  return fmt::format(" {}", too_few_evaluations ? kUntoldMark : kUnsettledMark);
+// With a space before it; "" of a score that has settled.
+std::string MarkOf(Course course) {
+  switch (course) {
+    case Course::kRising:
+      return fmt::format(" {}", kRisingMark);
+    case Course::kFalling:
+      return fmt::format(" {}", kFallingMark);
+    case Course::kUntold:
+      return fmt::format(" {}", kUntoldMark);
+    case Course::kSettled:
+      break;
+  }
+  return "";
 }
 
 }  // namespace
@@ -43,7 +53,7 @@ std::string MarkOf(bool settled, bool too_few_evaluations) {
 std::string ScoreEntry(const CellScore& score) {
   std::string text = fmt::format("{:.1f}", score.mean);
   if (score.seeds > 1) text += fmt::format(" ± {:.1f}", score.std);
-  return text + MarkOf(score.settled, score.too_few_evaluations);
+  return text + MarkOf(score.course);
 }
 
 std::string UpdatesEntry(const Cell& cell) {
@@ -57,7 +67,7 @@ std::string RangeOf(const std::string& least, const std::string& most) {
 std::string CellEntry(const Cell& cell) {
   std::string text = fmt::format("{:.1f}", cell.Mean());
   if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
-  text += MarkOf(cell.IsSettled(), cell.HasTooFewEvaluations());
+  text += MarkOf(cell.CourseOfScore());
   return fmt::format("{} ({}×{})", text, cell.runs.size(), UpdatesEntry(cell));
 }
 

@@ -12,10 +12,11 @@ namespace b4mrl {
 
 inline constexpr char kMissing[] = "-";        // of a cell that nothing fills
 inline constexpr char kNotDefined[] = "n/a";   // of a cell that nothing can fill
-inline constexpr char kUnsettledMark[] = "↗";  // the score still moves, so it decides nothing
-inline constexpr char kUntoldMark[] = "?";     // nor does one of which that cannot be told
+// Of a score that decides nothing: it still rises, it falls, or of neither can be told.
+inline constexpr char kRisingMark[] = "↗", kFallingMark[] = "↘", kUntoldMark[] = "?";
+inline constexpr char kUnsettledMark[] = "~";  // of a number that rests on such scores
 
-// "46.4", "46.4 ± 0.3" from several seeds, "46.4 ↗" of a cell that has not settled.
+// "46.4", "46.4 ± 0.3" from several seeds, "46.4 ↗" of a cell that still rises.
 std::string ScoreEntry(const CellScore& score);
 // "46.4 ± 0.3 (3×100k)": seeds and updates as well.
 std::string CellEntry(const Cell& cell);

@@ -77,10 +77,11 @@ Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridG
   table.title = "Hybrid gain on each benchmark.";
   table.caption = fmt::format(
       "The best algorithm with one source is the best of those that have a score there: their "
-      "number stands behind it, {} would be all. In brackets: the recipe. Gains of a hybrid with "
+      "number stands behind it, {} would be all. {}: one of the scores has not settled. In "
+      "brackets: the recipe. Gains of a hybrid with "
       "another recipe than its main one stand at the end, beside algorithms that ran with the same "
       "recipe where there are any; no count and no picture has them.",
-      kSingleSourceAlgorithms);
+      kSingleSourceAlgorithms, kUnsettledMark);
   table.columns = {{"Benchmark"},          {"Hybrid"},  {"Gain", true}, {"Best with one source"},
                    {"Paper's gain", true}, {"Its best"}};
   std::map<CellName, const HybridGain*> theirs;

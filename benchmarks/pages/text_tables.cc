@@ -54,6 +54,7 @@ std::string Latex(std::string_view text) {
       {"±", "$\\pm$"},
       {"×", "$\\times$"},
       {"↗", "$\\nearrow$"},
+      {"↘", "$\\searrow$"},
       {"−", "$-$"},
       {"…", "\\ldots{}"},
       {"\n", " "}};

@@ -173,12 +173,18 @@ TEST_CASE("Until a number of updates, a run counts as it was then") {
   const ScoreTable whole = results.Read(OwnBenchmarks());
   CHECK(whole.runs()[0].updates == 1000);
   const Cell& moving = *whole.Find(kClean, whole.series()[0]);
-  CHECK_FALSE(moving.IsSettled());
-  CHECK_FALSE(moving.HasTooFewEvaluations());
+  CHECK(moving.CourseOfScore() == Course::kRising);
   const auto early = [](const ScoredRun&) { return std::optional<uint64_t>(100); };
   const ScoreTable once = results.Read(OwnBenchmarks(), early);
-  CHECK(once.Find(kClean, once.series()[0])->HasTooFewEvaluations());
+  CHECK(once.Find(kClean, once.series()[0])->CourseOfScore() == Course::kUntold);
   CHECK(whole.runs()[0].further.at("full") == 41);
+}
+
+TEST_CASE("A score that gets worse is falling, not rising") {
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .settled = false, .rise = -1}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, table.series()[0])->CourseOfScore() == Course::kFalling);
 }
 
 }  // namespace

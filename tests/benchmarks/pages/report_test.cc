@@ -107,6 +107,12 @@ TEST_CASE("Scores at a budget are those that the runs had then") {
   CHECK_THAT(MarkdownOf({.folder = results.path(), .at = "800"}),
              Catch::Contains("38.0 ↗ (1×800)"));
   CHECK_THAT(MarkdownOf({.folder = results.path(), .at = "small"}), Catch::Contains("(1×1k)"));
+  const MadeResults falling({{.algorithm = "iql",
+                              .benchmarks = {kConfounded},
+                              .score = 40,
+                              .settled = false,
+                              .rise = -1}});
+  CHECK_THAT(MarkdownOf({.folder = falling.path()}), Catch::Contains("40.0 ↘ (1×1k)"));
   const auto unknown = GatherEvidence({.folder = results.path(), .at = "smalll"});
   REQUIRE_FALSE(unknown.ok());
   CHECK_THAT(unknown.status().message(), Catch::Contains("smalll"));
