@@ -168,7 +168,7 @@ Section TablesSection(const Evidence& evidence) {
   Section section;
   section.title = "Scores, beside the paper's";
   section.blocks.emplace_back(Paragraph{fmt::format(
-      "Scores are normalised as in D4RL: 0 is a random policy, 100 the expert; Highway's are "
+      "Scores are normalised as in D4RL: 0 is a random policy, 100 D4RL's expert; Highway's are "
       "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; "
       "± is the standard deviation over seeds (with their number as divisor), which a single "
       "seed has not. {} marks a cell of which a run still goes on, or whose mean score over "
