@@ -42,9 +42,12 @@ def simulators() -> list[tuple[str, str]]:
 
 
 def environment_workers(client: b4mrl.Client) -> list[int]:
-    """Their process ids."""
-    workers = client.server_status().workers
-    return [worker.process_id for worker in workers if worker.role.startswith("worker-")]
+    """Their process ids, but for those that are dead and have no successor yet.
+
+    Of these the status says 0, and a signal to 0 would hit the tests themselves.
+    """
+    workers = [each for each in client.server_status().workers if each.role.startswith("worker-")]
+    return [worker.process_id for worker in workers if worker.process_id != 0]
 
 
 def pytest_sessionfinish() -> None:
