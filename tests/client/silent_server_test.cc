@@ -21,6 +21,15 @@ pb::Request Hello(const std::string& text) {
   return request;
 }
 
+TEST_CASE("a server that is not there is unavailable") {
+  const SocketFolder folder;
+  Context context;
+  Result<Connection> connection = Connection::Open(context, folder.Address("nobody"), "");
+  REQUIRE(connection.ok());
+  const auto reply = connection->Call(Hello("x"), Frame(), Deadline::AfterMs(100));
+  CHECK(reply.status().code() == StatusCode::kUnavailable);
+}
+
 TEST_CASE("a cancelled wait goes on for as long as it was told, while the server is silent") {
   constexpr std::chrono::milliseconds kGrace{300};
   const SocketFolder folder;
