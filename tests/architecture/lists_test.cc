@@ -1,7 +1,7 @@
 // Lists against files: what stands in a folder is built, and what is built can be named.
-#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cctype>
+#include <filesystem>
 #include <regex>
 #include <set>
 
@@ -11,17 +11,6 @@ namespace b4mrl {
 namespace {
 
 std::string FileName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
-
-bool Mentions(const std::string& text, const std::string& name) {
-  for (size_t at = text.find(name); at != std::string::npos; at = text.find(name, at + 1)) {
-    const bool starts = at == 0 || std::string("/ \n\t(").find(text[at - 1]) != std::string::npos;
-    const size_t end = at + name.size();
-    const bool ends =
-        end == text.size() || std::string(" \n\t)").find(text[end]) != std::string::npos;
-    if (starts && ends) return true;
-  }
-  return false;
-}
 
 // "half_cheetah" -> "HalfCheetah"
 std::string CamelCase(const std::string& snake) {
@@ -106,31 +95,43 @@ TEST_CASE("Each learner is one file and one line of the list") {
   CHECK(files == listed);
 }
 
-// The folders whose sources a CMakeLists.txt builds as a whole, by b4mrl_room_sources.
-std::set<std::string> BuiltFolders(const std::vector<SourceFile>& builds) {
+std::string FolderOf(const std::string& path) { return path.substr(0, path.rfind('/')); }
+
+// Adds the folders whose sources a CMakeLists.txt builds as a whole, by b4mrl_room_sources.
+void AddRooms(const SourceFile& build, std::set<std::string>& folders) {
   const std::regex call(R"(b4mrl_room_sources\(\w+\s([^)]*)\))");
-  std::set<std::string> folders;
-  for (const SourceFile& build : builds) {
-    const std::string base = build.path.substr(0, build.path.rfind('/') + 1);
-    for (const std::string& arguments : MatchesIn(build.text(), call)) {
-      for (const std::string& folder : MatchesIn(arguments, std::regex(R"(([\w/.]+))"))) {
-        folders.insert(folder == "." ? base.substr(0, base.size() - 1) : base + folder);
-      }
+  for (const std::string& arguments : MatchesIn(build.text(), call)) {
+    for (const std::string& folder : MatchesIn(arguments, std::regex(R"(([\w/.]+))"))) {
+      folders.insert(FolderOf(build.path) + (folder == "." ? "" : "/" + folder));
     }
   }
-  return folders;
+}
+
+// Adds the sources that a CMakeLists.txt builds by name, as paths from the repository's root.
+// Comments and properties may name others.
+void AddNames(const SourceFile& build, std::set<std::string>& names) {
+  const std::regex builds_nothing(R"(#[^\n]*|set_source_files_properties\([^)]*\))");
+  const std::regex root(R"(^\$\{(PROJECT|CMAKE)_SOURCE_DIR\}/)");
+  const std::string text = std::regex_replace(build.text(), builds_nothing, "");
+  for (const std::string& name : MatchesIn(text, std::regex(R"(([\w${}./-]+\.cc)\b)"))) {
+    const std::string from_root = std::regex_replace(name, root, "");
+    const std::filesystem::path base = from_root == name ? FolderOf(build.path) : "";
+    names.insert((base / from_root).lexically_normal().generic_string());
+  }
 }
 
 TEST_CASE("Every source file is built: by its folder or by its name") {
-  const std::vector<SourceFile> builds = ReadTree({"CMakeLists.txt"});
-  const std::set<std::string> folders = BuiltFolders(builds);
+  std::set<std::string> folders;
+  std::set<std::string> names;
+  for (const SourceFile& build : ReadTree({"CMakeLists.txt"})) {
+    AddRooms(build, folders);
+    AddNames(build, names);
+  }
   CHECK(folders.size() > 30);
+  CHECK(names.size() > 30);
   for (const SourceFile& file : ReadTree({".cc"})) {
-    const bool named = std::any_of(builds.begin(), builds.end(), [&](const SourceFile& build) {
-      return build.folder == file.folder && Mentions(build.text(), FileName(file.path));
-    });
     INFO(file.path);
-    CHECK((named || folders.contains(file.path.substr(0, file.path.rfind('/')))));
+    CHECK((names.contains(file.path) || folders.contains(FolderOf(file.path))));
   }
 }
 
