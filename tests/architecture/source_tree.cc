@@ -11,7 +11,7 @@ namespace {
 namespace fs = std::filesystem;
 
 const char* const kFolders[] = {"proto",      "data",       "server", "client",
-                                "algorithms", "benchmarks", "tests"};
+                                "algorithms", "benchmarks", "tests",  "cmake"};
 
 }  // namespace
 

@@ -18,7 +18,7 @@ struct SourceFile {
   std::string text() const;
 };
 
-// What the tree's C++ folders hold, sorted by path; `suffixes` such as ".h".
+// What the tree's folders of sources hold, sorted by path; `suffixes` such as ".h".
 std::vector<SourceFile> ReadTree(const std::vector<std::string>& suffixes);
 // One file; fails the running test when it is missing.
 SourceFile ReadSource(const std::string& path);
