@@ -16,6 +16,10 @@ from b4mrl.wire.link import LONGEST_BLOCK_MS, NOISE, Message
 # to a new socket before the address of the closed one is free again.
 _numbers = itertools.count()
 
+# Messages that a socket holds before they are received, each of up to 64 MiB: twice the requests that
+# a connection may have in flight.
+_UNREAD_REPLIES = 2 * limits.MAX_REQUESTS_IN_FLIGHT
+
 _MORE = zmq.NOBLOCK | zmq.SNDMORE
 
 
@@ -168,7 +172,7 @@ def _configure(socket: zmq.Socket[bytes]) -> None:
     socket.set(zmq.LINGER, 0)
     socket.set(zmq.MAXMSGSIZE, limits.MAX_PAYLOAD_BYTES)
     socket.set(zmq.SNDHWM, limits.HIGH_WATER_MARK)
-    socket.set(zmq.RCVHWM, limits.HIGH_WATER_MARK)
+    socket.set(zmq.RCVHWM, _UNREAD_REPLIES)
     socket.set(zmq.HANDSHAKE_IVL, limits.HANDSHAKE_MS)
     socket.set(zmq.HEARTBEAT_IVL, limits.HEARTBEAT_INTERVAL_MS)
     socket.set(zmq.HEARTBEAT_TIMEOUT, limits.HEARTBEAT_TIMEOUT_MS)

@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+import zmq
 from b4mrl import errors
-from b4mrl.wire import limits
+from b4mrl.wire import limits, sockets
 
 ROOT = Path(__file__).parents[4]
 BASE = ROOT / "proto" / "base"
@@ -22,6 +23,14 @@ def test_limits_are_those_of_the_server() -> None:
     assert len(ours) > 10
     for name, value in ours.items():
         assert header[name.replace("_", "").lower()] == value, name
+
+
+def test_a_socket_holds_as_few_unread_replies_as_in_cpp() -> None:
+    source = (ROOT / "proto" / "wire" / "socket.cc").read_text()
+    assert "kUnreadReplies = 2 * limits::kMaxRequestsInFlight;" in source
+    link = sockets.open_link("tcp://127.0.0.1:1")
+    assert link._socket.get(zmq.RCVHWM) == 2 * limits.MAX_REQUESTS_IN_FLIGHT
+    link.close()
 
 
 def test_every_status_code_has_its_exception() -> None:
