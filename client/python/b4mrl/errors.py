@@ -71,7 +71,7 @@ class GapError(B4mrlError):
 
 
 class LimitExceededError(B4mrlError):
-    """A limit of proto/PROTOCOL.md, named in the message, is reached."""
+    """A limit of proto/PROTOCOL.md, named in the message, is reached for the moment."""
 
     code = 7
 

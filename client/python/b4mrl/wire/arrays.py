@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from b4mrl.errors import InternalError, LimitExceededError
+from b4mrl.errors import InternalError, InvalidArgumentError
 from b4mrl.wire import limits
 
 Array = NDArray[Any]
@@ -44,7 +44,7 @@ def dtype_of(number: int) -> np.dtype[Any]:
 def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
     """Returns a payload with `arrays` and appends their entries to `table` (Request.arrays).
 
-    Arrays may have any memory order, and a dtype that DType has. LimitExceededError: the arrays
+    Arrays may have any memory order, and a dtype that DType has. InvalidArgumentError: the arrays
     take more than 64 MiB.
     """
     offsets = []
@@ -55,7 +55,7 @@ def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
         offsets.append(start)
         end = start + array.nbytes
     if end > limits.MAX_PAYLOAD_BYTES:
-        raise LimitExceededError(
+        raise InvalidArgumentError(
             f"the arrays have {end} bytes, allowed: at most {limits.MAX_PAYLOAD_BYTES}"
         )
     payload = bytearray(end)

@@ -46,6 +46,7 @@ from b4mrl.wire.tables import Tables
 DEADLINE_MS = 120_000
 REACH_MS = 10_000  # wait for a daemon that nobody may have started, or that has ended
 FAREWELL_MS = 500  # deadline of a session's last request, whose daemon may have ended
+_MOST_BYTES = limits.MAX_ENVELOPE_BYTES - 64  # of a request, without version, token, id, deadline
 _QUIET_SECONDS = 1.0  # a request waits for so long before anything looks for the daemon's end
 
 _all: weakref.WeakSet[Connection] = weakref.WeakSet()
@@ -162,7 +163,8 @@ class Connection:
             deadline_ms: time limit for the reply, in milliseconds.
 
         Raises:
-            LimitExceededError: too many requests are in flight, or the envelope is too long.
+            LimitExceededError: too many requests are in flight.
+            InvalidArgumentError: the envelope is too long.
             UnavailableError: the queue towards the daemon is full.
             FailedPreconditionError: the connection was closed, or made before a fork, or another
                 thread is in a call.
@@ -175,10 +177,10 @@ class Connection:
                 f"allowed: at most {limits.MAX_REQUESTS_IN_FLIGHT} requests in flight"
             )
         envelope = request if isinstance(request, bytes) else request.SerializeToString()
-        if len(envelope) + 64 > limits.MAX_ENVELOPE_BYTES:
-            raise errors.LimitExceededError(
+        if len(envelope) > _MOST_BYTES:
+            raise errors.InvalidArgumentError(
                 f"the request has {len(envelope)} bytes beside its arrays, "
-                f"allowed: at most {limits.MAX_ENVELOPE_BYTES}"
+                f"allowed: at most {_MOST_BYTES}"
             )
         request_id = self._next_id
         pending = Pending(envelope, payload)

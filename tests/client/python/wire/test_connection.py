@@ -266,7 +266,8 @@ def test_an_endless_envelope_is_refused_here(start, connect) -> None:
     connection = connect(start(lambda request, count: []))
     request = hello()
     request.hello.client = "x" * 65536
-    with pytest.raises(errors.LimitExceededError):
+    # Not LimitExceededError, upon which a caller tries again later.
+    with pytest.raises(errors.InvalidArgumentError, match="allowed: at most 65472$"):
         connection.send(request, bytearray(), 1000)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from b4mrl.errors import LimitExceededError
+from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire import arrays, plans
 from b4mrl.wire.messages import Request
 
@@ -35,5 +35,5 @@ def test_an_array_in_another_memory_order_travels_row_by_row() -> None:
 def test_arrays_above_the_limit_are_refused_each_time() -> None:
     endless = np.broadcast_to(np.zeros((), np.float64), (2**23 + 1,))
     for _ in range(2):
-        with pytest.raises(LimitExceededError):
+        with pytest.raises(InvalidArgumentError):
             plans.pack("restore", {"qpos": endless})
