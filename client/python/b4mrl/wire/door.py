@@ -39,8 +39,6 @@ from b4mrl.wire.spinning import Spinner
 _GREETING = struct.Struct("<5I12x")  # magic, version, bytes of the rings up and down, spin_us
 _MAGIC, _VERSION = 0x44523442, 1
 _MEMORY_START = 4096  # of the ring up; the ring down follows
-_RING_BYTES = [1 << bits for bits in range(16, 21)]
-_MOST_SPIN_US = 10_000
 
 # Words of 64 bits: up.head, up.tail, down.head, down.tail. Words of 32 bits: who sleeps for what.
 _UP, _DOWN = (8, 16), (24, 32)
@@ -227,12 +225,12 @@ class Door:
                 return None
             magic, version, up, down, spin_us = _GREETING.unpack(greeting)
             is_known = (magic, version) == (_MAGIC, _VERSION)
-            if not is_known or up not in _RING_BYTES or down not in _RING_BYTES:
+            if not is_known or not _is_ring(up) or not _is_ring(down):
                 return None
             is_whole = os.fstat(descriptors[0]).st_size == _MEMORY_START + up + down
             if not is_whole or _can_shrink(descriptors[0]):
                 return None
-            self._spinner = Spinner(min(spin_us, _MOST_SPIN_US) / 1e6)
+            self._spinner = Spinner(min(spin_us, limits.MAX_SPIN_US) / 1e6)
             return _Memory(link, descriptors[0], up, down)
         except TimeoutError:
             raise  # no call above times out: a signal handler raised it
@@ -327,6 +325,12 @@ def open_door(name: str, wait_ms: int) -> Door | None:
         return door
     door.close()
     return None
+
+
+def _is_ring(size: int) -> bool:
+    """Whether a ring may have so many bytes: a power of two."""
+    is_power = size & (size - 1) == 0
+    return is_power and limits.MIN_RING_BYTES <= size <= limits.MAX_RING_BYTES
 
 
 def _is_trusted(link: socket.socket) -> bool:

@@ -30,3 +30,8 @@ HEARTBEAT_TTL_MS = 10_000
 
 # Messages queued in a socket before sending fails.
 HIGH_WATER_MARK = 1_000
+
+# The local door.
+MIN_RING_BYTES = 64 * 1024  # of each of a connection's two rings
+MAX_RING_BYTES = 1024 * 1024
+MAX_SPIN_US = 10_000

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import zmq
 from b4mrl import errors
-from b4mrl.wire import limits, sockets
+from b4mrl.wire import connection, deliveries, door, limits, listening, sockets, spinning
+from b4mrl.wire.link import LONGEST_BLOCK_MS
 
 ROOT = Path(__file__).parents[4]
 BASE = ROOT / "proto" / "base"
@@ -23,6 +24,37 @@ def test_limits_are_those_of_the_server() -> None:
     assert len(ours) > 10
     for name, value in ours.items():
         assert header[name.replace("_", "").lower()] == value, name
+
+
+CONSTANTS = [
+    ("client/connection.cc", "kPatienceFraction", deliveries._PATIENCE_FRACTION),
+    ("client/connection.cc", "kQuiet", connection._QUIET_SECONDS),
+    ("client/connection.cc", "kRestart", connection.REACH_MS / 1000),
+    ("proto/wire/door.h", "kMagic", door._MAGIC),
+    ("proto/wire/door.h", "kVersion", door._VERSION),
+    ("proto/wire/door.h", "kDoorWordsBytes", door._MEMORY_START),
+    ("proto/wire/door.h", "kSleepsForBytes", door._FOR_BYTES),
+    ("proto/wire/door.h", "kSleepsForSpace", door._FOR_SPACE),
+    ("proto/wire/listening.cc", "kBetweenLooks", listening._LOOK_SECONDS),
+    ("proto/wire/listening.cc", "kTcpWaitMs", listening._TCP_WAIT_MS),
+    ("proto/wire/socket.cc", "kLongestBlockMs", LONGEST_BLOCK_MS),
+    ("proto/base/spin.h", "kWakeUp", spinning._WAKE_UP * 1e6),
+    ("proto/base/spin.h", "kLostSlice", spinning._LOST_SLICE * 1e6),
+    ("proto/base/spin.h", "kRestsAfterLoss", spinning._RESTS_AFTER_LOSS),
+    ("proto/base/spin.h", "kRestsInVain", spinning._RESTS_IN_VAIN),
+    ("proto/base/spin.h", "kLongestLearnt", spinning._LONGEST_LEARNT * 1e6),
+    ("proto/base/spin.h", "kMemory", spinning._MEMORY),
+]
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "ours"), CONSTANTS, ids=[name for _, name, _ in CONSTANTS]
+)
+def test_a_constant_is_that_of_the_cpp_source(path: str, name: str, ours: float) -> None:
+    """In the unit of C++: 2, seconds{2} or microseconds(2)."""
+    text = (ROOT / path).read_text()
+    (theirs,) = re.findall(rf"constexpr [\w:]+ {name}(?: = (?:[\w:]+\()?|\{{)(\w+)[;)}}]", text)
+    assert int(theirs, 0) == pytest.approx(ours, rel=1e-12)  # fractions of seconds are rounded
 
 
 def test_a_socket_holds_as_few_unread_replies_as_in_cpp() -> None:
