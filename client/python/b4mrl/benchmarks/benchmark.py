@@ -22,6 +22,7 @@ from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
 from b4mrl.errors import (
     FailedPreconditionError,
+    InternalError,
     InvalidArgumentError,
     UnknownNameError,
     unknown_name,
@@ -169,7 +170,7 @@ class Benchmark(Shown):
         """
         space = self._spec.observation
         if self._dataset is not None:
-            hidden = list(self._dataset.hidden_dimensions)
+            hidden = _hidden_in(self._dataset, space)
         else:
             hidden = _hidden_by(self._seen_through, space)
         seen = np.ones(space.size, np.bool_)
@@ -371,7 +372,25 @@ def find_info(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
     return found[name]
 
 
+def _hidden_in(dataset: Dataset, space: SpaceSpec) -> list[int]:
+    """Indices of the dimensions that a dataset hides. InternalError: there is no such dimension."""
+    hidden = list(dataset.hidden_dimensions)
+    for dimension in hidden:
+        if dimension >= space.size:
+            raise InternalError(f"the server's reply hides dimension {dimension} of {space.size}")
+    return hidden
+
+
 def _hidden_by(perturbations: tuple[NamedArgument, ...], space: SpaceSpec) -> list[int]:
-    """Indices of the dimensions that perturbations in parametric form hide."""
+    """Indices of the dimensions that perturbations in parametric form hide.
+
+    InvalidArgumentError: there is no such dimension.
+    """
     hidden = [item.argument for item in perturbations if item.name == "hidden"]
-    return [int(index) for argument in hidden for index in argument.split("+")]
+    names = [name for argument in hidden for name in argument.split("+")]
+    for name in names:
+        if not (name.isascii() and name.isdigit() and int(name) < space.size):
+            raise InvalidArgumentError(
+                f"hidden dimension is '{name}', allowed: a whole number in 0..{space.size - 1}"
+            )
+    return [int(name) for name in names]

@@ -19,6 +19,7 @@ from b4mrl.benchmarks.seeds import role_seed
 from b4mrl.dataset import Dataset
 from b4mrl.dataset_stats import DatasetStats
 from b4mrl.serve import find_server
+from b4mrl.simulators import NamedArgument
 from conftest import BENCHMARK_ROWS as ROWS
 from test_documents import program_with
 
@@ -117,6 +118,25 @@ def test_the_mask_hides_what_the_training_hid(
     np.testing.assert_array_equal(np.flatnonzero(~bench.mask), hidden)
     with pytest.raises(ValueError, match="read-only"):  # evaluations use the same array
         bench.mask[:] = True
+
+
+@pytest.mark.parametrize("name", ["17", "-1", "9_0", "\u0669"])
+def test_a_mask_refuses_a_dimension_that_a_server_makes_up(
+    medium: b4mrl.Client, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    in_force = (NamedArgument("hidden", f"9+{name}"),)
+    monkeypatch.setattr(Benchmark, "_seen_through", in_force)
+    wanted = f"hidden dimension is '{name}', allowed: a whole number in 0..16"  # as in C++
+    with pytest.raises(errors.InvalidArgumentError, match=f"^{re.escape(wanted)}$"):
+        medium.benchmark("HalfCheetah/simulators/hidden-high").mask
+
+
+def test_a_mask_refuses_a_dimension_that_a_dataset_does_not_have(medium: b4mrl.Client) -> None:
+    bench = medium.benchmark(HIDDEN)
+    bench.dataset.hidden_dimensions = (9, 17)
+    wanted = "^the server's reply hides dimension 17 of 17$"  # as in C++
+    with pytest.raises(errors.InternalError, match=wanted):
+        bench.mask
 
 
 def test_a_policy_sees_zeros_where_the_mask_hides_unless_it_observes_in_full(
