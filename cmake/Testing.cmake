@@ -7,16 +7,14 @@
 # Before its first run CTest knows no test's time, so those that may run beside others tell theirs
 # (property COST): they begin first, the longest at the head, and no core waits for them at the end.
 function(b4mrl_test name)
-  cmake_parse_arguments(ARG "" "TIMEOUT;LONG;ALONGSIDE" "SOURCES;LIBS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT;LONG;ALONGSIDE" "SOURCES;LIBS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
   add_executable(${name} ${ARG_SOURCES})
   target_link_libraries(${name} PRIVATE b4mrl_catch_main ${ARG_LIBS})
-  target_compile_definitions(${name} PRIVATE
-    B4MRL_SOURCE_DIR="${CMAKE_SOURCE_DIR}" B4MRL_BINARY_DIR="${CMAKE_BINARY_DIR}")
   add_test(NAME ${name} COMMAND ${name})
-  set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+  set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT})
   if(ARG_ALONGSIDE)
     set_tests_properties(${name} PROPERTIES COST ${ARG_ALONGSIDE})
   else()
@@ -27,5 +25,21 @@ function(b4mrl_test name)
     add_test(NAME ${long} COMMAND ${name} "[long]")
     set_tests_properties(${long} PROPERTIES
       TIMEOUT ${ARG_LONG} LABELS "long;release-only" RUN_SERIAL TRUE)
+  endif()
+endfunction()
+
+# b4mrl_script_test(name COMMAND word ... TIMEOUT seconds [COST seconds] [LONG]): a program that ends
+# with code 77 where something is missing that it needs, such as a package to download; it counts as
+# skipped then. COST: about so many seconds. LONG: a proof of minutes, which has the machine to itself.
+function(b4mrl_script_test name)
+  cmake_parse_arguments(ARG "LONG" "TIMEOUT;COST" "COMMAND" ${ARGN})
+  add_test(NAME ${name} COMMAND ${ARG_COMMAND})
+  set_tests_properties(${name} PROPERTIES
+    SKIP_RETURN_CODE 77 TIMEOUT ${ARG_TIMEOUT} LABELS release-only)
+  if(ARG_COST)
+    set_tests_properties(${name} PROPERTIES COST ${ARG_COST})
+  endif()
+  if(ARG_LONG)
+    set_tests_properties(${name} PROPERTIES LABELS "long;release-only" RUN_SERIAL TRUE)
   endif()
 endfunction()
