@@ -54,6 +54,9 @@ if(B4MRL_COVERAGE)
   add_link_options(--coverage)
 endif()
 
+# Most of a compilation is reading headers, which the files of a room share (CONTRIBUTING.md).
+option(B4MRL_WHOLE_ROOMS "Compile the files of a room as one" OFF)
+
 find_program(B4MRL_CCACHE ccache)
 if(B4MRL_CCACHE)
   set(CMAKE_CXX_COMPILER_LAUNCHER ${B4MRL_CCACHE})

@@ -1,17 +1,22 @@
-# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE seconds]):
+# b4mrl_test(name SOURCES a_test.cc ... LIBS lib ... [TIMEOUT seconds] [LONG seconds] [ALONGSIDE seconds]
+# [WHOLE]):
 # a Catch2 binary registered with CTest. Every binary shares one compiled Catch2 main. LONG: the cases
 # tagged "[long]" are proofs of minutes, a test of their own with that time limit. ALONGSIDE: may run
 # beside another test, since the times that it waits for others are generous, and takes about so many
-# seconds; tests that are no Catch2 binaries may, unless they say RUN_SERIAL.
+# seconds; tests that are no Catch2 binaries may, unless they say RUN_SERIAL. WHOLE: its
+# files are compiled as one where B4MRL_WHOLE_ROOMS has those of a room compiled so.
 #
 # Before its first run CTest knows no test's time, so those that may run beside others tell theirs
 # (property COST): they begin first, the longest at the head, and no core waits for them at the end.
 function(b4mrl_test name)
-  cmake_parse_arguments(ARG "" "TIMEOUT;LONG;ALONGSIDE" "SOURCES;LIBS" ${ARGN})
+  cmake_parse_arguments(ARG "WHOLE" "TIMEOUT;LONG;ALONGSIDE" "SOURCES;LIBS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
   add_executable(${name} ${ARG_SOURCES})
+  if(ARG_WHOLE)
+    set_source_files_properties(${ARG_SOURCES} PROPERTIES UNITY_GROUP ${name})
+  endif()
   target_link_libraries(${name} PRIVATE b4mrl_catch_main ${ARG_LIBS})
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES TIMEOUT ${ARG_TIMEOUT})

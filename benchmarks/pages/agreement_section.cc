@@ -19,11 +19,11 @@ namespace {
 constexpr double kExplainedPoints = 15;
 
 // The figures of an agreement, in the order in which tables have them.
-struct Figure {
+struct RankFigure {
   const char* name;
   Agreement PaperAgreement::*of;
 };
-constexpr Figure kFigures[] = {
+constexpr RankFigure kFigures[] = {
     {"scores (Spearman)", &PaperAgreement::scores},
     {"effects of flaws (Spearman)", &PaperAgreement::effects},
     {"algorithms inside a benchmark (mean Kendall)", &PaperAgreement::rankings},
@@ -80,7 +80,7 @@ Table RanksTable(const PaperAgreement& settled) {
       "cells could give, not what other seeds would.";
   table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
                    {"Floor", true}, {"Ceiling", true}};
-  for (const Figure& figure : kFigures) {
+  for (const RankFigure& figure : kFigures) {
     const Agreement& each = settled.*figure.of;
     table.rows.push_back({figure.name, fmt::format("{}", each.count), Fixed(each.ours, 2),
                           IntervalEntry(each.interval, 2), Fixed(each.floor, 2),
@@ -103,10 +103,10 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
       "All: "
       "also cells that have not settled.";
   table.columns = {{"Cells"}};
-  for (const Figure& figure : kFigures) table.columns.push_back({figure.name, true});
+  for (const RankFigure& figure : kFigures) table.columns.push_back({figure.name, true});
   const auto add = [&](const std::string& which, const PaperAgreement& agreement) {
     std::vector<std::string> row = {which};
-    for (const Figure& figure : kFigures) {
+    for (const RankFigure& figure : kFigures) {
       const Agreement& each = agreement.*figure.of;
       row.push_back(
           fmt::format("{} ({}; {})", Fixed(each.ours, 2), each.count, Fixed(each.floor, 2)));

@@ -44,19 +44,19 @@ Hdf5Handle CreationList() {
   return list;
 }
 
-struct Column {
-  Hdf5Handle dataset;
-  Hdf5Handle type;
-  Hdf5ColumnOptions options;
-  std::string path;
-  size_t row_bytes = 0;
-  uint64_t rows_in_file = 0;
-  std::vector<std::byte> buffer;  // fewer than chunk_rows rows
-};
-
 }  // namespace
 
 struct Hdf5Writer::State {
+  struct Column {
+    Hdf5Handle dataset;
+    Hdf5Handle type;
+    Hdf5ColumnOptions options;
+    std::string path;
+    size_t row_bytes = 0;
+    uint64_t rows_in_file = 0;
+    std::vector<std::byte> buffer;  // fewer than chunk_rows rows
+  };
+
   explicit State(AtomicFile atomic) : file(std::move(atomic)) {}
   ~State() { CloseFile(); }
 
@@ -165,7 +165,7 @@ Result<Hdf5Writer::ColumnId> Hdf5Writer::CreateColumn(std::string_view path,
                               path));
   }
   B4MRL_RETURN_IF_ERROR(state_->EnsureGroups(path));
-  Column column;
+  State::Column column;
   column.options = options;
   column.path = path;
   column.type = FileType(options.type);
@@ -196,7 +196,7 @@ Status Hdf5Writer::AppendBytes(ColumnId id, Hdf5Type given, std::span<const std:
   if (id >= state_->columns.size()) {
     return InvalidNumber("column", static_cast<double>(id), "one that CreateColumn returned");
   }
-  Column& column = state_->columns[id];
+  State::Column& column = state_->columns[id];
   const Hdf5Type type = column.options.type;
   const bool types_fit = given == type || (given == Hdf5Type::kInteger && type == Hdf5Type::kBool);
   if (!types_fit || bytes.size() % column.row_bytes != 0) {
@@ -334,7 +334,7 @@ Status Hdf5Writer::WriteNumber(std::string_view path, double value) {
 }
 
 Status Hdf5Writer::Commit(Existing existing) {
-  for (Column& column : state_->columns) B4MRL_RETURN_IF_ERROR(state_->FlushColumn(column));
+  for (State::Column& column : state_->columns) B4MRL_RETURN_IF_ERROR(state_->FlushColumn(column));
   const std::string path = state_->file.path();
   const bool flushed = H5Fflush(state_->handle.get(), H5F_SCOPE_GLOBAL) >= 0;
   state_->CloseFile();
