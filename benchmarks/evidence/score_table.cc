@@ -52,7 +52,10 @@ void ReadOrigin(const Json& json, ScoredRun* run) {
   run->version = TextOf(json, "version");
   run->commit = TextOf(json, "commit");
   run->processor = TextOf(json, "processor");
-  run->columns_sha256 = TextOf(EntryOf(json, "dataset"), "columns_sha256");
+  const Json& dataset = EntryOf(json, "dataset");
+  run->dataset_file = TextOf(dataset, "name");
+  run->rows = CountOf(dataset, "rows").value_or(0);
+  run->columns_sha256 = TextOf(dataset, "columns_sha256");
   std::set<std::string> kernels;
   for (const Json& session : EntryOf(json, "sessions")) {
     kernels.insert(TextOf(session, "blas_kernel"));

@@ -31,6 +31,8 @@ struct ScoredRun {
   std::string id, cell_id, file;  // `file` without its folder
   Series series;
   std::string simulator, dataset;  // "": none
+  std::string dataset_file;        // with its version: "HalfCheetah/medium-v0"
+  uint64_t rows = 0;               // of that
   std::vector<std::string> benchmarks;
   uint64_t seed = 0;
   double score = 0;        // normalised; the return where the task has no reference returns

@@ -104,6 +104,16 @@ std::string EffortOf(const Evidence& evidence) {
       lacking.empty() ? "" : fmt::format(" Nothing of {} has run yet.", lacking));
 }
 
+// Runs on other data than a benchmark's; "" if there are none.
+std::string OtherRowsOf(const Evidence& evidence) {
+  if (!evidence.other_rows) return "";
+  const OtherRows& others = *evidence.other_rows;
+  return fmt::format(
+      "Not to be compared: {} of the runs learned from other rows than those published as their "
+      "dataset, for example from {} instead of {} rows of {}.",
+      others.runs, Amount(others.rows), Amount(others.published), others.dataset);
+}
+
 // Which recipe stands for an algorithm that ran with several; "" if none has.
 std::string RecipesOf(const Evidence& evidence) {
   std::vector<std::string> names;
@@ -135,8 +145,9 @@ std::vector<Block> Opening(const Evidence& evidence) {
       "2407.00806), of which this is an independent implementation.",
       SummaryOf(evidence))});
   blocks.emplace_back(Paragraph{EffortOf(evidence)});
-  const std::string recipes = RecipesOf(evidence);
-  if (!recipes.empty()) blocks.emplace_back(Paragraph{recipes});
+  for (const std::string& text : {OtherRowsOf(evidence), RecipesOf(evidence)}) {
+    if (!text.empty()) blocks.emplace_back(Paragraph{text});
+  }
   return blocks;
 }
 

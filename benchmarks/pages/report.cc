@@ -79,6 +79,8 @@ Result<Evidence> GatherEvidence(const ReportOptions& options) {
   evidence.paper = PaperScores(evidence.benchmarks);
   evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
   evidence.ours = OwnScores(evidence.table, evidence.deviations);
+  B4MRL_ASSIGN_OR_RETURN(const PublishedDatasets published, ReadPublishedDatasets());
+  evidence.other_rows = RunsOnOtherRows(evidence.table, published);
   // Claims about "confounding/*" are about the project's benchmarks, whatever others are named.
   B4MRL_ASSIGN_OR_RETURN(const auto own, ReadSuites({DefaultSuitesFolder()}));
   B4MRL_ASSIGN_OR_RETURN(evidence.claims, ReadClaims(OwnFile("claims.toml"), own));

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "benchmarks/evidence/claims.h"
+#include "benchmarks/evidence/other_rows.h"
 #include "benchmarks/evidence/score_table.h"
 #include "benchmarks/evidence/scores.h"
 #include "benchmarks/pages/document.h"
@@ -24,6 +26,7 @@ struct Evidence {
   CellScores paper;
   BorrowedDeviations deviations;
   CellScores ours;  // each algorithm by its main series
+  std::optional<OtherRows> other_rows;
   std::vector<Claim> claims;
   std::map<CellName, std::string> explanations;  // why a score is far from the paper's
   // The paper's table of errors: environment, error, our perturbation, its parameter, its value.

@@ -1,0 +1,24 @@
+#include "benchmarks/evidence/other_rows.h"
+
+namespace b4mrl {
+
+std::optional<OtherRows> RunsOnOtherRows(const ScoreTable& table,
+                                         const PublishedDatasets& published) {
+  std::optional<OtherRows> others;
+  double least = 0;
+  for (const ScoredRun& run : table.runs()) {
+    const auto found = published.find(run.dataset_file);
+    if (!run.fills_a_cell || found == published.end()) continue;
+    if (run.columns_sha256 == found->second.columns_sha256) continue;
+    const double share = static_cast<double>(run.rows) / static_cast<double>(found->second.rows);
+    const size_t runs = others ? others->runs + 1 : 1;
+    if (!others || share < least) {
+      others = {.dataset = run.dataset_file, .rows = run.rows, .published = found->second.rows};
+      least = share;
+    }
+    others->runs = runs;
+  }
+  return others;
+}
+
+}  // namespace b4mrl
