@@ -11,6 +11,7 @@
 #include <system_error>
 #include <vector>
 
+#include "algorithms/datasets/import_name.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
 #include "algorithms/tools/minari_import.h"
@@ -122,6 +123,7 @@ std::optional<Failure> ImportCommand::Run() const {
     return BadUsage(Status(StatusCode::kInvalidArgument,
                            "nothing to import: give a file and its --name, or --d4rl DIR"));
   }
+  if (Status status = CheckIsNoLevel(name); !status.ok()) return BadInput(std::move(status));
   Destination destination;
   if (auto failure = destination.Open(daemon)) return failure;
   return d4rl_folder.empty() ? ImportFile(file, name, destination) : ImportFolder(destination);

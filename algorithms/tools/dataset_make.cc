@@ -12,6 +12,7 @@
 
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/datasets/dataset_recording.h"
+#include "algorithms/datasets/import_name.h"
 #include "algorithms/datasets/published_datasets.h"
 #include "algorithms/tools/command.h"
 #include "algorithms/tools/dataset_place.h"
@@ -64,6 +65,7 @@ Result<RecordingOrder> MakeCommand::OrderOf(const std::string& dataset,
       return UnknownName("dataset", dataset, names)
           .WithContext("a name without a recipe needs its behaviour policy, --agent");
     }
+    B4MRL_RETURN_IF_ERROR(CheckIsNoLevel(dataset));  // another version of one would replace it
     order.rows = 1'000'000;
   } else {
     if (!recipe->missing.empty() && agent.empty()) {

@@ -75,6 +75,20 @@ TEST_CASE("What is no regular file is refused, and holes stay holes") {
   CHECK(copied.st_blocks * 512 < kBytes / 100);
 }
 
+TEST_CASE("An import cannot take the place of a dataset that the project publishes") {
+  const Imports imports;
+  const std::string file = imports.folder.File("own.h5");
+  REQUIRE(WriteExample(file, MakeExampleDataset({700, 300}, 17, 6)).ok());
+  for (const char* name :
+       {"HalfCheetah/medium", "HalfCheetah/medium-v0", "HalfCheetah/medium-v7"}) {
+    const Outcome refused = imports.Dataset({"import", file, "--name", name});
+    INFO(refused.err);
+    CHECK(refused.exit_code == 3);
+    CHECK_THAT(refused.err, Catch::Contains(name) && Catch::Contains("`b4mrl dataset make` makes"));
+    CHECK_FALSE(fs::exists(imports.folder.File("data/HalfCheetah")));
+  }
+}
+
 TEST_CASE("A file of D4RL's that is there but is no dataset is not passed over") {
   const Imports imports;
   const std::string folder = imports.folder.File("d4rl");

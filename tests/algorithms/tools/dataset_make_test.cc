@@ -192,6 +192,9 @@ TEST_CASE("What a recipe cannot give is refused with the reason") {
       "the agent takes 11 observation and 3 action values, HalfCheetah has 17 and 6"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--rows", "125001"}), "1..125000"));
   CHECK(Says(refusal({"Hopper/medium-replay", "--seed", "3"}), "--seed"));
+  CHECK(Says(
+      refusal({"Hopper/medium-v7", "--agent", B4MRL_SOURCE_DIR "/data/agents/hopper-medium.h5"}),
+      "names other than Hopper/medium and its versions"));
   CHECK(Says(refusal({"all", "--environment", "Hoper"}),
              "did you mean 'Hopper'? known: HalfCheetah, Hopper, Walker2d, Highway"));
   CHECK(std::filesystem::is_empty(folder.path()));
