@@ -1,8 +1,10 @@
 // Which names the datasets of users may have: a name decides which dataset `b4mrl train` and the
-// benchmarks find. Pure functions; any thread.
+// benchmarks find, and may tell the environment. Pure functions; any thread.
 #pragma once
 
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "proto/base/status.h"
 
@@ -12,5 +14,12 @@ namespace b4mrl {
 // and with any: a file "medium" or "medium-v7" would be found in the place of the published
 // "medium-v0" by whoever asks for "HalfCheetah/medium". kInvalidArgument.
 Status CheckIsNoLevel(std::string_view dataset);
+
+// The one of `environments` that the name belongs to, "HalfCheetah" for "HalfCheetah/mine" and for
+// "d4rl/halfcheetah-medium-v2"; "" for a name of a foreign environment, which is allowed.
+// kUnknownName if the name is nearly that of an environment, as "halfcheetah/mine": its rows would
+// belong to none.
+Result<std::string> EnvironmentOfImport(std::string_view dataset,
+                                        const std::vector<std::string>& environments);
 
 }  // namespace b4mrl

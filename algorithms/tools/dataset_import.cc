@@ -63,6 +63,28 @@ Result<std::vector<D4rlFile>> D4rlFilesIn(const std::string& folder, Client& cli
   return files;
 }
 
+// The daemon's environment that a dataset's name belongs to, or "" (import_name.h).
+Result<std::string> EnvironmentOfName(const std::string& dataset, Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(const pb::CatalogueReply catalogue, client.Catalogue());
+  std::vector<std::string> known;
+  for (const pb::EnvironmentInfo& environment : catalogue.environments()) {
+    known.push_back(environment.name());
+  }
+  return EnvironmentOfImport(dataset, known);
+}
+
+// Opens a dataset whose name belongs to `environment`, or to none. kInvalidArgument if the file
+// says that its rows are of another one: the name would hide this from its readers.
+Result<RemoteDataset> OpenImported(const std::string& dataset, const std::string& environment,
+                                   Client& client) {
+  B4MRL_ASSIGN_OR_RETURN(RemoteDataset opened, client.OpenDataset(dataset, {}));
+  if (environment.empty() || opened.environment() == environment) return opened;
+  return InvalidArgument("dataset", dataset,
+                         fmt::format("a name that is not of {}, since the file says that its rows "
+                                     "were recorded in {}",
+                                     environment, opened.environment()));
+}
+
 // Replaces the path of the removed copy, which the daemon read, by the original's in a message.
 Status InTermsOf(const std::string& original, const std::string& copy, const Status& status) {
   std::string message = status.message();
@@ -168,6 +190,8 @@ std::optional<Failure> ImportCommand::CheckPresent(const std::string& dataset,
 std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
                                                  const std::string& dataset,
                                                  Destination& destination) const {
+  const auto environment = EnvironmentOfName(dataset, destination.client());
+  if (!environment.ok()) return FromDaemon(environment.status());
   if (auto failure =
           destination.Prepare(dataset, /*replace=*/false, "choose another --name or remove it")) {
     return failure;
@@ -177,7 +201,7 @@ std::optional<Failure> ImportCommand::ImportFile(const std::string& source,
                                .WithContext(source)
                          : Copy(source, destination.path());
   if (!status.ok()) return BadInput(std::move(status));
-  const auto opened = destination.client().OpenDataset(dataset, {});
+  const auto opened = OpenImported(dataset, *environment, destination.client());
   if (!opened.ok() && !LiesInFile(opened.status()) && !Interrupted()) {
     return BadInput(opened.status().WithContext(fmt::format(
         "{} was copied to {}, where it stays, but not imported yet", source, destination.path())));

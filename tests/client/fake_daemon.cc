@@ -15,6 +15,9 @@ void FakeDaemon::Answer(FakeServer& server, FakeCall& call) {
       }
       reply.mutable_hello()->mutable_dataset_port()->set_ipc(address().substr(6));
       return server.Reply(call, std::move(reply));
+    case pb::Request::kCatalogue:
+      reply.mutable_catalogue();  // without an entry
+      return server.Reply(call, std::move(reply));
     case pb::Request::kOpen:
       return AnswerOpen(server, call);
     case pb::Request::kClose: {

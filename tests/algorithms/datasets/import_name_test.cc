@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 #include <string>
+#include <vector>
 
 #include "algorithms/datasets/published_datasets.h"
 
@@ -29,6 +30,23 @@ TEST_CASE("No import has the name of a published dataset, whatever its version")
     CAPTURE(name);
     CHECK(CheckIsNoLevel(name).ok());
   }
+}
+
+TEST_CASE("An import's name tells its environment, or none if it resembles none") {
+  const std::vector<std::string> known = {"HalfCheetah", "Hopper", "Walker2d", "Humanoid"};
+  CHECK(*EnvironmentOfImport("HalfCheetah/mine", known) == "HalfCheetah");
+  CHECK(*EnvironmentOfImport("d4rl/walker2d-medium-v2", known) == "Walker2d");
+  for (const char* name : {"Ant/medium", "mine/HalfCheetah", "zz/y", "d4rl/maze2d-umaze-v1", ""}) {
+    CAPTURE(name);
+    CHECK(*EnvironmentOfImport(name, known) == "");
+  }
+  for (const char* name : {"halfcheetah/mine", "HALFCHEETAH/mine", "HalfChetah/mine", "hopper/mine",
+                           "Walker/mine", "d4rl/HalfCheetah-medium-v2", "d4rl/walker-medium-v2"}) {
+    CAPTURE(name);
+    CHECK(EnvironmentOfImport(name, known).status().code() == StatusCode::kUnknownName);
+  }
+  CHECK_THAT(EnvironmentOfImport("halfcheetah/mine", known).status().message(),
+             Catch::StartsWith("unknown environment 'halfcheetah'; did you mean 'HalfCheetah'?"));
 }
 
 }  // namespace

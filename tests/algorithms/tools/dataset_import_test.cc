@@ -89,6 +89,25 @@ TEST_CASE("An import cannot take the place of a dataset that the project publish
   }
 }
 
+TEST_CASE("A name that is nearly an environment's, or not that of the file's own, is refused") {
+  const Imports imports;
+  REQUIRE(imports.Dataset({"make", "HalfCheetah/random", "--rows", "1500"}).exit_code == 0);
+  const std::string file = imports.folder.File("data/HalfCheetah/random-v0.h5");
+  const Outcome misspelt = imports.Dataset({"import", file, "--name", "halfcheetah/mine"});
+  CHECK(misspelt.exit_code == 5);
+  CHECK_THAT(misspelt.err,
+             Catch::Contains("unknown environment 'halfcheetah'; did you mean 'HalfCheetah'?"));
+  CHECK_FALSE(fs::exists(imports.folder.File("data/halfcheetah")));
+  // Walker2d's rows have the same sizes.
+  const Outcome other = imports.Dataset({"import", file, "--name", "Walker2d/mine"});
+  CHECK(other.exit_code == 3);
+  CHECK_THAT(other.err, Catch::Contains("Walker2d/mine") && Catch::Contains("HalfCheetah"));
+  CHECK_FALSE(fs::exists(imports.folder.File("data/Walker2d")));
+  // Of a foreign environment's name the file decides.
+  CHECK(imports.Dataset({"import", file, "--name", "mine/cheetah"}).exit_code == 0);
+  CHECK(imports.Info("mine/cheetah")["environment"] == "HalfCheetah");
+}
+
 TEST_CASE("A file of D4RL's that is there but is no dataset is not passed over") {
   const Imports imports;
   const std::string folder = imports.folder.File("d4rl");
