@@ -46,6 +46,21 @@ size_t EditDistance(std::string_view a, std::string_view b) {
   return row[b.size()];
 }
 
+// The common beginning of two names up to its last '/', as "HalfCheetah/"; "" if there is none.
+std::string_view CommonFolder(std::string_view a, std::string_view b) {
+  const auto differing = std::ranges::mismatch(a, b).in1;
+  const std::string_view common = a.substr(0, static_cast<size_t>(differing - a.begin()));
+  return common.substr(0, common.rfind('/') + 1);
+}
+
+// The length of a dataset's version, "-v0", at the end of a name; 0 if it has none.
+size_t VersionLength(std::string_view name) {
+  const size_t dash = name.rfind("-v");
+  const bool has_version = dash != name.npos && dash + 2 < name.size() &&
+                           name.find_first_not_of("0123456789", dash + 2) == name.npos;
+  return has_version ? name.size() - dash : 0;
+}
+
 }  // namespace
 
 std::string_view StatusCodeName(StatusCode code) {
@@ -90,8 +105,13 @@ Status IoError(std::string_view action, std::string_view path, int error_number)
 void NearestName::Consider(std::string_view candidate) {
   // Names are short; skip a long name from a peer, whose edit distance would cost quadratic time.
   if (name_.size() > 128 || candidate.size() > 128) return;
-  const size_t distance = EditDistance(name_, candidate);
-  if (distance < distance_ && distance * 3 <= std::max(name_.size(), candidate.size())) {
+  const size_t folder = CommonFolder(name_, candidate).size();
+  const std::string_view own = std::string_view(name_).substr(folder);
+  std::string_view other = candidate.substr(folder);
+  // Who leaves out the version means any.
+  if (VersionLength(own) == 0) other.remove_suffix(VersionLength(other));
+  const size_t distance = EditDistance(own, other);
+  if (distance < distance_ && distance * 3 <= std::max(own.size(), other.size())) {
     distance_ = distance;
     nearest_ = std::string(candidate);
   }

@@ -68,7 +68,9 @@ Status UnknownName(std::string_view kind, std::string_view name, const Range& kn
 Status IoError(std::string_view action, std::string_view path, int error_number);
 
 // Finds among candidates the string with the smallest edit distance to `name`, if the distance is
-// at most a third of the longer string's length.
+// at most a third of the longer string's length. A folder that both begin with counts for neither,
+// as it would make any two names in "HalfCheetah/" resemble each other; nor does a version, "-v0",
+// of a candidate where `name` has none.
 class NearestName {
  public:
   explicit NearestName(std::string_view name) : name_(name) {}

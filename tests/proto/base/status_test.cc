@@ -48,6 +48,25 @@ TEST_CASE("an unknown name is answered with the nearest known one and all of the
         std::string::npos);
 }
 
+TEST_CASE("a name in a folder is compared with the others there by what follows the folder") {
+  const auto nearest = [](const char* name, const std::vector<std::string>& known) {
+    NearestName search(name);
+    for (const std::string& each : known) search.Consider(each);
+    return search.nearest().value_or("");
+  };
+  const std::vector<std::string> known = {"HalfCheetah/hid", "HalfCheetah/medium-v0",
+                                          "HalfCheetah/mr", "Hopper/medium-replay-v0"};
+  CHECK(nearest("HalfCheetah/medum", known) == "HalfCheetah/medium-v0");
+  CHECK(nearest("HalfCheetah/medum-v0", known) == "HalfCheetah/medium-v0");
+  CHECK(nearest("HalfCheetah/medium-v1", known) == "HalfCheetah/medium-v0");
+  CHECK(nearest("HalfCheetha/medium", known) == "HalfCheetah/medium-v0");
+  CHECK(nearest("Hopper/medium-reply", known) == "Hopper/medium-replay-v0");
+  for (const char* name : {"HalfCheetah/expert", "HalfCheetah/", "HalfCheetah/x", "Hopper/mr"}) {
+    CAPTURE(name);
+    CHECK(nearest(name, known).empty());
+  }
+}
+
 TEST_CASE("a name of a megabyte costs no quadratic search") {
   NearestName nearest(std::string(1 << 20, 'x'));
   nearest.Consider(std::string(1 << 20, 'y'));
