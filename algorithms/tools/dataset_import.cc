@@ -31,6 +31,8 @@ struct ImportCommand {
   DaemonOptions daemon;
 
   std::optional<Failure> Run() const;
+  // What can be said of --name before there is a daemon.
+  Status CheckName() const;
   // Imports every file of D4RL in d4rl_folder that the data folder does not have. A file that
   // cannot be imported is reported and does not keep the others back.
   std::optional<Failure> ImportFolder(Destination& destination) const;
@@ -145,10 +147,16 @@ std::optional<Failure> ImportCommand::Run() const {
     return BadUsage(Status(StatusCode::kInvalidArgument,
                            "nothing to import: give a file and its --name, or --d4rl DIR"));
   }
-  if (Status status = CheckIsNoLevel(name); !status.ok()) return BadInput(std::move(status));
+  if (Status status = CheckName(); !status.ok()) return BadInput(std::move(status));
   Destination destination;
   if (auto failure = destination.Open(daemon)) return failure;
   return d4rl_folder.empty() ? ImportFile(file, name, destination) : ImportFolder(destination);
+}
+
+Status ImportCommand::CheckName() const {
+  if (file.empty()) return Status();  // the files of a folder have names of their own
+  B4MRL_RETURN_IF_ERROR(ParseDatasetName(name).status());
+  return CheckIsNoLevel(name);
 }
 
 std::optional<Failure> ImportCommand::ImportFolder(Destination& destination) const {

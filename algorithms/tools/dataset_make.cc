@@ -202,7 +202,8 @@ std::optional<Failure> MakeCommand::MakeOne(const std::string& dataset,
   const std::string& path = destination.path();
   const auto made = Record(*order, path, destination.client(), quiet);
   // Such a file was not there when the recording began.
-  const bool appeared = !replace && std::filesystem::exists(path);
+  std::error_code unknown;  // what cannot be looked at has not appeared
+  const bool appeared = !replace && std::filesystem::exists(path, unknown);
   const bool is_taken = !made.ok() && (made.status().code() == StatusCode::kBusy || appeared);
   if (is_taken) return BadInput(made.status());
   if (!made.ok()) return FromDaemon(made.status());

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "data/files/atomic_file.h"
+#include "proto/base/limits.h"
 
 namespace b4mrl {
 
@@ -24,8 +25,11 @@ Result<DatasetName> ParseDatasetName(const std::string& name) {
       return std::isalnum(c) != 0 || c == '-' || c == '_';
     });
   };
-  if (!valid(parts.folder) || !valid(parts.file)) {
-    return InvalidArgument("dataset", name, "ENVIRONMENT/NAME of letters, digits, '-' and '_'");
+  if (!valid(parts.folder) || !valid(parts.file) || name.size() > limits::kMaxNewDatasetNameBytes) {
+    return InvalidArgument("dataset", name,
+                           fmt::format("ENVIRONMENT/NAME of letters, digits, '-' and '_', {} "
+                                       "characters at most",
+                                       limits::kMaxNewDatasetNameBytes));
   }
   return parts;
 }

@@ -15,7 +15,8 @@ namespace b4mrl {
 struct DatasetName {
   std::string folder, file;
 };
-// Refuses names that could point outside the data folder: parts have letters, digits, '-' and '_'.
+// Refuses names that could point outside the data folder, whose parts have letters, digits, '-' and
+// '_', and those too long for a file's name.
 Result<DatasetName> ParseDatasetName(const std::string& name);
 
 // The name that D4RL gives a file's dataset, "d4rl/halfcheetah-medium-replay-v2" for

@@ -118,6 +118,7 @@ inline constexpr uint64_t kMaxDatasetRows = 100'000'000;
 inline constexpr uint32_t kMaxObservationDimensions = 4096;
 inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
+inline constexpr size_t kMaxNewDatasetNameBytes = 200;       // a file's name has 255 at most
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
 inline constexpr uint32_t kMaxMappedDatasets = 64;           // others are mapped again when used
 

@@ -149,6 +149,30 @@ TEST_CASE("A folder of D4RL's files is imported under D4RL's names, whatever els
   CHECK(Says(again.err, "d4rl/halfcheetah-medium-replay-v2: is there already"));
 }
 
+TEST_CASE("A name too long for a file is refused before a daemon is started") {
+  const TemporaryFolder folder;
+  const std::string longest = "mine/" + std::string(195, 'a');
+  WriteBytes(folder.File("file.h5"), "no HDF5");
+  const std::string agent = B4MRL_SOURCE_DIR "/data/agents/hopper-medium.h5";
+  for (const std::string& name : {longest + "a", "mine/" + std::string(300, 'a')}) {
+    for (const Words& words :
+         {Words{"dataset", "make", name, "--agent", agent, "--rows", "100"},
+          Words{"dataset", "import", folder.File("file.h5"), "--name", name}}) {
+      Words all = words;
+      all.insert(all.end(), {"--data", folder.File("data")});
+      const Outcome outcome = Run(all);
+      CAPTURE(outcome.err);
+      CHECK(outcome.exit_code == 3);
+      CHECK(Says(outcome.err, "200 characters at most"));
+    }
+  }
+  CHECK_FALSE(fs::exists(folder.File("data")));
+  const Outcome fits = Run({"dataset", "import", folder.File("file.h5"), "--name", longest,
+                            "--data", folder.File("data")});
+  CHECK(fits.exit_code == 3);
+  CHECK(Says(fits.err, "not an HDF5 file"));
+}
+
 TEST_CASE("An import without a file, a name or a folder says what is missing") {
   const TemporaryFolder folder;
   CHECK(Run({"dataset", "import"}).exit_code == 2);
