@@ -3,12 +3,19 @@
 namespace b4mrl {
 
 ThreadTeam::ThreadTeam(int threads) {
-  for (int thread = 1; thread < threads; ++thread) {
-    helpers_.emplace_back(&ThreadTeam::HelperMain, this, thread);
+  try {
+    for (int thread = 1; thread < threads; ++thread) {
+      helpers_.emplace_back(&ThreadTeam::HelperMain, this, thread);
+    }
+  } catch (...) {
+    End();  // a thread that was not joined would end the process
+    throw;
   }
 }
 
-ThreadTeam::~ThreadTeam() {
+ThreadTeam::~ThreadTeam() { End(); }
+
+void ThreadTeam::End() {
   {
     std::lock_guard lock(mutex_);
     stopped_ = true;

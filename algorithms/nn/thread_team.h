@@ -14,7 +14,8 @@ namespace b4mrl {
 
 class ThreadTeam {
  public:
-  // `threads`, at least 1, includes the caller of ForEach: a team of one starts no thread.
+  // `threads`, at least 1, includes the caller of ForEach: a team of one starts no thread. Throws
+  // std::system_error if the system grants fewer (algorithms/base/within_memory.h).
   explicit ThreadTeam(int threads);
   ~ThreadTeam();
   ThreadTeam(const ThreadTeam&) = delete;
@@ -34,6 +35,7 @@ class ThreadTeam {
  private:
   using Call = void (*)(void* context, int piece, int thread);
 
+  void End();  // of the helpers
   void Run(int pieces, void* context, Call call);
   void HelperMain(int thread);
   // Takes and runs pieces until none is left; `lock` holds mutex_ before and after the call.

@@ -1,8 +1,17 @@
 #include "algorithms/nn/thread_team.h"
 
+#include <pthread.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <fstream>
+#include <string>
 #include <vector>
+
+#include "algorithms/base/within_memory.h"
 
 namespace b4mrl {
 namespace {
@@ -33,6 +42,39 @@ TEST_CASE("Two pieces run at the same time on two threads") {
     while (begun < 2) std::this_thread::yield();
   });
   CHECK(begun == 2);
+}
+
+// Leaves this process room for two more threads' stacks, but not for three.
+bool LeaveRoomForTwoThreads() {
+  constexpr size_t kStack = 256 << 20;
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, kStack);
+  if (pthread_setattr_default_np(&attributes) != 0) return false;
+  rlim_t pages = 0;
+  std::ifstream("/proc/self/statm") >> pages;
+  const rlim_t room = pages * static_cast<rlim_t>(getpagesize()) + 5 * (kStack / 2);
+  const rlimit limit{room, room};
+  return setrlimit(RLIMIT_AS, &limit) == 0;
+}
+
+TEST_CASE("A team for which the system has too few threads is an error, not a crash") {
+  constexpr int kRefused = 7, kWrong = 8;
+  const pid_t child = fork();  // limits of a process cannot be raised again
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    if (!LeaveRoomForTwoThreads()) _exit(kWrong);
+    const Status status = WithinMemory("this test", [] {
+      const ThreadTeam team(16);
+      return Status();
+    });
+    const bool says_why = status.message().find("threads") != std::string::npos;
+    _exit(status.code() == StatusCode::kFailedPrecondition && says_why ? kRefused : kWrong);
+  }
+  int status = 0;
+  REQUIRE(waitpid(child, &status, 0) == child);
+  REQUIRE(WIFEXITED(status));
+  CHECK(WEXITSTATUS(status) == kRefused);
 }
 
 }  // namespace
