@@ -55,7 +55,7 @@ std::vector<char*> PointersTo(std::vector<std::string>& texts) {
 namespace {
 
 // Starts a program with these descriptors as its stdin and stdout, and no other beside stderr.
-// `flags` are those of posix_spawnattr_setflags. Returns 0 or an errno.
+// `flags` are those of posix_spawnattr_setflags, to which this adds one. Returns 0 or an errno.
 int Spawn(const std::string& program, std::vector<std::string> words, int input, int output,
           short flags, pid_t* process_id) {
   posix_spawn_file_actions_t actions;
@@ -65,7 +65,12 @@ int Spawn(const std::string& program, std::vector<std::string> words, int input,
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  posix_spawnattr_setflags(&attributes, flags);
+  // This program may ignore it (RunProgram); others are to have it as their user set it up.
+  sigset_t own;
+  sigemptyset(&own);
+  sigaddset(&own, SIGXFSZ);
+  posix_spawnattr_setsigdefault(&attributes, &own);
+  posix_spawnattr_setflags(&attributes, static_cast<short>(flags | POSIX_SPAWN_SETSIGDEF));
   const std::vector<char*> argv = PointersTo(words);
   const int error =
       posix_spawnp(process_id, program.c_str(), &actions, &attributes, argv.data(), environ);

@@ -14,6 +14,8 @@ namespace b4mrl {
 int RunProgram(std::string_view name, const std::function<int()>& body) {
   // Ignored by a parent, it would leave no child's end to wait for.
   std::signal(SIGCHLD, SIG_DFL);
+  // A write beyond the limit on file sizes is to fail like one on a full disk.
+  std::signal(SIGXFSZ, SIG_IGN);
   int exit_code = kExitDone;
   int error = 0;
   try {

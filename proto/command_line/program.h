@@ -10,7 +10,8 @@ namespace b4mrl {
 // where stdout took less than was written, as on a full disk; the reason is then on stderr, behind
 // the program's `name`. A reader of stdout that has gone, such as `head`, is no fault: nothing is
 // said, and the code is a shell's for SIGPIPE, which ends the program before where it is not
-// ignored. Call it once, from main; at its end stdout is flushed.
+// ignored. A write beyond the limit on file sizes (`ulimit -f`) fails and does not end the program.
+// Call it once, from main; at its end stdout is flushed.
 int RunProgram(std::string_view name, const std::function<int()>& body);
 
 }  // namespace b4mrl

@@ -59,6 +59,21 @@ TEST_CASE("A program's output is read to its end, and its input is empty") {
   CHECK(none.process_id == 0);
 }
 
+TEST_CASE("A program is ended by files that grow too large, though this one is not") {
+  const auto before = std::signal(SIGXFSZ, SIG_IGN);
+  ProgramWithOutput program;
+  const int error = StartWithOutput("grep", {"grep", "SigIgn", "/proc/self/status"}, &program);
+  std::signal(SIGXFSZ, before);
+  REQUIRE(error == 0);
+  std::string text;
+  char c = 0;
+  while (read(program.output.get(), &c, 1) == 1) text += c;
+  REQUIRE(WaitForExit(program.process_id, Deadline::AfterMs(kPatienceMs)) == 0);
+  REQUIRE(text.starts_with("SigIgn:"));
+  const uint64_t ignored = std::strtoull(text.c_str() + std::string("SigIgn:").size(), nullptr, 16);
+  CHECK((ignored >> (SIGXFSZ - 1)) % 2 == 0);
+}
+
 TEST_CASE("A terminal's interrupt does not reach a program with an output of its own") {
   ProgramWithOutput other;
   REQUIRE(StartWithOutput("cat", {"cat", "/dev/zero"}, &other) == 0);

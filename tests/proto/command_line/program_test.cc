@@ -2,6 +2,7 @@
 #include "proto/command_line/program.h"
 
 #include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -104,6 +105,20 @@ TEST_CASE("A program whose reader has gone ends without a word") {
   close(ends[1]);
   CHECK(ending.exit_code == 128 + SIGPIPE);
   CHECK(ending.err.empty());
+}
+
+TEST_CASE("A file that grows beyond the limit on sizes is an error and no end of the program") {
+  const int nothing = open("/dev/null", O_WRONLY | O_CLOEXEC);
+  const Ending ending = RunIn(nothing, [] {
+    std::FILE* const file = std::tmpfile();
+    const rlimit limit{kFew, kFew};
+    if (file == nullptr || setrlimit(RLIMIT_FSIZE, &limit) != 0) return 1;
+    const std::string text(2 * kFew, 'x');
+    if (write(fileno(file), text.data(), text.size()) != static_cast<ssize_t>(kFew)) return 2;
+    return write(fileno(file), "x", 1) < 0 && errno == EFBIG ? 0 : 4;
+  });
+  close(nothing);
+  CHECK(ending.exit_code == 0);
 }
 
 TEST_CASE("An error that has nothing to do with the output is not taken for one") {
