@@ -114,9 +114,10 @@ bool Supervisor::AnnounceWhenReady(int64_t now_ms) {
                            [](const ChildProcess& child) { return child.ready(); });
   if (announced_) {
     for (const ListeningEndpoint& endpoint : listeners_.gateway) {
-      fmt::print("ready {}\n", endpoint.address);
+      std::fputs(fmt::format("ready {}\n", endpoint.address).c_str(), stdout);
     }
-    std::fflush(stdout);
+    // Clients are served, too, where nobody reads this: it is no fault at the daemon's end.
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) std::clearerr(stdout);
   }
   return true;
 }

@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "proto/base/child_program.h"
 #include "proto/base/clock.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/loopback.h"
@@ -252,6 +254,45 @@ std::vector<uint64_t> Digests(const std::vector<std::string>& arguments, uint32_
     }
   }
   return digests;
+}
+
+// A shell that executes `command`, in which $0 is the daemon's program and $1 a folder.
+ProgramWithOutput StartShell(const std::string& command, const std::string& folder) {
+  ProgramWithOutput shell;
+  REQUIRE(StartWithOutput("sh", {"sh", "-c", command, B4MRL_BINARY_DIR "/b4mrl-serve", folder},
+                          &shell) == 0);
+  return shell;
+}
+
+int ExitCodeOf(const ProgramWithOutput& shell) {
+  const int wait_status = WaitForExit(shell.process_id, Deadline::AfterMs(30'000));
+  return WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : 128 + WTERMSIG(wait_status);
+}
+
+TEST_CASE("What the daemon cannot write is an error with a message and no signal") {
+  const TemporaryFolder folder;
+  const ProgramWithOutput limited = StartShell(
+      "ulimit -f 8; exec \"$0\" --bind \"ipc://$1/socket\" --data \"$1\" 2>&1", folder.path());
+  std::string output;
+  char c = 0;
+  while (read(limited.output.get(), &c, 1) == 1) output += c;
+  CHECK(ExitCodeOf(limited) == 3);
+  CHECK(output.find("File too large") != output.npos);
+  for (const char* command :
+       {"exec \"$0\" --help > /dev/full", "exec \"$0\" --no-such-option 2> /dev/full"}) {
+    CAPTURE(command);
+    CHECK(ExitCodeOf(StartShell(command, "")) == 3);
+  }
+}
+
+TEST_CASE("A daemon whose ready line could not be written serves, and ends with code 0") {
+  const TemporaryFolder folder;
+  const ProgramWithOutput daemon =
+      StartShell("exec \"$0\" --bind \"ipc://$1/socket\" --data \"$1\" --workers 1 > /dev/full",
+                 folder.path());
+  CHECK(Connect("ipc://" + folder.File("socket")).Make("HalfCheetah").ok());
+  REQUIRE(kill(daemon.process_id, SIGTERM) == 0);
+  CHECK(ExitCodeOf(daemon) == 0);
 }
 
 TEST_CASE("Numbers depend on no count of workers, threads or clients") {
