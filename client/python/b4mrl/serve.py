@@ -264,11 +264,20 @@ _default_lock = threading.Lock()
 _shared_daemon: PrivateDaemon | None = None
 
 
+def _renew_lock() -> None:
+    """In a forked child: the thread that held the parent's lock does not run here."""
+    global _default_lock
+    _default_lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_lock)
+
+
 def default_endpoint() -> str:
     """$B4MRL_ENDPOINT, else the address of this process's one private daemon, started if needed.
 
     A child of multiprocessing that was not forked from a process with such a daemon starts a small
-    one, with one worker of one thread.
+    one, with one worker of one thread. So does one that was forked while the daemon started.
     """
     if named := os.environ.get("B4MRL_ENDPOINT"):
         return named

@@ -236,6 +236,42 @@ gym.make("b4mrl:b4mrl/HalfCheetah-v0").reset()  # of another daemon
     assert (done.returncode, done.stdout, done.stderr) == (0, "2\n", "")
 
 
+def test_a_child_that_is_forked_while_the_shared_daemon_starts_has_a_daemon_of_its_own() -> None:
+    code = """
+import multiprocessing, sys, threading
+import b4mrl
+module = sys.modules["b4mrl.serve"]
+starting, forked = threading.Event(), threading.Event()
+serve = module.serve
+
+def serve_after_the_fork(**options):
+    starting.set()
+    forked.wait()
+    return serve(**options)
+
+def work():
+    module.serve = serve
+    print(len(b4mrl.connect().environments()) > 0, flush=True)
+
+module.serve = serve_after_the_fork
+first = threading.Thread(target=b4mrl.connect)
+first.start()
+starting.wait()
+child = multiprocessing.get_context("fork").Process(target=work)
+child.start()
+forked.set()
+child.join(30)
+print(child.exitcode)
+child.kill()
+first.join()
+"""
+    clean = {name: value for name, value in os.environ.items() if name != "B4MRL_ENDPOINT"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=clean, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout) == (0, "True\n0\n"), done.stderr
+
+
 def test_every_environment_of_the_catalogue_is_registered(client: b4mrl.Client) -> None:
     ids = {name for name in gym.registry if name.startswith("b4mrl/")}
     assert ids == {f"b4mrl/{name}-v0" for name in client.environments()}
