@@ -17,17 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from b4mrl.agent_file import (
+    MAX_HIDDEN_LAYERS,
+    MAX_HISTORY,
+    MAX_WIDTH,
+    AgentFile,
+    Layer,
+    Vector,
+)
 from b4mrl.display import Shown
 from b4mrl.errors import DataLossError, InvalidArgumentError
-
-Vector = NDArray[np.float32]
-Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias (outputs,)
+from b4mrl.wire import limits
 
 _ACTIVATIONS = ("relu", "tanh")
-# What the C++ program reads (data/d4rl/agent_file.h).
-_MAX_HIDDEN_LAYERS = 16
-_MAX_WIDTH = 4096
-_MAX_HISTORY = 64
 
 
 class Policy(Shown):
@@ -48,32 +50,30 @@ class Policy(Shown):
         algorithm: name of the algorithm that trained the policy; "" if not recorded.
     """
 
-    def __init__(self, metadata: Any) -> None:
-        group = metadata["policy"]
-        self.environment = _text(metadata, "environment")
-        self.algorithm = _text(metadata, "algorithm")
-        self._layers: list[Layer] = []
-        while f"fc{len(self._layers)}" in group:
-            self._layers.append(_layer(group[f"fc{len(self._layers)}"]))
-        self._layers.append(_layer(group["last_fc"]))
-        self._hidden = _choose(group, "nonlinearity", {"relu": _relu, "tanh": np.tanh})
-        _choose(group, "output_distribution", {"tanh_gaussian": None, "tanh": None})
-        for (_, bias), (weight, _) in zip(self._layers, self._layers[1:]):
-            if weight.shape[1] != len(bias):
-                raise DataLossError(f"a layer of {weight.shape} follows one of {len(bias)} outputs")
-        self.history_length = int(group["history_length"][()]) if "history_length" in group else 1
-        self.action_size = len(self._layers[-1][1])
+    def __init__(self, file: AgentFile) -> None:
+        self.environment = _text(file, "metadata/environment")
+        self.algorithm = _text(file, "metadata/algorithm")
+        file.check_provenance()
+        self._hidden = _choose(file, "nonlinearity", {"relu": _relu, "tanh": np.tanh})
+        is_noisy = _choose(file, "output_distribution", {"tanh_gaussian": True, "tanh": False})
+        self._layers = _layers(file, is_noisy)
+        self.history_length, self.action_size = 1, len(self._layers[-1][1])
+        if _entry("history_length") in file:
+            self.history_length = int(file.number(_entry("history_length"), MAX_HISTORY))
         inputs = self._layers[0][0].shape[1]
         if self.history_length < 1 or inputs % self.history_length:
             raise DataLossError(
-                f"history_length is {self.history_length}, allowed: a divisor of {inputs} inputs"
+                f"{_entry('history_length')} is {self.history_length}, allowed: a divisor of "
+                f"{inputs} inputs"
             )
         self.observation_size = inputs // self.history_length
         size = self.observation_size
-        self._mask = _vector(group, "observation_mask", np.ones(size)) != 0
-        self._mean = _vector(group, "observation_mean", np.zeros(size))
-        self._std = _vector(group, "observation_std", np.ones(size))
-        self._scale = _vector(group, "action_scale", np.ones(self.action_size))
+        self._mask = file.vector(_entry("observation_mask"), size, 1) != 0
+        self._mean = _finite(file, "observation_mean", size, 0)
+        self._std = _finite(file, "observation_std", size, 1)
+        if not (self._std > 0).all():
+            raise DataLossError(f"{_entry('observation_std')} has a number that is not above 0")
+        self._scale = _finite(file, "action_scale", self.action_size, 1)
         self._history: NDArray[np.float32] | None = None  # (n, history, size), oldest first
         self._starts = np.ones(0, np.bool_)  # rows whose next observation is an episode's first
 
@@ -134,15 +134,19 @@ class Policy(Shown):
 def load_agent(path: str | os.PathLike[str]) -> Policy:
     """Reads an agent file, or the behaviour policy in a dataset file of D4RL.
 
-    OSError: the file cannot be read. DataLossError: it holds no agent, or a malformed one.
+    OSError: the file cannot be read. DataLossError: it holds no agent, or a malformed one; the
+    message names the entry.
     """
     import h5py  # only here: HDF5 is slow to import
 
     with h5py.File(path, "r") as file:
+        entries = AgentFile(file)
+        if "metadata/policy" not in entries:
+            raise DataLossError(f"{os.fspath(path)} holds no agent: it has no metadata/policy")
         try:
-            return Policy(file["metadata"])
-        except KeyError as error:
-            raise DataLossError(f"{os.fspath(path)} holds no agent: {error}") from None
+            return Policy(entries)
+        except DataLossError as error:
+            raise DataLossError(f"{os.fspath(path)}: {error}") from None
 
 
 def save_agent(
@@ -188,10 +192,14 @@ def save_agent(
         )
     read = _readable_layers(layers)
     inputs, actions = read[0][0].shape[1], len(read[-1][1])
-    if not 1 <= history_length <= _MAX_HISTORY or inputs % history_length:
+    if actions > limits.MAX_ACTION_DIMENSIONS:
+        raise InvalidArgumentError(
+            f"the last layer has {actions} outputs, allowed: 1..{limits.MAX_ACTION_DIMENSIONS}"
+        )
+    if not 1 <= history_length <= MAX_HISTORY or inputs % history_length:
         raise InvalidArgumentError(
             f"history_length is {history_length!r}, allowed: a divisor of the first layer's "
-            f"{inputs} inputs, at most {_MAX_HISTORY}"
+            f"{inputs} inputs, at most {MAX_HISTORY}"
         )
     size = inputs // history_length
     entries: dict[str, Any] = {
@@ -227,20 +235,20 @@ def save_agent(
 
 def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
     """The layers as arrays. InvalidArgumentError: they make no network that a file can hold."""
-    if not 1 <= len(layers) <= _MAX_HIDDEN_LAYERS + 1:
+    if not 1 <= len(layers) <= MAX_HIDDEN_LAYERS + 1:
         raise InvalidArgumentError(
-            f"there are {len(layers)} layers, allowed: 1..{_MAX_HIDDEN_LAYERS + 1}"
+            f"there are {len(layers)} layers, allowed: 1..{MAX_HIDDEN_LAYERS + 1}"
         )
     read: list[Layer] = []
     for i, (weight, bias) in enumerate(layers):
         matrix, vector = _numbers(weight), _numbers(bias)
         inputs = len(read[-1][1]) if read else matrix.shape[-1]
         fits = matrix.ndim == 2 and matrix.shape[1] == inputs and vector.shape == matrix.shape[:1]
-        if not fits or not 0 < min(matrix.shape) <= max(matrix.shape) <= _MAX_WIDTH:
+        if not fits or not 0 < min(matrix.shape) <= max(matrix.shape) <= MAX_WIDTH:
             raise InvalidArgumentError(
                 f"layers[{i}] has a weight of shape {matrix.shape} and a bias of shape "
                 f"{vector.shape}, allowed: (outputs, {inputs if read else 'inputs'}) and "
-                f"(outputs,), both of 1..{_MAX_WIDTH}"
+                f"(outputs,), both of 1..{MAX_WIDTH}"
             )
         if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
             raise InvalidArgumentError(f"layers[{i}] has a number that is not finite")
@@ -266,29 +274,54 @@ def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.maximum(values, 0)
 
 
-def _text(group: Any, name: str) -> str:
-    value = group[name][()] if name in group else ""
-    return value.decode() if isinstance(value, bytes) else str(value)
+def _entry(name: str) -> str:
+    return f"metadata/policy/{name}"
 
 
-def _choose(group: Any, name: str, known: dict[str, Any]) -> Any:
-    value = _text(group, name)
+def _text(file: AgentFile, path: str) -> str:
+    return file.text(path) if path in file else ""
+
+
+def _choose(file: AgentFile, name: str, known: dict[str, Any]) -> Any:
+    value = file.text(_entry(name))
     if value not in known:
-        raise DataLossError(f"{name} is {value!r}, allowed: {', '.join(known)}")
+        raise DataLossError(f"{_entry(name)} is {value!r}, allowed: {', '.join(known)}")
     return known[value]
 
 
-def _layer(group: Any) -> Layer:
-    weight, bias = (np.asarray(group[name], np.float32) for name in ("weight", "bias"))
-    if weight.ndim != 2 or bias.shape != weight.shape[:1]:
-        raise DataLossError(f"{group.name}: weight {weight.shape} and bias {bias.shape} do not fit")
-    if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-        raise DataLossError(f"{group.name} has a number that is not finite")
-    return weight, bias
+def _layers(file: AgentFile, is_noisy: bool) -> list[Layer]:
+    """The layers of an agent, each of which takes the outputs of that before it.
+
+    Args:
+        is_noisy: whether the agent has a layer for the deviations of its noise, which is checked,
+            too. Deterministic actions do not need it.
+    """
+    names: list[str] = []
+    while len(names) <= MAX_HIDDEN_LAYERS and _entry(f"fc{len(names)}") in file:
+        names.append(f"fc{len(names)}")
+    if len(names) > MAX_HIDDEN_LAYERS:
+        raise DataLossError(
+            f"there are {len(names)} hidden layers or more, allowed: 0..{MAX_HIDDEN_LAYERS}"
+        )
+    layers: list[Layer] = []
+    for name in [*names, "last_fc"]:
+        weight, bias = file.layer(_entry(name))
+        if layers and weight.shape[1] != len(layers[-1][1]):
+            raise DataLossError(
+                f"{_entry(name)} has {weight.shape[1]} inputs, allowed: {len(layers[-1][1])}"
+            )
+        layers.append((weight, bias))
+    shape = layers[-1][0].shape
+    most = limits.MAX_ACTION_DIMENSIONS
+    if shape[0] > most:
+        raise DataLossError(f"{_entry('last_fc')} has {shape[0]} outputs, allowed: 1..{most}")
+    if is_noisy and (noise := file.layer(_entry("last_fc_log_std"))[0].shape) != shape:
+        raise DataLossError(f"{_entry('last_fc_log_std')} has shape {noise}, allowed: {shape}")
+    return layers
 
 
-def _vector(group: Any, name: str, default: NDArray[Any]) -> Vector:
-    value = np.asarray(group[name] if name in group else default, np.float32).reshape(-1)
-    if value.shape != default.shape:
-        raise DataLossError(f"{name} has {value.size} entries, allowed: {default.size}")
-    return value
+def _finite(file: AgentFile, name: str, size: int, default: float) -> Vector:
+    values = file.vector(_entry(name), size, default)
+    if not np.isfinite(values).all():
+        raise DataLossError(f"{_entry(name)} has a number that is not finite")
+    return values

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import b4mrl
@@ -116,7 +117,9 @@ def test_a_history_starts_with_copies_of_the_first_observation(tmp_path: Path) -
 def test_a_file_of_d4rl_without_our_entries_has_their_defaults(tmp_path: Path) -> None:
     ours = ("observation_mask", "observation_mean", "observation_std", "action_scale")
     absent = dict.fromkeys((*ours, "history_length"))
-    entries = write_agent(tmp_path / "agent.h5", **absent, output_distribution=b"tanh_gaussian")
+    noise = {"last_fc_log_std/weight": np.ones((ACTIONS, HIDDEN)), "last_fc_log_std/bias": [1, 2]}
+    gaussian = {"output_distribution": b"tanh_gaussian"} | noise
+    entries = write_agent(tmp_path / "agent.h5", **absent, **gaussian)
     policy = b4mrl.load_agent(tmp_path / "agent.h5")
     plain = {"observation_mean": 0, "observation_std": 1, "observation_mask": 1, "action_scale": 1}
     observation = np.array([0.1, 0.2, 0.3])
@@ -142,6 +145,140 @@ def test_an_inconsistent_file_is_refused(tmp_path: Path, changes: dict) -> None:
     write_agent(tmp_path / "agent.h5", **changes)
     with pytest.raises(errors.DataLossError):
         b4mrl.load_agent(tmp_path / "agent.h5")
+
+
+def edited_agent(path: Path, entry: str, value: object) -> None:
+    """An agent of HalfCheetah with another value for an entry of its `metadata`; None: without it.
+
+    A function makes the entry: it is called with the file and the entry's path.
+    """
+    b4mrl.save_agent(path, random_layers([17, HIDDEN, 6]), environment="HalfCheetah")
+    entry = f"metadata/{entry}"
+    with h5py.File(path, "a") as file:
+        if entry in file:
+            del file[entry]
+        if callable(value):
+            value(file, entry)
+        elif value is not None:
+            file[entry] = value
+
+
+def group(file: h5py.File, entry: str) -> None:
+    file.create_group(entry)
+
+
+def unwritten(*shape: int) -> Callable[[h5py.File, str], None]:
+    """Makes an array of which no number is stored."""
+    return lambda file, entry: file.create_dataset(entry, shape, "f4", chunks=(6, 5))
+
+
+def in_another_file(file: h5py.File, entry: str) -> None:
+    file[entry] = h5py.ExternalLink(str(CARRIED), "metadata/policy/last_fc/weight")
+
+
+def compressed_by_lzf(file: h5py.File, entry: str) -> None:
+    file.create_dataset(entry, data=np.zeros((6, HIDDEN)), compression="lzf")
+
+
+def described(value: object) -> str:
+    return getattr(value, "__name__", str(value).replace("\n", ""))[:20]
+
+
+MALFORMED = [
+    ("environment", group),
+    ("environment", 3),
+    ("environment", np.array([b"Hopper", b"Ant"])),
+    ("algorithm", "x" * 70_000),
+    ("seed", "-1"),
+    ("seed", 3),
+    ("iteration", "many"),
+    ("iteration", -1),
+    ("command", [1, 2]),
+    ("policy", np.zeros(3)),
+    ("policy/nonlinearity", np.array([1, 2])),
+    ("policy/nonlinearity", None),
+    ("policy/output_distribution", "tanh_gaussian"),  # without the layer of its deviations
+    ("policy/fc0", np.zeros(3)),
+    ("policy/fc0/weight", unwritten(60_000, 17)),
+    ("policy/fc0/weight", unwritten(4096, 4096)),
+    ("policy/fc0/weight", np.full((HIDDEN, 17), 1e300)),
+    ("policy/last_fc", None),
+    ("policy/last_fc/weight", group),
+    ("policy/last_fc/weight", "abc"),
+    ("policy/last_fc/weight", np.zeros((6, HIDDEN), np.float16)),
+    ("policy/last_fc/weight", np.zeros((6, HIDDEN), np.complex64)),
+    ("policy/last_fc/weight", np.zeros((6, HIDDEN, 1))),
+    ("policy/last_fc/weight", h5py.Empty("f4")),
+    ("policy/last_fc/weight", in_another_file),
+    ("policy/last_fc/weight", compressed_by_lzf),
+    ("policy/last_fc/bias", np.zeros(0)),
+    ("policy/last_fc/bias", np.full(6, np.inf)),
+    ("policy/history_length", np.array([1, 2])),
+    ("policy/history_length", "x"),
+    ("policy/history_length", np.nan),
+    ("policy/history_length", 17 * 17),
+    ("policy/observation_mask", "abc"),
+    ("policy/observation_mask", np.ones(16)),
+    ("policy/observation_mean", np.full(17, np.nan)),
+    ("policy/observation_std", np.zeros(17)),
+    ("policy/observation_std", np.full(17, np.inf)),
+    ("policy/action_scale", np.full(6, np.inf)),
+]
+
+
+@pytest.mark.parametrize(("entry", "value"), MALFORMED, ids=described)
+def test_a_malformed_entry_is_named_here_and_refused_by_the_programs(
+    tmp_path: Path, entry: str, value: object
+) -> None:
+    path = tmp_path / "agent.h5"
+    edited_agent(path, entry, value)
+    named = "last_fc_log_std" if entry.endswith("distribution") else f"metadata/{entry}"
+    with pytest.raises(errors.DataLossError, match=named):
+        b4mrl.load_agent(path)
+    done = evaluate(path)
+    assert done.returncode != 0
+    assert "metadata" in done.stderr or "agent" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("environment", None),
+        ("seed", ""),
+        ("command", b"train --data /tmp/\xff"),
+        ("policy/last_fc/bias", np.zeros((6, 1), np.int8)),
+        ("policy/history_length", np.array([[1.0]])),
+        ("policy/observation_mask", np.arange(17, dtype=np.uint64)),
+        ("policy/observation_mean", np.zeros(0)),
+        ("policy/observation_std", np.ones((1, 17), ">f8")),
+        ("policy/action_scale", h5py.SoftLink("/metadata/policy/observation_mean")),  # not followed
+    ],
+    ids=described,
+)
+def test_an_unusual_entry_is_read_here_and_by_the_programs(
+    tmp_path: Path, entry: str, value: object
+) -> None:
+    path = tmp_path / "agent.h5"
+    edited_agent(path, entry, value)
+    assert b4mrl.load_agent(path)(np.zeros(17)).shape == (6,)
+    run_evaluate(path)
+
+
+def test_a_layer_too_many_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "agent.h5"
+    b4mrl.save_agent(path, random_layers([3] * 18))
+    with h5py.File(path, "a") as file:
+        file.copy("metadata/policy/fc0", "metadata/policy/fc16")
+    with pytest.raises(errors.DataLossError, match=r"17 hidden layers or more, allowed: 0\.\.16"):
+        b4mrl.load_agent(path)
+
+
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "agent.h5"
+    b4mrl.save_agent(path, random_layers([17, 256, 6]))
+    path.write_bytes(path.read_bytes()[:-10_000])
+    with pytest.raises(OSError, match="truncated"):
+        b4mrl.load_agent(path)
 
 
 def test_a_file_that_is_no_agent_is_refused(tmp_path: Path) -> None:
@@ -170,11 +307,16 @@ def test_texts_may_be_as_h5py_writes_them_here_and_for_the_command(tmp_path: Pat
     assert answers[0] == answers[1]
 
 
-def run_evaluate(agent: Path) -> dict:
-    """What `b4mrl evaluate --json` prints for one episode."""
+def evaluate(agent: Path) -> subprocess.CompletedProcess[str]:
+    """`b4mrl evaluate --json` of one episode."""
     command = [Path(find_server()[0]).with_name("b4mrl-tools"), "evaluate", "--json"]
     command += ["--environment", "HalfCheetah", "--episodes", "1", "--agent", agent]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def run_evaluate(agent: Path) -> dict:
+    """What `b4mrl evaluate --json` prints for one episode."""
+    done = evaluate(agent)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -246,6 +388,7 @@ def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activa
         ({"layers": [(np.zeros((2, 3)), np.zeros(3))]}, r"\(outputs,\)"),
         ({"layers": [(np.zeros(3), np.zeros(3))]}, "outputs"),
         ({"layers": [(np.zeros((2, 5000)), np.zeros(2))]}, "4096"),
+        ({"layers": random_layers([3, 1025])}, r"1\.\.1024"),
         ({"layers": [(np.full((2, 3), np.nan), np.zeros(2))]}, "finite"),
         ({"mask": np.ones(4)}, "3, all of them finite"),
         ({"observation_std": np.zeros(3)}, "above 0"),
