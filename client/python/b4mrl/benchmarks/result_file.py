@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import re
+import reprlib
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,25 @@ ALGORITHMS = ("sac", "td3", "bc", "td3-bc", "iql", "mopo", "h2o", "hymopo")
 
 CURVE_COLUMNS = ("updates", "steps", "return", "std", "score")
 Point = tuple[int, int, float, float, float | None]
+
+# Entries of a result that become attributes.
+_TYPES: dict[str, tuple[type, ...]] = {
+    "algorithm": (str,),
+    "seed": (int,),
+    "updates": (int,),
+    "finished": (bool,),
+    "score": (float, int, type(None)),
+    "return": (float, int),
+    "settled": (bool, type(None)),
+    "source": (str,),
+}
+_NAMES_OF_TYPES = {
+    str: "a text",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    type(None): "null",
+}
 
 _ID_DIGITS = 16
 _SETTLED_POINTS = 1.5  # the largest drift of a settled run between the last two fifths
@@ -70,36 +90,32 @@ class Result(Record):
 def find(folder: str | os.PathLike[str], benchmark: str) -> list[Result]:
     """The results of a benchmark in `folder` and in its subfolder `results`, in order of names.
 
-    DataLossError: a file holds no JSON.
+    Files that are no results of the benchmark are left out. DataLossError: a file holds no JSON, or
+    a result of the benchmark lacks an entry or has one of another type; the message names both.
     """
     paths = [*Path(folder).glob("*.json"), *Path(folder).glob("results/*.json")]
     found: list[Result] = Listing()
     for path in sorted(paths):
         try:
             entries = json.loads(path.read_text())
-        except ValueError as error:
-            raise DataLossError(f"{path} holds no JSON: {error}") from None
-        if isinstance(entries, dict) and benchmark in entries.get("benchmarks", ()):
+        except (ValueError, RecursionError) as error:
+            raise DataLossError(f"{path} holds no JSON that can be read: {error}") from None
+        names = entries.get("benchmarks") if isinstance(entries, dict) else None
+        if isinstance(names, list) and benchmark in names:
             found.append(_result_of(path, entries))
     return found
 
 
 def _result_of(path: Path, entries: dict[str, Any]) -> Result:
-    try:
-        return Result(
-            algorithm=entries["algorithm"],
-            seed=entries["seed"],
-            updates=entries["updates"],
-            finished=entries["finished"],
-            score=entries["score"],
-            mean_return=entries["return"],
-            settled=entries["settled"],
-            source=entries["source"],
-            path=path,
-            entries=entries,
-        )
-    except KeyError as error:
-        raise DataLossError(f"{path} is a result without the entry {error}") from None
+    for name, types in _TYPES.items():
+        if name not in entries:
+            raise DataLossError(f"{path} is a result without the entry {name!r}")
+        if type(entries[name]) not in types:
+            allowed = ", ".join(_NAMES_OF_TYPES[each] for each in types)
+            value = reprlib.repr(entries[name])
+            raise DataLossError(f"{path} is a result whose {name} is {value}, allowed: {allowed}")
+    given = {name: entries[name] for name in _TYPES if name != "return"}
+    return Result(**given, mean_return=entries["return"], path=path, entries=entries)
 
 
 def check_algorithm(name: str) -> None:
@@ -282,10 +298,12 @@ def earlier(
     path = _path_of(folder, info, algorithm, seed, run_id)
     try:
         entries = json.loads(path.read_text())
-        curve = [tuple(point) for point in entries["curve"]]
+        curve: list[Any] = [tuple(point) for point in entries["curve"]]
         updates, seconds = int(entries["updates"]), float(entries["seconds"])
-        return Earlier(path, updates, curve, entries["ledger"], seconds)
-    except (OSError, ValueError, TypeError, KeyError):
+        if any(len(point) != len(CURVE_COLUMNS) for point in curve):
+            return None
+        return Earlier(path, updates, curve, dict(entries["ledger"]), seconds)
+    except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
 
 

@@ -222,6 +222,84 @@ def test_results_of_a_benchmark_are_found_where_the_runner_keeps_them(
         bench.results(tmp_path)
 
 
+@pytest.mark.parametrize("names", [None, 5, f"before {CLEAN} after", {CLEAN: 1}, [[CLEAN]]])
+def test_a_file_that_names_no_benchmarks_is_no_result(tmp_path: Path, names: object) -> None:
+    (tmp_path / "other.json").write_text(json.dumps({"benchmarks": names}))
+    assert result_file.find(tmp_path, CLEAN) == []
+
+
+def test_json_that_is_nested_too_deeply_is_named(medium: b4mrl.Client, tmp_path: Path) -> None:
+    bench = medium.benchmark(CLEAN)
+    given = {"algorithm": "mine", "seed": 0, "updates": 5, "folder": tmp_path, "returns": [1.0]}
+    path = bench.record(**given)
+    path.write_text("[" * 100_000)
+    with pytest.raises(errors.DataLossError, match=path.name):
+        bench.results(tmp_path)
+    assert bench.record(**given) == path  # replaces it, as any file that is no result
+    assert len(bench.results(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"updates": 1e999},
+        {"updates": None},
+        {"curve": [[]]},
+        {"curve": [1]},
+        {"curve": None},
+        {"ledger": None},
+        {"ledger": [1]},
+        {"seconds": "x"},
+    ],
+)
+def test_a_damaged_result_of_the_same_run_is_replaced(
+    medium: b4mrl.Client, tmp_path: Path, changes: dict
+) -> None:
+    bench = medium.benchmark(CLEAN)
+    given = {"algorithm": "mine", "seed": 0, "updates": 5, "folder": tmp_path, "returns": [1.0]}
+    path = bench.record(**given)
+    whole = entries_of(path)
+    path.write_text(json.dumps(whole | changes))
+    bench.record(**given)
+    assert entries_of(path)["curve"] == whole["curve"]
+    assert entries_of(path)["ledger"].keys() == whole["ledger"].keys()
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "allowed"),
+    [
+        ("algorithm", None, "a text"),
+        ("seed", "0", "a whole number"),
+        ("updates", True, "a whole number"),
+        ("finished", None, "true or false"),
+        ("score", "high", "a number, a whole number, null"),
+        ("return", None, "a number"),
+        ("settled", 1, "true or false, null"),
+        ("source", ["own"], "a text"),
+    ],
+)
+def test_a_result_with_an_entry_of_another_type_is_named(
+    tmp_path: Path, entry: str, value: object, allowed: str
+) -> None:
+    whole = {
+        "benchmarks": [CLEAN],
+        "algorithm": "mine",
+        "seed": 0,
+        "updates": 5,
+        "finished": True,
+        "score": None,
+        "return": 1.5,
+        "settled": None,
+        "source": "user",
+    }
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(whole))
+    assert result_file.find(tmp_path, CLEAN)[0].mean_return == 1.5
+    path.write_text(json.dumps(whole | {entry: value}))
+    with pytest.raises(errors.DataLossError, match=f"result.json.* {entry} is .*: {allowed}"):
+        result_file.find(tmp_path, CLEAN)
+
+
 def test_a_curve_that_begins_again_drops_what_it_repeats(
     medium: b4mrl.Client, tmp_path: Path
 ) -> None:
