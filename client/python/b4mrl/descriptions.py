@@ -230,6 +230,12 @@ class BenchmarkInfo(Record):
     hyperparameters: dict[str, float]
     paper: dict[str, tuple[float, float]]
 
+    def is_defined_for(self, algorithm: str) -> bool:
+        """Whether results of an algorithm of that name count for the benchmark."""
+        if algorithm in self.exceptions:
+            return False
+        return not self.algorithms or algorithm in self.algorithms
+
 
 _KINDS: dict[str, type[Any]] = {
     "BenchmarkInfo": BenchmarkInfo,

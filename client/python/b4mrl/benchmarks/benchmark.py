@@ -262,10 +262,11 @@ class Benchmark(Shown):
                 the caller has evaluated; the result is marked as self-scored.
             hyperparameters: numbers and texts, for the reader of the result.
 
-        InvalidArgumentError: the name is one of B4MRL's own, or both or none of policy and returns
-        are given. FailedPreconditionError: the folder has a result of more updates.
+        InvalidArgumentError: the name is one of B4MRL's own, or the benchmark is not defined for it
+        (info.is_defined_for), or both or none of policy and returns are given.
+        FailedPreconditionError: the folder has a result of more updates.
         """
-        result_file.check_algorithm(algorithm)
+        result_file.check_algorithm(algorithm, self.info)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         if (policy is None) == (returns is None):
             given = "None" if policy is None else "given"

@@ -27,6 +27,7 @@ from b4mrl.descriptions import BenchmarkInfo, DatasetInForce
 from b4mrl.display import Listing, Record
 from b4mrl.errors import DataLossError, InvalidArgumentError
 from b4mrl.version import __version__
+from b4mrl.wire import checks
 
 # Names of `b4mrl list algorithms`: their results are written by the program alone.
 ALGORITHMS = ("sac", "td3", "bc", "td3-bc", "iql", "mopo", "h2o", "hymopo")
@@ -118,8 +119,9 @@ def _result_of(path: Path, entries: dict[str, Any]) -> Result:
     return Result(**given, mean_return=entries["return"], path=path, entries=entries)
 
 
-def check_algorithm(name: str) -> None:
-    """InvalidArgumentError: `name` cannot be the name of a user's algorithm."""
+def check_algorithm(name: str, info: BenchmarkInfo) -> None:
+    """InvalidArgumentError: no user's algorithm can have the name, or not in this benchmark."""
+    name = checks.text("algorithm", name)
     if name in ALGORITHMS:
         raise InvalidArgumentError(
             f"algorithm is {name!r}, allowed: any name but those of B4MRL's own algorithms "
@@ -128,6 +130,14 @@ def check_algorithm(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z0-9-]{1,40}", name):
         raise InvalidArgumentError(
             f"algorithm is {name!r}, allowed: 1 to 40 letters, digits and dashes"
+        )
+    if not info.is_defined_for(name):
+        allowed = f"all but {', '.join(info.exceptions)}"
+        if info.algorithms:
+            allowed = f"{', '.join(info.algorithms)} alone"
+        raise InvalidArgumentError(
+            f"algorithm is {name!r}, allowed in {info.name}: {allowed}; b4mrl.suite(algorithm="
+            f"{name!r}) has the benchmarks that are defined for it"
         )
 
 

@@ -11,6 +11,7 @@ from b4mrl.benchmarks.benchmark import Benchmark, find_info
 from b4mrl.client import Client
 from b4mrl.display import Listing
 from b4mrl.registration import connect
+from b4mrl.wire import checks
 
 
 def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int = 0) -> Benchmark:
@@ -44,16 +45,24 @@ def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int
 
 
 def suite(
-    pattern: str = "*", *, version: str = "v0", endpoint: str | None = None, rows: int = 0
+    pattern: str = "*",
+    *,
+    algorithm: str | None = None,
+    version: str = "v0",
+    endpoint: str | None = None,
+    rows: int = 0,
 ) -> list[Benchmark]:
     """The benchmarks whose names fit a pattern, in the order of the catalogue.
 
     Args:
         pattern: "*" stands for any text and "?" for any character: "HalfCheetah/confounding/*".
+        algorithm: leaves out what is not defined for an algorithm of that name, such as your own,
+            whose results Benchmark.record then refuses. `b4mrl benchmark run --learner` leaves out
+            the same. None: leaves out nothing.
         version: of the suites.
         endpoint, rows: as for `benchmark`. A dataset is made when it is first used.
 
-    UnknownNameError: no benchmark fits.
+    UnknownNameError: no benchmark fits, or none that does is defined for the algorithm.
     """
     client: Client = connect(endpoint)
     known = client.benchmarks()
@@ -66,6 +75,14 @@ def suite(
     if not found:
         names = [info.name for info in known]
         raise errors.unknown_name("benchmark", pattern, names, "`b4mrl list benchmarks` has all")
+    if algorithm is not None:
+        checks.text("algorithm", algorithm)
+        found = [info for info in found if info.is_defined_for(algorithm)]
+    if not found:
+        raise errors.UnknownNameError(
+            f"no benchmark that fits {pattern!r} is defined for the algorithm {algorithm!r}; "
+            "`b4mrl list benchmarks` says for which each is"
+        )
     return Listing(Benchmark(client, info, make_rows=rows) for info in found)
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import b4mrl
@@ -45,6 +46,42 @@ def test_what_no_benchmark_fits_is_refused_with_the_nearest_name(own: b4mrl.Clie
         b4mrl.suite(version="v9")
     with pytest.raises(errors.UnknownNameError, match="did you mean 'HalfCheetah/clean/medium'"):
         b4mrl.benchmark("HalfCheetah/clean/medum")
+
+
+def test_a_benchmark_that_is_not_defined_for_an_algorithm_takes_no_result_of_it(
+    own: b4mrl.Client, tmp_path: Path
+) -> None:
+    everything = {bench.name: bench for bench in b4mrl.suite()}
+    of_sac = everything["HalfCheetah/simulators/gravity"]
+    given = {"algorithm": "mine", "seed": 0, "updates": 1, "folder": tmp_path, "returns": [1.0]}
+    with pytest.raises(
+        errors.InvalidArgumentError, match="'mine', allowed in .*gravity: sac alone"
+    ):
+        of_sac.record(**given)
+    excepted = replace(of_sac.info, algorithms=(), exceptions=("mine",))
+    with pytest.raises(errors.InvalidArgumentError, match="'mine', allowed in .*: all but mine"):
+        b4mrl.Benchmark(own, excepted).record(**given)
+    assert list(tmp_path.iterdir()) == []
+    mine = {bench.name for bench in b4mrl.suite(algorithm="mine")}
+    of_others = {name for name, bench in everything.items() if bench.info.algorithms}
+    assert mine == everything.keys() - of_others and of_others
+    assert of_sac.name in {bench.name for bench in b4mrl.suite(algorithm="sac")}
+    with pytest.raises(errors.UnknownNameError, match="'HalfCheetah/simulators/.*'mine'"):
+        b4mrl.suite("HalfCheetah/simulators/*", algorithm="mine")
+
+
+def test_a_suite_for_an_algorithm_is_what_the_runner_trains(
+    own: b4mrl.Client, tmp_path: Path
+) -> None:
+    program = Path(find_server()[0]).with_name("b4mrl-benchmark")
+    command = [program, "run", "--dry-run", "--json", "--budget", "smoke", "--seeds", "0"]
+    command += ["--learner", "true", "--name", "mine", "--out", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    planned = {name for run in json.loads(done.stdout) for name in run["benchmarks"]}
+    unmakeable = {"HalfCheetah/action-delay/gravity+action-delay"}  # the runner says so
+    suite = {bench.name for bench in b4mrl.suite(algorithm="mine")}
+    assert planned - unmakeable == suite - unmakeable
 
 
 def test_a_missing_dataset_is_made_in_the_data_folder_of_the_daemon(tmp_path: Path) -> None:
