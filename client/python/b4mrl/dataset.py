@@ -337,13 +337,24 @@ class Dataset(Shown):
 
     def _gather(self, first_row: int, rows: int) -> Batch:
         if rows == 0:
-            return {name: column[:0] for name, column in self._gather(0, 1).items()}
+            return self._no_rows()
         whole: Batch = {}
         for first, part in self._parts(first_row, rows):
             if len(part["rewards"]) == rows:
                 return part
             _put(whole, part, first - first_row, rows)
         return whole
+
+    def _no_rows(self) -> Batch:
+        """A batch of no rows, which asks the daemon for nothing."""
+        numbers = {
+            "observations": (0, self.observation_size),
+            "actions": (0, self.action_size),
+            "rewards": (0,),
+            "next_observations": (0, self.observation_size),
+        }
+        batch: Batch = {name: np.empty(shape, np.float32) for name, shape in numbers.items()}
+        return batch | {name: np.empty(0, np.bool_) for name in ("terminals", "timeouts")}
 
     def _send_sample(
         self, connection: Connection, rows: int, seed: int, batch: int, with_indices: bool

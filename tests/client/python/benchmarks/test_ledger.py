@@ -38,6 +38,18 @@ def test_a_ledger_counts_rows_of_queries(client: b4mrl.Client) -> None:
     assert other.counts() == LedgerCounts(0, 0, 5, 0)
 
 
+@pytest.mark.parametrize("rule", ["stored", "d4rl"])
+def test_a_slice_without_rows_counts_none(medium: b4mrl.Client, rule: str) -> None:
+    ledger = medium.ledger()
+    with medium.dataset("HalfCheetah/medium", transition_rule=rule, ledger=ledger) as dataset:
+        empty = [dataset[0:0], dataset[5:5], dataset[dataset.rows :], dataset[7:3]]
+        assert ledger.counts() == LedgerCounts(0, 0, 0, 0)
+        kinds = {name: (each[1:].shape, each.dtype) for name, each in dataset[:1].items()}
+        assert ledger.counts().dataset_rows == 1
+    for rows in empty:
+        assert {name: (each.shape, each.dtype) for name, each in rows.items()} == kinds
+
+
 def test_its_number_stands_for_a_ledger_in_another_process(client: b4mrl.Client) -> None:
     ledger = client.ledger()
     with b4mrl.connect(daemon().endpoint) as another:
