@@ -79,16 +79,27 @@ void AddTransitions(CLI::App& app, std::string& rule) {
       ->check(CLI::IsMember({"stored", "d4rl"}));
 }
 
+CLI::Option* AddEndpoint(CLI::App& app, std::string& endpoint, const std::string& text) {
+  return app.add_option("--endpoint", endpoint, text)->envname("B4MRL_ENDPOINT");
+}
+
+void CheckEndpoint(const CLI::Option& option, const std::string& endpoint) {
+  if (option.count() == 0) return;
+  if (const Status status = CheckAddress(endpoint); !status.ok()) {
+    throw CLI::ValidationError("--endpoint or B4MRL_ENDPOINT", status.message());
+  }
+}
+
 void DaemonOptions::AddTo(CLI::App& app) {
-  app.add_option("--endpoint", endpoint,
-                 "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is "
-                 "started for this command]")
-      ->envname("B4MRL_ENDPOINT")
-      ->check(Address());
+  const CLI::Option* const option = AddEndpoint(
+      app, endpoint,
+      "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is started for "
+      "this command]");
   app.add_option("--data", data_folder,
                  "folder of datasets for the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; "
                  "a running daemon has its own");
-  app.parse_complete_callback([this] {
+  app.parse_complete_callback([this, option] {
+    CheckEndpoint(*option, endpoint);
     if (endpoint.empty() || data_folder.empty()) return;
     throw CLI::ValidationError(
         "--data", fmt::format("{} is not used: the datasets are those of the daemon at {} "

@@ -40,6 +40,12 @@ std::optional<Failure> CheckOutputFile(std::string_view name, const std::string&
 void AddCorruptionSeed(CLI::App& app, uint64_t& seed);
 void AddTransitions(CLI::App& app, std::string& rule);
 
+// The option --endpoint with its variable; `text` describes it. CheckEndpoint throws CLI11's error
+// for an address that is none. It is for a parse_complete_callback, which is called after --help
+// has been answered: a variable that is set wrongly must not hide the help.
+CLI::Option* AddEndpoint(CLI::App& app, std::string& endpoint, const std::string& text);
+void CheckEndpoint(const CLI::Option& option, const std::string& endpoint);
+
 // A command: options bound to a CLI11 subcommand, and the function that runs it.
 using CommandBody = std::function<std::optional<Failure>()>;
 struct Command {

@@ -79,9 +79,9 @@ struct StatusCommand {
 std::vector<Command> AddStatusCommand(CLI::App& app) {
   auto command = std::make_shared<StatusCommand>();
   CLI::App* sub = app.add_subcommand("status", "a running daemon's sessions, workers and rates");
-  sub->add_option("--endpoint", command->endpoint, "address of the daemon [tcp://127.0.0.1:7700]")
-      ->envname("B4MRL_ENDPOINT")
-      ->check(Address());
+  const CLI::Option* const option =
+      AddEndpoint(*sub, command->endpoint, "address of the daemon [tcp://127.0.0.1:7700]");
+  sub->parse_complete_callback([command, option] { CheckEndpoint(*option, command->endpoint); });
   sub->add_flag("--json", command->json, "print the status as one JSON object");
   return {{sub, [command] { return command->Run(); }}};
 }

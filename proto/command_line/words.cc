@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <limits>
 #include <utility>
 
 #include "proto/base/count.h"
 #include "proto/base/exit_codes.h"
+#include "proto/wire/socket.h"
 
 namespace b4mrl {
 namespace {
@@ -63,10 +65,20 @@ CLI::Validator Number(double low, double high) {
 }
 
 CLI::Validator Address() {
-  const auto check = [](const std::string& text) {
-    return text.empty() ? "'' is no address, as tcp://HOST:PORT or ipc://PATH" : "";
-  };
+  const auto check = [](const std::string& text) { return CheckAddress(text).message(); };
   return CLI::Validator(check, "");
+}
+
+Status CheckAddress(std::string_view address) {
+  if (address.starts_with("ipc://")) return ParseIpcAddress(address).status();
+  const Status not_allowed =
+      InvalidArgument("address", address, "tcp://HOST:PORT with a port in 1..65535 or ipc://PATH");
+  const Result<TcpAddress> parsed = ParseTcpAddress(address);
+  if (!parsed.ok() || parsed->port == 0) return not_allowed;  // a port that is free is for servers
+  const bool is_host = std::ranges::all_of(parsed->host, [](unsigned char c) {
+    return std::isalnum(c) != 0 || std::string_view(".-_:%[]").find(c) != std::string_view::npos;
+  });
+  return is_host ? Status() : not_allowed;
 }
 
 Status UnknownOption(const CLI::App& app, std::string_view option,

@@ -21,8 +21,12 @@ CLI::Validator Count(uint64_t low, uint64_t high);
 CLI::Validator Seed();
 // A number in low..high, of which NaN is none.
 CLI::Validator Number(double low, double high);
-// An address of a daemon: not "", which would stand for none.
+// An address of a daemon, as CheckAddress takes it.
 CLI::Validator Address();
+
+// OK for "tcp://HOST:PORT" and "ipc://PATH", to which a client can connect; kInvalidArgument for
+// others, as for "", which would stand for none.
+Status CheckAddress(std::string_view address);
 
 // The error "unknown option '--updats'; did you mean '--updates'?", with the options of `app` that
 // its help shows and the names in `more` as known names.

@@ -53,6 +53,29 @@ TEST_CASE("Options without an effect are refused, and so is an address that is n
   CHECK(Run({"list", "algorithms"}, {"B4MRL_ENDPOINT="}).exit_code == 0);
 }
 
+TEST_CASE(
+    "An address that is none is a wrong option wherever it stands, and help comes before it") {
+  const std::vector<Words> commands = {{"status"},
+                                       {"list", "environments"},
+                                       {"dataset", "info", "HalfCheetah/medium"},
+                                       {"benchmark", "run", "nothing"},
+                                       {"perf", "nothing"}};
+  for (const Words& command : commands) {
+    Words with_flag = command;
+    with_flag.insert(with_flag.end(), {"--endpoint", "127.0.0.1:7811"});
+    for (const Outcome& outcome :
+         {Run(with_flag), Run(command, {"B4MRL_ENDPOINT=127.0.0.1:7811"})}) {
+      CAPTURE(command.front(), outcome.err);
+      CHECK(outcome.exit_code == 2);
+      CHECK(Says(outcome.err, "'127.0.0.1:7811', allowed: tcp://HOST:PORT"));
+    }
+  }
+  for (const Words& command :
+       {Words{"--help"}, {"--version"}, {"train", "--help"}, {"status", "--help"}}) {
+    CHECK(Run(command, {"B4MRL_ENDPOINT=127.0.0.1:7811"}).exit_code == 0);
+  }
+}
+
 TEST_CASE("The last of an option's values counts") {
   const Outcome outcome = Run({"report", "none", "--at", "no budget", "--at", "5"});
   CHECK(outcome.exit_code == 3);
