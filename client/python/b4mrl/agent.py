@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import os
+import reprlib
 import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from b4mrl.agent_file import (
     MAX_HIDDEN_LAYERS,
     MAX_HISTORY,
+    MAX_TEXT_BYTES,
+    MAX_UPDATES,
     MAX_WIDTH,
     AgentFile,
     Layer,
@@ -27,7 +30,7 @@ from b4mrl.agent_file import (
 )
 from b4mrl.display import Shown
 from b4mrl.errors import DataLossError, InvalidArgumentError
-from b4mrl.wire import limits
+from b4mrl.wire import checks, limits
 
 _ACTIVATIONS = ("relu", "tanh")
 
@@ -102,8 +105,9 @@ class Policy(Shown):
         return other
 
     def __call__(self, observation: ArrayLike) -> Vector:
-        given = np.asarray(observation, np.float32)
         size = self.observation_size
+        allowed = f"numbers of shape ({size},) or (n, {size})"
+        given = checks.array("observation", observation, allowed, np.float32)
         single = given.size == size and (given.ndim < 2 or given[0].size < size)
         if given.size == 0 or given.size % size or not (single or given[0].size == size):
             raise InvalidArgumentError(
@@ -186,7 +190,7 @@ def save_agent(
     """
     import h5py  # only here: HDF5 is slow to import
 
-    if activation not in _ACTIVATIONS:
+    if not isinstance(activation, str) or activation not in _ACTIVATIONS:
         raise InvalidArgumentError(
             f"activation is {activation!r}, allowed: {', '.join(_ACTIVATIONS)}"
         )
@@ -196,17 +200,18 @@ def save_agent(
         raise InvalidArgumentError(
             f"the last layer has {actions} outputs, allowed: 1..{limits.MAX_ACTION_DIMENSIONS}"
         )
-    if not 1 <= history_length <= MAX_HISTORY or inputs % history_length:
+    history_length = checks.integer("history_length", history_length, 1, MAX_HISTORY)
+    if inputs % history_length:
         raise InvalidArgumentError(
-            f"history_length is {history_length!r}, allowed: a divisor of the first layer's "
+            f"history_length is {history_length}, allowed: a divisor of the first layer's "
             f"{inputs} inputs, at most {MAX_HISTORY}"
         )
     size = inputs // history_length
     entries: dict[str, Any] = {
-        "environment": environment,
-        "algorithm": algorithm,
-        "seed": str(seed),
-        "iteration": updates,
+        "environment": _given_text("environment", environment),
+        "algorithm": _given_text("algorithm", algorithm),
+        "seed": str(checks.unsigned("seed", seed)),
+        "iteration": checks.integer("updates", updates, 0, MAX_UPDATES),
         "policy/nonlinearity": activation,
         "policy/output_distribution": "tanh",
         "policy/history_length": history_length,
@@ -235,13 +240,20 @@ def save_agent(
 
 def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
     """The layers as arrays. InvalidArgumentError: they make no network that a file can hold."""
-    if not 1 <= len(layers) <= MAX_HIDDEN_LAYERS + 1:
+    try:
+        pairs = [(weight, bias) for weight, bias in layers]
+    except (TypeError, ValueError):
         raise InvalidArgumentError(
-            f"there are {len(layers)} layers, allowed: 1..{MAX_HIDDEN_LAYERS + 1}"
+            f"layers are {reprlib.repr(layers)}, allowed: a list of pairs (weight, bias)"
+        ) from None
+    if not 1 <= len(pairs) <= MAX_HIDDEN_LAYERS + 1:
+        raise InvalidArgumentError(
+            f"there are {len(pairs)} layers, allowed: 1..{MAX_HIDDEN_LAYERS + 1}"
         )
     read: list[Layer] = []
-    for i, (weight, bias) in enumerate(layers):
-        matrix, vector = _numbers(weight), _numbers(bias)
+    for i, (weight, bias) in enumerate(pairs):
+        matrix = _numbers(f"the weight of layers[{i}]", weight)
+        vector = _numbers(f"the bias of layers[{i}]", bias)
         inputs = len(read[-1][1]) if read else matrix.shape[-1]
         fits = matrix.ndim == 2 and matrix.shape[1] == inputs and vector.shape == matrix.shape[:1]
         if not fits or not 0 < min(matrix.shape) <= max(matrix.shape) <= MAX_WIDTH:
@@ -256,13 +268,24 @@ def _readable_layers(layers: Sequence[tuple[Any, Any]]) -> list[Layer]:
     return read
 
 
-def _numbers(given: Any) -> NDArray[np.float32]:
+def _numbers(name: str, given: Any) -> NDArray[np.float32]:
     """An array, or a PyTorch tensor on whatever device, as float32."""
-    return np.asarray(given.detach().cpu() if hasattr(given, "detach") else given, np.float32)
+    value = given.detach().cpu() if hasattr(given, "detach") else given
+    return checks.array(name, value, "numbers", np.float32)
+
+
+def _given_text(name: str, given: Any) -> str:
+    value = checks.text(name, given)
+    if len(value.encode()) > MAX_TEXT_BYTES or "\0" in value:
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, allowed: at most {MAX_TEXT_BYTES} bytes, none of "
+            "them 0"
+        )
+    return value
 
 
 def _given_vector(name: str, given: Any, default: NDArray[Any]) -> Vector:
-    value = _numbers(default if given is None else given).reshape(-1)
+    value = _numbers(name, default if given is None else given).reshape(-1)
     if value.shape != default.shape or not np.isfinite(value).all():
         raise InvalidArgumentError(
             f"{name} has {value.size} entries, allowed: {default.size}, all of them finite"

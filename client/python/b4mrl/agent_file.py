@@ -23,11 +23,12 @@ Layer = tuple[NDArray[np.float32], Vector]  # weight (outputs, inputs) and bias 
 MAX_HIDDEN_LAYERS = 16
 MAX_WIDTH = 4096  # inputs and outputs of a layer
 MAX_HISTORY = 64
+MAX_UPDATES = 2**53
+MAX_TEXT_BYTES = 64 * 1024
 
 # Of `metadata`, which may be absent: C++ takes their bytes as they are.
 _TEXTS = ("command", "simulator", "world", "dataset", "dataset_sha256", "corruption")
 
-_MAX_TEXT_BYTES = 64 * 1024
 _MAX_CHUNK_BYTES = 256 * 1024 * 1024
 # Deflate's best ratio; the slack covers small arrays, which are stored in headers.
 _MAX_INFLATION = 1032
@@ -98,7 +99,7 @@ class AgentFile:
         if seed and not (re.fullmatch("[0-9]{1,20}", seed) and int(seed) < 2**64):
             raise DataLossError(f"metadata/seed is {seed!r}, allowed: 0..{2**64 - 1}")
         if "metadata/iteration" in self:
-            self.number("metadata/iteration", 2**53)
+            self.number("metadata/iteration", MAX_UPDATES)
 
     def _one(self, path: str, kinds: str, what: str) -> Any:
         """The only element of a dataset."""
@@ -107,8 +108,8 @@ class AgentFile:
             raise DataLossError(f"{path} has shape {found.shape}, allowed: {what}")
         with _reading(path):
             value = np.asarray(found[()]).reshape(-1)[0]
-        if kinds == "S" and len(value) > _MAX_TEXT_BYTES:
-            raise DataLossError(f"{path} has {len(value)} bytes, allowed: {_MAX_TEXT_BYTES}")
+        if kinds == "S" and len(value) > MAX_TEXT_BYTES:
+            raise DataLossError(f"{path} has {len(value)} bytes, allowed: {MAX_TEXT_BYTES}")
         return value
 
     def _find(self, path: str) -> Any:

@@ -236,7 +236,9 @@ class Dataset(Shown):
             self._send_sample(connection, rows, seed, number, paired is not None)
             for number in itertools.count(checks.unsigned("first_batch", first_batch))
         )
-        window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
+        window = min(
+            max(checks.integer("credits", credits, 0, None), 1), limits.MAX_REQUESTS_IN_FLIGHT
+        )
         for delivery in replies_to(connection, sent, window):
             batch = self._columns(delivery, rows)
             if paired is not None:

@@ -70,7 +70,7 @@ class Environment(Hosted, gym.Env[Array, Array]):
 
         InvalidArgumentError: `options` is neither None nor empty.
         """
-        if options:
+        if options is not None and (not isinstance(options, dict) or options):
             raise InvalidArgumentError(
                 f"options is {options!r}, allowed: none; settings are given to make as config="
             )

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
 
 State = dict[str, Any]
@@ -99,6 +100,7 @@ def _is_ended(state: Mapping[str, Any]) -> bool:
 
 
 def _row_of(state: Mapping[str, Any]) -> dict[str, Array]:
+    state = checks.mapping("state", state, "a dict that get_state returned")
     parts = {name: _numbers(name, value) for name, value in state.items() if name != _SNAPSHOT}
     snapshot = state.get(_SNAPSHOT)
     if snapshot is None:

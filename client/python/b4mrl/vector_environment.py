@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -100,7 +101,7 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
             options: `reset_mask`, bool (n,), chooses the environments that are reset; the other
                 rows of the returned observations are the latest ones. There are no other options.
         """
-        chosen = self._reset_lanes(options or {})
+        chosen = self._reset_lanes({} if options is None else options)
         seed = seed.tolist() if isinstance(seed, np.ndarray) else seed
         seeds = self._seeds(seed)
         # Gymnasium's base class seeds only its `np_random`; the request below seeds the daemon.
@@ -171,6 +172,10 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         """
         lanes = self._lanes(env_ids)
         targets = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
+        if not isinstance(states, Sequence | np.ndarray):
+            raise errors.InvalidArgumentError(
+                f"states are {reprlib.repr(states)}, allowed: a list of {len(targets)} states"
+            )
         if len(states) != len(targets):
             raise errors.InvalidArgumentError(
                 f"there are {len(states)} states, allowed: {len(targets)}, one an environment"
@@ -201,16 +206,15 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
     def _lanes(self, env_ids: EnvIds) -> Lanes | None:
         if env_ids is None:
             return None
-        given = np.asarray(env_ids)
+        allowed = f"a list of numbers in 0..{self.num_envs - 1}"
+        given = checks.array("env_ids", env_ids, allowed)
         numbers = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
         if not numbers or np.any(given < 0) or np.any(given >= self.num_envs):
-            raise errors.InvalidArgumentError(
-                f"env_ids are {env_ids!r}, allowed: a list of numbers in 0..{self.num_envs - 1}"
-            )
+            raise errors.InvalidArgumentError(f"env_ids are {env_ids!r}, allowed: {allowed}")
         return given.astype(np.uint32)
 
     def _reset_lanes(self, options: Mapping[str, Any]) -> Lanes:
-        if not options.keys() <= {"reset_mask"}:
+        if not isinstance(options, Mapping) or not options.keys() <= {"reset_mask"}:
             raise errors.InvalidArgumentError(
                 f"options is {options!r}, allowed: reset_mask; settings are given to make_vec as "
                 "config="
@@ -218,11 +222,11 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         mask = options.get("reset_mask")
         if mask is None:
             return np.arange(self.num_envs, dtype=np.uint32)
-        given = np.asarray(mask)
+        allowed = f"a bool array of shape ({self.num_envs},) with at least one True"
+        given = checks.array("options['reset_mask']", mask, allowed)
         if given.dtype != np.bool_ or given.shape != (self.num_envs,) or not given.any():
             raise errors.InvalidArgumentError(
-                f"options['reset_mask'] is {mask!r}, "
-                f"allowed: a bool array of shape ({self.num_envs},) with at least one True"
+                f"options['reset_mask'] is {mask!r}, allowed: {allowed}"
             )
         return np.flatnonzero(given).astype(np.uint32)
 

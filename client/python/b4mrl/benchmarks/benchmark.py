@@ -267,6 +267,7 @@ class Benchmark(Shown):
         FailedPreconditionError: the folder has a result of more updates.
         """
         result_file.check_algorithm(algorithm, self.info)
+        plain = result_file.plain_hyperparameters(hyperparameters)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         if (policy is None) == (returns is None):
             given = "None" if policy is None else "given"
@@ -291,7 +292,7 @@ class Benchmark(Shown):
             earlier = None
         entries = result_file.entries_of(self.info, algorithm, seed, dataset, reached, curve)
         entries |= {
-            "hyperparameters": dict(hyperparameters or {}),
+            "hyperparameters": plain,
             "scorings": scorings,
             "source": "self-scored" if policy is None else "user",
             "ledger": used if earlier is None else earlier.ledger,

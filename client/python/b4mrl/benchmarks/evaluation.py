@@ -16,6 +16,7 @@ from b4mrl.display import Record
 from b4mrl.errors import InvalidArgumentError
 from b4mrl.values import Value
 from b4mrl.vector_environment import VectorEnvironment
+from b4mrl.wire import checks
 from b4mrl.wire.arrays import Array
 
 # A function from observations to actions, or an agent's file.
@@ -102,11 +103,10 @@ def given_returns(returns: ArrayLike | None) -> NDArray[np.float64]:
 
     InvalidArgumentError: they are no list of finite numbers, or an empty one.
     """
-    given = np.asarray([] if returns is None else returns, np.float64)
+    allowed = "at least one finite number, one an episode"
+    given = checks.array("returns", [] if returns is None else returns, allowed, np.float64)
     if given.ndim != 1 or not np.isfinite(given).all() or (returns is not None and not len(given)):
-        raise InvalidArgumentError(
-            f"returns are {returns!r}, allowed: at least one finite number, one an episode"
-        )
+        raise InvalidArgumentError(f"returns are {returns!r}, allowed: {allowed}")
     return given
 
 

@@ -141,6 +141,21 @@ def check_algorithm(name: str, info: BenchmarkInfo) -> None:
         )
 
 
+def plain_hyperparameters(given: Mapping[str, Any] | None) -> dict[str, Any]:
+    """A copy for a result; {} for None. InvalidArgumentError: JSON cannot hold them."""
+    allowed = "a dict from names to numbers and texts"
+    plain = dict(checks.mapping("hyperparameters", {} if given is None else given, allowed))
+    try:
+        _compact(plain).encode()
+    except InvalidArgumentError:
+        raise
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InvalidArgumentError(
+            f"hyperparameters are {reprlib.repr(plain)}, allowed: {allowed} ({error})"
+        ) from None
+    return plain
+
+
 def entries_of(
     info: BenchmarkInfo,
     algorithm: str,

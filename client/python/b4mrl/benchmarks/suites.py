@@ -64,6 +64,7 @@ def suite(
 
     UnknownNameError: no benchmark fits, or none that does is defined for the algorithm.
     """
+    pattern, version = checks.text("pattern", pattern), checks.text("version", version)
     client: Client = connect(endpoint)
     known = client.benchmarks()
     versions = sorted({info.suite for info in known})

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire.arrays import Array
@@ -22,6 +23,25 @@ def text(name: str, value: Any) -> str:
     except UnicodeEncodeError:
         pass
     raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a text")
+
+
+def mapping(name: str, value: Any, allowed: str) -> Mapping[str, Any]:
+    """`value`. InvalidArgumentError: it is no dict with texts as keys; `allowed` says what is."""
+    if not isinstance(value, Mapping):
+        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: {allowed}")
+    for key in value:
+        text(f"a name in {name}", key)
+    return value
+
+
+def array(name: str, value: Any, allowed: str, dtype: DTypeLike | None = None) -> Array:
+    """`value` as an array. InvalidArgumentError: it cannot become one; `allowed` says what can."""
+    try:
+        return np.asarray(value, dtype)
+    except (TypeError, ValueError, RuntimeError) as error:  # PyTorch's say what is to be called
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, allowed: {allowed} ({error})"
+        ) from error
 
 
 def unsigned(name: str, value: Any, bits: int = 64) -> int:
