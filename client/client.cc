@@ -132,7 +132,9 @@ Client::Client(Context context, std::string endpoint, Connection gateway,
       endpoint_(std::move(endpoint)),
       gateway_(std::move(gateway)),
       cancelled_(cancelled),
-      reporter_([](const std::string& text) { fmt::print(stderr, "b4mrl: {}\n", text); }) {}
+      reporter_([](const std::string& text) {
+        std::fputs(("b4mrl: " + text + "\n").c_str(), stderr);  // unlike fmt::print, never throws
+      }) {}
 
 void Client::set_reporter(std::function<void(const std::string&)> reporter) {
   reporter_ = std::move(reporter);

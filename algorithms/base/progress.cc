@@ -15,17 +15,17 @@ constexpr double kTerminalSeconds = 0.1;
 constexpr double kPlainSeconds = 30;
 constexpr int kBarWidth = 24;
 
-void Print(const std::string& text) {
-  std::fwrite(text.data(), 1, text.size(), stderr);
-  std::fflush(stderr);
-}
-
 std::string FormatRate(double rate, std::string_view unit) {
   return rate >= 10 ? fmt::format("{:.0f} {}/s", rate, unit)
                     : fmt::format("{:.2f} {}/s", rate, unit);
 }
 
 }  // namespace
+
+void Tell(std::string_view text) {
+  std::fwrite(text.data(), 1, text.size(), stderr);
+  std::fflush(stderr);
+}
 
 size_t ColumnsOfTerminal() {
   winsize window{};
@@ -62,17 +62,17 @@ void Progress::Update(uint64_t done, std::string_view note) {
   if (SecondsSince(last_drawn_) < (terminal_ ? kTerminalSeconds : kPlainSeconds)) return;
   last_drawn_ = Clock::now();
   drawn_ = terminal_;
-  if (!terminal_) return Print(Line(false) + "\n");
+  if (!terminal_) return Tell(Line(false) + "\n");
   const size_t columns = ColumnsOfTerminal();
   std::string line = Line(true);
   if (line.size() > columns) line = Line(false).substr(0, columns);
-  Print("\r" + line + "\x1b[K");
+  Tell("\r" + line + "\x1b[K");
 }
 
 void Progress::Message(std::string_view text) {
   if (quiet_) return;
   Erase();
-  Print(fmt::format("{}\n", text));
+  Tell(fmt::format("{}\n", text));
 }
 
 void Progress::Finish() {
@@ -82,8 +82,8 @@ void Progress::Finish() {
   Erase();
   const double seconds = SecondsSince(start_);
   const double rate = seconds > 0 ? static_cast<double>(done_ - first_) / seconds : 0;
-  Print(fmt::format("{}: {} {} in {} ({}){}{}\n", stage_, done_, unit_, FormatDuration(seconds),
-                    FormatRate(rate, unit_), note_.empty() ? "" : ", ", note_));
+  Tell(fmt::format("{}: {} {} in {} ({}){}{}\n", stage_, done_, unit_, FormatDuration(seconds),
+                   FormatRate(rate, unit_), note_.empty() ? "" : ", ", note_));
 }
 
 std::string Progress::Line(bool with_bar) const {
@@ -104,7 +104,7 @@ std::string Progress::Line(bool with_bar) const {
 }
 
 void Progress::Erase() {
-  if (drawn_) Print("\r\x1b[K");
+  if (drawn_) Tell("\r\x1b[K");
   drawn_ = false;
 }
 

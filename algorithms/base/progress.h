@@ -46,6 +46,10 @@ class Progress {
   Clock::time_point start_, last_drawn_;
 };
 
+// Writes to stderr what nobody has to read. What cannot be written is dropped: work does not end
+// because its terminal was closed or a disk is full, as it would by the exceptions of fmt::print.
+void Tell(std::string_view text);
+
 // How many characters of a line the terminal of stderr shows so that the line can be drawn over; as
 // many as there may be where that is not known.
 size_t ColumnsOfTerminal();

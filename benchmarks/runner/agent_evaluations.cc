@@ -4,7 +4,6 @@
 #include <poll.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <deque>
 #include <filesystem>
 #include <list>
@@ -12,6 +11,7 @@
 #include <system_error>
 #include <utility>
 
+#include "algorithms/base/progress.h"
 #include "benchmarks/jobs/evaluation_job.h"
 #include "benchmarks/jobs/job_queue.h"
 #include "client/interrupt.h"
@@ -63,7 +63,7 @@ class Evaluations {
   void Finish(const Agent& agent, int exit_code);
   void Fail(const Agent& agent, std::string_view reason);
   void Say(const std::string& line) const {
-    if (!options_.quiet) fmt::print(stderr, "{}\n", line);
+    if (!options_.quiet) Tell(line + "\n");
   }
 
   const AgentEvaluationOptions& options_;

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/base/progress.h"
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/leaderboard.h"
 #include "benchmarks/runner/agent_evaluations.h"
@@ -223,16 +224,16 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
                       ? "the chosen benchmarks are defined for none of the chosen algorithms"
                       : fmt::format("{}", fmt::join(suite.left_out, "\n")));
   }
-  for (const std::string& reason : suite.left_out) fmt::print(stderr, "{}\n", reason);
+  for (const std::string& reason : suite.left_out) Tell(reason + "\n");
   std::vector<PlannedRun> plan = std::move(suite.runs);
   if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (looks) {
     const PlanStatus status = StatusOf(plan, options.folder, options.results);
-    for (const std::string& problem : status.unreadable) fmt::print(stderr, "{}\n", problem);
+    for (const std::string& problem : status.unreadable) Tell(problem + "\n");
     DatasetJobs datasets(client, {.data_folder = options.data_folder});
     B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(plan));
-    for (const std::string& refusal : refusals) fmt::print(stderr, "{}\n", refusal);
+    for (const std::string& refusal : refusals) Tell(refusal + "\n");
     fmt::print("{}", json ? JsonOf(plan, status) : TextOf(plan, status));
     return kExitDone;
   }
@@ -307,7 +308,7 @@ Result<int> RecordsCommand::PrintLeaderboard() const {
   std::vector<std::string> skipped;
   B4MRL_ASSIGN_OR_RETURN(const std::string csv,
                          Leaderboard(results, benchmarks, published, &skipped));
-  for (const std::string& reason : skipped) fmt::print(stderr, "left out: {}\n", reason);
+  for (const std::string& reason : skipped) Tell("left out: " + reason + "\n");
   fmt::print("{}", csv);
   return kExitDone;
 }
@@ -373,7 +374,7 @@ int Main(int argc, char** argv) {
                                                        : status.Run(PlanWork::kShow);
   if (code.ok()) return *code;
   if (Interrupted()) return InterruptExitCode();
-  fmt::print(stderr, "b4mrl benchmark: {}\n", code.status().message());
+  Tell(fmt::format("b4mrl benchmark: {}\n", code.status().message()));
   return ExitCodeOf(code.status());
 }
 

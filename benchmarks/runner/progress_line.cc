@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <string_view>
 
 #include "algorithms/base/progress.h"
@@ -27,19 +26,18 @@ void ProgressLine::Message(const std::string& text) {
   if (quiet_) return;
   const std::string shown = shown_;
   Erase();
-  fmt::print(stderr, "{}\n", text);
+  Tell(text + "\n");
   Show(shown);
 }
 
 void ProgressLine::Show(const std::string& text) {
   if (!terminal_ || text == shown_) return;
-  fmt::print(stderr, "\r{}\x1b[K", std::string_view(text).substr(0, ColumnsOfTerminal()));
-  std::fflush(stderr);
+  Tell(fmt::format("\r{}\x1b[K", std::string_view(text).substr(0, ColumnsOfTerminal())));
   shown_ = text;
 }
 
 void ProgressLine::Erase() {
-  if (!shown_.empty()) fmt::print(stderr, "\r\x1b[K");
+  if (!shown_.empty()) Tell("\r\x1b[K");
   shown_.clear();
 }
 

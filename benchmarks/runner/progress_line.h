@@ -1,4 +1,5 @@
 // Messages on stderr and, on a terminal, one line below them that is redrawn: how far the work is.
+// What cannot be written is dropped, and the work goes on.
 // Thread rule: one thread.
 #pragma once
 

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <set>
 
+#include "algorithms/base/progress.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/plan_status.h"
 #include "data/files/atomic_file.h"
@@ -65,8 +66,8 @@ Status SubmitMissingRuns(const std::vector<PlannedRun>& plan, const SubmissionOp
     }
   }
   std::ranges::sort(left);
-  fmt::print(stderr, "{} of {} runs done, {} in the queue, {} to be submitted\n",
-             status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size());
+  Tell(fmt::format("{} of {} runs done, {} in the queue, {} to be submitted\n",
+                   status.CountOf(RunProgress::kDone), plan.size(), in_queue, left.size()));
   return SubmitBlocks(BlocksOf(left, array_size.ok() ? *array_size : kUsualArraySize), options);
 }
 

@@ -18,6 +18,7 @@ int RunProgram(std::string_view name, const std::function<int()>& body) {
   std::signal(SIGXFSZ, SIG_IGN);
   int exit_code = kExitDone;
   int error = 0;
+  std::string_view stream = "stdout";
   try {
     exit_code = body();
     if (std::fflush(stdout) != 0) {
@@ -30,10 +31,11 @@ int RunProgram(std::string_view name, const std::function<int()>& body) {
     // purpose.
     if (std::ferror(stdout) == 0 && std::ferror(stderr) == 0) throw;
     error = caught.code().value();
+    if (std::ferror(stdout) == 0) stream = "stderr";
   }
   if (error == 0) return exit_code;
   if (error == EPIPE) return 128 + SIGPIPE;
-  const Status status = IoError("write", "stdout", error);
+  const Status status = IoError("write", stream, error);
   // Not by fmt::print, since stderr may be where nothing can be written.
   std::fputs((std::string(name) + ": " + status.message() + "\n").c_str(), stderr);
   return exit_code == kExitDone ? kExitBadInput : exit_code;

@@ -89,6 +89,20 @@ TEST_CASE("A program whose output was not written ends with code 3 and says why"
   CHECK(thrown.err == "program: cannot write stdout: No space left on device\n");
 }
 
+TEST_CASE("A program that could not write to stderr does not blame stdout") {
+  const Ending ending = RunIn(STDOUT_FILENO, [] {
+    // As within fmt::print, whose stream remembers the error. What comes later can be written.
+    const int before = dup(STDERR_FILENO);
+    dup2(Unwritable().fd, STDERR_FILENO);
+    std::fputs("x", stderr);
+    dup2(before, STDERR_FILENO);
+    throw std::system_error(EBADF, std::generic_category());
+    return 0;
+  });
+  CHECK(ending.exit_code == 3);
+  CHECK(ending.err == "program: cannot write stderr: Bad file descriptor\n");
+}
+
 TEST_CASE("A program that fails keeps its code, whatever becomes of its output") {
   const Unwritable out;
   CHECK(RunIn(out.fd, Prints(kFew, 5)).exit_code == 5);
