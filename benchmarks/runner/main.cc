@@ -9,8 +9,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -38,6 +40,8 @@
 
 namespace b4mrl {
 namespace {
+
+namespace fs = std::filesystem;
 
 // How long an interrupted command waits for a daemon that does not answer.
 constexpr std::chrono::seconds kInterruptPatience{5};
@@ -200,14 +204,19 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
     options.data_folder = chosen.rows ? options.folder + "/data" : DefaultDataFolder();
   }
   if (!learner.command.empty() || !learner.name.empty()) choice.learner = learner;
-  options.suites = choice.suites;
+  std::error_code error;
+  if (!choice.suites.empty()) options.suites = fs::absolute(choice.suites, error);
   options.commit = BuildCommit();
   const bool looks = work == PlanWork::kShow || (work == PlanWork::kTrain && dry_run);
+  // A mistake in a suite or a pattern is told as such, not as a daemon that does not start.
+  B4MRL_RETURN_IF_ERROR(ChooseBenchmarks(choice).status());
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
     if (!looks) B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
     PrivateDaemonOptions own = {.data_folder = options.data_folder};
     own.no_data = access(options.data_folder.c_str(), F_OK) != 0;
+    // A learner of the user's own asks its daemon for the benchmark.
+    if (!options.suites.empty()) own.arguments = {"--suites", options.suites};
     B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start(own));
   }
   B4MRL_ASSIGN_OR_RETURN(Client client,

@@ -83,6 +83,32 @@ TEST_CASE("A learner that leaves an agent is told what to do, and its agent is s
   CHECK(checked.out.find("its agent has these returns") != std::string::npos);
 }
 
+TEST_CASE("A learner finds the benchmark of its user's own suite at the daemon that it is given") {
+  Suite suite;
+  const TemporaryFolder suites;
+  WriteBytes(suites.File("mine.toml"),
+             "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"mine\"\n"
+             "simulators = [\"gravity\"]\n");
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nepisodes = 1\nrows = 2_000\nlearner-updates = 70\nupdates = { bc = 20 }\n");
+  suite.pattern = "Hopper/mine/*";
+  const std::string seen = suite.File("seen");
+  // The folder is named as users name it: as seen from where they are.
+  const std::string relative = std::filesystem::relative(suites.path());
+  const std::string learner = fmt::format(
+      "{} list benchmarks --endpoint $B4MRL_ENDPOINT > {}; test -f $B4MRL_SUITES/mine.toml && cd / "
+      "&& test -f $B4MRL_SUITES/mine.toml && echo '{{\"returns\": [1]}}' > "
+      "\"$B4MRL_OUT/returns.json\"",
+      B4MRL_BINARY_DIR "/b4mrl", seen);
+  const Outcome outcome =
+      Run(suite.Command({"--suites", relative, "--learner", learner, "--name", "mine"}));
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  const std::string listed = ReadBytes(seen);
+  INFO(listed);
+  CHECK(listed.find("Hopper/mine/gravity") != std::string::npos);
+}
+
 TEST_CASE("Returns that a learner has measured itself are marked as such") {
   const UsersSuite suite;
   const Outcome outcome = suite.Train(
