@@ -115,9 +115,13 @@ Job::Job(Job&& other) noexcept
       claim_(std::move(other.claim_)) {}
 
 Job::~Job() {
-  if (process_id_ <= 0) return;
-  Stop();
-  while (!Poll()) poll(nullptr, 0, kPollMs);
+  if (process_id_ > 0) {
+    Stop();
+    while (!Poll()) poll(nullptr, 0, kPollMs);
+  }
+  // To close the descriptor would not do: a process that has left the group, for a session of its
+  // own, holds the lock by its copy as long as it lives.
+  if (claim_.valid()) flock(claim_.get(), LOCK_UN);
 }
 
 std::optional<int> Job::Poll() {

@@ -37,7 +37,8 @@ struct JobOrder {
   std::string log;                       // file to which both outputs are appended
   std::vector<std::string> environment;  // "NAME=value", beside this process's own
   // The processes that it has started belong to it: Stop reaches them too, those that are left when
-  // it ends are killed, and if it is killed with its runner they keep the claim until they end.
+  // it ends are killed, and if it is killed with its runner they keep the claim until they end. A
+  // process that leaves the group lives on, but the claim ends with the job all the same.
   bool stops_group = false;
   // How long the process may take to save its work after Stop; then it is killed.
   int64_t grace_ms = 30'000;

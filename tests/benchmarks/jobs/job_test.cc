@@ -10,6 +10,8 @@
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <filesystem>
+#include <string>
+#include <utility>
 
 #include "benchmarks/jobs/evaluation_job.h"
 #include "proto/base/clock.h"
@@ -92,6 +94,31 @@ TEST_CASE("A program that is not there ends with code 127") {
   CHECK(ExitCodeOf(job) == 127);
 }
 
+// A pipe with a name, by which a test sees whether a process that has it open for writing lives.
+class LifeSign {
+ public:
+  explicit LifeSign(std::string path) : path_(std::move(path)) {
+    REQUIRE(mkfifo(path_.c_str(), 0600) == 0);
+    fd_ = UniqueFd(open(path_.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+    REQUIRE(fd_.valid());
+  }
+  const std::string& path() const { return path_; }
+  bool IsThere() const {
+    char byte = 0;
+    return read(fd_.get(), &byte, 1) != 0;
+  }
+  bool EndsSoon() const {
+    for (const Deadline deadline = Deadline::AfterMs(60'000); !deadline.expired(); sched_yield()) {
+      if (!IsThere()) return true;
+    }
+    return false;
+  }
+
+ private:
+  std::string path_;
+  UniqueFd fd_;
+};
+
 bool IsFreeSoon(const std::string& path) {
   for (const Deadline deadline = Deadline::AfterMs(60'000); !deadline.expired(); sched_yield()) {
     if (Take(Claim(path)).valid()) return true;
@@ -101,14 +128,37 @@ bool IsFreeSoon(const std::string& path) {
 
 TEST_CASE("What a learner of the user's own leaves running ends with it") {
   const TemporaryFolder folder;
+  const LifeSign left(folder.File("left"));
+  const std::string begun = folder.File("begun");
+  const std::string script = "(trap '' TERM; exec > " + left.path() + "; : > " + begun +
+                             "; exec sleep 600) & until test -e " + begun + "; do :; done";
+  Job job = Take(Job::Start(
+      {.words = {"/bin/sh", "-c", script}, .log = folder.File("log"), .stops_group = true},
+      UniqueFd()));
+  CHECK(ExitCodeOf(job) == 0);
+  CHECK(left.EndsSoon());
+}
+
+TEST_CASE("A process that a learner leaves in a session of its own keeps no claim") {
+  const TemporaryFolder folder;
+  const LifeSign left(folder.File("left"));
+  const std::string claim = folder.File("claim"), begun = folder.File("begun"),
+                    end = folder.File("end");
+  REQUIRE(mkfifo(end.c_str(), 0600) == 0);
+  const UniqueFd line(open(end.c_str(), O_RDWR | O_CLOEXEC));
+  const std::string script = "setsid /bin/sh -c 'exec > " + left.path() + "; : > " + begun +
+                             "; read -r line < " + end + "' & until test -e " + begun +
+                             "; do :; done";
   {
-    Job job = Take(Job::Start({.words = {"/bin/sh", "-c", "(trap '' TERM; exec sleep 600) &"},
-                               .log = folder.File("log"),
-                               .stops_group = true},
-                              Take(Claim(folder.File("claim")))));
+    Job job = Take(Job::Start(
+        {.words = {"/bin/sh", "-c", script}, .log = folder.File("log"), .stops_group = true},
+        Take(Claim(claim))));
     CHECK(ExitCodeOf(job) == 0);
   }
-  CHECK(IsFreeSoon(folder.File("claim")));  // which all of its processes hold
+  CHECK(left.IsThere());
+  CHECK(Take(Claim(claim)).valid());
+  REQUIRE(write(line.get(), "\n", 1) == 1);
+  CHECK(left.EndsSoon());
 }
 
 TEST_CASE("A learner of the user's own that does not stop when it is told to is killed") {
