@@ -5,8 +5,18 @@
 #include <map>
 
 #include "benchmarks/records/json_file.h"
+#include "data/files/file_hash.h"
 
 namespace b4mrl {
+
+nlohmann::ordered_json SeedMarks(const nlohmann::ordered_json& result) {
+  nlohmann::ordered_json marks = {{"cell", TextOf(result, "cell")},
+                                  {"agent_sha256", TextOf(result, "agent_sha256")}};
+  if (const auto seed = CountOf(result, "seed")) marks["seed"] = *seed;
+  const auto& curve = EntryOf(result, "curve");
+  if (!curve.empty()) marks["curve"] = Sha256OfText(curve.dump());
+  return marks;
+}
 
 std::vector<std::vector<std::string>> CopiedSeeds(
     const std::vector<nlohmann::ordered_json>& results, const std::vector<std::string>& names) {

@@ -14,24 +14,46 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMaxFileBytes = 64 << 20;
 constexpr int kMaxDepth = 32;  // lists and objects inside each other
+
+// The word of the first number that is not finite, as Python's json.dump writes it; "": none.
+std::string_view InfiniteNumber(std::string_view text) {
+  bool in_string = false;
+  for (size_t i = 0; i < text.size(); ++i) {
+    if (in_string && text[i] == '\\') {
+      ++i;  // the escaped character
+      continue;
+    }
+    if (text[i] == '"') in_string = !in_string;
+    if (in_string) continue;
+    for (const std::string_view word : {"NaN", "Infinity", "-Infinity"}) {
+      if (text.substr(i).starts_with(word)) return word;
+    }
+  }
+  return "";
+}
 
 }  // namespace
 
 Result<Json> ParseJsonObject(std::string_view text, std::string_view name) {
   Json json = ParseShallow<Json>(text, kMaxDepth);
   if (json.is_object()) return json;
+  if (const auto word = InfiniteNumber(text); !word.empty()) {
+    return Status(StatusCode::kDataLoss,
+                  fmt::format("{} holds no JSON object: {} is no number of JSON, allowed: finite "
+                              "numbers",
+                              name, word));
+  }
   return Status(StatusCode::kDataLoss, fmt::format("{} holds no JSON object", name));
 }
 
-Result<Json> ReadJsonObject(const std::string& path) {
+Result<Json> ReadJsonObject(const std::string& path, size_t max_bytes) {
   // Opening a pipe would wait for whoever writes into it.
   std::error_code error;
   if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error)) {
     return Status(StatusCode::kDataLoss, fmt::format("{} is no regular file", path));
   }
-  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, kMaxFileBytes));
+  B4MRL_ASSIGN_OR_RETURN(const std::string text, ReadSmallFile(path, max_bytes));
   return ParseJsonObject(text, path);
 }
 

@@ -4,6 +4,7 @@
 // any thread.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -15,11 +16,19 @@
 
 namespace b4mrl {
 
+// Of a file that others may have written: a result has some KB, or a MB with 10,000 points of a
+// curve, and what is read takes several times as much memory.
+inline constexpr size_t kMaxResultBytes = 4 << 20;
+// Of a file of this user's own learners and plans.
+inline constexpr size_t kMaxOwnFileBytes = 64 << 20;
+
 // `name` is that of the text in the error. kDataLoss if the text is no JSON object, or nests values
-// deeper than 32, as copies and writers of JSON recurse.
+// deeper than 32, as copies and writers of JSON recurse; it names NaN and infinite numbers, which
+// are no JSON.
 Result<nlohmann::ordered_json> ParseJsonObject(std::string_view text, std::string_view name);
-// kIoError; kDataLoss as above; kLimitExceeded for a file of more than 64 MiB.
-Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path);
+// kIoError; kDataLoss as above; kLimitExceeded for a longer file.
+Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path,
+                                              size_t max_bytes = kMaxResultBytes);
 
 // The entry `key` of an object; null if there is none.
 const nlohmann::ordered_json& EntryOf(const nlohmann::ordered_json& object, std::string_view key);

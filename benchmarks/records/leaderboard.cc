@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <string_view>
 #include <utility>
 
 #include "benchmarks/records/copied_seeds.h"
@@ -34,6 +36,58 @@ bool IsPublished(const Json& dataset, const PublishedDatasets& published) {
   const auto found = published.find(TextOf(dataset, "name"));
   return found != published.end() &&
          TextOf(dataset, "columns_sha256") == found->second.columns_sha256;
+}
+
+// What the table needs of a result that fills these benchmarks: small, whatever its file holds.
+Json Needed(const Json& result, const std::set<std::string>& benchmarks) {
+  Json needed = SeedMarks(result);
+  needed["benchmarks"] = benchmarks;
+  for (const char* key : {"id", "algorithm", "recipe", "source", "precision"}) {
+    needed[key] = TextOf(result, key);
+  }
+  const auto add_numbers = [](const Json& from, std::initializer_list<const char*> keys, Json* to) {
+    for (const char* key : keys) {
+      if (EntryOf(from, key).is_number()) (*to)[key] = EntryOf(from, key);
+    }
+  };
+  add_numbers(result, {"updates", "score", "return", "seconds"}, &needed);
+  if (EntryOf(result, "settled").is_boolean()) needed["settled"] = EntryOf(result, "settled");
+  needed["episodes"] = EntryOf(result, "returns").size();
+  Json& ledger = needed["ledger"] = Json::object();
+  add_numbers(EntryOf(result, "ledger"), {"simulator_steps", "query_rows", "dataset_rows"},
+              &ledger);
+  const Json& dataset = EntryOf(result, "dataset");
+  if (dataset.is_null()) return needed;
+  Json& data = needed["dataset"] = {{"name", TextOf(dataset, "name")},
+                                    {"columns_sha256", TextOf(dataset, "columns_sha256")}};
+  add_numbers(dataset, {"rows"}, &data);
+  return needed;
+}
+
+// The benchmarks that a result fills, each once, as far as they have one of these names. The others
+// are named in `skipped`.
+std::set<std::string> KnownBenchmarks(const Json& result, const std::string& file,
+                                      const std::set<std::string_view>& names,
+                                      std::vector<std::string>* skipped) {
+  std::set<std::string> known;
+  size_t unknown = 0;
+  std::string first;
+  for (const Json& name : EntryOf(result, "benchmarks")) {
+    if (!name.is_string()) continue;
+    const auto text = name.get<std::string>();
+    if (names.contains(text)) {
+      known.insert(text);
+    } else if (unknown++ == 0) {
+      first = text;
+    }
+  }
+  if (unknown > 0 && skipped != nullptr) {
+    skipped->push_back(
+        fmt::format("{}: benchmark '{}'{} is in no suite (--suites names a folder "
+                    "of further ones)",
+                    file, first, unknown > 1 ? fmt::format(", like {} more,", unknown - 1) : ""));
+  }
+  return known;
 }
 
 // Results of one cell.
@@ -82,7 +136,7 @@ struct Cell {
   bool IsEntry(const PublishedDatasets& published) const {
     const std::set<uint64_t> seeds = Counts("seed"), updates = Counts("updates");
     const bool are_ruled = std::ranges::all_of(results, [&](const Json* result) {
-      return EntryOf(*result, "returns").size() >= kEpisodesOfAnEntry &&
+      return CountOf(*result, "episodes") >= kEpisodesOfAnEntry &&
              IsPublished(EntryOf(*result, "dataset"), published);
     });
     return std::ranges::all_of(kSeedsOfAnEntry, [&](uint64_t s) { return seeds.contains(s); }) &&
@@ -147,13 +201,15 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", results_folder));
   }
+  std::set<std::string_view> names;
+  for (const Benchmark& benchmark : benchmarks) names.insert(benchmark.name);
   std::vector<Json> results;
   std::vector<std::string> paths;
   for (const std::string& file : files) {
-    auto json = ReadJsonObject(file);
+    const auto json = ReadJsonObject(file);
     if (!json.ok() && skipped != nullptr) skipped->push_back(json.status().message());
     if (!json.ok() || !IsTrue(*json, "finished")) continue;
-    results.push_back(*std::move(json));
+    results.push_back(Needed(*json, KnownBenchmarks(*json, file, names, skipped)));
     paths.push_back(file);
   }
   const auto copies = CopiedSeeds(results, paths);
@@ -164,13 +220,9 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   // By benchmark, then by cell and by the data, as other rows are another cell.
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
-    std::set<std::string> names;  // a result counts once, even if it names a benchmark twice
-    for (const Json& name : EntryOf(result, "benchmarks")) {
-      if (name.is_string()) names.insert(name.get<std::string>());
-    }
     const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");
-    for (const std::string& name : names) {
-      Cell& cell = cells[name][TextOf(result, "cell") + data];
+    for (const Json& name : EntryOf(result, "benchmarks")) {
+      Cell& cell = cells[name.get<std::string>()][TextOf(result, "cell") + data];
       cell.Add(&result);
       cell.has_copies |= copied.contains(&result);
     }

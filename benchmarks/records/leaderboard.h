@@ -18,8 +18,8 @@
 namespace b4mrl {
 
 // Of all finished results "*.json" of a folder, or of its folder "results", in the order of
-// `benchmarks`. What cannot be read is left out and, if `skipped` is given, named there, a line
-// each. kIoError.
+// `benchmarks`. What cannot be read, or fills none of these, is left out and, if `skipped` is
+// given, named there, a line a file. kIoError.
 Result<std::string> Leaderboard(const std::string& results_folder,
                                 const std::vector<Benchmark>& benchmarks,
                                 const PublishedDatasets& published,

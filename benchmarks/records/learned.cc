@@ -53,7 +53,7 @@ Result<std::vector<double>> ReturnsOf(const Json& json, const std::string& path)
 
 // Adds the returns that the learner has measured itself.
 Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
-  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
+  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path, kMaxOwnFileBytes));
   B4MRL_ASSIGN_OR_RETURN(const auto returns, ReturnsOf(json, path));
   if (!EntryOf(json, "updates").is_null()) {
     const auto updates = CountOf(json, "updates");
@@ -72,7 +72,7 @@ Status AddOwnReturns(const std::string& path, const EnvironmentSpec& environment
 
 // Adds what the learner says that it has reached before its last update.
 Status AddOwnCurve(const std::string& path, const EnvironmentSpec& environment, Json* learned) {
-  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path));
+  B4MRL_ASSIGN_OR_RETURN(const Json json, ReadJsonObject(path, kMaxOwnFileBytes));
   const Json& points = EntryOf(json, "curve");
   if (!points.is_array() || points.size() > kMostPoints) {
     return NotUnderstood(
@@ -122,7 +122,7 @@ bool HasAgent(const std::string& folder) { return Exists(AgentPath(folder)); }
 std::string LearnerHash(const PlannedRun& run) { return Sha256OfText(run.learner); }
 
 bool HasLearned(const PlannedRun& run, const std::string& folder) {
-  const auto learned = ReadJsonObject(LearnedPath(folder));
+  const auto learned = ReadJsonObject(LearnedPath(folder), kMaxOwnFileBytes);
   return learned.ok() && TextOf(*learned, "learner_sha256") == LearnerHash(run) &&
          CountOf(*learned, "planned_updates") >= run.updates;
 }
@@ -163,7 +163,7 @@ Status KeepLearned(const PlannedRun& run, const std::string& folder, double seco
 Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   RunOutcome outcome;
   if (!Exists(LearnedPath(folder))) return outcome;
-  B4MRL_ASSIGN_OR_RETURN(const Json learned, ReadJsonObject(LearnedPath(folder)));
+  B4MRL_ASSIGN_OR_RETURN(const Json learned, ReadJsonObject(LearnedPath(folder), kMaxOwnFileBytes));
   outcome.ended = true;
   outcome.source = TextOf(learned, "source");
   outcome.ledger = EntryOf(learned, "ledger");
@@ -177,7 +177,7 @@ Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {
   if (outcome.source == "user") {
     const std::string path = ScoringPath(folder, {.name = kOwnScoring});
     if (!Exists(path)) return outcome;
-    B4MRL_ASSIGN_OR_RETURN(scored, ReadJsonObject(path));
+    B4MRL_ASSIGN_OR_RETURN(scored, ReadJsonObject(path, kMaxOwnFileBytes));
   }
   outcome.returns = EntryOf(scored, "returns");
   if (outcome.ledger.is_object()) {

@@ -47,7 +47,7 @@ Result<std::vector<std::string>> ReadFrozenPlan(const std::string& folder) {
   std::vector<std::string> ids;
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return ids;
-  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path));
+  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(path, kMaxOwnFileBytes));
   for (const auto& run : EntryOf(json, "runs")) {
     ids.push_back(TextOf(run, "id"));
     if (ids.back().empty()) {

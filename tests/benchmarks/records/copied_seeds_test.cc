@@ -29,6 +29,15 @@ TEST_CASE("Two seeds share neither their agent nor their curve") {
         std::vector<std::string>{"its agent is that of seed 0 in a.json"});
 }
 
+TEST_CASE("The marks of results tell copies as the results do, and are small") {
+  Json first = ResultOf(0, "aa", 1), copy = ResultOf(1, "aa", 1);
+  for (Json* result : {&first, &copy}) (*result)["returns"] = std::vector<double>(10'000, 1.5);
+  CHECK(FaultsOfSecond(SeedMarks(first), SeedMarks(copy)) == 2);
+  CHECK(FaultsOfSecond(SeedMarks(first), SeedMarks(ResultOf(1, "bb", 2))) == 0);
+  CHECK(FaultsOfSecond(SeedMarks(Json()), SeedMarks(Json())) == 0);
+  CHECK(SeedMarks(first).dump().size() < 200);
+}
+
 TEST_CASE("One seed may be there twice, and cells may share an agent") {
   const Json first = ResultOf(0, "aa", 1);
   CHECK(FaultsOfSecond(first, first) == 0);  // with another precision, say

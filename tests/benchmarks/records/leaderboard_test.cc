@@ -200,6 +200,29 @@ TEST_CASE("A result that names a benchmark twice counts there once") {
   CHECK(results.Rows()[0].starts_with("E/a,mine,,own,E/data-v0,9,aa,15.00,5.00,150.0,50.0,2,"));
 }
 
+TEST_CASE("A result of benchmarks that are in no suite is named, and its others have their rows") {
+  Results results;
+  Json own = ResultOf("mine", 0, 10);
+  own["benchmarks"] = {"E/own", "E/a", "E/other"};
+  results.Add(own);
+  REQUIRE(results.Rows().size() == 1);
+  CHECK(results.Rows()[0].starts_with("E/a,mine,"));
+  REQUIRE(results.Skipped().size() == 1);
+  CHECK(results.Skipped()[0].ends_with(
+      "0.json: benchmark 'E/own', like 1 more, is in no suite (--suites names a folder of further "
+      "ones)"));
+}
+
+TEST_CASE("A file that is larger than a result can be is left out and named") {
+  Results results;
+  Json large = ResultOf("mine", 0, 10);
+  large["padding"] = std::string(4 << 20, 'x');
+  results.Add(large);
+  CHECK(results.Rows().empty());
+  REQUIRE(results.Skipped().size() == 1);
+  CHECK(results.Skipped()[0].ends_with("0.json is longer than 4194304 bytes"));
+}
+
 TEST_CASE("Runs that have not finished, and files that are no results, have no row") {
   Results results;
   Json unfinished = ResultOf("mine", 0, 10);
