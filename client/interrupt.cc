@@ -27,6 +27,10 @@ void CatchInterrupts() {
 
 const std::atomic<bool>& Interrupted() { return g_interrupted; }
 
+Status UnlessInterrupted() {
+  return g_interrupted ? Status(StatusCode::kUnavailable, "interrupted") : Status();
+}
+
 int InterruptExitCode() { return 128 + g_signal; }
 
 }  // namespace b4mrl

@@ -9,6 +9,8 @@
 
 #include <atomic>
 
+#include "proto/base/status.h"
+
 namespace b4mrl {
 
 // Installs the signal handlers. Call it once, at the beginning of main.
@@ -16,6 +18,9 @@ void CatchInterrupts();
 
 // The flag; it stays false if no handlers are installed. Any thread may read it.
 const std::atomic<bool>& Interrupted();
+
+// OK, or kUnavailable once the flag is set: for work that asks between its pieces whether to go on.
+Status UnlessInterrupted();
 
 // A command's exit code after an interrupt: 128 + the signal's number, as in shells.
 int InterruptExitCode();

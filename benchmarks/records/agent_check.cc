@@ -2,16 +2,25 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
 #include <string_view>
 
 #include "algorithms/policy/observation_mask.h"
 #include "benchmarks/records/json_file.h"
 #include "proto/b4mrl.pb.h"
+#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+// For the comparison of means. Fewer episodes say too little of how much they vary.
+constexpr size_t kLeastEpisodes = 10;
+constexpr double kStandardErrors = 4;
+// Of the mean: for tasks whose episodes hardly vary.
+constexpr double kLeastChance = 1e-3;
 
 class AgentChecker {
  public:
@@ -90,7 +99,37 @@ Result<std::vector<std::string>> AgentChecker::Check() {
   return std::move(faults_);
 }
 
+bool IsScoredByEvaluate(const Json& result) {
+  return TextOf(result, "source") == "own" || !TextOf(result, "budget").empty();
+}
+
 }  // namespace
+
+size_t EpisodesToCompare(const Json& result) {
+  const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
+  if (episodes == 0 || IsScoredByEvaluate(result)) return episodes;
+  return std::max(episodes, kLeastEpisodes);
+}
+
+ComparedReturns CompareReturns(const Json& evaluation, const Json& result) {
+  const auto ours = NumbersOf(evaluation, "returns"), theirs = NumbersOf(result, "returns");
+  if (ours && ours == theirs) return {true, "its agent has these returns"};
+  const bool have_means = ours && theirs && ours->size() > 1 && !theirs->empty();
+  if (IsScoredByEvaluate(result) || !have_means) {
+    return {false,
+            fmt::format("its agent has the returns {}, not {}",
+                        EntryOf(evaluation, "returns").dump(), EntryOf(result, "returns").dump())};
+  }
+  const MeanAndStd own = MeanAndStdOf(*ours);
+  const double mean = MeanAndStdOf(*theirs).mean;
+  const auto n = static_cast<double>(ours->size()), m = static_cast<double>(theirs->size());
+  const double error = own.std * std::sqrt(n / (n - 1) * (1 / n + 1 / m));
+  const double chance = std::max(kStandardErrors * error, kLeastChance * std::abs(own.mean));
+  return {std::abs(mean - own.mean) <= chance,
+          fmt::format("its agent has the mean return {:.6g}, the result {:.6g}; up to {:.3g} apart "
+                      "is chance",
+                      own.mean, mean, chance)};
+}
 
 Result<std::vector<std::string>> AgentFaults(const Agent& agent, const Json& result,
                                              const CheckSources& sources) {

@@ -81,7 +81,8 @@ Result<AgentEvaluationSummary> Evaluations::Work() {
   B4MRL_RETURN_IF_ERROR(MakeFolder(folder));
   std::set<std::string> hashes;
   for (const std::string& path : paths) {
-    const auto hash = Sha256OfFile(path);
+    const auto hash = Sha256OfFile(path, kMaxAgentFileBytes, UnlessInterrupted);
+    if (Interrupted()) break;
     if (!hash.ok()) Fail({path, ""}, hash.status().message());
     if (!hash.ok() || !hashes.insert(hash->substr(0, kHashDigits)).second) continue;
     waiting_.push_back(

@@ -17,13 +17,13 @@
 #include <vector>
 
 #include "algorithms/base/progress.h"
+#include "algorithms/base/within_memory.h"
 #include "benchmarks/plan/suite_plan.h"
-#include "benchmarks/records/leaderboard.h"
 #include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/dataset_jobs.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/plan_status.h"
-#include "benchmarks/runner/result_checks.h"
+#include "benchmarks/runner/records_command.h"
 #include "benchmarks/runner/runner.h"
 #include "benchmarks/runner/submission.h"
 #include "client/interrupt.h"
@@ -276,52 +276,6 @@ Result<int> EvaluateFolder(const AgentEvaluationOptions& options) {
   return summary.failed.empty() ? kExitDone : kExitFailed;
 }
 
-// What `check` and `leaderboard` ask for.
-struct RecordsCommand {
-  ResultCheckOptions check;
-  std::string results, suites;
-
-  Result<int> Check() const;
-  Result<int> PrintLeaderboard() const;
-};
-
-Result<int> RecordsCommand::Check() const {
-  B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start());
-  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(daemon.endpoint()));
-  B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
-  CheckSources sources = {.plan = knowledge.sources(), .published = &knowledge.published()};
-  sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
-  B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
-  B4MRL_ASSIGN_OR_RETURN(sources.budgets, ReadBudgets(DefaultBudgetsFile()));
-  B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
-  size_t sound = 0;
-  for (const CheckedResult& result : checked) {
-    const char* agent =
-        result.agent == AgentCheck::kScored ? "its agent has these returns" : "no agent is there";
-    if (result.faults.empty() && result.agent == AgentCheck::kNotReached) {
-      fmt::print("unknown {} (its agent was not scored)\n", result.path);
-      continue;
-    }
-    if (result.faults.empty()) fmt::print("sound {} ({})\n", result.path, agent);
-    for (const std::string& fault : result.faults) fmt::print("fault {}: {}\n", result.path, fault);
-    sound += result.faults.empty() ? 1 : 0;
-  }
-  fmt::print("{} of {} results are sound\n", sound, checked.size());
-  if (Interrupted()) return InterruptExitCode();
-  return sound == checked.size() ? kExitDone : kExitFailed;
-}
-
-Result<int> RecordsCommand::PrintLeaderboard() const {
-  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
-  B4MRL_ASSIGN_OR_RETURN(const auto published, ReadPublishedDatasets());
-  std::vector<std::string> skipped;
-  B4MRL_ASSIGN_OR_RETURN(const std::string csv,
-                         Leaderboard(results, benchmarks, published, &skipped));
-  for (const std::string& reason : skipped) Tell("left out: " + reason + "\n");
-  fmt::print("{}", csv);
-  return kExitDone;
-}
-
 int ExitCodeOf(const Status& status) {
   switch (status.code()) {
     case StatusCode::kUnknownName:
@@ -363,24 +317,24 @@ int Main(int argc, char** argv) {
   AddEvaluationOptions(*evaluate_app, evaluation);
   RecordsCommand records;
   records.check.jobs = run.options.jobs;
-  CLI::App* check_app = app.add_subcommand(
-      "check", "say whether results are sound, and score again the agents that lie beside them");
-  check_app->add_option("path", records.check.path, "a result, or a folder of results")->required();
-  check_app->add_option("--jobs", records.check.jobs, "processes at a time [cores]")
-      ->transform(Count(1, 1024));
-  CLI::App* leaderboard_app = app.add_subcommand(
-      "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
-  leaderboard_app->add_option("results", records.results, "folder of results")->required();
-  for (CLI::App* each : {check_app, leaderboard_app})
-    each->add_option("--suites", records.suites, "folder of further suites");
+  CLI::App* check_app = records.AddCheck(app);
+  CLI::App* leaderboard_app = records.AddLeaderboard(app);
   if (const auto word_code = ParseWords(app, {argv + 1, argv + argc})) return *word_code;
   CatchInterrupts();
-  const Result<int> code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
-                           : check_app->parsed()       ? records.Check()
-                           : leaderboard_app->parsed() ? records.PrintLeaderboard()
-                           : run_app->parsed()         ? run.Run(PlanWork::kTrain)
-                           : slurm_app->parsed()       ? cluster.Run(PlanWork::kSubmit)
-                                                       : status.Run(PlanWork::kShow);
+  Result<int> code = kExitFailed;
+  const Status memory = WithinMemory("this command", [&] {
+    code = evaluate_app->parsed()      ? EvaluateFolder(evaluation)
+           : check_app->parsed()       ? records.Check()
+           : leaderboard_app->parsed() ? records.PrintLeaderboard()
+           : run_app->parsed()         ? run.Run(PlanWork::kTrain)
+           : slurm_app->parsed()       ? cluster.Run(PlanWork::kSubmit)
+                                       : status.Run(PlanWork::kShow);
+    return Status();
+  });
+  if (!memory.ok()) {
+    Tell(fmt::format("b4mrl benchmark: {}\n", memory.message()));
+    return kExitFailed;
+  }
   if (code.ok()) return *code;
   if (Interrupted()) return InterruptExitCode();
   Tell(fmt::format("b4mrl benchmark: {}\n", code.status().message()));

@@ -12,6 +12,7 @@
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/run_folder.h"
+#include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
 
 namespace b4mrl {
@@ -30,7 +31,7 @@ bool LacksScoring(const PlannedRun& run, const RunResult& result, const std::str
     return scoring.name != kOwnScoring && !result.scorings.contains(scoring.name);
   };
   if (std::ranges::none_of(run.scorings, is_missing)) return false;
-  const auto agent = Sha256OfFile(run_folder + "/agent.h5");
+  const auto agent = Sha256OfFile(run_folder + "/agent.h5", kMaxAgentFileBytes);
   return agent.ok() && *agent == result.agent_sha256;
 }
 

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <list>
 #include <map>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -36,21 +37,24 @@ Result<std::vector<std::string>> ResultsOf(const std::string& path) {
   return FilesIn(FolderOfResults(path), ".json");
 }
 
-// Paths of agents by their hashes.
-Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path) {
+// Paths of agents by their hashes, as far as these are wanted: other files may be there as well,
+// such as datasets of many gigabytes.
+Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path,
+                                                        std::set<std::string> wanted) {
   std::error_code error;
   const std::string folder =
       fs::is_directory(path, error) ? path : fs::absolute(path, error).parent_path().string();
   std::map<std::string, std::string> agents;
-  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
+  for (fs::recursive_directory_iterator entry(folder, error), end;
+       !error && entry != end && !wanted.empty(); entry.increment(error)) {
     std::error_code unknown;  // of a link to nothing, and of a file that is removed meanwhile
     if (entry->path().extension() != ".h5" || !entry->is_regular_file(unknown)) continue;
-    auto hash = Sha256OfFile(entry->path());
+    auto hash = Sha256OfFile(entry->path(), kMaxAgentFileBytes, UnlessInterrupted);
+    if (hash.status().code() == StatusCode::kLimitExceeded) continue;  // is no agent
     // A run that goes on there removes its old checkpoints.
     if (!hash.ok() && !fs::exists(entry->path(), unknown)) continue;
     if (!hash.ok()) return hash.status();
-    agents.emplace(*std::move(hash), entry->path());
+    if (wanted.erase(*hash) > 0) agents.emplace(*std::move(hash), entry->path());
   }
   if (error) return IoError("list", folder, error.value());
   return agents;
@@ -72,30 +76,137 @@ class ScratchFolder {
   std::string path_;
 };
 
-struct Active {
-  size_t number;  // of the result
-  Job job;
+// Checks the results of a folder: first their files, then the agents that lie beside them. Of each
+// result only its marks stay in memory, as others decide how much a file holds.
+class ResultChecks {
+ public:
+  ResultChecks(const ResultCheckOptions& options, const CheckSources& sources,
+               std::string scratch_folder)
+      : options_(options), sources_(sources), scratch_(std::move(scratch_folder)) {}
+
+  Result<std::vector<CheckedResult>> Work(const std::vector<std::string>& files);
+
+ private:
+  struct Active {
+    size_t number;  // of the result
+    Job job;
+  };
+
+  Status ReadFiles(const std::vector<std::string>& files);
+  Status FindAgents();
+  void ScoreAgents();
+  void Begin(size_t number);
+  Status TryToBegin(size_t number);
+  void Finish(size_t number, int exit_code);
+  Status TryToFinish(size_t number);
+  const std::string& AgentOf(size_t number) const {
+    return agents_.at(TextOf(marks_[number], "agent_sha256"));
+  }
+  void Fault(size_t number, std::string text) {
+    checked_[number].faults.push_back(std::move(text));
+  }
+
+  const ResultCheckOptions& options_;
+  const CheckSources& sources_;
+  const ScratchFolder scratch_;
+  std::vector<CheckedResult> checked_;
+  std::vector<nlohmann::ordered_json> marks_;
+  std::map<std::string, std::string> agents_;
+  std::deque<size_t> waiting_;
+  std::list<Active> active_;
 };
 
-// Compares an agent, whose file another process has read without harm, with its result.
-Status Compare(const std::string& agent_path, const nlohmann::ordered_json& result,
-               const CheckSources& sources, CheckedResult* checked) {
-  B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(agent_path));
-  B4MRL_ASSIGN_OR_RETURN(const auto faults, AgentFaults(agent, result, sources));
-  checked->faults.insert(checked->faults.end(), faults.begin(), faults.end());
+Result<std::vector<CheckedResult>> ResultChecks::Work(const std::vector<std::string>& files) {
+  B4MRL_RETURN_IF_ERROR(ReadFiles(files));
+  B4MRL_RETURN_IF_ERROR(FindAgents());
+  ScoreAgents();
+  return std::move(checked_);
+}
+
+Status ResultChecks::ReadFiles(const std::vector<std::string>& files) {
+  for (const std::string& file : files) {
+    B4MRL_RETURN_IF_ERROR(UnlessInterrupted());
+    auto faults = CheckResult(file, sources_);
+    const auto json = ReadJsonObject(file);
+    checked_.push_back(
+        {file, faults.ok() ? *std::move(faults) : std::vector{faults.status().message()}});
+    marks_.push_back(json.ok() ? SeedMarks(*json) : nlohmann::ordered_json());
+  }
+  const auto copied = CopiedSeeds(marks_, files);
+  for (size_t i = 0; i < checked_.size(); ++i) {
+    for (const std::string& fault : copied[i]) Fault(i, fault);
+  }
   return Status();
 }
 
-// Compares an evaluation with the result of the same agent.
-Status Compare(const std::string& evaluation, const nlohmann::ordered_json& result,
-               CheckedResult* checked) {
-  B4MRL_ASSIGN_OR_RETURN(const auto json, ReadJsonObject(evaluation));
-  const auto returns = NumbersOf(json, "returns");
-  if (!returns || returns != NumbersOf(result, "returns")) {
-    checked->faults.push_back(fmt::format("its agent has the returns {}, not {}",
-                                          EntryOf(json, "returns").dump(),
-                                          EntryOf(result, "returns").dump()));
+Status ResultChecks::FindAgents() {
+  std::set<std::string> wanted;
+  for (const auto& marks : marks_) wanted.insert(TextOf(marks, "agent_sha256"));
+  wanted.erase("");
+  B4MRL_ASSIGN_OR_RETURN(agents_, AgentsBeside(options_.path, std::move(wanted)));
+  for (size_t i = 0; i < checked_.size(); ++i) {
+    if (!agents_.contains(TextOf(marks_[i], "agent_sha256"))) continue;
+    waiting_.push_back(i);
+    checked_[i].agent = AgentCheck::kNotReached;
   }
+  return Status();
+}
+
+void ResultChecks::ScoreAgents() {
+  while (!Interrupted() && !(active_.empty() && waiting_.empty())) {
+    BeginWaiting(
+        waiting_, [this] { return active_.size() < options_.jobs; },
+        [this](size_t number) {
+          Begin(number);
+          return true;
+        });
+    CollectEnded(active_, [this](const Active& ended, int code) { Finish(ended.number, code); });
+    if (!active_.empty()) poll(nullptr, 0, kJobPollMs);
+  }
+}
+
+void ResultChecks::Begin(size_t number) {
+  const Status begun = TryToBegin(number);
+  if (!begun.ok()) Fault(number, begun.message());
+}
+
+Status ResultChecks::TryToBegin(size_t number) {
+  B4MRL_ASSIGN_OR_RETURN(const auto result, ReadJsonObject(checked_[number].path));
+  const size_t episodes = EpisodesToCompare(result);
+  if (episodes == 0 || episodes > limits::kMaxLanesPerSession) return Status();
+  const auto perturbations = ScoredUnder(result, sources_);
+  if (!perturbations.ok()) return Status();  // which its faults say
+  const EvaluationOrder order = {.agent = AgentOf(number),
+                                 .environment = TextOf(result, "environment"),
+                                 .simulator = *perturbations,
+                                 .episodes = static_cast<uint32_t>(episodes)};
+  B4MRL_ASSIGN_OR_RETURN(Job job, StartEvaluation(order, scratch_.File(number), UniqueFd()));
+  active_.push_back({number, std::move(job)});
+  return Status();
+}
+
+void ResultChecks::Finish(size_t number, int exit_code) {
+  checked_[number].agent = AgentCheck::kScored;
+  if (exit_code != 0) {
+    Fault(number, fmt::format("its agent could not be scored: code {}", exit_code));
+    return;
+  }
+  const Status finished = TryToFinish(number);
+  if (!finished.ok()) Fault(number, finished.message());
+}
+
+Status ResultChecks::TryToFinish(size_t number) {
+  const std::string file = scratch_.File(number);
+  B4MRL_RETURN_IF_ERROR(KeepEvaluation(file));
+  B4MRL_ASSIGN_OR_RETURN(const auto evaluation, ReadJsonObject(file));
+  B4MRL_ASSIGN_OR_RETURN(const auto result, ReadJsonObject(checked_[number].path));
+  ComparedReturns returns = CompareReturns(evaluation, result);
+  if (!returns.agree) Fault(number, returns.words);
+  checked_[number].agreement = std::move(returns.words);
+  // Another process has read the agent's file without harm.
+  B4MRL_ASSIGN_OR_RETURN(const Agent agent, ReadAgent(AgentOf(number)));
+  B4MRL_ASSIGN_OR_RETURN(const auto faults, AgentFaults(agent, result, sources_));
+  for (const std::string& fault : faults) Fault(number, fault);
   return Status();
 }
 
@@ -107,66 +218,8 @@ Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& option
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", options.path));
   }
-  B4MRL_ASSIGN_OR_RETURN(const auto agents, AgentsBeside(options.path));
   B4MRL_ASSIGN_OR_RETURN(std::string folder, MakeTemporaryFolder("b4mrl-check"));
-  const ScratchFolder scratch(std::move(folder));
-  std::vector<CheckedResult> checked;
-  std::vector<nlohmann::ordered_json> results;
-  std::deque<size_t> waiting;
-  for (const std::string& file : files) {
-    auto faults = CheckResult(file, sources);
-    auto json = ReadJsonObject(file);
-    checked.push_back(
-        {file, faults.ok() ? *std::move(faults) : std::vector{faults.status().message()}});
-    results.push_back(json.ok() ? *std::move(json) : nlohmann::ordered_json());
-    if (agents.contains(TextOf(results.back(), "agent_sha256"))) {
-      waiting.push_back(checked.size() - 1);
-      checked.back().agent = AgentCheck::kNotReached;
-    }
-  }
-  const auto copied = CopiedSeeds(results, files);
-  for (size_t i = 0; i < checked.size(); ++i) {
-    checked[i].faults.insert(checked[i].faults.end(), copied[i].begin(), copied[i].end());
-  }
-  std::list<Active> active;
-  const auto begin = [&](size_t number) {
-    const nlohmann::ordered_json& result = results[number];
-    const size_t episodes = NumbersOf(result, "returns").value_or(std::vector<double>()).size();
-    if (episodes == 0 || episodes > limits::kMaxLanesPerSession) return true;
-    const auto perturbations = ScoredUnder(result, sources);
-    if (!perturbations.ok()) return true;  // which its faults say
-    const EvaluationOrder order = {.agent = agents.at(TextOf(result, "agent_sha256")),
-                                   .environment = TextOf(result, "environment"),
-                                   .simulator = *perturbations,
-                                   .episodes = static_cast<uint32_t>(episodes)};
-    Result<Job> job = StartEvaluation(order, scratch.File(number), UniqueFd());
-    if (job.ok()) active.push_back({number, *std::move(job)});
-    if (!job.ok()) checked[number].faults.push_back(job.status().message());
-    return true;
-  };
-  const auto finish = [&](Active& ended, int exit_code) {
-    CheckedResult& which = checked[ended.number];
-    which.agent = AgentCheck::kScored;
-    const std::string file = scratch.File(ended.number);
-    if (exit_code != 0) {
-      which.faults.push_back(fmt::format("its agent could not be scored: code {}", exit_code));
-      return;
-    }
-    Status compared = KeepEvaluation(file);
-    const nlohmann::ordered_json& result = results[ended.number];
-    if (compared.ok()) compared = Compare(file, result, &which);
-    if (compared.ok()) {
-      compared = Compare(agents.at(TextOf(result, "agent_sha256")), result, sources, &which);
-    }
-    if (!compared.ok()) which.faults.push_back(compared.message());
-  };
-  while (!Interrupted() && !(active.empty() && waiting.empty())) {
-    BeginWaiting(
-        waiting, [&] { return active.size() < options.jobs; }, begin);
-    CollectEnded(active, finish);
-    if (!active.empty()) poll(nullptr, 0, kJobPollMs);
-  }
-  return checked;
+  return ResultChecks(options, sources, std::move(folder)).Work(files);
 }
 
 }  // namespace b4mrl

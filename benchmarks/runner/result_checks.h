@@ -14,7 +14,8 @@ namespace b4mrl {
 
 struct ResultCheckOptions {
   // A result, or a folder: of results, or one that holds "results/". Agents are looked for beside
-  // them: files "*.h5" at any depth, known by their SHA-256.
+  // them: files "*.h5" at any depth, known by their SHA-256; what is larger than an agent can be is
+  // passed over.
   std::string path;
   uint32_t jobs = 1;
 };
@@ -29,9 +30,11 @@ struct CheckedResult {
   std::string path;
   std::vector<std::string> faults;  // none: the result is what it says, as far as `agent` tells
   AgentCheck agent = AgentCheck::kAbsent;
+  std::string agreement;  // what is said of a sound result whose agent was scored
 };
 
-// In the order of the files' names. kIoError if the folder cannot be read or written; evaluations
+// In the order of the files' names. kUnavailable after an interrupt before the files were read and
+// their agents found; kIoError if the folder cannot be read or written; evaluations
 // are kept in the folder of temporary files.
 Result<std::vector<CheckedResult>> CheckResults(const ResultCheckOptions& options,
                                                 const CheckSources& sources);

@@ -18,6 +18,7 @@
 #include "benchmarks/records/learned.h"
 #include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
+#include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
 #include "data/files/make_folder.h"
@@ -142,7 +143,7 @@ Result<bool> Runner::TryToBegin(size_t number) {
                       ResultPath(options_.results, run)));
     }
     // Where the result's agent is not left, the result stays as it is.
-    if (const auto agent = Sha256OfFile(task.folder + "/agent.h5");
+    if (const auto agent = Sha256OfFile(task.folder + "/agent.h5", kMaxAgentFileBytes);
         agent.ok() && *agent == result->agent_sha256) {
       std::set<std::string> present = result->scorings;
       present.insert(kOwnScoring);

@@ -33,6 +33,8 @@ namespace b4mrl {
 
 inline constexpr uint32_t kMaxAgentLayerWidth = 4096;  // inputs and outputs of a layer
 inline constexpr uint32_t kMaxAgentHistory = 64;       // observations that a policy sees
+// More than the largest layers take together, 1.3 GB.
+inline constexpr uint64_t kMaxAgentFileBytes = 2ull << 30;
 
 struct AgentLayer {
   uint32_t inputs = 0;

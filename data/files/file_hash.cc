@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/evp.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <xxhash.h>
 
@@ -56,10 +57,17 @@ Result<std::string> Sha256OfDescriptor(int fd, const std::string& path,
   }
 }
 
-Result<std::string> Sha256OfFile(const std::string& path) {
+Result<std::string> Sha256OfFile(const std::string& path, uint64_t max_bytes,
+                                 const std::function<Status()>& go_on) {
   const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!fd.valid()) return IoError("open", path, errno);
-  return Sha256OfDescriptor(fd.get(), path);
+  struct stat info {};
+  if (fstat(fd.get(), &info) != 0) return IoError("inspect", path, errno);
+  if (static_cast<uint64_t>(info.st_size) > max_bytes) {
+    return Status(StatusCode::kLimitExceeded, fmt::format("{} has {} bytes, allowed: at most {}",
+                                                          path, info.st_size, max_bytes));
+  }
+  return Sha256OfDescriptor(fd.get(), path, go_on);
 }
 
 std::string Sha256OfText(std::string_view text) {

@@ -32,10 +32,13 @@ class Sha256 {
   std::unique_ptr<evp_md_ctx_st, Free> context_;
 };
 
-// The file's SHA-256 as 64 lower-case hexadecimal digits.
-Result<std::string> Sha256OfFile(const std::string& path);
+// The file's SHA-256 as 64 lower-case hexadecimal digits. kLimitExceeded for a longer file than
+// `max_bytes`. Calls `go_on` between blocks of 1 MiB; an error of `go_on` ends the call.
+Result<std::string> Sha256OfFile(
+    const std::string& path, uint64_t max_bytes = UINT64_MAX,
+    const std::function<Status()>& go_on = [] { return Status(); });
 // The SHA-256 of an open file, read from start to end without moving the descriptor's position;
-// `path` is for messages. Calls `go_on` between blocks of 1 MiB; an error of `go_on` ends the call.
+// `path` is for messages, `go_on` as above.
 Result<std::string> Sha256OfDescriptor(
     int fd, const std::string& path,
     const std::function<Status()>& go_on = [] { return Status(); });

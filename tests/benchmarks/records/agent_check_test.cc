@@ -55,5 +55,60 @@ TEST_CASE("What a user's agent leaves out is not held against it") {
   CHECK(FaultsOf([](Agent& agent) { agent.provenance = {}; }).empty());
 }
 
+using Json = nlohmann::ordered_json;
+
+// An evaluation of 10 episodes with the mean 100 and the sample deviation 3.16.
+const Json kEvaluation = {{"returns", {97, 103, 97, 103, 97, 103, 97, 103, 97, 103}}};
+
+Json ScoredBy(const char* source, const Json& budget, const Json& returns) {
+  return {{"source", source}, {"budget", budget}, {"returns", returns}};
+}
+
+TEST_CASE("Returns that b4mrl evaluate has measured must be equal to the last bit") {
+  Json returns = kEvaluation["returns"];
+  CHECK(CompareReturns(kEvaluation, ScoredBy("own", "small", returns)).words ==
+        "its agent has these returns");
+  returns[0] = 97.0000001;
+  for (const char* source : {"own", "user"}) {
+    const ComparedReturns compared =
+        CompareReturns(kEvaluation, ScoredBy(source, "small", returns));
+    CHECK_FALSE(compared.agree);
+    CHECK(compared.words.starts_with("its agent has the returns [97,103,"));
+  }
+  // No result of the project's own lacks a budget.
+  CHECK_FALSE(CompareReturns(kEvaluation, ScoredBy("own", nullptr, returns)).agree);
+}
+
+TEST_CASE("Means that another program has measured must be equal as far as episodes vary") {
+  const auto compared = [](const Json& returns) {
+    return CompareReturns(kEvaluation, ScoredBy("user", nullptr, returns));
+  };
+  CHECK(compared(kEvaluation["returns"]).words == "its agent has these returns");
+  // Four standard errors of the difference of two means of ten: 4 * 3.16 * sqrt(2 / 10) = 5.66.
+  const Json near(Json::array_t(10, 105.6)), far(Json::array_t(10, 105.7));
+  CHECK(compared(near).agree);
+  CHECK(compared(near).words ==
+        "its agent has the mean return 100, the result 105.6; up to 5.66 apart is chance");
+  CHECK_FALSE(compared(far).agree);
+  // What the result's own episodes vary does not count.
+  CHECK_FALSE(compared({-1e6, 1e6 + 300}).agree);
+  CHECK(compared({110}).agree);  // of a single one: 4 * 3.16 * sqrt(1.1) = 13.3
+  CHECK_FALSE(compared(Json::array()).agree);
+}
+
+TEST_CASE("Means of episodes that do not vary must be equal to a thousandth") {
+  const Json evaluation = {{"returns", Json::array_t(10, 100.0)}};
+  CHECK(CompareReturns(evaluation, ScoredBy("user", nullptr, {100.09})).agree);
+  CHECK_FALSE(CompareReturns(evaluation, ScoredBy("user", nullptr, {100.11})).agree);
+}
+
+TEST_CASE("Of an agent that another program has scored, ten episodes or more are evaluated") {
+  CHECK(EpisodesToCompare(ScoredBy("own", "small", {1})) == 1);
+  CHECK(EpisodesToCompare(ScoredBy("user", "small", {1, 2})) == 2);
+  CHECK(EpisodesToCompare(ScoredBy("user", nullptr, {1})) == 10);
+  CHECK(EpisodesToCompare(ScoredBy("user", nullptr, Json::array_t(20, 1.0))) == 20);
+  CHECK(EpisodesToCompare(ScoredBy("user", nullptr, Json::array())) == 0);
+}
+
 }  // namespace
 }  // namespace b4mrl

@@ -193,6 +193,42 @@ TEST_CASE("A file that is no result is named and keeps no other back") {
   CHECK(missing.exit_code != 0);
 }
 
+TEST_CASE("A file that is larger than a result can be is named and not read") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("a.json"), "{}" + std::string(4 << 20, ' '));
+  const Outcome outcome = Run({"benchmark", "check", folder.path()});
+  CHECK(outcome.exit_code == 1);
+  CHECK(outcome.out.find("a.json is longer than 4194304 bytes") != std::string::npos);
+}
+
+TEST_CASE("Nobody waits for the hash of a file that is larger than an agent can be") {
+  const Suite suite("bc = 20");
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  // As long as its agent is missing, all other files are looked at.
+  const fs::path run = fs::directory_iterator(suite.Out() + "/runs")->path();
+  fs::rename(run / "agent.h5", run / "agent.kept");
+  WriteBytes(run / "agent.h5", "");
+  fs::resize_file(run / "agent.h5", uint64_t{300} << 30);  // takes no room on the disk
+  const Outcome checked = Run({"benchmark", "check", suite.Out()});
+  INFO(checked.out << checked.err);
+  CHECK(checked.exit_code == 0);
+  CHECK(checked.out.find("no agent is there") != std::string::npos);
+  const Outcome evaluated = Run({"benchmark", "evaluate", run});
+  CHECK(evaluated.exit_code == 1);
+  CHECK(evaluated.out.find("has 322122547200 bytes, allowed: at most 2147483648") !=
+        std::string::npos);
+}
+
+TEST_CASE("The leaderboard names the results of suites that it was not given") {
+  const TemporaryFolder folder;
+  WriteBytes(folder.File("a.json"),
+             R"({"finished": true, "benchmarks": ["Hopper/mine/a"], "cell": "c", "seed": 0})");
+  const Outcome outcome = Run({"benchmark", "leaderboard", folder.path()});
+  CHECK(outcome.exit_code == 0);
+  CHECK(outcome.err.find("left out: ") != std::string::npos);
+  CHECK(outcome.err.find("'Hopper/mine/a' is in no suite (--suites") != std::string::npos);
+}
+
 TEST_CASE("A pipe in a result's place is named, and nothing waits for its writer") {
   const TemporaryFolder folder;
   REQUIRE(mkfifo(folder.File("a.json").c_str(), 0600) == 0);

@@ -83,6 +83,21 @@ TEST_CASE("A learner that leaves an agent is told what to do, and its agent is s
   CHECK(checked.out.find("its agent has these returns") != std::string::npos);
 }
 
+TEST_CASE("An agent that another program has scored is held against its mean return") {
+  const UsersSuite suite;
+  REQUIRE(suite.Train("cp " + std::string(kAgent) + " \"$B4MRL_OUT/agent.h5\"").exit_code == 0);
+  for (const auto& entry : std::filesystem::directory_iterator(suite.File("suite/results"))) {
+    auto result = nlohmann::json::parse(ReadBytes(entry.path()), nullptr, false);
+    result["budget"] = nullptr;  // as in the results of Python's bench.record
+    WriteBytes(entry.path(), result.dump());
+  }
+  const Outcome checked = Run({"benchmark", "check", suite.File("suite")});
+  INFO(checked.out);
+  CHECK(checked.exit_code == 0);
+  CHECK(checked.out.find("(its agent has the mean return ") != std::string::npos);
+  CHECK(checked.out.find(" apart is chance)") != std::string::npos);
+}
+
 TEST_CASE("A learner finds the benchmark of its user's own suite at the daemon that it is given") {
   Suite suite;
   const TemporaryFolder suites;
@@ -153,6 +168,13 @@ TEST_CASE("A learner that leaves nothing, or what cannot be understood, has fail
       suite.Train("echo '{\"returns\": [\"many\"]}' > \"$B4MRL_OUT/returns.json\"");
   CHECK(text.exit_code == 1);
   CHECK(text.out.find("1 to 10000 numbers as \"returns\"") != std::string::npos);
+  for (const char* word : {"NaN", "-Infinity"}) {  // as Python's json.dump writes them
+    const Outcome infinite = suite.Train("echo '{\"note\": \"a NaN\", \"returns\": [1, " +
+                                         std::string(word) + "]}' > \"$B4MRL_OUT/returns.json\"");
+    CHECK(infinite.exit_code == 1);
+    CHECK_THAT(infinite.out, Catch::Contains(std::string("returns.json holds no JSON object: ") +
+                                             word + " is no number of JSON"));
+  }
   const Outcome broken = suite.Train("exit 3");
   CHECK(broken.exit_code == 1);
   CHECK(broken.out.find("ended with code 3") != std::string::npos);

@@ -1,0 +1,79 @@
+#include "benchmarks/runner/records_command.h"
+
+#include <fmt/format.h>
+
+#include <vector>
+
+#include "algorithms/base/progress.h"
+#include "benchmarks/plan/suite_plan.h"
+#include "benchmarks/records/leaderboard.h"
+#include "client/interrupt.h"
+#include "client/private_daemon.h"
+#include "proto/base/exit_codes.h"
+#include "proto/command_line/words.h"
+
+namespace b4mrl {
+namespace {
+
+void AddSuites(CLI::App& app, std::string& suites) {
+  app.add_option("--suites", suites, "folder of further suites");
+}
+
+}  // namespace
+
+CLI::App* RecordsCommand::AddCheck(CLI::App& app) {
+  CLI::App* command = app.add_subcommand(
+      "check", "say whether results are sound, and score again the agents that lie beside them");
+  command->add_option("path", check.path, "a result, or a folder of results")->required();
+  command->add_option("--jobs", check.jobs, "processes at a time [cores]")
+      ->transform(Count(1, 1024));
+  AddSuites(*command, suites);
+  return command;
+}
+
+CLI::App* RecordsCommand::AddLeaderboard(CLI::App& app) {
+  CLI::App* command = app.add_subcommand(
+      "leaderboard", "print, for each benchmark, the algorithms of a folder of results as CSV");
+  command->add_option("results", results, "folder of results")->required();
+  AddSuites(*command, suites);
+  return command;
+}
+
+Result<int> RecordsCommand::Check() const {
+  B4MRL_ASSIGN_OR_RETURN(const PrivateDaemon daemon, PrivateDaemon::Start());
+  B4MRL_ASSIGN_OR_RETURN(Client client, Client::Connect(daemon.endpoint()));
+  B4MRL_ASSIGN_OR_RETURN(const PlanKnowledge knowledge, PlanKnowledge::Ask(client));
+  CheckSources sources = {.plan = knowledge.sources(), .published = &knowledge.published()};
+  sources.find_environment = [&](const std::string& name) { return client.FindEnvironment(name); };
+  B4MRL_ASSIGN_OR_RETURN(sources.benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(sources.budgets, ReadBudgets(DefaultBudgetsFile()));
+  B4MRL_ASSIGN_OR_RETURN(const auto checked, CheckResults(check, sources));
+  size_t sound = 0;
+  for (const CheckedResult& result : checked) {
+    const std::string agent =
+        result.agent == AgentCheck::kScored ? result.agreement : "no agent is there";
+    if (result.faults.empty() && result.agent == AgentCheck::kNotReached) {
+      fmt::print("unknown {} (its agent was not scored)\n", result.path);
+      continue;
+    }
+    if (result.faults.empty()) fmt::print("sound {} ({})\n", result.path, agent);
+    for (const std::string& fault : result.faults) fmt::print("fault {}: {}\n", result.path, fault);
+    sound += result.faults.empty() ? 1 : 0;
+  }
+  fmt::print("{} of {} results are sound\n", sound, checked.size());
+  if (Interrupted()) return InterruptExitCode();
+  return sound == checked.size() ? kExitDone : kExitFailed;
+}
+
+Result<int> RecordsCommand::PrintLeaderboard() const {
+  B4MRL_ASSIGN_OR_RETURN(const auto benchmarks, ReadSuites({DefaultSuitesFolder(), suites}));
+  B4MRL_ASSIGN_OR_RETURN(const auto published, ReadPublishedDatasets());
+  std::vector<std::string> skipped;
+  B4MRL_ASSIGN_OR_RETURN(const std::string csv,
+                         Leaderboard(results, benchmarks, published, &skipped));
+  for (const std::string& reason : skipped) Tell("left out: " + reason + "\n");
+  fmt::print("{}", csv);
+  return kExitDone;
+}
+
+}  // namespace b4mrl
