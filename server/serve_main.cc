@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/cfg/env.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
@@ -15,6 +14,7 @@
 #include "server/datasets/dataset_worker.h"
 #include "server/datasets/importer.h"
 #include "server/environments/mujoco/engine_version.h"
+#include "server/log/stderr_log.h"
 #include "server/models/model_compiler.h"
 #include "server/process/child.h"
 #include "server/process/options.h"
@@ -59,8 +59,7 @@ int RunChild(CommandLine line) {
 int ServeMain(int argc, char** argv) {
   // Sockets, caches and folders are accessible to this user alone; children inherit the umask.
   umask(S_IRWXG | S_IRWXO);
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
-  spdlog::default_logger()->set_pattern("b4mrl serve: %v");
+  LogToStderr("b4mrl serve: %v");
   spdlog::cfg::load_env_levels();  // SPDLOG_LEVEL
   int exit_code = kExitDone;
   std::optional<CommandLine> line = ParseCommandLine(argc, argv, &exit_code);

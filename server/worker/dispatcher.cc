@@ -378,7 +378,8 @@ void Dispatcher::ReapIdleSessions() {
       ForgetIfDisowned(session);
       continue;
     }
-    spdlog::info("session {} ends: its lease ran out", session->index());
+    // Not for the log of every day: a client that opens sessions and leaves would write it.
+    spdlog::debug("session {} ends: its lease ran out", session->index());
     EndSession(session);
   }
 }

@@ -1,7 +1,6 @@
 #include "server/render/painter/painter.h"
 
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -17,6 +16,7 @@
 
 #include "proto/base/limits.h"
 #include "server/environments/canvas.h"
+#include "server/log/stderr_log.h"
 #include "server/render/paint_messages.h"
 #include "server/render/painter/plan_renderer.h"
 #include "server/render/painter/scene_renderer.h"
@@ -138,8 +138,7 @@ void Settle() {
 }  // namespace
 
 int RunPainter() {
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("b4mrl"));
-  spdlog::default_logger()->set_pattern("b4mrl render: %v");
+  LogToStderr("b4mrl render: %v");
   Settle();
   Painter painter;
   while (true) {
