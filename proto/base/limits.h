@@ -89,9 +89,19 @@ inline constexpr uint32_t kMinPictureSide = 16;  // pixels
 inline constexpr uint32_t kMaxPictureSide = 1920;
 inline constexpr uint32_t kMaxRenderRequests = 16;  // in one worker, at most 64 MiB of frames each
 inline constexpr uint32_t kMaxSessionRenders = 4;   // of one session
-// For a painter to draw one picture. On an idle machine it draws its first picture in 1 s, later
-// pictures in 30 ms.
+// For a painter to draw one picture, by the clock and of its processor time. On an idle machine it
+// draws its first picture in 1 s, later pictures in 30 ms, the largest in 300 ms.
 inline constexpr int64_t kPaintMs = 60'000;
+inline constexpr int64_t kPaintProcessorMs = 5'000;
+// A simulator with so many pictures that took more processor time, each less than kPaintRefusalMs
+// after the one before, is not drawn for that long.
+inline constexpr uint32_t kMaxSlowPictures = 2;
+inline constexpr int64_t kPaintRefusalMs = 120'000;
+// By the clock, from its beginning, for a picture whose deadline has passed and whose painter is
+// wanted for the next one. It may be a painter's first, which the next is spared.
+inline constexpr int64_t kLatePictureMs = 10'000;
+// For an answer whose first byte has come.
+inline constexpr int64_t kPaintAnswerMs = 2'000;
 inline constexpr int64_t kPainterIdleMs = 60'000;  // time without use after which a painter ends
 
 // Processes.

@@ -132,7 +132,7 @@ void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
     case pb::Request::kAttach:
       return replies_.Reply(from, HandleAttach(request_));
     case pb::Request::kClose:
-      return HandleClose(from, request_.session_token());
+      return HandleClose(from, request_.session_token(), DeadlineOf(request_));
     default:
       const Status status =
           HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
@@ -218,7 +218,8 @@ Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {
   return Closed();
 }
 
-void Dispatcher::HandleClose(const Asker& from, const std::string& token) {
+void Dispatcher::HandleClose(const Asker& from, const std::string& token,
+                             const Deadline& deadline) {
   const auto found = sessions_.find(token);
   if (found == sessions_.end() || ForgetIfDisowned(found->second.get())) {
     return replies_.Reply(from, CloseUnattached(token));
@@ -228,8 +229,10 @@ void Dispatcher::HandleClose(const Asker& from, const std::string& token) {
     return replies_.Reply(from,
                           Status(StatusCode::kLimitExceeded, "the session is closing already"));
   }
-  session->pending_closes.push_back(from);
-  if (session->in_flight().empty()) EndSession(session);
+  session->closing = true;
+  session->pending_closes.push_back({from, deadline});
+  if (session->in_flight().empty()) return EndSession(session);
+  SweepAfter(deadline);
 }
 
 Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request, Frame payload,
@@ -240,8 +243,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
   if (found == sessions_.end() && IsToBeAdopted(request.session_token())) {
     return Status(StatusCode::kUnavailable, "the session is yet to be taken over; try again");
   }
-  if (found == sessions_.end() || !found->second->pending_closes.empty() ||
-      !found->second->live()) {
+  if (found == sessions_.end() || found->second->closing || !found->second->live()) {
     return Status(StatusCode::kSessionLost,
                   "no such session: it was closed, its lease ran out, or it was opened "
                   "on another worker");
@@ -300,11 +302,14 @@ void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
     job->Complete();
     Finish(job);
   } else {
-    next_deadline_sweep_ =
-        std::min(next_deadline_sweep_,
-                 std::max(job->deadline.at(), last_deadline_sweep_ + kDeadlineSweepInterval));
+    SweepAfter(job->deadline);
     executor_.Submit(job);
   }
+}
+
+void Dispatcher::SweepAfter(const Deadline& deadline) {
+  const auto earliest = last_deadline_sweep_ + kDeadlineSweepInterval;
+  next_deadline_sweep_ = std::min(next_deadline_sweep_, std::max(deadline.at(), earliest));
 }
 
 void Dispatcher::EndExpired() {
@@ -316,6 +321,12 @@ void Dispatcher::EndExpired() {
       next = std::min(next, job->deadline.at());
     } else {
       executor_.EndExpired(job);
+    }
+  }
+  for (const auto& [token, session] : sessions_) {
+    for (const Asker& late : session->TakeLateCloses(now, &next)) {
+      replies_.Reply(late, Status(StatusCode::kDeadlineExceeded,
+                                  "the session is closed once its last request has ended"));
     }
   }
   last_deadline_sweep_ = now;
@@ -354,15 +365,15 @@ void Dispatcher::Finish(RequestJob* job) {
   queued_bytes_ -= job->payload().size();
   if (job->waits_for_painter()) --painter_jobs_;
   jobs_.erase(job);
-  if (!session.pending_closes.empty() && session.in_flight().empty()) EndSession(&session);
+  if (session.closing && session.in_flight().empty()) EndSession(&session);
 }
 
 void Dispatcher::EndSession(Session* session) {
-  const std::vector<Asker> closes = std::move(session->pending_closes);
+  const auto closes = std::move(session->pending_closes);
   session->record().Close(session->generation());
   const std::string token = session->token();
   sessions_.erase(token);
-  for (const Asker& asker : closes) replies_.Reply(asker, Closed());
+  for (const Session::PendingClose& close : closes) replies_.Reply(close.from, Closed());
 }
 
 void Dispatcher::ReapIdleSessions() {

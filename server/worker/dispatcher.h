@@ -66,7 +66,7 @@ class Dispatcher {
   // Forgets `session` if its record belongs to another session by now and none of its requests is
   // in flight. Returns whether it did.
   bool ForgetIfDisowned(Session* session);
-  void HandleClose(const Asker& from, const std::string& token);
+  void HandleClose(const Asker& from, const std::string& token, const Deadline& deadline);
   // Closes a session that was not attached here; an Attach of it that is on its way is refused.
   Result<pb::Reply> CloseUnattached(const std::string& token);
   // Starts a job, which will reply. An error of this function is the reply instead.
@@ -77,6 +77,8 @@ class Dispatcher {
   // worker too often, or a limit on requests is reached.
   Status Admit(const Session& session, const pb::Request& request, const Frame& payload) const;
   void Start(std::unique_ptr<RequestJob> job, bool more_waiting);
+  // Has EndExpired look at the deadlines when this one has passed, or soon after.
+  void SweepAfter(const Deadline& deadline);
   void Finish(RequestJob* job);
   void EndSession(Session* session);
 
@@ -93,7 +95,7 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
-  uint32_t next_record_ = 0;  // the record that AdoptNext looks at next
+  uint32_t next_record_ = 0;                    // the record that AdoptNext looks at next
   int64_t adoption_failed_ms_ = INT64_MIN / 2;  // when a session could last not be taken over
   // When EndExpired last looked at all jobs, and when it has to look again.
   Clock::time_point last_deadline_sweep_{};

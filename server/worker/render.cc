@@ -29,6 +29,7 @@ class RenderJob : public RequestJob {
 
  private:
   Status ChooseSize(const pb::RenderRequest& request);
+  Status TooLate() const;
   Status CopyLanes(const std::vector<uint32_t>& lanes);
 
   // A lane's state and the episode that it belongs to.
@@ -90,6 +91,11 @@ Status RenderJob::Prepare(const pb::Request& request) {
   return Status();
 }
 
+Status RenderJob::TooLate() const {
+  return Status(StatusCode::kDeadlineExceeded,
+                fmt::format("the deadline passed after {} of {} pictures", painted_, items));
+}
+
 void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   if (failed()) return;
   const size_t bytes = PictureBytes(picture_.width, picture_.height);
@@ -100,16 +106,13 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     reply_payload_ = layout.Allocate();
   }
   for (uint32_t item = first; item < first + count && !failed(); ++item) {
-    if (deadline.expired()) {
-      return Fail(
-          Status(StatusCode::kDeadlineExceeded,
-                 fmt::format("the deadline passed after {} of {} pictures", painted_, items)));
-    }
+    if (deadline.expired()) return Fail(TooLate());
     picture_.lane_seed = scenes_[item].lane_seed;
     picture_.episode = scenes_[item].episode;
     picture_.state = scenes_[item].state;
     const std::span<std::byte> place(reply_payload_.data() + offset_ + item * bytes, bytes);
-    const Status status = thread.painter->Paint(picture_, place);
+    const Status status = thread.painter->Paint(picture_, place, deadline);
+    if (status.code() == StatusCode::kDeadlineExceeded) return Fail(TooLate());
     if (!status.ok()) return Fail(status);
     ++painted_;
   }

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include <algorithm>
+
 #include "proto/base/limits.h"
 #include "proto/wire/named_arguments.h"
 #include "server/environments/mujoco/compiled_model.h"
@@ -110,6 +112,17 @@ Status Session::AdoptLanes() {
     RefreshLane(lane);
   }
   return Status();
+}
+
+std::vector<Asker> Session::TakeLateCloses(Clock::time_point now, Clock::time_point* next) {
+  std::vector<Asker> late;
+  std::erase_if(pending_closes, [&](const PendingClose& close) {
+    const bool is_late = close.deadline.at() <= now;
+    if (is_late) late.push_back(close.from);
+    if (!is_late) *next = std::min(*next, close.deadline.at());
+    return is_late;
+  });
+  return late;
 }
 
 void Session::RefreshLane(uint32_t lane) {

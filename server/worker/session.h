@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "proto/b4mrl.pb.h"
+#include "proto/base/clock.h"
 #include "server/replies/reply.h"
 #include "server/scheduling/item_cost.h"
 #include "server/shared_memory/shared_state.h"
@@ -90,8 +91,17 @@ class Session {
   // The cost of one item of this session's requests of that kind.
   ItemCost& cost(pb::Request::PayloadCase kind) { return costs_[kind]; }
 
-  // Senders of Close requests, to be answered once no other request is in flight.
-  std::vector<Asker> pending_closes;
+  // A Close that waits for the requests in flight.
+  struct PendingClose {
+    Asker from;
+    Deadline deadline;
+  };
+  std::vector<PendingClose> pending_closes;
+  // Set by the first Close; the session ends with its last request in flight.
+  bool closing = false;
+  // Takes the senders of the Closes whose deadline is not after `now`. Sets *next to the next
+  // deadline of the others where that is earlier.
+  std::vector<Asker> TakeLateCloses(Clock::time_point now, Clock::time_point* next);
 
  private:
   Session(SharedState& shared, uint32_t index, LaneStepper stepper)

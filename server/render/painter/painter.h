@@ -4,8 +4,9 @@
 // It is a process of its own because Mesa must not be able to end, block or slow down a worker: it
 // brings LLVM along, its contexts are bound to a thread, a picture takes a thousand times as long
 // as a step, and it runs at lower priority. It keeps caches alone: simulators and OpenGL contexts
-// of the last few kinds of picture. The program ends with its worker, or when no picture has been
-// asked for in limits::kPainterIdleMs.
+// of the last few kinds of picture. The program ends with its worker, when no picture has been
+// asked for in limits::kPainterIdleMs, and by SIGPROF when one takes more than
+// limits::kPaintProcessorMs of processor time.
 #pragma once
 
 namespace b4mrl {

@@ -9,6 +9,7 @@
 #include <set>
 #include <vector>
 
+#include "proto/base/limits.h"
 #include "proto/base/rng.h"
 #include "server/simulator/simulator.h"
 #include "tests/data/temporary_folder.h"
@@ -41,9 +42,12 @@ Picture Blank(const PaintRequest& request) {
   return Picture(PictureBytes(request.width, request.height));
 }
 
+// For pictures that are drawn: a painter that starts on a busy machine takes its time.
+Deadline Patience() { return Deadline::AfterMs(120'000); }
+
 Picture Paint(PainterProcess& painter, const PaintRequest& request) {
   Picture picture = Blank(request);
-  const Status status = painter.Paint(request, picture);
+  const Status status = painter.Paint(request, picture, Patience());
   INFO(status.ToString());
   REQUIRE(status.ok());
   return picture;
@@ -63,11 +67,22 @@ size_t ColoursOf(const Picture& picture) {
   return colours.size();
 }
 
+Status TryToPaint(PainterProcess& painter, const PaintRequest& request,
+                  const Deadline& deadline = Patience()) {
+  Picture picture = Blank(request);
+  return painter.Paint(request, picture, deadline);
+}
+
 Status PaintWith(const std::string& program) {
   PainterProcess painter(program);
-  const PaintRequest request = RequestFor("HalfCheetah");
-  Picture picture = Blank(request);
-  return painter.Paint(request, picture);
+  return TryToPaint(painter, RequestFor("HalfCheetah"));
+}
+
+// Keeps the painter from drawing until it gets SIGCONT.
+void Halt(const PainterProcess& painter) {
+  REQUIRE(kill(painter.process_id(), SIGSTOP) == 0);
+  siginfo_t info{};
+  REQUIRE(waitid(P_PID, static_cast<id_t>(painter.process_id()), &info, WSTOPPED | WNOWAIT) == 0);
 }
 
 TEST_CASE("Equal states give equal pictures and other states others") {
@@ -116,16 +131,16 @@ TEST_CASE("What a painter refuses is the request's error and no more") {
   Picture picture = Blank(bad);
   SECTION("another model than the session's") {
     bad.identity += 1;
-    CHECK(painter.Paint(bad, picture).code() == StatusCode::kFailedPrecondition);
+    CHECK(painter.Paint(bad, picture, Patience()).code() == StatusCode::kFailedPrecondition);
   }
   SECTION("an unknown environment") {
     bad.simulator.environment = "HalfCheeta";
     bad.identity += 1;  // or it would be drawn with what is open already
-    CHECK(painter.Paint(bad, picture).code() == StatusCode::kUnknownName);
+    CHECK(painter.Paint(bad, picture, Patience()).code() == StatusCode::kUnknownName);
   }
   SECTION("a state of another length") {
     bad.state.pop_back();
-    CHECK(painter.Paint(bad, picture).code() == StatusCode::kInvalidArgument);
+    CHECK(painter.Paint(bad, picture, Patience()).code() == StatusCode::kInvalidArgument);
   }
   CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
   CHECK(painter.process_id() == process);
@@ -140,6 +155,47 @@ TEST_CASE("A painter that has died is replaced") {
   REQUIRE(waitid(P_PID, static_cast<id_t>(process), &info, WEXITED | WNOWAIT) == 0);
   CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
   CHECK(painter.process_id() != process);
+}
+
+TEST_CASE("A picture is waited for until its deadline, and its painter draws the next one") {
+  PainterProcess painter;
+  const Picture good = Paint(painter, RequestFor("HalfCheetah"));
+  PaintRequest late = RequestFor("HalfCheetah");
+  late.width *= 2;       // more bytes than those of the next picture
+  Paint(painter, late);  // so that it takes little time when the painter goes on
+  const pid_t process = painter.process_id();
+  Halt(painter);
+  CHECK(TryToPaint(painter, late, Deadline::AfterMs(20)).code() == StatusCode::kDeadlineExceeded);
+  // The late picture is in the way of the next one until its own deadline, too.
+  CHECK(TryToPaint(painter, RequestFor("HalfCheetah"), Deadline::AfterMs(20)).code() ==
+        StatusCode::kDeadlineExceeded);
+  SECTION("when it goes on") {
+    REQUIRE(kill(process, SIGCONT) == 0);
+    CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
+    CHECK(painter.process_id() == process);
+  }
+  SECTION("when it has died") {
+    REQUIRE(kill(process, SIGKILL) == 0);
+    CHECK(Paint(painter, RequestFor("HalfCheetah")) == good);
+    CHECK(painter.process_id() != process);
+  }
+}
+
+TEST_CASE("A simulator whose pictures take too much processor time is not drawn for a while") {
+  const TemporaryFolder folder;
+  const std::string slow = folder.File("slow");
+  WriteBytes(slow, "#!/bin/sh\nkill -PROF $$\n");
+  std::filesystem::permissions(slow, std::filesystem::perms::owner_all);
+  PainterProcess painter(slow);
+  const PaintRequest request = RequestFor("HalfCheetah");
+  for (uint32_t i = 0; i < limits::kMaxSlowPictures; ++i) {
+    const Status status = TryToPaint(painter, request);
+    CHECK(status.code() == StatusCode::kInternal);
+    CHECK(status.message().find("processor time") != std::string::npos);
+  }
+  CHECK(TryToPaint(painter, request).code() == StatusCode::kLimitExceeded);
+  CHECK(painter.process_id() == 0);
+  CHECK(TryToPaint(painter, RequestFor("Hopper")).code() == StatusCode::kInternal);
 }
 
 TEST_CASE("A painter that ends, talks nonsense or is missing gives a typed error") {

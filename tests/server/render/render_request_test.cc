@@ -1,5 +1,11 @@
 // Render as a worker answers it.
+#include <sys/wait.h>
+
 #include <catch2/catch.hpp>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <set>
 #include <string>
 
 #include "tests/server/worker/worker_fixture.h"
@@ -124,6 +130,37 @@ TEST_CASE("Requests for pictures that wait in a worker are limited over all its 
   REQUIRE(worker.answers.size() == 1);
   CHECK(worker.answers[0].code() == StatusCode::kLimitExceeded);
   worker.Work();
+}
+
+// The child processes of this one.
+std::set<pid_t> Children() {
+  std::set<pid_t> all;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream children(task.path() / "children");
+    for (pid_t child = 0; children >> child;) all.insert(child);
+  }
+  return all;
+}
+
+TEST_CASE("Render is answered at its deadline though the painter stands still") {
+  const std::set<pid_t> others = Children();
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  const std::string frame = FrameOf(worker.Call(RenderRequest(), {}), 0);
+  std::set<pid_t> painter = Children();
+  std::erase_if(painter, [&](const pid_t child) { return others.contains(child); });
+  REQUIRE(painter.size() == 1);
+  REQUIRE(kill(*painter.begin(), SIGSTOP) == 0);
+  siginfo_t info{};
+  REQUIRE(waitid(P_PID, static_cast<id_t>(*painter.begin()), &info, WSTOPPED | WNOWAIT) == 0);
+  pb::Request late = RenderRequest();
+  late.set_deadline_ms(50);
+  const Clock::time_point start = Clock::now();
+  CHECK(worker.Call(late, {}).code() == StatusCode::kDeadlineExceeded);
+  CHECK(SecondsSince(start) < 1e-3 * static_cast<double>(limits::kLatePictureMs));
+  REQUIRE(kill(*painter.begin(), SIGCONT) == 0);
+  CHECK(FrameOf(worker.Call(RenderRequest(), {}), 0) == frame);
 }
 
 TEST_CASE("A request for a picture that came too late draws nothing") {

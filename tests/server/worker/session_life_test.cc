@@ -62,6 +62,31 @@ TEST_CASE("A Close reaches a session of the token that was opened again meanwhil
   REQUIRE(worker.state().session(second).state() == SessionState::kClosed);
 }
 
+TEST_CASE("A Close is answered at its deadline, and happens all the same") {
+  WorkerFixture worker;
+  const uint32_t index = worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({2}), Actions(1, 0)}, /*waiting=*/true);
+  pb::Request close;
+  close.mutable_close();
+  close.set_request_id(7);
+  close.set_deadline_ms(1);
+  worker.Send(close, {});
+  worker.AwaitDeadline();
+  REQUIRE(worker.answers.size() == 1);
+  CHECK(worker.answers[0].envelope.request_id() == 7);
+  CHECK(worker.answers[0].code() == StatusCode::kDeadlineExceeded);
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({3}), Actions(1, 0)});
+  CHECK(worker.answers.back().code() == StatusCode::kSessionLost);
+  CHECK(worker.state().session(index).state() == SessionState::kLive);
+  worker.Work();
+  REQUIRE(worker.answers.size() == 3);
+  CHECK(worker.answers[2].code() == StatusCode::kOk);  // the step
+  CHECK(worker.state().session(index).state() == SessionState::kClosed);
+  CHECK(worker.Close() == StatusCode::kOk);
+}
+
 TEST_CASE("Sessions may together have the simulators for which the worker has memory") {
   WorkerFixture worker;
   const std::string cheetah(limits::kTokenBytes, 'c'), hopper(limits::kTokenBytes, 'h');
