@@ -7,11 +7,12 @@
 #include <cstring>
 
 #include "data/columns/episodes.h"
+#include "server/datasets/row_blocks.h"
 
 namespace b4mrl {
 namespace {
 
-constexpr uint64_t kBlockRows = 16384;  // between two looks at `cancelled`
+constexpr uint64_t kMaxBlockRows = 16384;  // between two looks at `cancelled`
 
 // Perturbs float32 rows in double precision. Elements that no perturbation changes keep their bits,
 // payloads of NaN included.
@@ -58,9 +59,11 @@ Status AppendCorrupted(const TransitionColumns& source, const RowCorruption& cor
   const size_t size = source.observation_size;
   RowPerturber perturber(corruption, source.observation_size);
   std::vector<float> observations, next_observations;
-  for (uint64_t first = 0; first < source.rows; first += kBlockRows) {
+  // No number depends on where blocks end: each row's noise is named by the row.
+  const uint64_t step = RowsAtOnce(source, kMaxBlockRows);
+  for (uint64_t first = 0; first < source.rows; first += step) {
     if (cancelled) return Cancelled();
-    TransitionColumns block = source.Rows(first, std::min(kBlockRows, source.rows - first));
+    TransitionColumns block = source.Rows(first, std::min(step, source.rows - first));
     const auto row_of = [size](std::vector<float>& all, uint64_t row) {
       return std::span(all).subspan(row * size, size);
     };

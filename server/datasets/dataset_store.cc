@@ -23,6 +23,7 @@
 #include "server/datasets/dataset_files.h"
 #include "server/datasets/identity.h"
 #include "server/datasets/importer.h"
+#include "server/datasets/row_blocks.h"
 
 namespace b4mrl {
 namespace {
@@ -33,14 +34,15 @@ namespace fs = std::filesystem;
 constexpr int64_t kMinImportMs = 60'000, kMaxImportMs = 3'600'000;
 constexpr uint64_t kImportBytesPerMs = 4 * 1024;
 
-constexpr uint64_t kRowsAtOnce = 65'536;  // between two looks at whether to go on
+constexpr uint64_t kMaxRowsAtOnce = 65'536;  // between two looks at whether to go on
 
 // Appends the rows that the rule d4rl keeps, in blocks, because a builder holds a block in memory.
 Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
                        DatasetBuilder* builder) {
-  for (uint64_t first = 0; first < all.rows; first += kRowsAtOnce) {
+  const uint64_t step = RowsAtOnce(all, kMaxRowsAtOnce);
+  for (uint64_t first = 0; first < all.rows; first += step) {
     if (cancelled) return Cancelled();
-    const TransitionColumns block = all.Rows(first, std::min(kRowsAtOnce, all.rows - first));
+    const TransitionColumns block = all.Rows(first, std::min(step, all.rows - first));
     const uint64_t end = first + block.rows;
     const TransitionColumns following = all.Rows(end, std::min<uint64_t>(1, all.rows - end));
     B4MRL_RETURN_IF_ERROR(
@@ -54,9 +56,10 @@ Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& ca
 Result<std::string> HashCache(const Dataset& dataset, const std::function<Status()>& go_on) {
   const TransitionColumns& all = dataset.columns();
   ColumnsHash hash;
-  for (uint64_t first = 0; first < all.rows; first += kRowsAtOnce) {
+  const uint64_t step = RowsAtOnce(all, kMaxRowsAtOnce);
+  for (uint64_t first = 0; first < all.rows; first += step) {
     B4MRL_RETURN_IF_ERROR(go_on());
-    hash.Append(all.Rows(first, std::min(kRowsAtOnce, all.rows - first)));
+    hash.Append(all.Rows(first, std::min(step, all.rows - first)));
   }
   return hash.Hex();
 }
