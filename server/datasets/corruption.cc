@@ -7,7 +7,7 @@
 #include <cstring>
 
 #include "data/columns/episodes.h"
-#include "server/datasets/row_blocks.h"
+#include "data/columns/row_blocks.h"
 
 namespace b4mrl {
 namespace {

@@ -12,6 +12,7 @@
 
 #include "data/columns/column_cache.h"
 #include "data/columns/columns_hash.h"
+#include "data/columns/row_blocks.h"
 #include "data/files/cache_root.h"
 #include "data/files/file_hash.h"
 #include "data/files/stored_bytes.h"
@@ -23,7 +24,6 @@
 #include "server/datasets/dataset_files.h"
 #include "server/datasets/identity.h"
 #include "server/datasets/importer.h"
-#include "server/datasets/row_blocks.h"
 
 namespace b4mrl {
 namespace {

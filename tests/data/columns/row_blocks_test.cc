@@ -1,5 +1,5 @@
 // Blocks of rows are bounded by their bytes, and no number depends on where they end.
-#include "server/datasets/row_blocks.h"
+#include "data/columns/row_blocks.h"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
