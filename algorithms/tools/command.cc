@@ -100,24 +100,37 @@ void DaemonOptions::AddTo(CLI::App& app) {
                  "a running daemon has its own");
   app.parse_complete_callback([this, option] {
     CheckEndpoint(*option, endpoint);
-    if (endpoint.empty() || data_folder.empty()) return;
-    throw CLI::ValidationError(
-        "--data", fmt::format("{} is not used: the datasets are those of the daemon at {} "
-                              "(--endpoint or B4MRL_ENDPOINT)",
-                              data_folder, endpoint));
+    const auto refuse = [this](const char* flag, const std::string& folder, const char* what) {
+      if (endpoint.empty() || folder.empty()) return;
+      throw CLI::ValidationError(flag,
+                                 fmt::format("{} is not used: the {} are those of the daemon at {} "
+                                             "(--endpoint or B4MRL_ENDPOINT)",
+                                             folder, what, endpoint));
+    };
+    refuse("--data", data_folder, "datasets");
+    refuse("--suites", suites_folder, "benchmarks");
   });
+}
+
+void DaemonOptions::AddSuitesTo(CLI::App& app) {
+  app.add_option("--suites", suites_folder,
+                 "folder of further suites, for the private daemon; a running daemon has its own");
 }
 
 Result<DaemonConnection> DaemonConnection::Open(const DaemonOptions& options) {
   DaemonConnection connection;
   std::string endpoint = options.endpoint;
   if (endpoint.empty()) {
-    std::error_code error;
-    if (const std::string& folder = options.data_folder;
-        !folder.empty() && !std::filesystem::is_directory(folder, error)) {
-      return IoError("use --data", folder, error ? error.value() : ENOTDIR);
+    for (const auto& [action, folder] : {std::pair{"use --data", options.data_folder},
+                                         std::pair{"use --suites", options.suites_folder}}) {
+      std::error_code error;
+      if (folder.empty() || std::filesystem::is_directory(folder, error)) continue;
+      return IoError(action, folder, error ? error.value() : ENOTDIR);
     }
     PrivateDaemonOptions daemon_options;
+    if (!options.suites_folder.empty()) {
+      daemon_options.arguments = {"--suites", options.suites_folder};
+    }
     daemon_options.data_folder = options.data_folder;
     daemon_options.niceness = kDaemonGivesWay;
     B4MRL_ASSIGN_OR_RETURN(PrivateDaemon daemon, PrivateDaemon::Start(daemon_options));

@@ -70,7 +70,10 @@ std::vector<Command> AddStatusCommand(CLI::App& app);
 struct DaemonOptions {
   std::string endpoint;
   std::string data_folder;  // of a private daemon; "": the default. Refused with an endpoint.
+  // Of further benchmarks, for a private daemon; "": none. Refused with an endpoint.
+  std::string suites_folder;
   void AddTo(CLI::App& app);
+  void AddSuitesTo(CLI::App& app);
 };
 
 class DaemonConnection {

@@ -250,6 +250,9 @@ std::optional<Failure> ListCommand::Run() {
   if (kind != "dimensions" && !environment.empty()) {
     return BadUsage(InvalidArgument("environment", environment, "`list dimensions` alone"));
   }
+  if (kind != "benchmarks" && !daemon.suites_folder.empty()) {
+    return BadUsage(InvalidArgument("--suites", daemon.suites_folder, "`list benchmarks` alone"));
+  }
   Json items = Json::array();
   if (kind == "algorithms") {
     for (const Algorithm& algorithm : Algorithms()) items.push_back(AlgorithmItem(algorithm));
@@ -337,6 +340,7 @@ std::vector<Command> AddListCommand(CLI::App& app) {
                            "environment whose dimensions `list dimensions` names");
   command->app->add_flag("--json", command->json, "print the list as one JSON array");
   command->daemon.AddTo(*command->app);
+  command->daemon.AddSuitesTo(*command->app);
   return {{command->app, [command] { return command->Run(); }}};
 }
 

@@ -1,6 +1,7 @@
 #include "benchmarks/plan/suite_plan.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <map>
@@ -71,6 +72,40 @@ Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
   return all;
 }
 
+std::vector<std::string> PartsOf(std::string_view name) {
+  std::vector<std::string> parts;
+  for (size_t at = 0; at != std::string_view::npos;) {
+    const size_t slash = name.find('/', at);
+    parts.emplace_back(name.substr(at, slash == name.npos ? slash : slash - at));
+    at = slash == name.npos ? slash : slash + 1;
+  }
+  return parts;
+}
+
+// The pattern nearest to one that fits no benchmark, as a user may have meant it: with those of its
+// parts that do not fit a benchmark's replaced by them. "Hopper/claen/*" becomes "Hopper/clean/*".
+std::string Corrected(const std::string& pattern, const std::string& benchmark) {
+  const auto wanted = PartsOf(pattern);
+  auto parts = PartsOf(benchmark);
+  if (wanted.size() != parts.size()) return benchmark;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    if (FitsPattern(parts[i], wanted[i])) parts[i] = wanted[i];
+  }
+  return fmt::format("{}", fmt::join(parts, "/"));
+}
+
+Status UnknownPattern(const std::string& pattern, const std::vector<std::string>& names,
+                      const std::string& suites) {
+  NearestName nearest(pattern);
+  for (const std::string& name : names) nearest.Consider(Corrected(pattern, name));
+  // The names would fill the screen, beginning with those of other environments.
+  return Status(
+      StatusCode::kUnknownName,
+      fmt::format("unknown benchmark '{}'{} (`b4mrl list benchmarks{}` has all)", pattern,
+                  nearest.nearest() ? fmt::format("; did you mean '{}'?", *nearest.nearest()) : "",
+                  suites.empty() ? "" : " --suites " + suites));
+}
+
 // Sets all_benchmarks of the runs of a plan, by a plan of every benchmark.
 Status AddAllBenchmarks(const SuiteChoice& choice, const Budget& budget, const PlanChoice& wanted,
                         PlanSources sources, std::vector<PlannedRun>* plan) {
@@ -128,7 +163,7 @@ Result<std::vector<Benchmark>> ChooseBenchmarks(const SuiteChoice& choice) {
   for (const std::string& pattern : choice.patterns) {
     const bool fits = std::ranges::any_of(
         names, [&](const std::string& name) { return FitsPattern(name, pattern); });
-    if (!fits) return UnknownName("benchmark", pattern, names);
+    if (!fits) return UnknownPattern(pattern, names, choice.suites);
   }
   std::erase_if(all, [&](const Benchmark& benchmark) {
     const auto fits = [&](const std::string& p) { return FitsPattern(benchmark.name, p); };

@@ -33,6 +33,23 @@ TEST_CASE("A list that there is not is refused with the names of those that ther
   CHECK(Run({"list", "perturbations", "HalfCheetah"}).exit_code == 2);  // takes no environment
 }
 
+TEST_CASE("The list of benchmarks has those of the user's own suites") {
+  const TemporaryFolder suites;
+  WriteBytes(suites.File("mine.toml"),
+             "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"mine\"\n"
+             "simulators = [\"gravity\"]\n");
+  const Outcome outcome = Run({"list", "benchmarks", "--suites", suites.path()});
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(outcome.out.find("Hopper/mine/gravity ") != std::string::npos);
+  const Outcome other = Run({"list", "datasets", "--suites", suites.path()});
+  CHECK(other.exit_code == 2);
+  CHECK(other.err.find("`list benchmarks` alone") != std::string::npos);
+  const Outcome missing = Run({"list", "benchmarks", "--suites", suites.File("none")});
+  CHECK(missing.exit_code != 0);
+  CHECK(missing.err.find("cannot use --suites") != std::string::npos);
+}
+
 TEST_CASE("The list of benchmarks spells out what each is made of, from data that can be made") {
   const Outcome outcome = Run({"list", "benchmarks", "--json"});
   REQUIRE(outcome.exit_code == 0);

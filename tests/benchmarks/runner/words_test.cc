@@ -16,6 +16,10 @@ TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with th
     return outcome.exit_code == 2 && outcome.err.find(words) != std::string::npos;
   };
   CHECK(says({"HalfCheetah/modeling-error/gravity+medium"}, "modelling-error"));
+  CHECK(says({"Hopper/claen/*"},
+             "unknown benchmark 'Hopper/claen/*'; did you mean 'Hopper/clean/*'? "
+             "(`b4mrl list benchmarks` has all)"));
+  CHECK(says({"*/cleann/medium"}, "did you mean '*/clean/medium'?"));
   CHECK(says({"--budget", "smal"}, "did you mean 'small'"));
   CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
   CHECK(says({"--seeds", "x"}, "--seeds is 'x'"));
