@@ -25,6 +25,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// On disk, a cache's files take that much more than its columns' bytes at most.
+constexpr uint64_t kDiskSlackBytes = 2 << 20;
+
 // The entries of a folder, as far as it can be read. (A range-for over the iterator would throw.)
 std::vector<fs::path> EntriesOf(const fs::path& folder) {
   std::vector<fs::path> entries;
@@ -45,14 +48,46 @@ uint64_t FolderBytes(const fs::path& folder) {
 
 void TouchPath(const std::string& folder) { utimensat(AT_FDCWD, folder.c_str(), nullptr, 0); }
 
+struct Cache {
+  fs::file_time_type used;
+  fs::path path;
+  uint64_t bytes;
+};
+
+// The caches of a folder, those that were used longest ago first.
+std::vector<Cache> CachesByUse(const fs::path& folder) {
+  std::vector<Cache> caches;
+  for (const fs::path& path : EntriesOf(folder)) {
+    if (!IsHash128(path.filename().string())) continue;
+    std::error_code error;
+    caches.push_back({fs::last_write_time(path, error), path, FolderBytes(path)});
+  }
+  std::ranges::sort(caches, {}, &Cache::used);
+  return caches;
+}
+
+// Whether the cache was unused and is removed. Its lock file stays: who waits for it holds the file
+// open, and would not wait for the next one that opens the path.
+bool RemoveToMakeRoom(const Cache& cache) {
+  if (!RemoveUnusedCache(cache.path)) {
+    TouchPath(cache.path);  // it counts as used: unused caches go first if its user dies
+    return false;
+  }
+  spdlog::info("removed the cache {} to make room", cache.path.string());
+  return true;
+}
+
 }  // namespace
 
 ImportFolder::~ImportFolder() {
   if (!path_.empty()) RemoveCache(path_);
 }
 
-CacheFolder::CacheFolder(std::string data_folder, uint64_t max_bytes)
-    : data_folder_(std::move(data_folder)), root_(CacheRoot(data_folder_)), max_bytes_(max_bytes) {}
+CacheFolder::CacheFolder(std::string data_folder, uint64_t max_bytes, size_t max_caches)
+    : data_folder_(std::move(data_folder)),
+      root_(CacheRoot(data_folder_)),
+      max_bytes_(max_bytes),
+      max_caches_(max_caches) {}
 
 std::string CacheFolder::PathOf(const std::string& fingerprint) const {
   return root_ + "/" + fingerprint;
@@ -104,34 +139,35 @@ Result<ImportFolder> CacheFolder::MakeImportFolder(const std::string& key) const
 void CacheFolder::Touch(const std::string& fingerprint) const { TouchPath(PathOf(fingerprint)); }
 
 Status CacheFolder::MakeRoom() const {
-  struct Cache {
-    fs::file_time_type used;
-    fs::path path;
-    uint64_t bytes;
-  };
-  std::vector<Cache> caches;
+  const std::vector<Cache> caches = CachesByUse(root_);
   uint64_t total = 0;
-  for (const fs::path& path : EntriesOf(root_)) {
-    if (!IsHash128(path.filename().string())) continue;
-    std::error_code error;
-    caches.push_back({fs::last_write_time(path, error), path, FolderBytes(path)});
-    total += caches.back().bytes;
-  }
-  std::ranges::sort(caches, {}, &Cache::used);
+  for (const Cache& cache : caches) total += cache.bytes;
+  size_t count = caches.size();
   for (const Cache& cache : caches) {
-    if (total <= max_bytes_) break;
-    if (!RemoveUnusedCache(cache.path)) {
-      TouchPath(cache.path);  // it counts as used: unused caches go first if its user dies
-      continue;
-    }
-    spdlog::info("removed the cache {} to make room", cache.path.string());
+    if (total <= max_bytes_ && count <= max_caches_) break;
+    if (!RemoveToMakeRoom(cache)) continue;
     total -= cache.bytes;
+    --count;
   }
   if (total <= max_bytes_) return Status();
   return Status(StatusCode::kLimitExceeded,
                 fmt::format("the caches in use would take {} bytes, allowed: {}; try again when "
                             "fewer datasets are in use",
                             total, max_bytes_));
+}
+
+bool CacheFolder::MakeRoomOnDisk(uint64_t bytes) const {
+  const auto has_room = [&] {
+    std::error_code error;
+    const fs::space_info space = fs::space(root_, error);
+    return error || space.available / 2 >= bytes / 2 + kDiskSlackBytes / 2;
+  };
+  bool removed = false;
+  for (const Cache& cache : CachesByUse(root_)) {
+    if (has_room()) break;
+    removed = RemoveToMakeRoom(cache) || removed;
+  }
+  return removed;
 }
 
 void CacheFolder::RemoveUnfinished() const {

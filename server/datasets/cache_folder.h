@@ -12,6 +12,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -36,8 +37,11 @@ class ImportFolder {
 
 class CacheFolder {
  public:
+  // So many caches may lie there, since all are looked at when a new one is made.
+  static constexpr size_t kMaxCaches = 1024;
+
   // `max_bytes`: bytes of disk that all caches may take together.
-  CacheFolder(std::string data_folder, uint64_t max_bytes);
+  CacheFolder(std::string data_folder, uint64_t max_bytes, size_t max_caches = kMaxCaches);
 
   uint64_t max_bytes() const { return max_bytes_; }
   std::string PathOf(const std::string& fingerprint) const;
@@ -50,10 +54,13 @@ class CacheFolder {
   Result<ImportFolder> MakeImportFolder(const std::string& key) const;
   // Sets the time stamp of a cache to now: it says when the cache was last used.
   void Touch(const std::string& fingerprint) const;
-  // Removes the caches that were used longest ago until the rest take at most max_bytes. A cache
-  // that a process has mapped stays, so callers hold the caches that they need. kLimitExceeded if
-  // those alone take more.
+  // Removes the caches that were used longest ago until at most max_caches are left, which take at
+  // most max_bytes. A cache that a process has mapped stays, so callers hold the caches that they
+  // need. kLimitExceeded if those alone take more bytes.
   Status MakeRoom() const;
+  // Removes them until the disk has room for a cache of `bytes`. Returns whether any was removed,
+  // so that what failed may be tried again.
+  bool MakeRoomOnDisk(uint64_t bytes) const;
   // Removes the unfinished caches that nobody makes any more.
   void RemoveUnfinished() const;
 
@@ -63,6 +70,7 @@ class CacheFolder {
   std::string data_folder_;
   std::string root_;
   uint64_t max_bytes_;
+  size_t max_caches_;
 };
 
 }  // namespace b4mrl

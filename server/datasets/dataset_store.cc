@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "data/columns/column_cache.h"
-#include "data/columns/columns_hash.h"
 #include "data/columns/row_blocks.h"
 #include "data/files/cache_root.h"
 #include "data/files/file_hash.h"
@@ -33,35 +32,11 @@ namespace fs = std::filesystem;
 // An import may take kMinImportMs, and longer the more bytes the file stores.
 constexpr int64_t kMinImportMs = 60'000, kMaxImportMs = 3'600'000;
 constexpr uint64_t kImportBytesPerMs = 4 * 1024;
+// Greatest ratio of a cache's bytes to its file's, but for files that hold little but zeros.
+constexpr uint64_t kUsualExpansion = 8;
 
-constexpr uint64_t kMaxRowsAtOnce = 65'536;  // between two looks at whether to go on
-
-// Appends the rows that the rule d4rl keeps, in blocks, because a builder holds a block in memory.
-Status AppendUnderD4rl(const TransitionColumns& all, const std::atomic<bool>& cancelled,
-                       DatasetBuilder* builder) {
-  const uint64_t step = RowsAtOnce(all, kMaxRowsAtOnce);
-  for (uint64_t first = 0; first < all.rows; first += step) {
-    if (cancelled) return Cancelled();
-    const TransitionColumns block = all.Rows(first, std::min(step, all.rows - first));
-    const uint64_t end = first + block.rows;
-    const TransitionColumns following = all.Rows(end, std::min<uint64_t>(1, all.rows - end));
-    B4MRL_RETURN_IF_ERROR(
-        builder->AppendD4rl(block, first, all.terminals, all.timeouts, following.observations));
-  }
-  return Status();
-}
-
-// The hash of a dataset's columns. Calls `go_on` between blocks of rows; an error
-// of `go_on` ends the call.
-Result<std::string> HashCache(const Dataset& dataset, const std::function<Status()>& go_on) {
-  const TransitionColumns& all = dataset.columns();
-  ColumnsHash hash;
-  const uint64_t step = RowsAtOnce(all, kMaxRowsAtOnce);
-  for (uint64_t first = 0; first < all.rows; first += step) {
-    B4MRL_RETURN_IF_ERROR(go_on());
-    hash.Append(all.Rows(first, std::min(step, all.rows - first)));
-  }
-  return hash.Hex();
+uint64_t StoredBytesOf(const std::string& path) {
+  return StoredBytes(UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)).get());
 }
 
 std::string EnvironmentOf(const ImportedFile& file, const std::string& name) {
@@ -163,7 +138,7 @@ Result<ImportedFile> DatasetStore::ImportFile(const DatasetFile& file, const std
     // The hashes are computed here, because a crafted file may control what the importer says.
     B4MRL_ASSIGN_OR_RETURN(imported.sha256, Sha256OfDescriptor(fd.get(), file.path, go_on));
     B4MRL_ASSIGN_OR_RETURN(const DatasetPointer dataset, Dataset::Open(made));
-    B4MRL_ASSIGN_OR_RETURN(imported.columns_sha256, HashCache(*dataset, go_on));
+    B4MRL_ASSIGN_OR_RETURN(imported.columns_sha256, HashOfRows(dataset->columns(), go_on));
     imported.fingerprint = FingerprintOf(imported, file.name, *dataset);
     return Status();
   };
@@ -190,7 +165,12 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
                          FindImported(file, cancelled));  // another daemon may have been first
   auto& [imported, dataset] = found;
   if (dataset == nullptr) {
-    B4MRL_ASSIGN_OR_RETURN(imported, ImportFile(file, key, cancelled));
+    Result<ImportedFile> made = ImportFile(file, key, cancelled);
+    if (made.status().code() == StatusCode::kIoError &&
+        cache_.MakeRoomOnDisk(StoredBytesOf(file.path) * kUsualExpansion)) {
+      made = ImportFile(file, key, cancelled);
+    }
+    B4MRL_ASSIGN_OR_RETURN(imported, std::move(made));
     B4MRL_ASSIGN_OR_RETURN(dataset, Admit(imported.fingerprint));
     B4MRL_RETURN_IF_ERROR(index_.Add(file.name, imported));
   }
@@ -260,14 +240,19 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
     return Status(StatusCode::kLimitExceeded, fmt::format("the dataset takes {} bytes, allowed: {}",
                                                           bytes, cache_.max_bytes()));
   }
-  B4MRL_ASSIGN_OR_RETURN(
-      DatasetBuilder builder,
-      DatasetBuilder::Create(cache_.PathOf(fingerprint), source->columns().observation_size,
-                             source->columns().action_size));
-  for (const auto& [name, value] : source->cache().properties()) builder.SetProperty(name, value);
-  builder.SetReturns(source->statistics());
-  B4MRL_RETURN_IF_ERROR(derive(&builder));
-  B4MRL_RETURN_IF_ERROR(builder.Commit());
+  const auto make = [&]() -> Status {
+    B4MRL_ASSIGN_OR_RETURN(
+        DatasetBuilder builder,
+        DatasetBuilder::Create(cache_.PathOf(fingerprint), source->columns().observation_size,
+                               source->columns().action_size));
+    for (const auto& [name, value] : source->cache().properties()) builder.SetProperty(name, value);
+    builder.SetReturns(source->statistics());
+    B4MRL_RETURN_IF_ERROR(derive(&builder));
+    return builder.Commit();
+  };
+  Status made = make();
+  if (made.code() == StatusCode::kIoError && cache_.MakeRoomOnDisk(bytes)) made = make();
+  B4MRL_RETURN_IF_ERROR(made);
   B4MRL_ASSIGN_OR_RETURN(*dataset, Admit(fingerprint));
   return Status();
 }
@@ -311,8 +296,7 @@ Result<OpenedDataset> DatasetStore::FindAndOpen(const DatasetRequest& request, I
   }
   OpenedDataset missing;
   missing.missing = OpenedDataset::Missing::kImport;
-  missing.source_bytes =
-      StoredBytes(UniqueFd(open(file.path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)).get());
+  missing.source_bytes = StoredBytesOf(file.path);
   return missing;
 }
 
@@ -369,7 +353,8 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
   if (applied_rule == TransitionRule::kD4rl && dataset != nullptr) {
     const auto derive = [&, source = dataset](DatasetBuilder* builder) {
       builder->SetProperty("transition_rule", TransitionRuleName(TransitionRule::kD4rl));
-      return AppendUnderD4rl(source->columns(), cancelled, builder);
+      const auto go_on = [&] { return cancelled ? Cancelled() : Status(); };
+      return AppendUnderD4rl(source->columns(), go_on, builder);
     };
     B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, if_missing, cancelled, derive));
   }

@@ -1,9 +1,11 @@
 #include "server/datasets/corruption.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
 
+#include "data/columns/row_blocks.h"
 #include "server/datasets/dataset_environment.h"
 #include "server/environments/list.h"
 #include "tests/data/example_dataset.h"
@@ -55,6 +57,24 @@ TEST_CASE("inside an episode a state looks the same from both sides") {
     if (!equal) differing.push_back(row);
   }
   CHECK(differing == std::vector<uint64_t>{19'999, 20'002});  // the ends of the first two episodes
+}
+
+TEST_CASE("a block of wide rows is short, and its noise is that of its rows all the same") {
+  constexpr uint32_t kWide = 4'096;
+  const ExampleDataset data = MakeExampleDataset({300}, kWide, 1);
+  REQUIRE(RowsAtOnce(ColumnsOf(data), 65'536) < 300);
+  const auto spec = SpecOfDataset("Wide/w", "Wide", kWide, 1);
+  REQUIRE(spec.ok());
+  const auto corruption = MakeCorruption(ParseNamedArguments("obs-noise=1").value(), *spec);
+  REQUIRE(corruption.ok());
+  const TemporaryFolder folder;
+  auto builder = DatasetBuilder::Create(folder.File("c"), kWide, 1);
+  REQUIRE(AppendCorrupted(ColumnsOf(data), {corruption->set, 3, 1}, false, &*builder).ok());
+  REQUIRE(builder->Commit().ok());
+  const auto noisy = Dataset::Open(folder.File("c"));
+  REQUIRE(noisy.ok());
+  const auto next = (*noisy)->columns().next_observations.first(299 * kWide);
+  CHECK(std::ranges::equal(next, (*noisy)->columns().observations.subspan(kWide)));
 }
 
 TEST_CASE("an episode's last next observation has noise of its own") {

@@ -1,13 +1,10 @@
 // Blocks of rows are bounded by their bytes, and no number depends on where they end.
 #include "data/columns/row_blocks.h"
 
-#include <algorithm>
 #include <catch2/catch.hpp>
 #include <string>
-#include <vector>
 
-#include "server/datasets/corruption.h"
-#include "server/datasets/dataset_environment.h"
+#include "data/columns/columns_hash.h"
 #include "tests/data/example_dataset.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"
@@ -32,25 +29,30 @@ TEST_CASE("a block of wide rows takes no more memory than one of narrow rows") {
   CHECK(RowsAtOnce(SizesOf(10'000'000, 1), 65'536) == 1);
 }
 
-TEST_CASE("a corruption of wide rows has the noise of its rows, wherever its blocks end") {
+TEST_CASE("rows under the rule d4rl and their hash do not depend on where blocks end") {
   constexpr uint32_t kWide = 4'096, kAction = 1;
   const uint64_t step = RowsAtOnce(SizesOf(kWide, kAction), 65'536);
-  const ExampleDataset data = MakeExampleDataset({step + 45}, kWide, kAction);
-  const TransitionColumns source = {
+  const ExampleDataset data = MakeExampleDataset({step, 45}, kWide, kAction);
+  const TransitionColumns all = {
       data.rows(),  data.observation_size,  data.action_size, data.observations, data.actions,
       data.rewards, data.next_observations, data.terminals,   data.timeouts};
-  const EnvironmentSpec spec = Take(SpecOfDataset("Wide/w", "Wide", kWide, kAction));
-  const Corruption corruption =
-      Take(MakeCorruption(ParseNamedArguments("obs-noise=1").value(), spec));
+  const auto go_on = [] { return Status(); };
   const TemporaryFolder folder;
-  DatasetBuilder builder = Take(DatasetBuilder::Create(folder.File("c"), kWide, kAction));
-  RequireOk(AppendCorrupted(source, {corruption.set, 3, 1}, false, &builder));
-  RequireOk(builder.Commit());
-  const auto noisy = Take(Dataset::Open(folder.File("c")));
-  // Within the one episode, a state looks the same from both sides, across the seam, too.
-  const auto next = noisy->columns().next_observations.first((data.rows() - 1) * kWide);
-  const auto following = noisy->columns().observations.subspan(kWide);
-  CHECK(std::ranges::equal(next, following));
+  const auto appended = [&](const std::string& name, const auto& append) {
+    DatasetBuilder builder = Take(DatasetBuilder::Create(folder.File(name), kWide, kAction));
+    RequireOk(append(&builder));
+    RequireOk(builder.Commit());
+    return ReadBytes(folder.File(name) + "/manifest.json");  // has the columns' hashes
+  };
+  CHECK(appended("blocks", [&](auto* to) { return AppendUnderD4rl(all, go_on, to); }) ==
+        appended("whole", [&](auto* to) {
+          return to->AppendD4rl(all, 0, all.terminals, all.timeouts, {});
+        }));
+  ColumnsHash whole;
+  whole.Append(all);
+  CHECK(Take(HashOfRows(all, go_on)) == whole.Hex());
+  const Status stop(StatusCode::kUnavailable, "stop");
+  CHECK(HashOfRows(all, [&] { return stop; }).status().code() == StatusCode::kUnavailable);
 }
 
 }  // namespace

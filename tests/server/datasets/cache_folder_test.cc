@@ -1,0 +1,76 @@
+// Which caches make room, in number and on the disk.
+#include "server/datasets/cache_folder.h"
+
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "data/columns/column_cache.h"
+#include "tests/data/temporary_folder.h"
+#include "tests/results.h"
+
+namespace b4mrl {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Five caches; the first was used longest ago.
+struct Caches {
+  TemporaryFolder folder;
+  std::vector<std::string> paths;
+
+  Caches() {
+    RequireOk(CacheFolder(folder.path(), 1).Make());
+    const auto now = fs::file_time_type::clock::now();
+    for (int i = 0; i < 5; ++i) {
+      paths.push_back(folder.File(".cache/" + std::string(32, static_cast<char>('a' + i))));
+      ColumnCacheWriter writer = Take(ColumnCacheWriter::Create(paths.back()));
+      Take(writer.AddColumn("rewards", DType::kFloat32, 1));
+      const float reward = 1;
+      RequireOk(writer.Append(0, std::span(&reward, 1)));
+      RequireOk(writer.Commit());
+    }
+    for (int i = 0; i < 5; ++i) fs::last_write_time(paths[i], now - std::chrono::hours(9 - i));
+  }
+  // Which of them are left, as "01234".
+  std::string Left() const {
+    std::string left;
+    for (size_t i = 0; i < paths.size(); ++i) {
+      if (fs::exists(paths[i])) left += static_cast<char>('0' + i);
+    }
+    return left;
+  }
+};
+
+TEST_CASE("a limited number of caches is kept, those that were used last") {
+  const Caches caches;
+  RequireOk(CacheFolder(caches.folder.path(), 1ull << 30, 3).MakeRoom());
+  CHECK(caches.Left() == "234");
+  RequireOk(CacheFolder(caches.folder.path(), 1ull << 30, 3).MakeRoom());
+  CHECK(caches.Left() == "234");
+}
+
+TEST_CASE("caches in use stay, however many they are") {
+  const Caches caches;
+  const auto used = Take(ColumnCache::Map(caches.paths[0]));
+  const auto used_too = Take(ColumnCache::Map(caches.paths[1]));
+  RequireOk(CacheFolder(caches.folder.path(), 1ull << 30, 1).MakeRoom());
+  CHECK(caches.Left() == "01");
+}
+
+TEST_CASE("on a full disk the caches that nobody uses are given up") {
+  const Caches caches;
+  const auto used = Take(ColumnCache::Map(caches.paths[1]));
+  const CacheFolder folder(caches.folder.path(), 1ull << 30);
+  CHECK_FALSE(folder.MakeRoomOnDisk(0));
+  CHECK(caches.Left() == "01234");
+  // No disk has so much room, so this one counts as full.
+  CHECK(folder.MakeRoomOnDisk(UINT64_MAX));
+  CHECK(caches.Left() == "1");
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX));
+}
+
+}  // namespace
+}  // namespace b4mrl
