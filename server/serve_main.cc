@@ -14,6 +14,7 @@
 #include "server/datasets/dataset_worker.h"
 #include "server/datasets/importer.h"
 #include "server/environments/mujoco/engine_version.h"
+#include "server/gateway/suite_check.h"
 #include "server/log/stderr_log.h"
 #include "server/models/model_compiler.h"
 #include "server/process/child.h"
@@ -78,8 +79,9 @@ int ServeMain(int argc, char** argv) {
   }
   // A mistake in a suite is told to who starts the daemon; its gateway reads the suites later.
   const auto suites = ReadSuites({DefaultSuitesFolder(), line->serve.suites_folder});
-  if (!suites.ok()) {
-    fmt::print(stderr, "b4mrl serve: {}\n", suites.status().message());
+  const Status sound = suites.ok() ? CheckSuites(*suites) : suites.status();
+  if (!sound.ok()) {
+    fmt::print(stderr, "b4mrl serve: {}\n", sound.message());
     return kExitBadInput;
   }
   return RunSupervisor(line->serve);

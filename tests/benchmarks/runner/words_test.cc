@@ -26,6 +26,19 @@ TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with th
   CHECK(says({"--learner", "true", "--name", "a b"}, "--name is 'a b'"));
 }
 
+TEST_CASE("A perturbation that a suite misspells is found before anything is trained") {
+  const TemporaryFolder suites;
+  WriteBytes(suites.File("bad.toml"),
+             "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"bad\"\n"
+             "simulators = [\"legg=0.9\"]\n");
+  const Outcome outcome =
+      Run({"benchmark", "run", "--dry-run", "Hopper/bad/*", "--suites", suites.path()});
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 4);  // its daemon says it, and ends
+  CHECK(outcome.err.find("benchmark Hopper/bad/legg=0.9, simulators: ") != std::string::npos);
+  CHECK(outcome.err.find("did you mean 'leg'?") != std::string::npos);
+}
+
 TEST_CASE("Seeds up to the largest one are a range") {
   const Suite suite("bc = 20");
   const Outcome last =
