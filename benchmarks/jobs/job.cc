@@ -45,6 +45,7 @@ sigset_t StopSignals() {
   if (getppid() != parent) _exit(127);  // the runner died before it could be watched
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
+  signal(SIGXFSZ, SIG_DFL);  // which the runner ignores, as a user's own learner need not
   const sigset_t stop = StopSignals();
   sigprocmask(SIG_UNBLOCK, &stop, nullptr);
   const int nothing = open("/dev/null", O_RDONLY);
