@@ -4,9 +4,9 @@
 // units are pairs of benchmarks, each with one comparison or several. A cell that has not settled
 // decides nothing. How a claim is tested:
 //   "cells"       Every comparison must hold. A comparison is Welch's test of two means.
-//   "any"         One algorithm of the upper side must score above the whole lower side, in one unit,
-//                 by Welch's tests, whose greatest p is multiplied by the number of algorithms and
-//                 units that could. Nothing contradicts such a claim.
+//   "any"         One algorithm of the upper side must score above the whole lower side in one
+//                 unit, by Welch's tests, whose greatest p is multiplied by the number of
+//                 algorithms and units that could. Nothing contradicts such a claim.
 //   "benchmarks"  Most units must hold. A unit holds if all its comparisons do, and fails if none
 //                 does; an exact sign test of either against chances of one half. Where the best of
 //                 k algorithms is claimed to be above the best of m, its chance is k / (k + m) if

@@ -149,9 +149,9 @@ Table PairsTable(const std::vector<PairOrder>& pairs) {
       "rankings, "
       "so one difference between two runs may turn over many.";
   table.columns = {{"Algorithm"},           {"Beside"},
-                   {"Rankings", true},      {"Turned over", true},
-                   {"Pairs of runs", true}, {"Turned over", true},
-                   {"Apart in both", true}, {"Turned over", true}};
+                   {"Rankings", true},      {"Rankings turned over", true},
+                   {"Pairs of runs", true}, {"Pairs turned over", true},
+                   {"Apart in both", true}, {"Apart and turned over", true}};
   PairOrder all = {"all", ""};
   for (const PairOrder& pair : pairs) {
     all.rankings += pair.rankings;

@@ -19,7 +19,7 @@ from b4mrl.benchmarks.evaluation import Evaluation
 from b4mrl.benchmarks.suites import benchmark, suite
 from b4mrl.client import Client
 from b4mrl.dataset import Dataset
-from b4mrl.dataset_stats import DatasetStats
+from b4mrl.descriptions import DatasetStats
 from b4mrl.environment import Environment
 from b4mrl.errors import B4mrlError
 from b4mrl.registration import connect, register

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from b4mrl import errors, pairs, simulators
-from b4mrl.dataset_stats import DatasetStats
-from b4mrl.descriptions import DatasetInForce
+from b4mrl.descriptions import DatasetInForce, DatasetStats
 from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.simulators import Simulator

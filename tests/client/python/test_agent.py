@@ -20,6 +20,8 @@ from made_dataset import run_dataset
 CARRIED = Path(__file__).parents[3] / "data" / "agents" / "halfcheetah-medium.h5"
 SIZE, ACTIONS, HIDDEN = 3, 2, 5
 
+RAGGED = [[1], [1, 2]]  # no array
+
 
 def write_agent(path: Path, history: int = 1, **changes: object) -> dict:
     rng = np.random.default_rng(3)
@@ -425,3 +427,14 @@ def test_the_agent_that_the_project_carries_runs(client: b4mrl.Client) -> None:
         score = vec.session.spec.normalised_score(returns.mean())
     # Its training stopped at a score of 40; single episodes vary by several points.
     assert 30 < score < 55
+
+
+LAYERS = [(np.zeros((6, 17)), np.zeros(6))]
+
+
+@pytest.mark.parametrize("observation", ["abc", RAGGED, {}, ["a"] * 17, object()])
+def test_what_is_no_observation_is_refused_by_a_policy(tmp_path: Path, observation: object) -> None:
+    b4mrl.save_agent(tmp_path / "agent.h5", LAYERS)
+    policy = b4mrl.load_agent(tmp_path / "agent.h5")
+    with pytest.raises(errors.InvalidArgumentError, match="observation is .*allowed"):
+        policy(observation)

@@ -11,6 +11,8 @@ from b4mrl import errors, states
 
 from equality import assert_same
 
+RAGGED = [[1], [1, 2]]  # no array
+
 
 def test_a_restored_state_continues_exactly(
     client: b4mrl.Client, environment: str, simulator: str
@@ -186,3 +188,38 @@ def test_vehicles_are_dictionaries_that_come_back_as_they_were() -> None:
     assert (by_parts.positions, exact.positions) == ([0], [1])
     assert by_parts.ended == [False]
     assert by_parts.parts["vehicles"].reshape(3, -1)[1, 3] == 9.0
+
+
+@pytest.mark.parametrize("state", [None, 3, [], "abc", {1: 2}, {"\ud800": [1.0]}, np.zeros(3)])
+def test_what_is_no_state_is_refused_and_changes_nothing(
+    client: b4mrl.Client, state: object
+) -> None:
+    with client.make("HalfCheetah") as env, client.make_vec("HalfCheetah", 2) as vec:
+        env.reset(seed=1)
+        vec.reset(seed=1)
+        before = env.get_state()
+        with pytest.raises(errors.InvalidArgumentError, match="state is|name in state is"):
+            env.set_state(state)
+        for states in ([before, state], state):
+            with pytest.raises(errors.InvalidArgumentError, match="state"):
+                vec.set_state(states)
+        assert env.get_state()["snapshot"] == before["snapshot"]
+        assert vec.get_state()[0]["snapshot"] == before["snapshot"]
+
+
+@pytest.mark.parametrize("options", [3, "abc", [1], [("reset_mask", 1)], np.zeros(3), {"speed": 1}])
+def test_options_that_there_are_not_are_refused(client: b4mrl.Client, options: object) -> None:
+    with client.make("HalfCheetah") as env, client.make_vec("HalfCheetah", 2) as vec:
+        for reset in (env.reset, vec.reset):
+            with pytest.raises(errors.InvalidArgumentError, match="options is .*config="):
+                reset(options=options)
+
+
+def test_lists_of_unequal_lengths_are_no_numbers_of_environments(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        vec.reset(seed=1)
+        for call in (vec.get_state, lambda ids: vec.send(np.zeros((1, 6)), ids)):
+            with pytest.raises(errors.InvalidArgumentError, match=r"env_ids .* allowed: .* 0\.\.1"):
+                call(RAGGED)
+        with pytest.raises(errors.InvalidArgumentError, match="reset_mask.*one True"):
+            vec.reset(options={"reset_mask": RAGGED})

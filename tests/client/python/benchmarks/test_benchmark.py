@@ -17,7 +17,7 @@ from b4mrl.benchmarks.benchmark import Benchmark
 from b4mrl.benchmarks.evaluation import Evaluation
 from b4mrl.benchmarks.seeds import role_seed
 from b4mrl.dataset import Dataset
-from b4mrl.dataset_stats import DatasetStats
+from b4mrl.descriptions import DatasetStats
 from b4mrl.serve import find_server
 from b4mrl.simulators import NamedArgument
 from conftest import BENCHMARK_ROWS as ROWS

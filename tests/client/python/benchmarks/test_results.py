@@ -12,7 +12,7 @@ import b4mrl
 import numpy as np
 import pytest
 from b4mrl import errors
-from b4mrl.benchmarks import result_file
+from b4mrl.benchmarks import evaluation, result_file
 from b4mrl.benchmarks.seeds import hash_name
 from b4mrl.serve import find_server
 
@@ -20,6 +20,8 @@ from conftest import BENCHMARK_ROWS as ROWS
 from test_benchmark import HIDDEN, NOISY, still
 
 CLEAN = "HalfCheetah/clean/medium"
+
+RAGGED = [[1], [1, 2]]  # no array
 
 
 def entries_of(path: Path) -> dict:
@@ -379,3 +381,23 @@ def test_counts_begin_anew_with_each_result(medium: b4mrl.Client, tmp_path: Path
         bench.dataset.sample(rows)
         entries = entries_of(bench.record(seed=seed, updates=1, **given))
         assert entries["ledger"]["dataset_rows"] == rows
+
+
+@pytest.mark.parametrize("value", [3, "abc", [("a", 1)], {3: 4}, {"x": float("nan")}, {"x": 1j}])
+def test_hyperparameters_that_no_result_can_hold_are_refused(value: object) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="hyperparameters .*allowed"):
+        result_file.plain_hyperparameters(value)
+    assert result_file.plain_hyperparameters(None) == {}
+
+
+@pytest.mark.parametrize("returns", ["abc", {"x": 1}, RAGGED, object()])
+def test_returns_that_are_no_numbers_are_refused(returns: object) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="returns are .*allowed|returns is .*all"):
+        evaluation.given_returns(returns)
+
+
+@pytest.mark.parametrize("value", [None, 3, [], b"a", ["HalfCheetah/*"]])
+def test_patterns_and_versions_of_suites_are_texts(endpoint: str, value: object) -> None:
+    for name in ("pattern", "version"):
+        with pytest.raises(errors.InvalidArgumentError, match=f"{name} is .*allowed: a text"):
+            b4mrl.suite(endpoint=endpoint, **{name: value})
