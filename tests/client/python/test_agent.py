@@ -408,6 +408,29 @@ def test_what_no_agent_file_can_hold_is_refused_with_what_is_allowed(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("layers", value) for value in (None, 3, "abc", [3], [(1, 2, 3)], [(RAGGED, [1])])),
+        *(("activation", value) for value in (None, np.zeros(2))),
+        *(("environment", value) for value in (None, 3, "\ud800", "x" * 70_000, "a\0b")),
+        *(("algorithm", value) for value in (3, RAGGED)),
+        *(("mask", value) for value in ("abc", RAGGED, {})),
+        ("action_scale", "abc"),
+        *(("history_length", value) for value in (None, "abc", 0, 65)),
+        *(("seed", value) for value in ("abc", -1)),
+        *(("updates", value) for value in (None, "abc", -1, 2**53 + 1)),
+    ],
+)
+def test_an_argument_of_another_type_is_refused_before_a_file_is_written(
+    tmp_path: Path, name: str, value: object
+) -> None:
+    given = {"layers": random_layers([3, 5, 2])} | {name: value}
+    with pytest.raises(errors.InvalidArgumentError, match=f"{name}.*allowed"):
+        b4mrl.save_agent(tmp_path / "agent.h5", **given)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (2, 4), (0, 3)])
 def test_an_observation_of_another_size_is_refused(tmp_path: Path, shape: tuple) -> None:
     write_agent(tmp_path / "agent.h5")
