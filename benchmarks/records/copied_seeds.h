@@ -13,8 +13,7 @@ namespace b4mrl {
 nlohmann::ordered_json SeedMarks(const nlohmann::ordered_json& result);
 
 // For each result the faults that the results before it make evident, one line each; `names` are
-// what these are called. Results
-// may be given by their marks.
+// what these are called. Results may be given by their marks.
 std::vector<std::vector<std::string>> CopiedSeeds(
     const std::vector<nlohmann::ordered_json>& results, const std::vector<std::string>& names);
 

@@ -160,6 +160,7 @@ bool CacheFolder::MakeRoomOnDisk(uint64_t bytes) const {
   const auto has_room = [&] {
     std::error_code error;
     const fs::space_info space = fs::space(root_, error);
+    // Halves, as `bytes` may be any number.
     return error || space.available / 2 >= bytes / 2 + kDiskSlackBytes / 2;
   };
   bool removed = false;
