@@ -3,20 +3,12 @@
 #include <fmt/format.h>
 
 #include "algorithms/datasets/dataset_recipes.h"
-#include "proto/base/lower_case.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
 
 constexpr std::string_view kD4rlFolder = "d4rl/";
-
-// "HalfCheetah/medium" of "HalfCheetah/medium-v7" and of itself.
-std::string_view WithoutVersion(std::string_view dataset) {
-  const size_t dash = dataset.rfind("-v");
-  const bool has_version = dash != dataset.npos && dash + 2 < dataset.size() &&
-                           dataset.find_first_not_of("0123456789", dash + 2) == dataset.npos;
-  return has_version ? dataset.substr(0, dash) : dataset;
-}
 
 }  // namespace
 

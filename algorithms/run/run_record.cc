@@ -13,6 +13,7 @@
 #include "data/files/atomic_file.h"
 #include "proto/base/cores.h"
 #include "proto/base/limits.h"
+#include "proto/base/names.h"
 #include "proto/base/rng.h"
 #include "proto/base/version.h"
 
@@ -204,10 +205,9 @@ std::string RunName(const TrainOptions& options, const LearnerNeeds& needs) {
 
 std::string FolderOfRun(const TrainOptions& options, const LearnerNeeds& needs) {
   const std::string folder = "runs/" + RunName(options, needs);
-  const size_t version = options.dataset.rfind("-v");
-  if (!options.resume || version == std::string::npos || HasRunRecord(folder)) return folder;
+  if (!options.resume || VersionOf(options.dataset).empty() || HasRunRecord(folder)) return folder;
   TrainOptions begun = options;
-  begun.dataset.resize(version);
+  begun.dataset = WithoutVersion(options.dataset);
   const std::string earlier = "runs/" + RunName(begun, needs);
   const Result<RunRecord> record = ReadRunRecord(earlier);
   return record.ok() && record->options.dataset == options.dataset ? earlier : folder;

@@ -18,7 +18,7 @@
 #include "client/interrupt.h"
 #include "data/files/atomic_file.h"
 #include "data/minari/minari_reader.h"
-#include "proto/base/lower_case.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {

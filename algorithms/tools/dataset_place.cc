@@ -14,6 +14,7 @@
 
 #include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 
@@ -40,10 +41,7 @@ std::string D4rlDatasetName(const std::string& file_name) {
   if (!file_name.ends_with(kEnding)) return "";
   std::string name = file_name.substr(0, file_name.size() - kEnding.size());
   std::ranges::replace(name, '_', '-');
-  const size_t dash = name.rfind("-v");
-  const bool has_version = dash != std::string::npos && dash + 2 < name.size() &&
-                           name.find_first_not_of("0123456789", dash + 2) == std::string::npos;
-  if (!has_version) name += "-v0";
+  if (VersionOf(name).empty()) name += "-v0";
   if (const size_t mixed = name.find(kMixed); mixed != std::string::npos) {
     name.replace(mixed, kMixed.size(), "-medium-replay-");
   }

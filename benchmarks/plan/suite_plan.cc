@@ -11,7 +11,7 @@
 
 #include "algorithms/datasets/dataset_recipes.h"
 #include "algorithms/list.h"
-#include "proto/base/lower_case.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {

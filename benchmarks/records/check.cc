@@ -16,6 +16,7 @@
 #include "benchmarks/records/curve.h"
 #include "benchmarks/records/json_file.h"
 #include "proto/base/mean_and_std.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
@@ -339,7 +340,7 @@ std::vector<std::string> Checker::Check(const std::string& file_name) {
 std::string DatasetName(const Json& result, const CheckSources& sources) {
   // "HalfCheetah/medium-v0" was asked for as "HalfCheetah/medium".
   const std::string name = TextOf(EntryOf(result, "dataset"), "name");
-  return sources.published->contains(name) ? name.substr(0, name.rfind("-v")) : name;
+  return sources.published->contains(name) ? std::string(WithoutVersion(name)) : name;
 }
 
 Result<PlannedRun> RunOfResult(const Json& result, const CheckSources& sources) {
@@ -355,9 +356,9 @@ Result<std::string> ScoredUnder(const Json& result, const CheckSources& sources)
   return run.world;
 }
 
-Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources) {
-  B4MRL_ASSIGN_OR_RETURN(const Json result, ReadJsonObject(path));
-  auto faults = Checker(result, sources).Check(std::filesystem::path(path).filename());
+std::vector<std::string> FaultsOf(const Json& result, const std::string& file,
+                                  const CheckSources& sources) {
+  auto faults = Checker(result, sources).Check(std::filesystem::path(file).filename());
   for (std::string& fault : BudgetFaults(result, sources)) faults.push_back(std::move(fault));
   return faults;
 }

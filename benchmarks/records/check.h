@@ -34,9 +34,10 @@ Result<PlannedRun> RunOfResult(const nlohmann::ordered_json& result, const Check
 // for a learner of the user's own, what its benchmark hides.
 Result<std::string> ScoredUnder(const nlohmann::ordered_json& result, const CheckSources& sources);
 
-// What is wrong with the result in this file, one line each; none: nothing is. Its agent
-// (agent_check.h) and other results (copied_seeds.h) are not looked at. kIoError and kDataLoss if
-// the file cannot be read as a JSON object.
-Result<std::vector<std::string>> CheckResult(const std::string& path, const CheckSources& sources);
+// What is wrong with the result that was read from the file, whose name it has to fit, one line
+// each; none: nothing is. Its agent (agent_check.h) and other results (copied_seeds.h) are not
+// looked at.
+std::vector<std::string> FaultsOf(const nlohmann::ordered_json& result, const std::string& file,
+                                  const CheckSources& sources);
 
 }  // namespace b4mrl

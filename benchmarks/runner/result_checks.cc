@@ -126,10 +126,9 @@ Result<std::vector<CheckedResult>> ResultChecks::Work(const std::vector<std::str
 Status ResultChecks::ReadFiles(const std::vector<std::string>& files) {
   for (const std::string& file : files) {
     B4MRL_RETURN_IF_ERROR(UnlessInterrupted());
-    auto faults = CheckResult(file, sources_);
     const auto json = ReadJsonObject(file);
     checked_.push_back(
-        {file, faults.ok() ? *std::move(faults) : std::vector{faults.status().message()}});
+        {file, json.ok() ? FaultsOf(*json, file, sources_) : std::vector{json.status().message()}});
     marks_.push_back(json.ok() ? SeedMarks(*json) : nlohmann::ordered_json());
   }
   const auto copied = CopiedSeeds(marks_, files);

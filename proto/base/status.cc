@@ -7,6 +7,8 @@
 #include <cstring>
 #include <vector>
 
+#include "proto/base/names.h"
+
 namespace b4mrl {
 namespace {
 
@@ -51,14 +53,6 @@ std::string_view CommonFolder(std::string_view a, std::string_view b) {
   const auto differing = std::ranges::mismatch(a, b).in1;
   const std::string_view common = a.substr(0, static_cast<size_t>(differing - a.begin()));
   return common.substr(0, common.rfind('/') + 1);
-}
-
-// The length of a dataset's version, "-v0", at the end of a name; 0 if it has none.
-size_t VersionLength(std::string_view name) {
-  const size_t dash = name.rfind("-v");
-  const bool has_version = dash != name.npos && dash + 2 < name.size() &&
-                           name.find_first_not_of("0123456789", dash + 2) == name.npos;
-  return has_version ? name.size() - dash : 0;
 }
 
 }  // namespace
@@ -109,7 +103,7 @@ void NearestName::Consider(std::string_view candidate) {
   const std::string_view own = std::string_view(name_).substr(folder);
   std::string_view other = candidate.substr(folder);
   // Who leaves out the version means any.
-  if (VersionLength(own) == 0) other.remove_suffix(VersionLength(other));
+  if (VersionOf(own).empty()) other = WithoutVersion(other);
   const size_t distance = EditDistance(own, other);
   if (distance < distance_ && distance * 3 <= std::max(own.size(), other.size())) {
     distance_ = distance;

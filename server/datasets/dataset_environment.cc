@@ -4,7 +4,7 @@
 
 #include <string_view>
 
-#include "proto/base/lower_case.h"
+#include "proto/base/names.h"
 #include "server/environments/list.h"
 
 namespace b4mrl {
@@ -44,12 +44,7 @@ std::string EnvironmentOfName(const std::string& name) {
 }
 
 std::string EnvironmentOfText(const std::string& text) {
-  const size_t dash = text.rfind("-v");
-  if (dash == text.npos || dash + 2 == text.size() ||
-      text.find_first_not_of("0123456789", dash + 2) != text.npos) {
-    return text;
-  }
-  const std::string name = text.substr(0, dash);
+  const std::string name(WithoutVersion(text));
   return FindEnvironment(name).ok() ? name : text;
 }
 
