@@ -17,6 +17,7 @@
 
 #include "proto/base/child_program.h"
 #include "proto/base/clock.h"
+#include "proto/base/exit_codes.h"
 
 namespace b4mrl {
 namespace {
@@ -116,6 +117,14 @@ Result<PrivateDaemon> PrivateDaemon::Start(const PrivateDaemonOptions& options) 
   daemon.endpoint_ = AwaitReady(output[0], Deadline::AfterMs(options.ready_deadline_ms));
   close(output[0]);
   if (daemon.endpoint_.empty()) {
+    // A daemon that is about to exit keeps its own exit code.
+    const int exit_status = daemon.Stop();
+    if (WIFEXITED(exit_status) && WEXITSTATUS(exit_status) == kExitBadInput) {
+      return Status(StatusCode::kIoError,
+                    fmt::format("the server '{}' cannot use what it was given; its messages are on "
+                                "stderr",
+                                binary));
+    }
     return Status(
         StatusCode::kUnavailable,
         fmt::format("the server '{}' did not get ready; its messages are on stderr", binary));

@@ -34,7 +34,8 @@ inline constexpr int kDaemonGivesWay = 5;
 
 class PrivateDaemon {
  public:
-  // kUnavailable if the daemon's program is not found, ends, or is not ready in time.
+  // kUnavailable if the daemon's program is not found, ends, or is not ready in time; kIoError if
+  // it ends with kExitBadInput: a file or folder that it was given cannot be used.
   static Result<PrivateDaemon> Start(const PrivateDaemonOptions& options = {});
   PrivateDaemon(PrivateDaemon&& other) noexcept;
   PrivateDaemon& operator=(PrivateDaemon&& other) noexcept;

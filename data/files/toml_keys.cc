@@ -123,8 +123,9 @@ Result<std::vector<const toml::table*>> TomlKeys::Tables(std::string_view key) {
 Status TomlKeys::Finish() const {
   for (const auto& [key, node] : table_) {
     if (known_.contains(key.str())) continue;
-    return UnknownName(fmt::format("key of {}", where_), std::string(key.str()),
-                       std::vector<std::string>(known_.begin(), known_.end()));
+    const Status unknown = UnknownName(fmt::format("key of {}", where_), key.str(), known_);
+    // What is wrong is the file, not a name that the user has given to a command.
+    return Status(StatusCode::kInvalidArgument, unknown.message());
   }
   return Status();
 }

@@ -2,7 +2,7 @@
 //
 // Reading a key marks it as known; Finish then refuses keys that nobody asked for, which are
 // mistakes of whoever wrote the file. Errors: kInvalidArgument, which names the table, the key and
-// what is allowed there; kUnknownName with the nearest key. Thread rule: one thread. The table
+// what is allowed there, of an unknown key the nearest one. Thread rule: one thread. The table
 // outlives the reader.
 #pragma once
 

@@ -104,6 +104,13 @@ TEST_CASE("a server that is missing, fails or stays silent is unavailable") {
   CHECK(PrivateDaemon::Start(silent).status().code() == StatusCode::kUnavailable);
 }
 
+TEST_CASE("a server that cannot use what it was given is no server that cannot be reached") {
+  const TemporaryFolder folder;
+  const Status refused = PrivateDaemon::Start(Running(folder, "exit 3")).status();
+  CHECK(refused.code() == StatusCode::kIoError);
+  CHECK(refused.message().find(folder.File("program")) != std::string::npos);
+}
+
 TEST_CASE("a daemon does not outlive a client that dies") {
   const TemporaryFolder folder;
   const PrivateDaemonOptions options = Running(folder, kWaits);

@@ -34,9 +34,26 @@ TEST_CASE("A perturbation that a suite misspells is found before anything is tra
   const Outcome outcome =
       Run({"benchmark", "run", "--dry-run", "Hopper/bad/*", "--suites", suites.path()});
   INFO(outcome.out << outcome.err);
-  CHECK(outcome.exit_code == 4);  // its daemon says it, and ends
+  CHECK(outcome.exit_code == 3);  // its daemon says it, and ends
   CHECK(outcome.err.find("benchmark Hopper/bad/legg=0.9, simulators: ") != std::string::npos);
   CHECK(outcome.err.find("did you mean 'leg'?") != std::string::npos);
+}
+
+TEST_CASE("A suite that is wrong ends every command that reads it as wrong input") {
+  const TemporaryFolder suites;
+  const std::string head =
+      "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"bad\"\n";
+  for (const std::string& text : {std::string("version = "), head + "simulator = [\"gravity\"]\n",
+                                  head + "simulators = [\"legg=0.9\"]\n"}) {
+    WriteBytes(suites.File("bad.toml"), text);
+    for (const Words& command : {Words{"benchmark", "run", "--dry-run", "Hopper/bad/*"},
+                                 Words{"list", "benchmarks"}, Words{"serve"}}) {
+      Words words = command;
+      words.insert(words.end(), {"--suites", suites.path()});
+      CAPTURE(text, words[0]);
+      CHECK(Run(words).exit_code == 3);
+    }
+  }
 }
 
 TEST_CASE("Seeds up to the largest one are a range") {

@@ -24,6 +24,7 @@ std::string Refusal(const std::string& text) {
   const auto parsed = ParseSuite(text, "mine.toml");
   REQUIRE_FALSE(parsed.ok());
   CHECK(parsed.status().message().find("mine.toml") != std::string::npos);
+  CHECK(parsed.status().code() != StatusCode::kUnknownName);  // the user has named nothing
   return parsed.status().message();
 }
 
