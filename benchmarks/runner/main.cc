@@ -63,6 +63,8 @@ struct BenchmarkCommand {
   void AddRunOptions(CLI::App& app);
   void AddSlurmOptions(CLI::App& app);
   Result<int> Run(PlanWork work);
+  // A private daemon on a folder of datasets, which need not exist.
+  Result<PrivateDaemon> StartDaemon(const std::string& data_folder) const;
   // What --index leaves of the plan.
   Result<std::vector<PlannedRun>> Chosen(std::vector<PlannedRun> plan) const;
   // The words by which each task of a cluster trains its run, but for its number.
@@ -190,6 +192,14 @@ int BenchmarkCommand::Report(const RunnerSummary& summary, size_t runs) const {
   return summary.failed.empty() && !lacks_result ? kExitDone : kExitFailed;
 }
 
+Result<PrivateDaemon> BenchmarkCommand::StartDaemon(const std::string& data_folder) const {
+  PrivateDaemonOptions own = {.data_folder = data_folder};
+  own.no_data = access(data_folder.c_str(), F_OK) != 0;
+  // It checks the suites, and a learner of the user's own asks it for the benchmark.
+  if (!options.suites.empty()) own.arguments = {"--suites", options.suites};
+  return PrivateDaemon::Start(own);
+}
+
 Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(const Budget chosen, FindBudget(budget));
   if (options.folder.empty()) options.folder = "runs/benchmark";
@@ -213,11 +223,11 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   std::optional<PrivateDaemon> daemon;
   if (options.endpoint.empty()) {
     if (!looks) B4MRL_RETURN_IF_ERROR(MakeFolder(options.data_folder));
-    PrivateDaemonOptions own = {.data_folder = options.data_folder};
-    own.no_data = access(options.data_folder.c_str(), F_OK) != 0;
-    // A learner of the user's own asks its daemon for the benchmark.
-    if (!options.suites.empty()) own.arguments = {"--suites", options.suites};
-    B4MRL_ASSIGN_OR_RETURN(daemon, PrivateDaemon::Start(own));
+    B4MRL_ASSIGN_OR_RETURN(daemon, StartDaemon(options.data_folder));
+  } else if (!options.suites.empty()) {
+    // The daemon elsewhere is never told of these suites. One of this machine's own says what is
+    // wrong with them, as it does where there is no other, and ends again.
+    B4MRL_RETURN_IF_ERROR(StartDaemon("").status());
   }
   B4MRL_ASSIGN_OR_RETURN(Client client,
                          Client::Connect(daemon ? daemon->endpoint() : options.endpoint,

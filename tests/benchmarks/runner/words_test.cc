@@ -2,7 +2,9 @@
 #include <catch2/catch.hpp>
 #include <string>
 
+#include "client/private_daemon.h"
 #include "tests/benchmarks/runner/suite.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -31,12 +33,19 @@ TEST_CASE("A perturbation that a suite misspells is found before anything is tra
   WriteBytes(suites.File("bad.toml"),
              "version = \"v0\"\nenvironment = \"Hopper\"\n[[challenge]]\nname = \"bad\"\n"
              "simulators = [\"legg=0.9\"]\n");
-  const Outcome outcome =
-      Run({"benchmark", "run", "--dry-run", "Hopper/bad/*", "--suites", suites.path()});
-  INFO(outcome.out << outcome.err);
-  CHECK(outcome.exit_code == 3);  // its daemon says it, and ends
-  CHECK(outcome.err.find("benchmark Hopper/bad/legg=0.9, simulators: ") != std::string::npos);
-  CHECK(outcome.err.find("did you mean 'leg'?") != std::string::npos);
+  PrivateDaemonOptions options;
+  options.binary = B4MRL_BINARY_DIR "/b4mrl-serve";
+  options.data_folder = suites.path();
+  const PrivateDaemon elsewhere = Take(PrivateDaemon::Start(options));
+  for (const Words& more : {Words(), Words{"--endpoint", elsewhere.endpoint()}}) {
+    Words words = {"benchmark", "run", "--dry-run", "Hopper/bad/*", "--suites", suites.path()};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = Run(words);
+    INFO(outcome.out << outcome.err);
+    CHECK(outcome.exit_code == 3);  // its daemon says it, and ends
+    CHECK(outcome.err.find("benchmark Hopper/bad/legg=0.9, simulators: ") != std::string::npos);
+    CHECK(outcome.err.find("did you mean 'leg'?") != std::string::npos);
+  }
 }
 
 TEST_CASE("A suite that is wrong ends every command that reads it as wrong input") {
