@@ -4,14 +4,14 @@
 //
 // The dataset is synthetic and has a million rows, as the paper's. Its content does not change the
 // times, but its size in memory does.
-#include <unistd.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
+#include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
@@ -21,6 +21,7 @@
 #include "data/columns/sampler.h"
 #include "data/d4rl/dataset_file_writer.h"
 #include "data/files/make_folder.h"
+#include "proto/base/child_program.h"
 #include "proto/base/clock.h"
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
@@ -82,22 +83,19 @@ Status WriteDataset(const LocalColumns& columns, const std::string& folder) {
   return writer.Commit();
 }
 
-// A temporary folder that the destructor removes.
-class TemporaryFolder {
+// Removes a folder when it goes.
+class FolderRemover {
  public:
-  TemporaryFolder()
-      : path_(std::filesystem::temp_directory_path() / ("b4mrl-perf-" + std::to_string(getpid()))) {
-  }
-  ~TemporaryFolder() {
+  explicit FolderRemover(std::string path) : path_(std::move(path)) {}
+  ~FolderRemover() {
     std::error_code ignored;
     std::filesystem::remove_all(path_, ignored);
   }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  std::string path() const { return path_.string(); }
+  FolderRemover(const FolderRemover&) = delete;
+  FolderRemover& operator=(const FolderRemover&) = delete;
 
  private:
-  std::filesystem::path path_;
+  const std::string path_;
 };
 
 // Gathers batch after batch into one buffer, as the daemon does into a reply.
@@ -266,10 +264,11 @@ Status MeasureBatch(const Options& options, Reporter& reporter) {
                   "batches are measured on a dataset that a private daemon serves: leave out "
                   "--endpoint");
   }
-  const TemporaryFolder folder;
+  B4MRL_ASSIGN_OR_RETURN(const std::string folder, MakeTemporaryFolder("b4mrl-perf"));
+  const FolderRemover remover(folder);
   const LocalColumns columns = MakeColumns();
-  B4MRL_RETURN_IF_ERROR(WriteDataset(columns, folder.path()));
-  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.data_folder = folder.path()}));
+  B4MRL_RETURN_IF_ERROR(WriteDataset(columns, folder));
+  B4MRL_ASSIGN_OR_RETURN(Daemon daemon, Daemon::Open(options, {.data_folder = folder}));
   B4MRL_ASSIGN_OR_RETURN(RemoteDataset dataset, daemon.client().OpenDataset("HalfCheetah/perf"));
   LocalGather gather(columns);
   B4MRL_RETURN_IF_ERROR(MeasureCold(options, dataset, gather, reporter));

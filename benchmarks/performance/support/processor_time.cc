@@ -39,8 +39,10 @@ double ProcessorSecondsWith(pid_t group) {
   getrusage(RUSAGE_SELF, &own);
   double seconds = SecondsOf(own.ru_utime) + SecondsOf(own.ru_stime);
   std::error_code error;
-  for (const auto& process : std::filesystem::directory_iterator("/proc", error)) {
-    std::ifstream file(process.path() / "stat");
+  // Not a range-for, which would throw.
+  for (std::filesystem::directory_iterator process("/proc", error), end; !error && process != end;
+       process.increment(error)) {
+    std::ifstream file(process->path() / "stat");
     std::string line;
     if (std::getline(file, line)) seconds += SecondsIfOfGroup(line, group);
   }

@@ -186,6 +186,17 @@ TEST_CASE("A temporary folder too deep for sockets is not used for them") {
   CHECK(outcome.exit_code == 0);
 }
 
+TEST_CASE("A temporary folder that is none is bad input, and the message names it") {
+  const TemporaryFolder folder;
+  const std::string missing = folder.File("none");
+  for (const Words& words : {Words{"perf", "batch"}, Words{"list", "environments"}}) {
+    const Outcome outcome = Run(words, {"TMPDIR=" + missing});
+    INFO(words[0] << outcome.err);
+    CHECK(outcome.exit_code == 3);
+    CHECK(Says(outcome.err, "cannot make the folder " + missing + "/b4mrl"));
+  }
+}
+
 TEST_CASE("A learner with an ensemble has two threads unless it is told otherwise") {
   TemporaryFolder folder;
   const std::string data = folder.File("data");
