@@ -24,9 +24,9 @@ inline constexpr size_t kMaxOwnFileBytes = 64 << 20;
 
 // `name` is that of the text in the error. kDataLoss if the text is no JSON object, or nests values
 // deeper than 32, as copies and writers of JSON recurse; it names NaN and infinite numbers, which
-// are no JSON.
+// are no JSON. kLimitExceeded if the process cannot have the memory that such a text may take.
 Result<nlohmann::ordered_json> ParseJsonObject(std::string_view text, std::string_view name);
-// kIoError; kDataLoss as above; kLimitExceeded for a longer file.
+// kIoError; kDataLoss and kLimitExceeded as above; kLimitExceeded for a longer file, too.
 Result<nlohmann::ordered_json> ReadJsonObject(const std::string& path,
                                               size_t max_bytes = kMaxResultBytes);
 
