@@ -249,7 +249,7 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (looks) {
     const PlanStatus status = StatusOf(plan, options.folder, options.results);
-    for (const std::string& problem : status.unreadable) Tell(problem + "\n");
+    for (const std::string& problem : status.problems) Tell(problem + "\n");
     DatasetJobs datasets(client, {.data_folder = options.data_folder});
     B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(plan));
     for (const std::string& refusal : refusals) Tell(refusal + "\n");

@@ -1,14 +1,17 @@
 #include "benchmarks/runner/plan_status.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <system_error>
 
 #include "algorithms/run/run_result.h"
 #include "benchmarks/jobs/job.h"
+#include "benchmarks/records/learned.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
 #include "benchmarks/runner/run_folder.h"
@@ -25,20 +28,22 @@ bool Exists(const std::string& path) {
   return std::filesystem::exists(path, error);
 }
 
-// Whether an evaluation of the run's agent is missing that can still be made.
-bool LacksScoring(const PlannedRun& run, const RunResult& result, const std::string& run_folder) {
-  const auto is_missing = [&](const Scoring& scoring) {
-    return scoring.name != kOwnScoring && !result.scorings.contains(scoring.name);
-  };
-  if (std::ranges::none_of(run.scorings, is_missing)) return false;
-  const auto agent = Sha256OfFile(run_folder + "/agent.h5", kMaxAgentFileBytes);
-  return agent.ok() && *agent == result.agent_sha256;
+// The names of the evaluations of the run's agent that its result lacks.
+std::vector<std::string> MissingScorings(const PlannedRun& run, const RunResult& result) {
+  std::vector<std::string> names;
+  for (const Scoring& scoring : run.scorings) {
+    if (scoring.name == kOwnScoring || result.scorings.contains(scoring.name)) continue;
+    names.push_back(scoring.name);
+  }
+  return names;
 }
 
 RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& result,
                        const std::string& run_folder, const std::string& failure) {
-  if (result && result->IsDone(run, run.updates) && !LacksScoring(run, *result, run_folder)) {
-    return RunProgress::kDone;
+  if (result && result->IsDone(run, run.updates)) {
+    const bool can_be_scored =
+        !MissingScorings(run, *result).empty() && HoldsAgentOf(*result, run_folder);
+    if (!can_be_scored) return RunProgress::kDone;
   }
   if (IsClaimed(run_folder + "/claim")) return RunProgress::kRunning;
   if (IsMarkedDiverged(run_folder)) return RunProgress::kDiverged;
@@ -57,10 +62,10 @@ uint64_t UpdatesOf(const PlannedRunStatus& run, const std::string& run_folder) {
 
 // The numbers of runs in the folder's plan.json by id.
 std::map<std::string, uint64_t> FrozenIndices(const std::string& folder,
-                                              std::vector<std::string>* unreadable) {
+                                              std::vector<std::string>* problems) {
   std::map<std::string, uint64_t> indices;
   const auto frozen = ReadFrozenPlan(folder);
-  if (!frozen.ok()) unreadable->push_back(frozen.status().message());
+  if (!frozen.ok()) problems->push_back(frozen.status().message());
   for (size_t i = 0; frozen.ok() && i < frozen->size(); ++i) indices[(*frozen)[i]] = i;
   return indices;
 }
@@ -95,6 +100,39 @@ std::string_view RunProgressName(RunProgress progress) {
   return "waiting";
 }
 
+bool HoldsAgentOf(const RunResult& result, const std::string& run_folder) {
+  const auto agent = Sha256OfFile(run_folder + "/agent.h5", kMaxAgentFileBytes);
+  return agent.ok() && *agent == result.agent_sha256;
+}
+
+std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& result,
+                                       const std::string& run_folder,
+                                       const std::string& results_folder) {
+  std::vector<std::string> reasons;
+  if (run.is_users() && !result.learner_sha256.empty() &&
+      result.learner_sha256 != LearnerHash(run)) {
+    reasons.emplace_back("was trained by another --learner");
+  }
+  // The id of a user's run has the benchmark's name and its suite's version alone.
+  if (run.is_users() && (result.simulator != run.simulator || result.corruption != run.corruption ||
+                         result.world != run.world)) {
+    reasons.push_back(fmt::format(
+        "was trained and scored when its benchmark had simulator '{}', corruption '{}', world '{}'",
+        result.simulator, result.corruption, result.world));
+  }
+  const auto missing = MissingScorings(run, result);
+  // A learner that scores itself has left no agent.
+  if (!missing.empty() && !result.agent_sha256.empty() && !HoldsAgentOf(result, run_folder)) {
+    reasons.push_back(fmt::format("lacks the scorings {}, and {} no longer holds its agent",
+                                  fmt::join(missing, ", "), run_folder));
+  }
+  for (std::string& reason : reasons) {
+    reason = fmt::format("{} {}; remove {} to train it anew", run.name, reason,
+                         ResultPath(results_folder, run));
+  }
+  return reasons;
+}
+
 size_t PlanStatus::CountOf(RunProgress progress) const {
   const auto found = counts.find(progress);
   return found == counts.end() ? 0 : found->second;
@@ -103,15 +141,19 @@ size_t PlanStatus::CountOf(RunProgress progress) const {
 PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,
                     const std::string& results_folder) {
   PlanStatus status;
-  const auto indices = FrozenIndices(folder, &status.unreadable);
+  const auto indices = FrozenIndices(folder, &status.problems);
   CostModel costs;
   for (const PlannedRun& run : plan) {
     const auto read = ReadResult(ResultPath(results_folder, run));
-    if (!read.ok()) status.unreadable.push_back(read.status().message());
+    if (!read.ok()) status.problems.push_back(read.status().message());
     const std::string run_folder = RunFolder(folder, run);
     PlannedRunStatus each = {.result = read.ok() ? *read : std::nullopt};
     const std::string failure = FailureOf(run_folder);
     each.progress = ProgressOf(run, each.result, run_folder, failure);
+    if (each.progress == RunProgress::kDone) {
+      std::ranges::move(DoneOtherwise(run, *each.result, run_folder, results_folder),
+                        std::back_inserter(status.problems));
+    }
     if (each.progress == RunProgress::kFailed) each.failure = failure;
     each.updates = UpdatesOf(each, run_folder);
     if (const auto found = indices.find(run.id); found != indices.end()) each.index = found->second;

@@ -33,8 +33,8 @@ struct PlannedRunStatus {
 };
 
 struct PlanStatus {
-  std::vector<PlannedRunStatus> runs;   // of the plan
-  std::vector<std::string> unreadable;  // what is wrong with files, one line each
+  std::vector<PlannedRunStatus> runs;  // of the plan
+  std::vector<std::string> problems;   // what is wrong with files and results, one line each
   std::map<RunProgress, size_t> counts;
   size_t cells = 0, filled = 0;
   double seconds = 0;       // that the results say
@@ -42,6 +42,17 @@ struct PlanStatus {
 
   size_t CountOf(RunProgress progress) const;
 };
+
+// Whether the run's folder holds the agent that the result has scored, so that it can be scored
+// further.
+bool HoldsAgentOf(const RunResult& result, const std::string& run_folder);
+
+// Why the result of a run that is done is not what the run would bring now, one line each: another
+// command of a user's learner has brought it, or another benchmark of that name, or it lacks
+// scorings and its agent is gone.
+std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& result,
+                                       const std::string& run_folder,
+                                       const std::string& results_folder);
 
 // `folder`: of the runs, with plan.json if there is one.
 PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,

@@ -16,11 +16,10 @@
 #include "benchmarks/jobs/job_queue.h"
 #include "benchmarks/jobs/training_order.h"
 #include "benchmarks/records/learned.h"
+#include "benchmarks/runner/plan_status.h"
 #include "benchmarks/runner/run_folder.h"
 #include "client/interrupt.h"
-#include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
-#include "data/files/file_hash.h"
 #include "data/files/make_folder.h"
 
 namespace b4mrl {
@@ -137,14 +136,9 @@ Result<bool> Runner::TryToBegin(size_t number) {
   task.target = UpdatesToTrain(run, result, options_.until_settled);
   if (result) task.updates = result->updates;
   if (result && result->IsDone(run, task.target)) {
-    if (run.is_users() && !result->learner_sha256.empty() &&
-        result->learner_sha256 != LearnerHash(run)) {
-      Say(fmt::format("{} was trained by another --learner; remove {} to train it anew", run.name,
-                      ResultPath(options_.results, run)));
-    }
+    for (const auto& line : DoneOtherwise(run, *result, task.folder, options_.results)) Say(line);
     // Where the result's agent is not left, the result stays as it is.
-    if (const auto agent = Sha256OfFile(task.folder + "/agent.h5", kMaxAgentFileBytes);
-        agent.ok() && *agent == result->agent_sha256) {
+    if (HoldsAgentOf(*result, task.folder)) {
       std::set<std::string> present = result->scorings;
       present.insert(kOwnScoring);
       B4MRL_ASSIGN_OR_RETURN(const bool begun, BeginMissingScoring(number, present, claim));

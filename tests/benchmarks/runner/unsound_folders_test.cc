@@ -103,6 +103,25 @@ TEST_CASE("A result that has come further is not scored with the folder's agent"
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 0);
   CHECK(ReadBytes(suite.HiddenResult()) == before);
+  // Nobody takes it for one that has all its scores.
+  const std::string lacks =
+      "lacks the scorings full, and " + suite.HiddenRun().string() + " no longer holds its agent";
+  CHECK(outcome.err.find(lacks) != std::string::npos);
+  CHECK(suite.Again({"--dry-run"}).err.find(lacks) != std::string::npos);
+}
+
+TEST_CASE("A finished result takes the scorings that it lacks from the agent in its folder") {
+  const EndedSuite suite;
+  const Json before = Json::parse(ReadBytes(suite.HiddenResult()), nullptr, false);
+  suite.ChangeHiddenResult({{"scorings", Json::object()}});
+  const Outcome outcome = suite.Again();
+  INFO(outcome.out << outcome.err);
+  CHECK(outcome.exit_code == 0);
+  CHECK(outcome.err.find("lacks") == std::string::npos);
+  CHECK(outcome.err.find("start ") == std::string::npos);  // nothing is trained
+  const Json after = Json::parse(ReadBytes(suite.HiddenResult()), nullptr, false);
+  CHECK(after["scorings"].size() == 1);
+  CHECK(after["scorings"] == before["scorings"]);
 }
 
 TEST_CASE("A run that was cut off beyond the budget ends with a finished result") {
