@@ -151,9 +151,17 @@ Status ReadKind(const Hdf5Reader& file, Agent* agent) {
 }
 
 Status ReadLayers(const Hdf5Reader& file, Agent* agent) {
-  for (size_t i = 0; i < kMaxHiddenLayers; ++i) {
+  // A layer that is passed over would make another policy of the others.
+  for (size_t i = 0; i <= kMaxHiddenLayers; ++i) {
     const std::string name = fmt::format("fc{}", i);
-    if (!file.Exists(PolicyEntry(name))) break;
+    if (!file.Exists(PolicyEntry(name))) continue;
+    if (i == kMaxHiddenLayers) {
+      return Inconsistent(fmt::format("{} is a hidden layer too many, allowed: fc0..fc{}",
+                                      PolicyEntry(name), kMaxHiddenLayers - 1));
+    }
+    if (const size_t next = agent->hidden.size(); i != next) {
+      return Inconsistent(fmt::format("{} is there without fc{}", PolicyEntry(name), next));
+    }
     B4MRL_ASSIGN_OR_RETURN(AgentLayer layer, ReadLayer(file, name));
     agent->hidden.push_back(std::move(layer));
   }

@@ -17,7 +17,8 @@
 // * tanh(last_fc). "tanh_gaussian": action = action_scale * tanh(mean + exp(log_std) * normal), the
 // mean alone when deterministic; log_std is clamped to [-20, 2] as in rlkit. Value types; no thread
 // rule. Errors while reading: as hdf5_file.h, and kInvalidArgument when sizes of layers do not fit
-// each other or a weight is not finite.
+// each other, a weight is not finite, a hidden layer is missing between others or there are more
+// than 16.
 #pragma once
 
 #include <cstdint>

@@ -326,6 +326,9 @@ def _layers(file: AgentFile, is_noisy: bool) -> list[Layer]:
         raise DataLossError(
             f"there are {len(names)} hidden layers or more, allowed: 0..{MAX_HIDDEN_LAYERS}"
         )
+    for number in range(len(names) + 1, MAX_HIDDEN_LAYERS + 1):
+        if _entry(f"fc{number}") in file:
+            raise DataLossError(f"{_entry(f'fc{number}')} is there without fc{len(names)}")
     layers: list[Layer] = []
     for name in [*names, "last_fc"]:
         weight, bias = file.layer(_entry(name))

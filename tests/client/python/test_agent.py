@@ -275,6 +275,15 @@ def test_a_layer_too_many_is_refused(tmp_path: Path) -> None:
         b4mrl.load_agent(path)
 
 
+def test_a_layer_that_is_missing_between_others_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "agent.h5"
+    b4mrl.save_agent(path, random_layers([3] * 4))
+    with h5py.File(path, "a") as file:
+        file.copy("metadata/policy/fc0", "metadata/policy/fc3")
+    with pytest.raises(errors.DataLossError, match="metadata/policy/fc3 is there without fc2"):
+        b4mrl.load_agent(path)
+
+
 def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "agent.h5"
     b4mrl.save_agent(path, random_layers([17, 256, 6]))

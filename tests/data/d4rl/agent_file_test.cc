@@ -173,6 +173,34 @@ TEST_CASE("inconsistent agents are refused before anything is written") {
   CHECK(refused(agent));
 }
 
+TEST_CASE("a hidden layer that would be passed over is refused by its name") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("a.h5");
+  const auto refusal = [&](size_t hidden_layers, const std::string& further) {
+    Agent agent = MakeAgent();
+    agent.hidden = {MakeLayer(9, 5, "fc0")};
+    while (agent.hidden.size() < hidden_layers) agent.hidden.push_back(MakeLayer(5, 5, "fc"));
+    auto file = Hdf5Writer::Create(path);
+    REQUIRE(file.ok());
+    REQUIRE(WriteAgentInto(*file, agent).ok());
+    if (!further.empty()) {
+      const uint64_t shape[] = {5, 5};
+      const std::string group = "metadata/policy/" + further;
+      const AgentLayer layer = MakeLayer(5, 5, "further");
+      REQUIRE(file->WriteArray(group + "/weight", layer.weight, shape).ok());
+      REQUIRE(file->WriteArray(group + "/bias", layer.bias, std::span(shape).first(1)).ok());
+    }
+    REQUIRE(file->Commit().ok());
+    const Status status = ReadAgent(path).status();
+    CHECK((status.ok() || status.code() == StatusCode::kInvalidArgument));
+    return status.message();
+  };
+  CHECK(refusal(16, "").empty());
+  CHECK(refusal(16, "fc16") ==
+        path + ": agent: metadata/policy/fc16 is a hidden layer too many, allowed: fc0..fc15");
+  CHECK(refusal(2, "fc3") == path + ": agent: metadata/policy/fc3 is there without fc2");
+}
+
 TEST_CASE("a damaged or foreign agent file is a typed error") {
   const TemporaryFolder folder;
   CHECK(ReadAgent(folder.File("none.h5")).status().code() == StatusCode::kIoError);
