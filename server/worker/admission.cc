@@ -2,11 +2,19 @@
 
 #include <fmt/format.h>
 
+#include <string>
+
 #include "proto/base/limits.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/request_job.h"
 
 namespace b4mrl {
+namespace {
+
+// Rounded up, so that what is above the allowed bytes also reads so.
+uint64_t Mib(uint64_t bytes) { return (bytes + (1 << 20) - 1) >> 20; }
+
+}  // namespace
 
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
                     const WorkUnderWay& all) {
@@ -47,15 +55,22 @@ Status CheckRequest(const Session& session, const pb::Request& request, const Fr
   return Status();
 }
 
-Status CheckSimulators(const std::set<const Simulator*>& simulators, uint32_t threads,
-                       uint64_t allowed_bytes) {
+Status CheckSimulators(const Simulator& added, const std::set<const Simulator*>& all,
+                       uint32_t threads, uint64_t allowed_bytes) {
+  const std::string allowed = fmt::format(
+      "allowed: {} (by `b4mrl serve --memory` and the machine's memory)", allowed_bytes >> 20);
+  if (const uint64_t alone = added.memory_bytes(threads); alone > allowed_bytes) {
+    return Status(StatusCode::kInvalidArgument,
+                  fmt::format("the session's simulator could take {} MiB of memory in the worker's "
+                              "{} threads, {}",
+                              Mib(alone), threads, allowed));
+  }
   uint64_t bytes = 0;
-  for (const Simulator* one : simulators) bytes += one->memory_bytes(threads);
+  for (const Simulator* one : all) bytes += one->memory_bytes(threads);
   if (bytes <= allowed_bytes) return Status();
   return Status(StatusCode::kLimitExceeded,
-                fmt::format("the worker's {} different simulators could take {} MiB of memory, "
-                            "allowed: {} (by `b4mrl serve --memory` and the machine's memory)",
-                            simulators.size(), bytes >> 20, allowed_bytes >> 20));
+                fmt::format("the worker's {} different simulators could take {} MiB of memory, {}",
+                            all.size(), Mib(bytes), allowed));
 }
 
 }  // namespace b4mrl

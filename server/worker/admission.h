@@ -26,9 +26,10 @@ struct WorkUnderWay {
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
                     const WorkUnderWay& all);
 
-// kLimitExceeded if the simulators, each stepped by `threads` threads, could come to take more than
-// `allowed_bytes`.
-Status CheckSimulators(const std::set<const Simulator*>& simulators, uint32_t threads,
-                       uint64_t allowed_bytes);
+// Whether a worker may take `added`, after which it has the simulators `all`, each of them stepped
+// by `threads` threads. kLimitExceeded if they could come to take more than `allowed_bytes`;
+// kInvalidArgument if `added` could by itself, as no worker will ever have room for it then.
+Status CheckSimulators(const Simulator& added, const std::set<const Simulator*>& all,
+                       uint32_t threads, uint64_t allowed_bytes);
 
 }  // namespace b4mrl

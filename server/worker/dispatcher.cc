@@ -196,7 +196,8 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
   if (state == SessionState::kOpening) {
     std::set<const Simulator*> simulators = {&session->simulator()};
     for (const auto& [other_token, other] : sessions_) simulators.insert(&other->simulator());
-    B4MRL_RETURN_IF_ERROR(CheckSimulators(simulators, executor_.thread_count(), simulator_bytes_));
+    B4MRL_RETURN_IF_ERROR(CheckSimulators(session->simulator(), simulators,
+                                          executor_.thread_count(), simulator_bytes_));
   }
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);

@@ -1,5 +1,6 @@
 // Sessions between gateway and worker: who may end one while the other is still opening it, and who
 // takes over what a dead worker has left.
+#include <algorithm>
 #include <catch2/catch.hpp>
 
 #include "server/worker/fault_point.h"
@@ -87,18 +88,23 @@ TEST_CASE("A Close is answered at its deadline, and happens all the same") {
   CHECK(worker.Close() == StatusCode::kOk);
 }
 
+// That sessions of this task may come to take in a worker with one thread, and so the stand-in.
+uint64_t SimulatorBytes(const std::string& environment) {
+  const Result<std::shared_ptr<const Simulator>> simulator =
+      Simulator::Open({.environment = environment, .perturbations = {}, .config = ""});
+  REQUIRE(simulator.ok());
+  return (*simulator)->memory_bytes(2);
+}
+
 TEST_CASE("Sessions may together have the simulators for which the worker has memory") {
   WorkerFixture worker;
   const std::string cheetah(limits::kTokenBytes, 'c'), hopper(limits::kTokenBytes, 'h');
-  const SimulatorRequest request = {
-      .environment = "HalfCheetah", .perturbations = {}, .config = ""};
-  const Result<std::shared_ptr<const Simulator>> simulator = Simulator::Open(request);
-  REQUIRE(simulator.ok());
-  worker.simulator_bytes = (*simulator)->memory_bytes(2);  // the socket's thread and the stand-in
+  worker.simulator_bytes = std::max(SimulatorBytes("HalfCheetah"), SimulatorBytes("Hopper"));
   worker.Restart();
   worker.Open(1, cheetah);
   worker.Open(3);  // of the same simulator, which takes no more memory
   CHECK(worker.Attach(worker.Allocate(1, hopper, "Hopper")) == StatusCode::kLimitExceeded);
+  CHECK(worker.answers.back().envelope.status().recoverable());
   CHECK(worker.dispatcher().session_count() == 2);
 
   worker.Restart();
@@ -108,13 +114,22 @@ TEST_CASE("Sessions may together have the simulators for which the worker has me
   worker.Open(1, std::string(limits::kTokenBytes, 'n'), "Hopper");
 }
 
+TEST_CASE("A simulator that needs more memory than any worker has is refused for good") {
+  WorkerFixture worker;
+  worker.simulator_bytes = SimulatorBytes("HalfCheetah") - 1;
+  worker.Restart();
+  CHECK(worker.Attach(worker.Allocate(1)) == StatusCode::kInvalidArgument);
+  CHECK_FALSE(worker.answers.back().envelope.status().recoverable());
+  CHECK(worker.dispatcher().session_count() == 0);
+}
+
 TEST_CASE("Live sessions come before opening ones where a replacement has memory for some") {
   WorkerFixture worker;
   const std::string hopper(limits::kTokenBytes, 'h');
   const uint32_t opening = worker.Allocate(1);  // with the lower index, and never attached
   const uint32_t live = worker.Open(1, hopper, "Hopper");
   REQUIRE(opening < live);
-  worker.simulator_bytes = 1;  // too little for any
+  worker.simulator_bytes = SimulatorBytes("HalfCheetah");  // the live one takes it
   worker.Restart();
   CHECK(worker.dispatcher().session_count() == 1);
   CHECK(worker.state().session(live).state() == SessionState::kLive);
