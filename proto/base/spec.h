@@ -82,8 +82,8 @@ enum class Cause : uint8_t {
   kNone = 0,
   kUnhealthy = 1,       // terminated by the task's rule
   kLimit = 2,           // truncated by the step limit
-  kCrash = 3,           // truncated: the step crashed its process, or the engine gave the step up
-  kNumericalError = 4,  // truncated: the engine warned, or a number was not finite
+  kCrash = 3,           // truncated: two crashes or eight kills ended the process at this step
+  kNumericalError = 4,  // truncated: the engine warned or failed, or a number was not finite
 };
 
 // Gymnasium's autoreset modes. The numbers are those of the protocol (proto/b4mrl.proto).
