@@ -14,6 +14,10 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open) {
     return InvalidNumber("length of session_token", static_cast<double>(token.size()),
                          std::to_string(limits::kTokenBytes));
   }
+  if (open->ByteSizeLong() > limits::kMaxOpenRequestBytes) {
+    return InvalidNumber("bytes of the Open request", static_cast<double>(open->ByteSizeLong()),
+                         fmt::format("at most {}", limits::kMaxOpenRequestBytes));
+  }
   if (open->num_envs() > limits::kMaxLanesPerSession) {
     return InvalidNumber("num_envs", open->num_envs(),
                          fmt::format("0..{}", limits::kMaxLanesPerSession));
@@ -31,10 +35,6 @@ Status CompleteOpen(const std::string& token, pb::OpenRequest* open) {
       return Status(StatusCode::kInternal, "the system gives no random numbers");
     }
     open->set_seed(seed >> 1);  // fits a signed integer everywhere
-  }
-  if (open->ByteSizeLong() > limits::kMaxOpenRequestBytes) {
-    return InvalidNumber("bytes of the Open request", static_cast<double>(open->ByteSizeLong()),
-                         fmt::format("at most {}", limits::kMaxOpenRequestBytes));
   }
   return Status();
 }

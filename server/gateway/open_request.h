@@ -9,8 +9,8 @@
 
 namespace b4mrl {
 
-// Checks token, lanes, modes and sizes, and fills in what the client left out: the seed, which is
-// drawn, and the dtype of observations.
+// Checks token, lanes, modes and the size of what the client sent, and then fills in what the
+// client left out: the seed, which is drawn, and the dtype of observations.
 Status CompleteOpen(const std::string& token, pb::OpenRequest* open);
 
 // The file that a perturbation model=FILE.xml names; "" if there is no such perturbation.

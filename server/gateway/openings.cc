@@ -150,8 +150,8 @@ Result<uint32_t> Openings::FindOrAllocate(const std::string& token, const pb::Op
                   "session_token belongs to a session with other contents, allowed: a new token");
   }
   pb::OpenRequest complete = open;
-  complete.set_compiled_model(compiled_model);
   B4MRL_RETURN_IF_ERROR(CompleteOpen(token, &complete));
+  complete.set_compiled_model(compiled_model);
   const std::string bytes = complete.SerializeAsString();
   return table_.Allocate({token, bytes, hash, complete.num_envs()});
 }

@@ -34,6 +34,11 @@ bool SessionTable::Holds(uint32_t index, std::string_view token) const {
 }
 
 Result<uint32_t> SessionTable::Allocate(const NewSession& session) {
+  if (session.open_bytes.size() > limits::kMaxOpenRecordBytes) {
+    return InvalidNumber("bytes of the complete Open request",
+                         static_cast<double>(session.open_bytes.size()),
+                         fmt::format("at most {}", limits::kMaxOpenRecordBytes));
+  }
   Reap(INT64_MAX);
   std::optional<uint32_t> free_index;
   for (uint32_t i = 0; i < limits::kMaxSessions && !free_index; ++i) {

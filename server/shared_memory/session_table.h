@@ -24,12 +24,12 @@ class SessionTable {
 
   struct NewSession {
     std::string_view token;       // limits::kTokenBytes long
-    std::string_view open_bytes;  // serialised, complete; at most limits::kMaxOpenRequestBytes
+    std::string_view open_bytes;  // serialised, complete; at most limits::kMaxOpenRecordBytes
     uint64_t request_hash = 0;
     uint32_t lanes = 0;
   };
   // Writes a kOpening record for the worker with the fewest lanes (then sessions). kLimitExceeded
-  // when no record or no run of free lanes is left.
+  // when no record or no run of free lanes is left; kInvalidArgument for more open_bytes.
   Result<uint32_t> Allocate(const NewSession& session);
   // Makes a kOpening record kLive, as its worker has acknowledged it. False if the worker has
   // closed the session meanwhile.

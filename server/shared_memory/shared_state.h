@@ -104,11 +104,11 @@ struct alignas(64) SessionRecord {
   std::array<RequestBlame, 4> request_blames;  // of the requests with the most points
   std::array<uint8_t, limits::kTokenBytes> token;
   uint64_t request_hash;  // of the OpenRequest as it came, to compare with a second one
-  // The serialised pb::OpenRequest with its seed filled in, and a checksum over it, the token and
-  // the lane range.
+  // The serialised pb::OpenRequest with what the gateway adds to it, and a checksum over it, the
+  // token and the lane range.
   uint64_t checksum;
   uint32_t open_size;
-  std::array<std::byte, limits::kMaxOpenRequestBytes> open;
+  std::array<std::byte, limits::kMaxOpenRecordBytes> open;
 
   // kClosed once the worker has closed this generation, else what the gateway granted.
   SessionState state() const;

@@ -367,6 +367,20 @@ TEST_CASE("A session that is closed while its model is compiled is not opened") 
   CHECK(fixture.script.runs("good1.xml") == 0);
 }
 
+TEST_CASE("An Open of the greatest size has room for the path of its compiled model") {
+  Fixture fixture;
+  fixture.StartWorker();
+  fixture.script.Drop("good.xml");
+  pb::Request request = Open(1, Token(1));
+  pb::OpenRequest* open = request.mutable_open();
+  open->add_perturbations()->set_name("model");
+  open->mutable_perturbations(0)->set_argument("good.xml");
+  while (open->ByteSizeLong() < limits::kMaxOpenRequestBytes) *open->mutable_config() += ' ';
+  fixture.Ask("a", request);
+  fixture.Attached(fixture.TakeAttach());
+  CHECK(fixture.AwaitAnswerTo("a", 1) == StatusCode::kOk);
+}
+
 TEST_CASE("Names that no model file can have, and unknown environments, are refused at once") {
   Fixture fixture;
   fixture.AskForModel("a", 1, "no.txt");
