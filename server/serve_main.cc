@@ -9,6 +9,7 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <system_error>
 
 #include "data/suites/suites.h"
 #include "server/datasets/dataset_worker.h"
@@ -24,6 +25,22 @@
 namespace b4mrl {
 namespace {
 
+Status RunRole(ChildContext& context) {
+  const std::string& role = context.options().role;
+  try {
+    if (role == "gateway") return RunGateway(context);
+    if (role == "worker") return RunWorker(context);
+    if (role == "dataset-worker") return RunDatasetWorker(context);
+  } catch (const std::system_error& error) {
+    // Thrown by std::thread. A child starts its threads before it reads its first message.
+    if (error.code() != std::errc::resource_unavailable_try_again) throw;
+    return Status(StatusCode::kFailedPrecondition,
+                  "the system starts no more threads (ulimit -u, ulimit -v); allowed: fewer "
+                  "--workers or --threads");
+  }
+  return InvalidArgument("--role", role, "a known role");
+}
+
 int RunChild(CommandLine line) {
   const std::string name = line.child.role == "worker"
                                ? ChildName(kFirstWorkerChild + line.child.index)
@@ -37,12 +54,7 @@ int RunChild(CommandLine line) {
     return kExitBadInput;
   }
   ChildContext context(std::move(line.child), std::move(*shared));
-  const std::string& role = context.options().role;
-  const Status status = role == "gateway"  ? RunGateway(context)
-                        : role == "worker" ? RunWorker(context)
-                        : role == "dataset-worker"
-                            ? RunDatasetWorker(context)
-                            : InvalidArgument("--role", role, "a known role");
+  const Status status = RunRole(context);
   if (status.ok()) return kExitDone;
   spdlog::error(status.ToString());
   return kExitBadInput;

@@ -3,6 +3,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include <system_error>
 #include <utility>
 
 #include "proto/base/cores.h"
@@ -19,7 +20,21 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::chrono::m
       socket_thread_mark_(&marks_[0]),
       completion_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   socket_thread_.mark = &marks_[0];
-  for (uint32_t i = 1; i < threads && i + 1 < marks.size(); ++i) {
+  try {
+    StartThreads(threads, spin);
+  } catch (const std::system_error&) {
+    StopThreads();  // else those that run would end the process
+    throw;
+  }
+}
+
+Executor::~Executor() {
+  StopThreads();
+  close(completion_fd_);
+}
+
+void Executor::StartThreads(uint32_t threads, std::chrono::microseconds spin) {
+  for (uint32_t i = 1; i < threads && i + 1 < marks_.size(); ++i) {
     pool_.emplace_back(&Executor::ThreadMain, this, i,
                        [this, spinner = Spinner(spin)]() mutable { return queue_.Take(spinner); });
   }
@@ -28,12 +43,11 @@ Executor::Executor(uint32_t threads, std::span<ThreadMark> marks, std::chrono::m
   painter_thread_ = std::thread(&Executor::PainterThreadMain, this);
 }
 
-Executor::~Executor() {
+void Executor::StopThreads() {
   queue_.Stop();
   painter_queue_.Stop();
   for (std::thread& thread : pool_) thread.join();
-  painter_thread_.join();
-  close(completion_fd_);
+  if (painter_thread_.joinable()) painter_thread_.join();
 }
 
 void Executor::ThreadMain(uint32_t index, const TakeFunction& take) {

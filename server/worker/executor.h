@@ -34,6 +34,7 @@ class Executor {
   // methods. `marks` has a place for each thread and the stand-in, and outlives the executor.
   // Thread i of the pool stays on cores[i % size], the stand-in on the core of the socket's thread;
   // if `cores` is empty, the kernel chooses. `spin`: the longest spin of a thread of the pool.
+  // std::system_error if the system grants fewer threads.
   Executor(uint32_t threads, std::span<ThreadMark> marks, std::chrono::microseconds spin = {},
            std::vector<int> cores = {});
   // Waits for pieces that are being executed; the rest of the queue is dropped.
@@ -64,6 +65,8 @@ class Executor {
 
  private:
   using TakeFunction = std::function<std::optional<Piece>()>;
+  void StartThreads(uint32_t threads, std::chrono::microseconds spin);
+  void StopThreads();
   // The main function of thread `index`, which has the mark and core of that index.
   void ThreadMain(uint32_t index, const TakeFunction& take);
   void PainterThreadMain();

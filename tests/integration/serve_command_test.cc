@@ -269,13 +269,18 @@ int ExitCodeOf(const ProgramWithOutput& shell) {
   return WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : 128 + WTERMSIG(wait_status);
 }
 
+std::string OutputOf(const ProgramWithOutput& shell) {
+  std::string output;
+  char c = 0;
+  while (read(shell.output.get(), &c, 1) == 1) output += c;
+  return output;
+}
+
 TEST_CASE("What the daemon cannot write is an error with a message and no signal") {
   const TemporaryFolder folder;
   const ProgramWithOutput limited = StartShell(
       "ulimit -f 8; exec \"$0\" --bind \"ipc://$1/socket\" --data \"$1\" 2>&1", folder.path());
-  std::string output;
-  char c = 0;
-  while (read(limited.output.get(), &c, 1) == 1) output += c;
+  const std::string output = OutputOf(limited);
   CHECK(ExitCodeOf(limited) == 3);
   CHECK(output.find("File too large") != output.npos);
   for (const char* command :
@@ -284,6 +289,23 @@ TEST_CASE("What the daemon cannot write is an error with a message and no signal
     CHECK(ExitCodeOf(StartShell(command, "")) == 3);
   }
 }
+
+// The sanitizers' shadow memory takes more than any limit.
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST_CASE("A daemon for which the system has too few threads ends with code 3 and says so") {
+  const TemporaryFolder folder;
+  // Stacks of 256 threads take 16 GiB of addresses; what every child has takes half of these 4.
+  const ProgramWithOutput limited = StartShell(
+      "ulimit -s 65536; ulimit -v 4194304; exec \"$0\" --workers 1 --threads 256 "
+      "--bind \"ipc://$1/socket\" --data \"$1\" 2>&1",
+      folder.path());
+  const std::string output = OutputOf(limited);
+  INFO(output);
+  CHECK(ExitCodeOf(limited) == 3);
+  CHECK(output.find("the system starts no more threads") != output.npos);
+  CHECK(output.find("signal 6") == output.npos);
+}
+#endif
 
 TEST_CASE("A daemon whose ready line could not be written serves, and ends with code 0") {
   const TemporaryFolder folder;

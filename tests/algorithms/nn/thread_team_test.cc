@@ -1,17 +1,14 @@
 #include "algorithms/nn/thread_team.h"
 
-#include <pthread.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <fstream>
-#include <string>
 #include <vector>
 
 #include "algorithms/base/within_memory.h"
+#include "tests/two_threads.h"
 
 namespace b4mrl {
 namespace {
@@ -42,20 +39,6 @@ TEST_CASE("Two pieces run at the same time on two threads") {
     while (begun < 2) std::this_thread::yield();
   });
   CHECK(begun == 2);
-}
-
-// Leaves this process room for two more threads' stacks, but not for three.
-bool LeaveRoomForTwoThreads() {
-  constexpr size_t kStack = 256 << 20;
-  pthread_attr_t attributes;
-  pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, kStack);
-  if (pthread_setattr_default_np(&attributes) != 0) return false;
-  rlim_t pages = 0;
-  std::ifstream("/proc/self/statm") >> pages;
-  const rlim_t room = pages * static_cast<rlim_t>(getpagesize()) + 5 * (kStack / 2);
-  const rlimit limit{room, room};
-  return setrlimit(RLIMIT_AS, &limit) == 0;
 }
 
 TEST_CASE("A team for which the system has too few threads is an error, not a crash") {
