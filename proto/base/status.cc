@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstring>
 #include <vector>
 
@@ -94,6 +95,10 @@ Status InvalidNumber(std::string_view name, double value, std::string_view allow
 Status IoError(std::string_view action, std::string_view path, int error_number) {
   return Status(StatusCode::kIoError,
                 fmt::format("cannot {} {}: {}", action, path, std::strerror(error_number)));
+}
+
+bool IsQuotaError(const Status& status) {
+  return status.code() == StatusCode::kIoError && status.message().ends_with(std::strerror(EDQUOT));
 }
 
 void NearestName::Consider(std::string_view candidate) {

@@ -156,17 +156,21 @@ Status CacheFolder::MakeRoom() const {
                             total, max_bytes_));
 }
 
-bool CacheFolder::MakeRoomOnDisk(uint64_t bytes) const {
+bool CacheFolder::MakeRoomOnDisk(uint64_t bytes, const Status& failure) const {
+  const bool by_quota = IsQuotaError(failure);
+  bool removed = false;
+  uint64_t removed_bytes = 0;
   const auto has_room = [&] {
     std::error_code error;
-    const fs::space_info space = fs::space(root_, error);
+    const uint64_t room = by_quota ? removed_bytes : fs::space(root_, error).available;
     // Halves, as `bytes` may be any number.
-    return error || space.available / 2 >= bytes / 2 + kDiskSlackBytes / 2;
+    return error || room / 2 >= bytes / 2 + kDiskSlackBytes / 2;
   };
-  bool removed = false;
   for (const Cache& cache : CachesByUse(root_)) {
     if (has_room()) break;
-    removed = RemoveToMakeRoom(cache) || removed;
+    if (!RemoveToMakeRoom(cache)) continue;
+    removed = true;
+    removed_bytes += cache.bytes;
   }
   return removed;
 }

@@ -167,7 +167,7 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
   if (dataset == nullptr) {
     Result<ImportedFile> made = ImportFile(file, key, cancelled);
     if (made.status().code() == StatusCode::kIoError &&
-        cache_.MakeRoomOnDisk(StoredBytesOf(file.path) * kUsualExpansion)) {
+        cache_.MakeRoomOnDisk(StoredBytesOf(file.path) * kUsualExpansion, made.status())) {
       made = ImportFile(file, key, cancelled);
     }
     B4MRL_ASSIGN_OR_RETURN(imported, std::move(made));
@@ -251,7 +251,7 @@ Status DatasetStore::Replace(DatasetPointer* dataset, const std::string& fingerp
     return builder.Commit();
   };
   Status made = make();
-  if (made.code() == StatusCode::kIoError && cache_.MakeRoomOnDisk(bytes)) made = make();
+  if (made.code() == StatusCode::kIoError && cache_.MakeRoomOnDisk(bytes, made)) made = make();
   B4MRL_RETURN_IF_ERROR(made);
   B4MRL_ASSIGN_OR_RETURN(*dataset, Admit(fingerprint));
   return Status();

@@ -81,6 +81,15 @@ TEST_CASE("what may succeed later is recoverable") {
   CHECK_FALSE(Status(StatusCode::kGap, "").recoverable());
 }
 
+TEST_CASE("a full quota is told from other errors, whatever stands before its message") {
+  const Status full = IoError("write", "cache", EDQUOT);
+  CHECK(IsQuotaError(full));
+  CHECK(IsQuotaError(Status(full.code(), full.message()).WithContext("a file")));
+  CHECK_FALSE(IsQuotaError(IoError("write", "cache", ENOSPC)));
+  CHECK_FALSE(IsQuotaError(Status(StatusCode::kDataLoss, full.message())));
+  CHECK_FALSE(IsQuotaError(Status()));
+}
+
 Result<int> Half(int x) {
   if (x % 2 != 0) return InvalidNumber("x", x, "even numbers");
   return x / 2;

@@ -2,6 +2,7 @@
 #include "server/datasets/cache_folder.h"
 
 #include <catch2/catch.hpp>
+#include <cerrno>
 #include <chrono>
 #include <filesystem>
 #include <string>
@@ -16,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Five caches; the first was used longest ago.
+// Five caches of a MiB and a manifest each; the first was used longest ago.
 struct Caches {
   TemporaryFolder folder;
   std::vector<std::string> paths;
@@ -24,12 +25,12 @@ struct Caches {
   Caches() {
     RequireOk(CacheFolder(folder.path(), 1).Make());
     const auto now = fs::file_time_type::clock::now();
+    const std::vector<float> rewards((1 << 20) / sizeof(float), 1.0f);
     for (int i = 0; i < 5; ++i) {
       paths.push_back(folder.File(".cache/" + std::string(32, static_cast<char>('a' + i))));
       ColumnCacheWriter writer = Take(ColumnCacheWriter::Create(paths.back()));
       Take(writer.AddColumn("rewards", DType::kFloat32, 1));
-      const float reward = 1;
-      RequireOk(writer.Append(0, std::span(&reward, 1)));
+      RequireOk(writer.Append(0, std::span<const float>(rewards)));
       RequireOk(writer.Commit());
     }
     for (int i = 0; i < 5; ++i) fs::last_write_time(paths[i], now - std::chrono::hours(9 - i));
@@ -64,12 +65,26 @@ TEST_CASE("on a full disk the caches that nobody uses are given up") {
   const Caches caches;
   const auto used = Take(ColumnCache::Map(caches.paths[1]));
   const CacheFolder folder(caches.folder.path(), 1ull << 30);
-  CHECK_FALSE(folder.MakeRoomOnDisk(0));
+  const Status full = IoError("write", "cache", ENOSPC);
+  CHECK_FALSE(folder.MakeRoomOnDisk(0, full));
   CHECK(caches.Left() == "01234");
   // No disk has so much room, so this one counts as full.
-  CHECK(folder.MakeRoomOnDisk(UINT64_MAX));
+  CHECK(folder.MakeRoomOnDisk(UINT64_MAX, full));
   CHECK(caches.Left() == "1");
-  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX));
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, full));
+}
+
+TEST_CASE("for a full quota, as much is given up as is to be written, though the disk has room") {
+  const Caches caches;
+  const auto used = Take(ColumnCache::Map(caches.paths[0]));
+  const CacheFolder folder(caches.folder.path(), 1ull << 30);
+  // As an importer's answer brings it. What a cache takes beside its columns is two of the caches.
+  const Status full = IoError("write", "cache", EDQUOT).WithContext("HalfCheetah/medium.h5");
+  CHECK(folder.MakeRoomOnDisk(0, full));
+  CHECK(caches.Left() == "034");
+  CHECK(folder.MakeRoomOnDisk(UINT64_MAX, full));
+  CHECK(caches.Left() == "0");
+  CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, full));
 }
 
 }  // namespace
