@@ -17,15 +17,6 @@ namespace {
 // Such that no file of the user's has it.
 constexpr char kSuffix[] = ".b4mrl-tmp";
 
-// Whether `path` still names the file of `fd`. If another writer commits between our open and our
-// lock, `fd` is the other writer's finished file.
-bool StillNamed(int fd, const std::string& path) {
-  struct stat held {};
-  struct stat named {};
-  return fstat(fd, &held) == 0 && stat(path.c_str(), &named) == 0 && held.st_dev == named.st_dev &&
-         held.st_ino == named.st_ino;
-}
-
 }  // namespace
 
 AtomicFile::AtomicFile(std::string path, UniqueFd fd)
@@ -45,12 +36,20 @@ Result<AtomicFile> AtomicFile::Create(const std::string& path, std::optional<mod
       if (errno != EWOULDBLOCK) return IoError("lock", temporary, errno);
       return Status(StatusCode::kBusy, fmt::format("another process is writing {}", path));
     }
+    // If another writer commits between our open and our lock, ours is its finished file.
     if (!StillNamed(fd.get(), temporary)) continue;
     if (ftruncate(fd.get(), 0) != 0) return IoError("truncate", temporary, errno);
     if (mode && fchmod(fd.get(), *mode) != 0) return IoError("set the mode of", temporary, errno);
     return AtomicFile(path, std::move(fd));
   }
   return Status(StatusCode::kBusy, fmt::format("other processes keep replacing {}", path));
+}
+
+bool StillNamed(int fd, const std::string& path) {
+  struct stat held {};
+  struct stat named {};
+  return fstat(fd, &held) == 0 && stat(path.c_str(), &named) == 0 && held.st_dev == named.st_dev &&
+         held.st_ino == named.st_ino;
 }
 
 bool IsBeingWritten(const std::string& path) {

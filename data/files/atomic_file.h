@@ -46,6 +46,8 @@ class AtomicFile {
   UniqueFd fd_;  // open until Commit succeeds or another object takes the file over
 };
 
+// Whether `path` still names the file of `fd`.
+bool StillNamed(int fd, const std::string& path);
 // Whether an AtomicFile of this path is open, in any process.
 bool IsBeingWritten(const std::string& path);
 // Writes all of `bytes` to `fd`; `path` is for error messages.

@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -66,8 +67,17 @@ std::vector<Cache> CachesByUse(const fs::path& folder) {
   return caches;
 }
 
-// Whether the cache was unused and is removed. Its lock file stays: who waits for it holds the file
-// open, and would not wait for the next one that opens the path.
+// A lock's file is removed by who holds the lock. Others may have opened it before, and then get a
+// lock that nobody else looks at. On a host that has the folder by NFS, the file may seem to be
+// there for a while, so it also gets a byte, which is seen as soon as the lock is had.
+bool IsInForce(int fd, const std::string& path) {
+  struct stat info {};
+  return StillNamed(fd, path) && fstat(fd, &info) == 0 && info.st_size == 0;
+}
+
+void MarkAsRemoved(int fd) { [[maybe_unused]] const int failed = ftruncate(fd, 1); }
+
+// Whether the cache was unused and is removed.
 bool RemoveToMakeRoom(const Cache& cache) {
   if (!RemoveUnusedCache(cache.path)) {
     TouchPath(cache.path);  // it counts as used: unused caches go first if its user dies
@@ -95,13 +105,15 @@ std::string CacheFolder::PathOf(const std::string& fingerprint) const {
 
 std::string CacheFolder::IndexFolder() const { return root_ + "/index"; }
 
+std::string CacheFolder::LocksFolder() const { return root_ + "/locks"; }
+
 Status CacheFolder::Make() const {
   B4MRL_RETURN_IF_ERROR(MakeCacheRoot(data_folder_));
   return MakeFolderInside(IndexFolder());
 }
 
-Result<UniqueFd> CacheFolder::OpenLock(const std::string& key) const {
-  const std::string folder = root_ + "/locks";
+Result<UniqueFd> CacheFolder::TryLock(const std::string& key) const {
+  const std::string folder = LocksFolder();
   B4MRL_RETURN_IF_ERROR(MakeFolderInside(folder));
   const std::string path = folder + "/" + key;
   // Open for writing: NFS gives exclusive locks to no other descriptors.
@@ -110,25 +122,28 @@ Result<UniqueFd> CacheFolder::OpenLock(const std::string& key) const {
   const mode_t mode = ModeInside(folder) & 0666;
   // EPERM is no error: another member of the group owns the file, and its mode stays.
   if (fchmod(fd.get(), mode) != 0 && errno != EPERM) return IoError("set the mode of", path, errno);
-  return fd;
+  if (flock(fd.get(), LOCK_EX | LOCK_NB) == 0) {
+    if (IsInForce(fd.get(), path)) return fd;
+  } else if (errno != EWOULDBLOCK && errno != EINTR) {
+    return Status(StatusCode::kUnsupported, path + " is on a file system without locks");
+  }
+  return Status(StatusCode::kBusy, "another daemon is still making it; ask again");
 }
 
 Result<UniqueFd> CacheFolder::Lock(const std::string& key,
                                    const std::atomic<bool>& cancelled) const {
   constexpr int64_t kPatienceMs = 600'000;
   constexpr int kBetweenTriesMs = 20;
-  B4MRL_ASSIGN_OR_RETURN(UniqueFd fd, OpenLock(key));
   const Deadline patience = Deadline::AfterMs(kPatienceMs);
-  while (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
-    if (errno == EINTR) continue;
-    if (errno != EWOULDBLOCK) break;  // a file system without locks
+  while (true) {
+    Result<UniqueFd> lock = TryLock(key);
+    const StatusCode code = lock.status().code();
+    if (code == StatusCode::kUnsupported) return UniqueFd();
+    if (code != StatusCode::kBusy) return lock;
     if (cancelled) return Cancelled();
-    if (patience.expired()) {
-      return Status(StatusCode::kUnavailable, "another daemon is still making it; ask again");
-    }
+    if (patience.expired()) return Status(StatusCode::kUnavailable, lock.status().message());
     poll(nullptr, 0, kBetweenTriesMs);
   }
-  return fd;
 }
 
 Result<ImportFolder> CacheFolder::MakeImportFolder(const std::string& key) const {
@@ -175,13 +190,17 @@ bool CacheFolder::MakeRoomOnDisk(uint64_t bytes, const Status& failure) const {
   return removed;
 }
 
-void CacheFolder::RemoveUnfinished() const {
+void CacheFolder::RemoveLeftovers() const {
   for (const fs::path& path : EntriesOf(root_)) {
     const std::string name = path.filename().string();
     const std::string key(NameOfUnfinished(name));
     if (key.empty()) continue;
-    const Result<UniqueFd> lock = OpenLock(key);
-    if (lock.ok() && flock(lock->get(), LOCK_EX | LOCK_NB) == 0) RemoveCache(path);
+    const Result<UniqueFd> lock = TryLock(key);
+    if (lock.ok()) RemoveCache(path);
+  }
+  for (const fs::path& path : EntriesOf(LocksFolder())) {
+    const Result<UniqueFd> lock = TryLock(path.filename().string());
+    if (lock.ok() && unlink(path.c_str()) == 0) MarkAsRemoved(lock->get());
   }
 }
 

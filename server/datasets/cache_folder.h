@@ -49,7 +49,8 @@ class CacheFolder {
   // Makes the folders that are missing. kIoError.
   Status Make() const;
   // Waits until no other thread or process makes what `key` names; the lock ends with the
-  // descriptor. kUnavailable soon after `cancelled` turned true, and after ten minutes; kIoError.
+  // descriptor, which is invalid on a file system without locks. kUnavailable soon after
+  // `cancelled` turned true, and after ten minutes; kIoError.
   Result<UniqueFd> Lock(const std::string& key, const std::atomic<bool>& cancelled) const;
   Result<ImportFolder> MakeImportFolder(const std::string& key) const;
   // Sets the time stamp of a cache to now: it says when the cache was last used.
@@ -62,11 +63,15 @@ class CacheFolder {
   // `failure`. What a quota has room for is not known, so if that was full, as many bytes of them
   // are removed. Returns whether any was removed, so that what failed may be tried again.
   bool MakeRoomOnDisk(uint64_t bytes, const Status& failure) const;
-  // Removes the unfinished caches that nobody makes any more.
-  void RemoveUnfinished() const;
+  // Removes the unfinished caches that nobody makes any more, and the files of locks that nobody
+  // holds.
+  void RemoveLeftovers() const;
 
  private:
-  Result<UniqueFd> OpenLock(const std::string& key) const;
+  std::string LocksFolder() const;
+  // kBusy if the lock is held, or its file was removed meanwhile; kUnsupported on a file system
+  // without locks; kIoError.
+  Result<UniqueFd> TryLock(const std::string& key) const;
 
   std::string data_folder_;
   std::string root_;

@@ -368,7 +368,7 @@ void DatasetStore::TidyUp() {
   std::error_code error;
   if (!fs::exists(CacheRoot(options_.data_folder), error)) return;
   if (const Status status = cache_.Make(); !status.ok()) spdlog::warn("{}", status.ToString());
-  cache_.RemoveUnfinished();
+  cache_.RemoveLeftovers();
 }
 
 }  // namespace b4mrl

@@ -102,8 +102,8 @@ class DatasetStore {
   // Has calls of other threads that read a cache return soon: kUnavailable.
   void Stop() { stopped_ = true; }
 
-  // To be called at the start: sets the caches' modes and removes unfinished caches of dead
-  // processes.
+  // To be called at the start: sets the caches' modes and removes what dead processes have left:
+  // unfinished caches, and files of locks.
   void TidyUp();
 
  private:

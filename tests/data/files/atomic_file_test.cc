@@ -41,6 +41,18 @@ TEST_CASE("A file in its place is not locked, even while a forked child has it o
   CHECK(waitpid(child, &status, 0) == child);
 }
 
+TEST_CASE("A path no longer names a file that was removed, nor one that another has replaced") {
+  const TemporaryFolder folder;
+  const std::string path = folder.File("lock");
+  WriteBytes(path, "");
+  const UniqueFd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  CHECK(StillNamed(fd.get(), path));
+  REQUIRE(unlink(path.c_str()) == 0);
+  CHECK_FALSE(StillNamed(fd.get(), path));
+  WriteBytes(path, "");
+  CHECK_FALSE(StillNamed(fd.get(), path));
+}
+
 TEST_CASE("A file that appears before the commit is kept, if it is to be, or replaced") {
   const TemporaryFolder folder;
   const std::string path = folder.File("rows.csv");

@@ -1,6 +1,7 @@
-// Which caches make room, in number and on the disk.
+// Which caches make room, in number and on the disk, and whose a lock is.
 #include "server/datasets/cache_folder.h"
 
+#include <atomic>
 #include <catch2/catch.hpp>
 #include <cerrno>
 #include <chrono>
@@ -85,6 +86,22 @@ TEST_CASE("for a full quota, as much is given up as is to be written, though the
   CHECK(folder.MakeRoomOnDisk(UINT64_MAX, full));
   CHECK(caches.Left() == "0");
   CHECK_FALSE(folder.MakeRoomOnDisk(UINT64_MAX, full));
+}
+
+TEST_CASE("a lock whose file was removed is not had by who had opened the file before") {
+  const TemporaryFolder folder;
+  const CacheFolder cache(folder.path(), 1);
+  RequireOk(cache.Make());
+  const std::atomic<bool> cancelled{true};  // nobody waits
+  Take(cache.Lock("aa", cancelled));
+  // As a host sees it that has the folder by NFS, and for which the removed file still has its
+  // name.
+  WriteBytes(folder.File(".cache/locks/aa"), "-");
+  CHECK(cache.Lock("aa", cancelled).status().code() == StatusCode::kUnavailable);
+  cache.RemoveLeftovers();
+  CHECK(fs::exists(folder.File(".cache/locks/aa")));  // whose it may be
+  fs::remove(folder.File(".cache/locks/aa"));
+  CHECK(cache.Lock("aa", cancelled).ok());
 }
 
 }  // namespace

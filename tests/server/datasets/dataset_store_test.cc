@@ -349,6 +349,8 @@ TEST_CASE("what dead processes left half-made is removed, what live ones make is
   CHECK_FALSE(fs::exists(dead));
   CHECK_FALSE(fs::exists(of_older_version));
   CHECK(fs::exists(live));
+  CHECK(fs::exists(fixture.folder.File(".cache/locks/bb")));
+  CHECK_FALSE(fs::exists(fixture.folder.File(".cache/locks/aa")));
 }
 
 }  // namespace
