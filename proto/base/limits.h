@@ -133,5 +133,7 @@ inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data 
 inline constexpr size_t kMaxNewDatasetNameBytes = 200;       // a file's name has 255 at most
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
 inline constexpr uint32_t kMaxMappedDatasets = 64;           // others are mapped again when used
+inline constexpr uint32_t kDefaultCacheMib = 64 * 1024;      // of disk, for all of their caches
+inline constexpr uint32_t kMaxCacheMib = 1u << 30;
 
 }  // namespace b4mrl::limits

@@ -62,8 +62,8 @@ class DatasetWorker {
                    if (!sent.ok()) spdlog::debug("a reply was dropped: {}", sent.ToString());
                  }),
         ledgers_(context.shared()),
-        store_({context.options().data_folder, options.importer_program, options.max_cache_bytes}) {
-  }
+        store_({context.options().data_folder, options.importer_program,
+                uint64_t{context.options().cache_mib} << 20}) {}
 
   void Run();
 

@@ -18,7 +18,6 @@
 // DATA/d4rl/<name>.hdf5, named "d4rl/<name>".
 #pragma once
 
-#include <cstdint>
 #include <string>
 
 #include "proto/base/status.h"
@@ -29,9 +28,6 @@ namespace b4mrl {
 struct DatasetWorkerOptions {
   // The program that knows `--role importer`, started once per new file.
   std::string importer_program = "/proc/self/exe";
-  // Bytes of disk that all caches may take together. Beyond this limit the caches that no process
-  // has mapped are removed, those that were used longest ago first.
-  uint64_t max_cache_bytes = 64ull << 30;
 };
 
 // The main function of the role "dataset-worker" (server/process/child.h). In a drain, requests

@@ -98,8 +98,8 @@ Result<ImportedDataset> ImportInChild(const std::string& program, const Importer
                                       const std::atomic<bool>* cancelled) {
   const SandboxedChild child = {
       program,
-      {"--role", "importer", "--file", options.file, "--cache", options.folder, "--cache-bytes",
-       std::to_string(options.max_cache_bytes)},
+      {"--role", "importer", "--file", options.file, "--cache-folder", options.folder,
+       "--cache-bytes", std::to_string(options.max_cache_bytes)},
       "the importer"};
   const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
   Result<ImportedDataset> imported =

@@ -32,8 +32,8 @@ struct ImporterOptions {
 
 std::string ImportedCachePath(const std::string& folder);
 
-// `b4mrl-serve --role importer --file F --cache DIR --cache-bytes N`. Exit code 0 when the cache
-// stands, 3 on bad input, 1 otherwise.
+// `b4mrl-serve --role importer --file F --cache-folder DIR --cache-bytes N`. Exit code 0 when the
+// cache stands, 3 on bad input, 1 otherwise.
 int RunImporter(const ImporterOptions& options);
 
 // kUnavailable: an import did not end in time, for which the file need not be to blame.

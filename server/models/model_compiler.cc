@@ -132,11 +132,11 @@ Result<std::string> CompileModelInChild(const std::string& program,
                                         const Deadline& deadline,
                                         const std::atomic<bool>* cancelled) {
   B4MRL_ASSIGN_OR_RETURN(const std::string trial, DrawTrialName());
-  const SandboxedChild child = {
-      program,
-      {"--role", "model-compiler", "--models", options.models_folder, "--file", options.file_name,
-       "--environment", options.environment, "--cache", options.cache_folder, "--trial", trial},
-      "the model compiler"};
+  const SandboxedChild child = {program,
+                                {"--role", "model-compiler", "--models", options.models_folder,
+                                 "--file", options.file_name, "--environment", options.environment,
+                                 "--cache-folder", options.cache_folder, "--trial", trial},
+                                "the model compiler"};
   const ChildAnswer answer = RunSandboxedChild(child, deadline, cancelled);
   if (!answer.ended_well) unlink((options.cache_folder + "/" + trial).c_str());
   const std::string context = "model=" + options.file_name;

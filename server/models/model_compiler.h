@@ -30,7 +30,7 @@ struct ModelCompilerOptions {
   std::string trial_name = "";
 };
 
-// `b4mrl-serve --role model-compiler --models DIR --file NAME --environment E --cache DIR
+// `b4mrl-serve --role model-compiler --models DIR --file NAME --environment E --cache-folder DIR
 // --trial NAME`. Exit code 0 when the model is in the cache, 3 otherwise.
 int RunModelCompiler(const ModelCompilerOptions& options);
 

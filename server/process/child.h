@@ -27,6 +27,7 @@ struct CommonOptions {
   uint32_t threads = 0;       // of each environment worker
   bool pin = false;           // an environment worker keeps each thread on one core
   uint32_t memory_mib = 0;    // above which the supervisor replaces a process
+  uint32_t cache_mib = 0;     // of disk, that the caches of all datasets may take
   std::string data_folder;    // exists
   std::string models_folder;  // exists, or "" for the default
   std::string suites_folder;  // exists, or "": the project's suites alone

@@ -123,6 +123,10 @@ constexpr ConfigKey kConfigKeys[] = {
      [](Entry entry, ServeOptions& to) {
        return TakeCount(entry, limits::kMinMemoryMib, limits::kMaxMemoryMib, &to.memory_mib);
      }},
+    {"cache",
+     [](Entry entry, ServeOptions& to) {
+       return TakeCount(entry, 1, limits::kMaxCacheMib, &to.cache_mib);
+     }},
     {"pin", [](Entry entry, ServeOptions& to) { return TakeFlag(entry, &to.pin); }},
     {"data", [](Entry entry, ServeOptions& to) { return TakeText(entry, &to.data_folder); }},
     {"models", [](Entry entry, ServeOptions& to) { return TakeText(entry, &to.models_folder); }},
@@ -167,6 +171,7 @@ Status Complete(Flags* flags) {
   if (!serve.spin_us) serve.spin_us = limits::kDefaultSpinUs;
   if (serve.threads == 0) serve.threads = std::min(ProcessorCount(), limits::kMaxThreads);
   if (serve.memory_mib == 0) serve.memory_mib = HalfOfTheMemoryMib();
+  if (serve.cache_mib == 0) serve.cache_mib = limits::kDefaultCacheMib;
   if (serve.data_folder.empty()) {
     serve.data_folder = DefaultDataFolder();
     // Simulators need no data, so a user without a home folder gets a daemon without datasets.
@@ -225,7 +230,7 @@ void AddChildFlags(CLI::App& app, CommandLine* line, ChildFlags* flags) {
   hidden(app.add_option("--dataset-port", flags->dataset_port));
   hidden(app.add_option("--dataset-address", line->child.dataset_address));
   hidden(app.add_option("--file", line->untrusted_file));
-  hidden(app.add_option("--cache", line->cache_folder));
+  hidden(app.add_option("--cache-folder", line->cache_folder));
   hidden(app.add_option("--trial", line->trial_name));
   hidden(app.add_option("--cache-bytes", line->cache_bytes));
   hidden(app.add_option("--environment", line->environment));
@@ -266,6 +271,10 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
                  "memory in MiB above which a process of the daemon is replaced (default: half of "
                  "the machine's, or of its container's)")
       ->transform(Count(limits::kMinMemoryMib, limits::kMaxMemoryMib));
+  app.add_option("--cache", serve.cache_mib,
+                 fmt::format("disk in MiB that the caches of all datasets may take (default {})",
+                             limits::kDefaultCacheMib))
+      ->transform(Count(1, limits::kMaxCacheMib));
   app.add_flag(
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
@@ -329,6 +338,7 @@ std::vector<std::string> ChildArguments(const ChildOptions& child, int shared_me
   if (child.door_listener >= 0) add("--door", std::to_string(child.door_listener));
   add("--spin", std::to_string(child.spin_us.value_or(0)));
   add("--memory", std::to_string(child.memory_mib));
+  add("--cache", std::to_string(child.cache_mib));
   if (!child.models_folder.empty()) add("--models", child.models_folder);
   if (!child.suites_folder.empty()) add("--suites", child.suites_folder);
   for (const ListeningEndpoint& endpoint : child.endpoints) {

@@ -14,6 +14,7 @@
 
 #include "proto/base/child_program.h"
 #include "proto/base/clock.h"
+#include "tests/data/example_dataset.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/loopback.h"
 
@@ -39,6 +40,23 @@ TEST_CASE("Clients are told the lease: the flag's, the file's, or that of the ad
   REQUIRE(LeaseOf({"--config", folder.File("serve.toml"), "--lease", "7"}) == 7'000);
   REQUIRE(LeaseOf({}) == 3'600'000);
   REQUIRE(LeaseOf({"--bind", "tcp://0.0.0.0:0", "--insecure"}) == 300'000);
+}
+
+TEST_CASE("Datasets whose caches do not fit what the flag allows are refused, others are served") {
+  const TemporaryFolder data;
+  fs::create_directories(data.File("HalfCheetah"));
+  // 8,000 rows of 166 bytes: more than one MiB and less than two.
+  RequireOk(WriteExample(data.File("HalfCheetah/new.h5"),
+                         MakeExampleDataset(std::vector<size_t>(16, 500), 17, 6)));
+  const auto open = [&](const char* mib) {
+    const PrivateDaemon daemon =
+        StartDaemon({.data_folder = data.path(), .arguments = {"--workers", "1", "--cache", mib}});
+    return Connect(daemon.endpoint()).OpenDataset("HalfCheetah/new", {}).status();
+  };
+  const Status refused = open("1");
+  CHECK(refused.code() == StatusCode::kLimitExceeded);
+  CHECK(refused.message().find("allowed: 1048576") != std::string::npos);
+  RequireOk(open("2"));
 }
 
 std::string TransportWith(std::vector<std::string> arguments, bool tcp) {

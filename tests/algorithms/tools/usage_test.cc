@@ -46,7 +46,7 @@ std::vector<CountOption> CountOptions() {
   for (const char* name : {"--decisions", "--seed"}) {
     options.push_back({{"demo", "confounding"}, name});
   }
-  for (const char* name : {"--workers", "--threads", "--lease"}) {
+  for (const char* name : {"--workers", "--threads", "--lease", "--cache"}) {
     options.push_back({{"serve"}, name});
   }
   options.push_back({{"perf", "batch"}, "--turns"});

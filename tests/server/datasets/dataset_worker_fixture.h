@@ -28,6 +28,7 @@ class Daemon {
     ChildOptions child;
     child.role = "dataset-worker";
     child.data_folder = data_folder;
+    child.cache_mib = limits::kDefaultCacheMib;
     child.endpoints = {{"ipc://" + folder_.File("socket")}};
     Result<SharedState> state = SharedState::Create(1, limits::kLoopbackLeaseMs);
     REQUIRE(state.ok());

@@ -49,7 +49,7 @@ TEST_CASE("Every key of a configuration file sets its own option") {
   const Folders folders;
   const ServeOptions options = folders.ParseFile(
       "bind = ['tcp://127.0.0.1:1', 'ipc:///tmp/2']\nworkers = 3\nthreads = 4\nlease = 5\n"
-      "memory = 66\nspin = 7\ndata = " +
+      "memory = 66\ncache = 8\nspin = 7\ndata = " +
       folders.Quoted("data") + "models = " + folders.Quoted("models") +
       "suites = " + folders.Quoted("suites"));
   CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:1", "ipc:///tmp/2"});
@@ -57,6 +57,7 @@ TEST_CASE("Every key of a configuration file sets its own option") {
   CHECK(options.threads == 4);
   CHECK(options.lease_seconds == 5);
   CHECK(options.memory_mib == 66);
+  CHECK(options.cache_mib == 8);
   CHECK(options.spin_us == 7u);
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));
@@ -82,15 +83,23 @@ TEST_CASE("A flag wins over the key of the configuration file") {
   const Folders folders;
   const ServeOptions options = folders.ParseFile(
       "bind = 'tcp://127.0.0.1:1'\nworkers = 3\nthreads = 4\nlease = 5\nmemory = 66\n"
-      "spin = 7\ndata = 'none'\nmodels = 'none'\nsuites = 'none'\n",
-      {"--bind", "tcp://127.0.0.1:2", "--workers", "13", "--threads", "14", "--lease", "15",
-       "--memory", "76", "--spin", "0", "--data", folders.folder.File("data"), "--models",
-       folders.folder.File("models"), "--suites", folders.folder.File("other")});
+      "cache = 8\nspin = 7\ndata = 'none'\nmodels = 'none'\nsuites = 'none'\n",
+      {"--bind",    "tcp://127.0.0.1:2",
+       "--workers", "13",
+       "--threads", "14",
+       "--lease",   "15",
+       "--memory",  "76",
+       "--cache",   "18",
+       "--spin",    "0",
+       "--data",    folders.folder.File("data"),
+       "--models",  folders.folder.File("models"),
+       "--suites",  folders.folder.File("other")});
   CHECK(options.binds == std::vector<std::string>{"tcp://127.0.0.1:2"});
   CHECK(options.workers == 13);
   CHECK(options.threads == 14);
   CHECK(options.lease_seconds == 15);
   CHECK(options.memory_mib == 76);
+  CHECK(options.cache_mib == 18);
   CHECK(options.spin_us == 0u);
   CHECK(options.data_folder == folders.folder.File("data"));
   CHECK(options.models_folder == folders.folder.File("models"));
@@ -104,6 +113,7 @@ TEST_CASE("A child reads from its arguments what the supervisor tells it") {
   told.threads = 3;
   told.pin = true;
   told.memory_mib = 66;
+  told.cache_mib = 8;
   told.spin_us = 0;
   told.data_folder = "data";
   told.models_folder = "models";
@@ -117,6 +127,7 @@ TEST_CASE("A child reads from its arguments what the supervisor tells it") {
   CHECK(line.child.threads == 3);
   CHECK(line.child.pin);
   CHECK(line.child.memory_mib == 66);
+  CHECK(line.child.cache_mib == 8);
   CHECK(line.child.spin_us == 0u);
   CHECK(line.child.data_folder == "data");
   CHECK(line.child.models_folder == "models");
