@@ -8,6 +8,8 @@ message is the daemon's: it names the argument, its value and the allowed range.
 from __future__ import annotations
 
 import difflib
+import os
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -128,10 +130,33 @@ class InternalError(B4mrlError):
     executed_unknown = True
 
 
+_VERSION = re.compile(r"-v\d+$")  # at the end of a name
+_LEAST_LIKENESS = 2 / 3  # of a name that may have been meant; 1: equal names
+
+
+def nearest_name(name: str, known: Iterable[str]) -> str | None:
+    """The known name that `name` may be a misspelling of; None if none resembles it.
+
+    Capital letters count for nothing, nor does a folder that both begin with, as it would make any
+    two names in "HalfCheetah/" resemble each other, nor a version, "-v0", where `name` has none.
+    """
+    nearest, most = None, _LEAST_LIKENESS
+    own = name.casefold()
+    for each in dict.fromkeys(known):
+        other = each.casefold()
+        if not _VERSION.search(own):
+            other = _VERSION.sub("", other)
+        folder = os.path.commonprefix([own, other]).rfind("/") + 1
+        likeness = difflib.SequenceMatcher(None, own[folder:], other[folder:]).ratio()
+        if likeness > most:
+            nearest, most = each, likeness
+    return nearest
+
+
 def unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> UnknownNameError:
     """An UnknownNameError with the nearest known name; `hint` says where all names are listed."""
-    nearest = difflib.get_close_matches(name, list(known), 1)
-    meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
+    nearest = nearest_name(name, known)
+    meant = "" if nearest is None else f"; did you mean {nearest!r}?"
     return UnknownNameError(f"unknown {kind} {name!r}{meant} ({hint})")
 
 

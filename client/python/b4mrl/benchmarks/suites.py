@@ -74,8 +74,8 @@ def suite(
         info for info in known if info.suite == version and fnmatch.fnmatchcase(info.name, pattern)
     ]
     if not found:
-        names = [info.name for info in known]
-        raise errors.unknown_name("benchmark", pattern, names, "`b4mrl list benchmarks` has all")
+        nearest = [_corrected(pattern, info.name) for info in known]
+        raise errors.unknown_name("benchmark", pattern, nearest, "`b4mrl list benchmarks` has all")
     if algorithm is not None:
         checks.text("algorithm", algorithm)
         found = [info for info in found if info.is_defined_for(algorithm)]
@@ -85,6 +85,18 @@ def suite(
             "`b4mrl list benchmarks` says for which each is"
         )
     return Listing(Benchmark(client, info, make_rows=rows) for info in found)
+
+
+def _corrected(pattern: str, name: str) -> str:
+    """The pattern that fits a benchmark and was perhaps meant by one that fits none.
+
+    Parts of `pattern` that fit the benchmark's stay: "Hopper/claen/*" becomes "Hopper/clean/*".
+    """
+    wanted = pattern.split("/")
+    parts = name.split("/", len(wanted) - 1)  # the last one of a short pattern stands for the rest
+    if len(parts) != len(wanted):
+        return name
+    return "/".join(w if fnmatch.fnmatchcase(p, w) else p for w, p in zip(wanted, parts))
 
 
 def _asked(name: str) -> str:

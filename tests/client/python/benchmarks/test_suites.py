@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -40,12 +41,37 @@ def test_a_suite_has_the_benchmarks_whose_names_fit(own: b4mrl.Client) -> None:
 
 
 def test_what_no_benchmark_fits_is_refused_with_the_nearest_name(own: b4mrl.Client) -> None:
-    with pytest.raises(errors.UnknownNameError, match="did you mean 'HalfCheetah/conf"):
-        b4mrl.suite("HalfCheetah/confonding/*")
+    for pattern, nearest in (
+        ("HalfCheetah/confonding/*", "HalfCheetah/confounding/*"),
+        ("halfcheetah/*", "HalfCheetah/*"),
+        ("*/claen/medium", "*/clean/medium"),
+    ):
+        wanted = f"unknown benchmark '{pattern}'; did you mean '{nearest}'? (`b4mrl list"
+        with pytest.raises(errors.UnknownNameError, match=re.escape(wanted)):
+            b4mrl.suite(pattern)
     with pytest.raises(errors.UnknownNameError, match="'v9'.*v0"):
         b4mrl.suite(version="v9")
     with pytest.raises(errors.UnknownNameError, match="did you mean 'HalfCheetah/clean/medium'"):
         b4mrl.benchmark("HalfCheetah/clean/medum")
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [
+        ("HalfCheetah/medum", "HalfCheetah/medium-v0"),
+        ("halfcheetah/MEDIUM", "HalfCheetah/medium-v0"),
+        ("HalfCheetah/medium-v1", "HalfCheetah/medium-v0"),
+        ("Halfcheetha/medium", "HalfCheetah/medium-v0"),
+        ("Hopper/medium-reply", "Hopper/medium-replay-v0"),
+        ("HalfCheetah/expert", None),  # resembles medium-v0 by the folder alone
+        ("HalfCheetah/", None),
+        ("xyzzy", None),
+        ("", None),
+    ],
+)
+def test_a_name_is_compared_by_what_follows_a_common_folder(name: str, nearest: str | None) -> None:
+    known = ["HalfCheetah/medium-v0", "HalfCheetah/mr", "Hopper/medium-replay-v0"]
+    assert errors.nearest_name(name, known) == nearest
 
 
 def test_a_benchmark_that_is_not_defined_for_an_algorithm_takes_no_result_of_it(
