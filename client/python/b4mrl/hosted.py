@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, overload
 
+import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
 
 from b4mrl import errors, infos, simulators
 from b4mrl.display import Shown
@@ -107,8 +109,20 @@ class Hosted(Shown):
         """
         return self.session.transport
 
-    def normalised_score(self, episode_return: float) -> float | None:
-        """D4RL's score of a return, 0 to 100 between the references; None where there are none."""
+    @overload
+    def normalised_score(self, episode_return: float) -> float | None: ...
+
+    @overload
+    def normalised_score(
+        self, episode_return: NDArray[Any] | Sequence[float]
+    ) -> NDArray[np.float64] | None: ...
+
+    def normalised_score(self, episode_return: Any) -> Any:
+        """D4RL's score of a return, 0 to 100 between the references; None where there are none.
+
+        An array of returns gives an array of scores of the same shape. InvalidArgumentError:
+        `episode_return` is neither a number nor an array of numbers.
+        """
         return self.session.spec.normalised_score(episode_return)
 
     @property

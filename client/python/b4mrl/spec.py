@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from b4mrl.display import Shown, table
 from b4mrl.errors import InternalError
 from b4mrl.values import Value
-from b4mrl.wire import limits
+from b4mrl.wire import checks, limits
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -111,12 +111,26 @@ class EnvironmentSpec(Shown):
             "step_seconds": self.step_seconds,
         }
 
-    def normalised_score(self, episode_return: float) -> float | None:
-        """D4RL's 100 (return - reference_min) / (reference_max - reference_min); None without."""
+    @overload
+    def normalised_score(self, episode_return: float) -> float | None: ...
+
+    @overload
+    def normalised_score(
+        self, episode_return: NDArray[Any] | Sequence[float]
+    ) -> NDArray[np.float64] | None: ...
+
+    def normalised_score(self, episode_return: ArrayLike) -> float | NDArray[np.float64] | None:
+        """D4RL's 100 (return - reference_min) / (reference_max - reference_min); None without.
+
+        An array of returns gives an array of scores of the same shape. InvalidArgumentError:
+        `episode_return` is neither a number nor an array of numbers.
+        """
+        given = checks.numbers("episode_return", episode_return)
         if self.reference_min is None or self.reference_max is None:
             return None
         span = self.reference_max - self.reference_min
-        return 100.0 * (episode_return - self.reference_min) / span
+        scores: NDArray[np.float64] = 100.0 * (given - self.reference_min) / span
+        return float(scores) if given.ndim == 0 else scores
 
 
 def spec_of(info: Any) -> EnvironmentSpec:

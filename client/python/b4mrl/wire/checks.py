@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from b4mrl.errors import InvalidArgumentError
 from b4mrl.wire.arrays import Array
@@ -42,6 +42,15 @@ def array(name: str, value: Any, allowed: str, dtype: DTypeLike | None = None) -
         raise InvalidArgumentError(
             f"{name} is {reprlib.repr(value)}, allowed: {allowed} ({error})"
         ) from error
+
+
+def numbers(name: str, value: Any) -> NDArray[np.float64]:
+    """`value` as an array. InvalidArgumentError: it is neither a number nor an array of numbers."""
+    allowed = "a number or an array of numbers"
+    given = array(name, value, allowed)
+    if given.dtype.kind not in "iuf":
+        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: {allowed}")
+    return given.astype(np.float64)
 
 
 def unsigned(name: str, value: Any, bits: int = 64) -> int:

@@ -26,6 +26,8 @@ from test_documents import program_with
 HIDDEN = "HalfCheetah/confounding/hidden-high+medium"  # the data lack dimension 9
 NOISY = "HalfCheetah/confounding/obs-noise-high+medium"
 
+RAGGED = [[1.0], [1.0, 2.0]]  # no array
+
 
 class Recorder:
     """A policy that acts by a fixed linear map, and keeps what it saw."""
@@ -299,6 +301,21 @@ def test_every_environment_gives_the_normalised_score(client: b4mrl.Client) -> N
             assert each.normalised_score(each.reference_max) == 100
     with client.make("Highway") as env:
         assert env.unwrapped.normalised_score(20.0) is None
+        assert env.unwrapped.normalised_score([20.0, 30.0]) is None
+
+
+def test_returns_are_scored_one_by_one_and_as_arrays(client: b4mrl.Client) -> None:
+    with client.make("HalfCheetah") as env:
+        low, high = env.reference_min, env.reference_max
+        scores = env.normalised_score(np.array([[low, high]]))
+        assert (scores.dtype, scores.tolist()) == (np.float64, [[0.0, 100.0]])
+        assert env.normalised_score([low, high]).tolist() == [0.0, 100.0]
+        for number in (3, np.float64(3), np.int64(3), np.array(3.0)):
+            assert env.normalised_score(number) == env.normalised_score(3.0)
+            assert type(env.normalised_score(number)) is float
+        for wrong in (None, "3", [1.0, "a"], RAGGED, {}, object(), 1j):
+            with pytest.raises(errors.InvalidArgumentError, match="episode_return is .*allowed"):
+                env.normalised_score(wrong)
 
 
 def test_a_dataset_is_loaded_by_either_rule(medium: b4mrl.Client) -> None:
