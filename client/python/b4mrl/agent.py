@@ -12,7 +12,6 @@ import os
 import reprlib
 import secrets
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -143,14 +142,15 @@ def load_agent(path: str | os.PathLike[str]) -> Policy:
     """
     import h5py  # only here: HDF5 is slow to import
 
-    with h5py.File(path, "r") as file:
+    source = checks.path("path", path)
+    with h5py.File(source, "r") as file:
         entries = AgentFile(file)
         if "metadata/policy" not in entries:
-            raise DataLossError(f"{os.fspath(path)} holds no agent: it has no metadata/policy")
+            raise DataLossError(f"{source} holds no agent: it has no metadata/policy")
         try:
             return Policy(entries)
         except DataLossError as error:
-            raise DataLossError(f"{os.fspath(path)}: {error}") from None
+            raise DataLossError(f"{source}: {error}") from None
 
 
 def save_agent(
@@ -190,6 +190,7 @@ def save_agent(
     """
     import h5py  # only here: HDF5 is slow to import
 
+    target = checks.path("path", path)
     if not isinstance(activation, str) or activation not in _ACTIVATIONS:
         raise InvalidArgumentError(
             f"activation is {activation!r}, allowed: {', '.join(_ACTIVATIONS)}"
@@ -227,7 +228,6 @@ def save_agent(
     names = [*(f"fc{i}" for i in range(len(read) - 1)), "last_fc"]
     for name, (weight, bias) in zip(names, read):
         entries |= {f"policy/{name}/weight": weight, f"policy/{name}/bias": bias}
-    target = Path(path)
     unfinished = target.with_name(f".{target.name}.{secrets.token_hex(8)}")
     try:
         with h5py.File(unfinished, "w", libver=("earliest", "v110")) as file:

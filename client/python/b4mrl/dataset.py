@@ -115,13 +115,8 @@ class Dataset(Shown):
 
     def __getitem__(self, rows: slice) -> Batch:
         """The rows of a slice, in the file's order: dataset[:1000], dataset[-100:]."""
-        if not isinstance(rows, slice) or rows.step not in (None, 1):
-            raise errors.InvalidArgumentError(
-                f"the index is {rows!r}, allowed: a slice of rows without a step, dataset[5:6]; "
-                "episodes() has the episodes, stream() random batches"
-            )
-        first, end, _ = rows.indices(self.rows)
-        return self._gather(first, max(end - first, 0))
+        chosen = checks.row_slice(rows, self.rows)
+        return self._gather(chosen.start, len(chosen))
 
     def stats(self) -> DatasetStats:
         """Statistics of the dataset, computed by the daemon."""
@@ -229,7 +224,7 @@ class Dataset(Shown):
         """
         paired = None
         if pair_with is not None:
-            paired = self._paired(pair_with, pair_seed, pair_folder)
+            paired = self._paired(pair_with, pair_seed, pair_folder, "pair_")
         connection = self._connection
         sent = (
             self._send_sample(connection, rows, seed, number, paired is not None)
@@ -282,13 +277,15 @@ class Dataset(Shown):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _paired(
-        self, simulator: Simulator, seed: int, folder: str | os.PathLike[str] | None
-    ) -> Batch:
-        """The kept columns of pair; not the caller's to change."""
+    def _paired(self, simulator: Simulator, seed: int, folder: Any, prefix: str = "") -> Batch:
+        """The kept columns of pair; not the caller's to change.
+
+        `prefix` begins the names of seed and folder where the caller gave them.
+        """
         text = simulators.text_of(simulators.parse(simulator))
-        where = None if folder is None else os.path.abspath(folder)
-        key = (text, checks.unsigned("seed", seed), where)
+        if folder is not None:
+            folder = os.path.abspath(checks.path(f"{prefix}folder", folder))
+        key = (text, checks.unsigned(f"{prefix}seed", seed), folder)
         if key not in self._pairs:
             self._pairs[key] = self._find_pairs(*key)
         return self._pairs[key]
@@ -308,6 +305,7 @@ class Dataset(Shown):
             experiment = session.in_force.experiment_id
             kept = Path(folder) / pairs.name_of(self.fingerprint, experiment, seed)
             if not kept.is_dir():
+                kept.parent.mkdir(parents=True, exist_ok=True)  # fails before rows are simulated
                 pairs.write(kept, simulate())
         return pairs.read(kept, self.rows, self.observation_size)
 
@@ -348,14 +346,19 @@ class Dataset(Shown):
 
     def _no_rows(self) -> Batch:
         """A batch of no rows, which asks the daemon for nothing."""
-        numbers = {
-            "observations": (0, self.observation_size),
-            "actions": (0, self.action_size),
-            "rewards": (0,),
-            "next_observations": (0, self.observation_size),
-        }
-        batch: Batch = {name: np.empty(shape, np.float32) for name, shape in numbers.items()}
+        shapes = self._shapes(0).items()
+        batch: Batch = {name: np.empty(shape, np.float32) for name, shape in shapes}
         return batch | {name: np.empty(0, np.bool_) for name in ("terminals", "timeouts")}
+
+    def _shapes(self, rows: int) -> dict[str, tuple[int, ...]]:
+        """The shapes of `rows` rows of each column but the flags."""
+        states = rows, self.observation_size
+        return {
+            "observations": states,
+            "actions": (rows, self.action_size),
+            "rewards": (rows,),
+            "next_observations": states,
+        }
 
     def _send_sample(
         self, connection: Connection, rows: int, seed: int, batch: int, with_indices: bool
@@ -372,15 +375,9 @@ class Dataset(Shown):
 
     def _columns(self, delivery: Delivery, n: int) -> Batch:
         found = delivery.arrays
-        batch = {
-            "observations": require(found, "observations", "float32", (n, self.observation_size)),
-            "actions": require(found, "actions", "float32", (n, self.action_size)),
-            "rewards": require(found, "rewards", "float32", (n,)),
-            "next_observations": require(
-                found, "next_observations", "float32", (n, self.observation_size)
-            ),
-            "terminals": require(found, "terminals", "uint8", (n,)).astype(np.bool_),
-        }
+        shapes = self._shapes(n).items()
+        batch = {name: require(found, name, "float32", shape) for name, shape in shapes}
+        batch["terminals"] = require(found, "terminals", "uint8", (n,)).astype(np.bool_)
         if "timeouts" in found:
             batch["timeouts"] = require(found, "timeouts", "uint8", (n,)).astype(np.bool_)
         if "indices" in found:

@@ -205,7 +205,7 @@ def test_it_loads_slices_and_counts_like_a_list(example) -> None:
         for rows in (slice(None), slice(10, 60), slice(-3, None), slice(7, 7), slice(9, 3)):
             assert_same(dataset[rows], {name: each[rows] for name, each in columns.items()})
         assert_same(dataset.load(), columns)
-        for wrong in (3, slice(0, 10, 2), "rewards"):
+        for wrong in (3, slice(0, 10, 2), slice("a"), "rewards"):
             with pytest.raises(errors.InvalidArgumentError, match="allowed: a slice"):
                 dataset[wrong]
         for wrong in ((-1, 5), (ROWS, 1), (0, 0), (0, -1), (0.5, 1)):

@@ -22,14 +22,13 @@ from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
 from b4mrl.errors import (
     FailedPreconditionError,
-    InternalError,
     InvalidArgumentError,
     UnknownNameError,
     unknown_name,
 )
 from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
-from b4mrl.spec import EnvironmentSpec, SpaceSpec
+from b4mrl.spec import EnvironmentSpec
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.wire import checks
 from b4mrl.wire.session import QueryAnswer
@@ -170,9 +169,9 @@ class Benchmark(Shown):
         """
         space = self._spec.observation
         if self._dataset is not None:
-            hidden = _hidden_in(self._dataset, space)
+            hidden = evaluation.hidden_in(self._dataset, space)
         else:
-            hidden = _hidden_by(self._seen_through, space)
+            hidden = evaluation.hidden_by(self._seen_through, space)
         seen = np.ones(space.size, np.bool_)
         seen[hidden] = False
         seen.flags.writeable = False  # evaluations use this array, too
@@ -269,17 +268,19 @@ class Benchmark(Shown):
         result_file.check_algorithm(algorithm, self.info)
         plain = result_file.plain_hyperparameters(hyperparameters)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
+        place = checks.path("folder", folder)
         if (policy is None) == (returns is None):
             given = "None" if policy is None else "given"
             raise InvalidArgumentError(f"policy and returns are both {given}, allowed: one of them")
         dataset = None if self._dataset is None else self._dataset.in_force
-        earlier = result_file.earlier(folder, self.info, algorithm, seed, dataset)
+        earlier = result_file.earlier(place, self.info, algorithm, seed, dataset)
         if earlier is not None and earlier.updates > updates:
             raise FailedPreconditionError(
                 f"{earlier.path} has a result of {earlier.updates} updates, allowed: as many or "
                 f"more than that; remove it to begin anew"
             )
         reached = evaluation.given_returns(returns)
+        place.mkdir(parents=True, exist_ok=True)  # fails before the policy is evaluated
         scorings: dict[str, Any] = {}
         if policy is not None:
             reached = self.evaluate(policy, episodes).returns
@@ -300,7 +301,7 @@ class Benchmark(Shown):
         }
         if isinstance(policy, str | os.PathLike):
             entries["agent_sha256"] = result_file.sha256_of(policy)
-        path = result_file.write(folder, self.info, entries)
+        path = result_file.write(place, self.info, entries)
         self._usage.restart()
         del self._curves[seed]
         return path
@@ -372,27 +373,3 @@ def find_info(known: Iterable[BenchmarkInfo], name: str) -> BenchmarkInfo:
     if name not in found:
         raise unknown_name("benchmark", name, found, "`b4mrl list benchmarks` has all")
     return found[name]
-
-
-def _hidden_in(dataset: Dataset, space: SpaceSpec) -> list[int]:
-    """Indices of the dimensions that a dataset hides. InternalError: there is no such dimension."""
-    hidden = list(dataset.hidden_dimensions)
-    for dimension in hidden:
-        if dimension >= space.size:
-            raise InternalError(f"the server's reply hides dimension {dimension} of {space.size}")
-    return hidden
-
-
-def _hidden_by(perturbations: tuple[NamedArgument, ...], space: SpaceSpec) -> list[int]:
-    """Indices of the dimensions that perturbations in parametric form hide.
-
-    InvalidArgumentError: there is no such dimension.
-    """
-    hidden = [item.argument for item in perturbations if item.name == "hidden"]
-    names = [name for argument in hidden for name in argument.split("+")]
-    for name in names:
-        if not (name.isascii() and name.isdigit() and int(name) < space.size):
-            raise InvalidArgumentError(
-                f"hidden dimension is '{name}', allowed: a whole number in 0..{space.size - 1}"
-            )
-    return [int(name) for name in names]

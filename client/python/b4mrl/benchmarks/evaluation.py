@@ -1,8 +1,9 @@
-"""Evaluations: whole episodes of a policy, one in each environment of a batch."""
+"""Evaluations: whole episodes of a policy, and the dimensions that they hide from it."""
 
 from __future__ import annotations
 
 import os
+import reprlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from b4mrl.agent import Policy, load_agent
 from b4mrl.benchmarks.seeds import role_seed
+from b4mrl.dataset import Dataset
 from b4mrl.display import Record
-from b4mrl.errors import InvalidArgumentError
+from b4mrl.errors import InternalError, InvalidArgumentError
+from b4mrl.simulators import NamedArgument
+from b4mrl.spec import SpaceSpec
 from b4mrl.values import Value
 from b4mrl.vector_environment import VectorEnvironment
 from b4mrl.wire import checks
@@ -48,10 +52,16 @@ class Evaluation(Value, Record):
 def policy_of(policy: PolicyLike, environment: str, unmasked: bool) -> Callable[[Array], ArrayLike]:
     """`policy` as a function; `unmasked` lifts the mask that an agent brings along.
 
-    InvalidArgumentError: the agent was trained in another environment.
+    InvalidArgumentError: it is neither a function nor a file's path, or the agent was trained in
+    another environment.
     """
     if isinstance(policy, str | os.PathLike):
         policy = load_agent(policy)
+    if not callable(policy):
+        raise InvalidArgumentError(
+            f"policy is {reprlib.repr(policy)}, allowed: a function from observations to actions, "
+            "or the path of an agent's file"
+        )
     if not isinstance(policy, Policy):
         return policy
     if policy.environment not in ("", environment):
@@ -108,6 +118,30 @@ def given_returns(returns: ArrayLike | None) -> NDArray[np.float64]:
     if given.ndim != 1 or not np.isfinite(given).all() or (returns is not None and not len(given)):
         raise InvalidArgumentError(f"returns are {returns!r}, allowed: {allowed}")
     return given
+
+
+def hidden_in(dataset: Dataset, space: SpaceSpec) -> list[int]:
+    """Indices of the dimensions that a dataset hides. InternalError: there is no such dimension."""
+    hidden = list(dataset.hidden_dimensions)
+    for dimension in hidden:
+        if dimension >= space.size:
+            raise InternalError(f"the server's reply hides dimension {dimension} of {space.size}")
+    return hidden
+
+
+def hidden_by(perturbations: tuple[NamedArgument, ...], space: SpaceSpec) -> list[int]:
+    """Indices of the dimensions that perturbations in parametric form hide.
+
+    InvalidArgumentError: there is no such dimension.
+    """
+    hidden = [item.argument for item in perturbations if item.name == "hidden"]
+    names = [name for argument in hidden for name in argument.split("+")]
+    for name in names:
+        if not (name.isascii() and name.isdigit() and int(name) < space.size):
+            raise InvalidArgumentError(
+                f"hidden dimension is '{name}', allowed: a whole number in 0..{space.size - 1}"
+            )
+    return [int(name) for name in names]
 
 
 class _Episodes:

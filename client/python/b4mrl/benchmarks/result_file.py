@@ -94,7 +94,8 @@ def find(folder: str | os.PathLike[str], benchmark: str) -> list[Result]:
     Files that are no results of the benchmark are left out. DataLossError: a file holds no JSON, or
     a result of the benchmark lacks an entry or has one of another type; the message names both.
     """
-    paths = [*Path(folder).glob("*.json"), *Path(folder).glob("results/*.json")]
+    place = checks.path("folder", folder)
+    paths = [*place.glob("*.json"), *place.glob("results/*.json")]
     found: list[Result] = Listing()
     for path in sorted(paths):
         try:
@@ -312,7 +313,7 @@ class Earlier(NamedTuple):
 
 
 def earlier(
-    folder: str | os.PathLike[str],
+    folder: Path,
     info: BenchmarkInfo,
     algorithm: str,
     seed: int,
@@ -332,16 +333,13 @@ def earlier(
         return None
 
 
-def _path_of(
-    folder: str | os.PathLike[str], info: BenchmarkInfo, algorithm: str, seed: int, run_id: str
-) -> Path:
-    return Path(folder) / f"{run_name(info, algorithm, seed)}-{run_id}.json"
+def _path_of(folder: Path, info: BenchmarkInfo, algorithm: str, seed: int, run_id: str) -> Path:
+    return folder / f"{run_name(info, algorithm, seed)}-{run_id}.json"
 
 
-def write(folder: str | os.PathLike[str], info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path:
+def write(folder: Path, info: BenchmarkInfo, entries: Mapping[str, Any]) -> Path:
     """Writes the file "<name>-<id>.json", whole or not at all; replaces one of the same run."""
     path = _path_of(folder, info, entries["algorithm"], entries["seed"], entries["id"])
-    path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         unfinished.write_text(_text_of(entries))

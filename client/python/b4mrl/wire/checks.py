@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import operator
+import os
 import reprlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,19 @@ def text(name: str, value: Any) -> str:
     except UnicodeEncodeError:
         pass
     raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a text")
+
+
+def path(name: str, value: Any) -> Path:
+    """`value` as a Path. InvalidArgumentError: it names no file or folder, whatever is there."""
+    try:
+        given = os.fsdecode(value)
+    except TypeError:
+        given = "\0"
+    if "\0" in given:
+        raise InvalidArgumentError(
+            f"{name} is {reprlib.repr(value)}, allowed: a path, as a text or a pathlib.Path"
+        )
+    return Path(given)
 
 
 def mapping(name: str, value: Any, allowed: str) -> Mapping[str, Any]:
@@ -70,6 +85,23 @@ def integer(name: str, value: Any, low: int, high: int | None) -> int:
             f"{name} is {reprlib.repr(value)}, allowed: an integer {allowed}"
         )
     return number
+
+
+def row_slice(rows: Any, count: int) -> range:
+    """The numbers of the rows that `rows` takes of `count` rows.
+
+    InvalidArgumentError: it is no slice of whole numbers, or has a step.
+    """
+    try:
+        chosen = range(*rows.indices(count))
+    except (AttributeError, TypeError, ValueError):
+        chosen = range(0, 0, -1)
+    if chosen.step != 1:
+        raise InvalidArgumentError(
+            f"the index is {rows!r}, allowed: a slice of rows without a step, dataset[5:6]; "
+            "load() has all rows of each column, episodes() the episodes, stream() random batches"
+        )
+    return chosen
 
 
 def deadline_ms(value: Any, default: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from b4mrl import errors
 from b4mrl.benchmarks.benchmark import Benchmark
-from b4mrl.benchmarks.evaluation import Evaluation
+from b4mrl.benchmarks.evaluation import Evaluation, given_returns
 from b4mrl.benchmarks.seeds import role_seed
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import DatasetStats
@@ -210,6 +210,19 @@ def test_a_policy_that_takes_neither_is_refused_with_both_reasons(client: b4mrl.
 
     with pytest.raises(errors.InvalidArgumentError, match=r"allowed: \(3, 6\).*allowed: \(6,\)"):
         bench.evaluate(wrong, episodes=3)
+
+
+@pytest.mark.parametrize("returns", ["abc", {"x": 1}, RAGGED, object()])
+def test_returns_that_are_no_numbers_are_refused(returns: object) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="returns are .*allowed|returns is .*all"):
+        given_returns(returns)
+
+
+@pytest.mark.parametrize("policy", [None, 3, b"agent.h5", np.zeros(6)])
+def test_what_is_no_policy_is_refused(client: b4mrl.Client, policy: object) -> None:
+    bench = client.benchmark("HalfCheetah/simulators/gravity")
+    with pytest.raises(errors.InvalidArgumentError, match="^policy is .*allowed: a function"):
+        bench.evaluate(policy)
 
 
 def test_an_error_of_a_policy_in_the_middle_is_the_callers(client: b4mrl.Client) -> None:

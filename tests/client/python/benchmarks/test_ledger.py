@@ -50,6 +50,18 @@ def test_a_slice_without_rows_counts_none(medium: b4mrl.Client, rule: str) -> No
         assert {name: (each.shape, each.dtype) for name, each in rows.items()} == kinds
 
 
+def test_a_folder_that_cannot_hold_pairs_costs_no_simulation(medium: b4mrl.Client) -> None:
+    ledger = medium.ledger()
+    with medium.dataset("HalfCheetah/medium", ledger=ledger) as dataset:
+        with pytest.raises(NotADirectoryError):
+            dataset.pair("gravity", folder="/dev/null/pairs")
+        for wrong in ({"pair_seed": -1}, {"pair_folder": 3}):
+            name = next(iter(wrong))
+            with pytest.raises(errors.InvalidArgumentError, match=f"^{name} is .*allowed"):
+                next(dataset.stream(8, pair_with="gravity", **wrong))
+    assert ledger.counts() == LedgerCounts(0, 0, 0, 0)
+
+
 def test_its_number_stands_for_a_ledger_in_another_process(client: b4mrl.Client) -> None:
     ledger = client.ledger()
     with b4mrl.connect(daemon().endpoint) as another:

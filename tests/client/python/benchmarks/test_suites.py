@@ -55,6 +55,13 @@ def test_what_no_benchmark_fits_is_refused_with_the_nearest_name(own: b4mrl.Clie
         b4mrl.benchmark("HalfCheetah/clean/medum")
 
 
+@pytest.mark.parametrize("value", [None, 3, [], b"a", ["HalfCheetah/*"]])
+def test_patterns_and_versions_of_suites_are_texts(endpoint: str, value: object) -> None:
+    for name in ("pattern", "version"):
+        with pytest.raises(errors.InvalidArgumentError, match=f"{name} is .*allowed: a text"):
+            b4mrl.suite(endpoint=endpoint, **{name: value})
+
+
 @pytest.mark.parametrize(
     ("name", "nearest"),
     [
