@@ -236,13 +236,20 @@ def test_what_cannot_be_made_is_refused_by_name(client: b4mrl.Client, arguments,
     assert len(str(caught.value)) > 10
 
 
-def test_closing_twice_is_allowed_and_stepping_then_is_not(client: b4mrl.Client) -> None:
-    env = client.make("HalfCheetah")
+def test_closing_twice_is_allowed_and_any_call_then_says_so(client: b4mrl.Client) -> None:
+    env = client.make("HalfCheetah", render_mode="rgb_array")
     env.reset()
+    state = env.get_state()
     env.close()
     env.close()
-    with pytest.raises(errors.FailedPreconditionError, match="closed"):
-        env.step(np.zeros(6))
+    vec = client.make_vec("HalfCheetah")
+    vec.reset()
+    vec.send(np.zeros((1, 6)))
+    vec.close()
+    calls = [env.reset, env.render, env.get_state, vec.recv, vec.get_state]
+    for call in [*calls, lambda: env.step(np.zeros(6)), lambda: env.set_state(state)]:
+        with pytest.raises(errors.FailedPreconditionError, match="^the environment is closed$"):
+            call()
 
 
 def test_closing_gives_the_session_back(client: b4mrl.Client) -> None:

@@ -144,6 +144,14 @@ def test_queries_under_way_are_answered_as_if_asked_one_by_one(client: b4mrl.Cli
         assert pending.result() is pending.result()
 
 
+def test_a_closed_client_says_so_of_a_query_under_way(endpoint: str) -> None:
+    client = b4mrl.connect(endpoint)
+    query = client.query_async("HalfCheetah", np.zeros((2, 17)), np.zeros((2, 6)))
+    client.close()
+    with pytest.raises(errors.FailedPreconditionError, match="^the connection is closed"):
+        query.result()
+
+
 def test_queries_whose_answers_nobody_wants_are_dropped(client: b4mrl.Client) -> None:
     observations, actions = np.zeros((6 * 1024, 17)), np.zeros((6 * 1024, 6))
     under_way = [client.query_async("HalfCheetah", observations, actions) for _ in range(10)]

@@ -227,9 +227,9 @@ class Connection:
                 for request_id in request_ids:
                     if request_id in self._arrived:
                         return self._arrived[request_id]
+                self._refuse_unusable()
                 if self._pending.keys().isdisjoint(request_ids):
                     raise errors.FailedPreconditionError("no such request is in flight")
-                self._refuse_unusable()
                 self._pump()
         finally:
             self._inside = 0

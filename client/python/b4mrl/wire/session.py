@@ -136,10 +136,12 @@ class Session:
 
         An error of the daemon has the step's lanes in `env_ids`.
         """
+        self._refuse_closed()
         return self._operations.receive_step(lambda *it: read(self._step_outcome(*it)))
 
     def snapshot(self, lanes: Lanes | None = None) -> dict[str, Array]:
         """The lanes' states: `snapshot` uint8 (n, bytes) and readable parts, float64 (n, size)."""
+        self._refuse_closed()
         self._operations.await_interrupted(self.deadline_ms)
         self._numbers.check_range(lanes)
         request = Request()
@@ -169,6 +171,7 @@ class Session:
         tens of milliseconds. FailedPreconditionError: a lane was never reset. UnsupportedError: the
         daemon cannot draw.
         """
+        self._refuse_closed()
         self._operations.await_interrupted(self.deadline_ms)
         width = checks.unsigned("width", width, bits=32) or self.spec.picture_width
         height = checks.unsigned("height", height, bits=32) or self.spec.picture_height
