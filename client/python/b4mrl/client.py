@@ -322,6 +322,9 @@ class Client(Shown):
             ledger: counts the rows that are sampled and read; see `ledger()`.
         """
         number = number_of(ledger)
+        opening_ms = checks.deadline_ms(
+            open_deadline_ms, _OPEN_DATASET_DEADLINE_MS, "open_deadline_ms"
+        )
         asked = plain(
             name=name,
             corruption=corruption,
@@ -338,7 +341,7 @@ class Client(Shown):
         try:
             return Dataset(
                 connection,
-                descriptions.read(open_dataset(connection, request, open_deadline_ms)),
+                descriptions.read(open_dataset(connection, request, opening_ms)),
                 self._origin(Client.dataset, asked),
                 checks.deadline_ms(deadline_ms, self.deadline_ms),
                 self._connect_datasets,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from b4mrl.errors import InvalidArgumentError
+from b4mrl.wire import checks
 
 WITHOUT_LIMIT = -1  # as a number of steps, as in gym.make
 MOST_STEPS = 2**32 - 1  # the longest limit that a task which counts steps can have
@@ -20,9 +21,11 @@ def plain(config: Mapping[str, Any] | None) -> Any:
 
     Values may be numbers, strings, booleans, None, and lists, tuples, arrays or dicts of these. An
     infinite number, as in `healthy_z_range=(0.7, inf)`, becomes None, which the daemon reads as an
-    unbounded end of the range. InvalidArgumentError: another type of value, or NaN.
+    unbounded end of the range. InvalidArgumentError: no dict, another type of value, or NaN.
     """
-    return None if config is None else _plain(config, "config")
+    if config is None:
+        return None
+    return _plain(checks.mapping("config", config, "a dict from names of settings"), "config")
 
 
 def to_json(config: Mapping[str, Any] | None) -> str:

@@ -176,7 +176,8 @@ class Dataset(Shown):
         """
         if transitions in (None, self.in_force.transition_rule):
             return self._gather(0, self.rows)
-        arguments = {**self._origin.arguments, "transition_rule": transitions}
+        rule = checks.text("transitions", transitions)
+        arguments = {**self._origin.arguments, "transition_rule": rule}
         with replace(self._origin, arguments=arguments).open_again() as other:
             rows: Batch = other.load()
         return rows

@@ -181,7 +181,7 @@ def _optional(convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "simulator": simulators.plain,
-    "corruption": simulators.plain,
+    "corruption": lambda value: simulators.plain(value, "corruption"),
     "config": config.plain,
     "seed": _optional(lambda value: checks.unsigned("seed", value)),
     "num_envs": lambda value: checks.integer("num_envs", value, 1, limits.MAX_LANES_PER_SESSION),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from b4mrl import config, simulators
 from b4mrl.errors import InvalidArgumentError, SessionLostError
 from b4mrl.opening import Opening, open_session
-from b4mrl.wire import limits
+from b4mrl.wire import checks, limits
 from b4mrl.wire.arrays import Array
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import QueryAnswer, Session
@@ -119,6 +119,8 @@ class PendingQuery:
         draw: int | None,
         first_row: int,
     ) -> None:
+        seed = checks.unsigned("seed", seed)
+        first_row = checks.unsigned("first_row", first_row)
         if draw is None:
             draw = sessions.next_draw(opening)
         self._ask = functools.partial(begin, rows=rows, seed=seed, draw=draw, first_row=first_row)

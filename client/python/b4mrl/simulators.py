@@ -36,12 +36,13 @@ class NamedArgument:
         return f"{self.name}={self.argument}" if self.argument else self.name
 
 
-def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
+def parse(simulator: Simulator, name: str = "simulator") -> tuple[NamedArgument, ...]:
     """The perturbations of `simulator`, in their order. The daemon checks their names and values.
 
     `simulator` is a text with commas between perturbations; or a dict from names to values, where a
     value is a number, a text, a list of dimensions, or None or True for a preset; or a list of
-    texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form.
+    texts, (name, value) pairs and dicts. InvalidArgumentError: `simulator` has another form; the
+    message calls it `name`.
     """
     if simulator is None:
         return ()
@@ -51,10 +52,10 @@ def parse(simulator: Simulator) -> tuple[NamedArgument, ...]:
         return tuple(_named(name, value) for name, value in simulator.items())
     if isinstance(simulator, Sequence):
         return tuple(item for entry in simulator for item in _parse_entry(entry))
-    raise InvalidArgumentError(f"simulator is {simulator!r}, {_ALLOWED}")
+    raise InvalidArgumentError(f"{name} is {simulator!r}, {_ALLOWED}")
 
 
-def plain(simulator: Simulator) -> str | list[list[str | None]] | None:
+def plain(simulator: Simulator, name: str = "simulator") -> str | list[list[str | None]] | None:
     """`simulator` as a text; None for None. If a value has a comma: as pairs [name, value].
 
     What it returns means the same to `parse`, becomes JSON and does not change with the caller's
@@ -62,7 +63,7 @@ def plain(simulator: Simulator) -> str | list[list[str | None]] | None:
     """
     if simulator is None:
         return None
-    items = parse(simulator)
+    items = parse(simulator, name)
     text = text_of(items)
     return text if parse(text) == items else [[it.name, it.argument or None] for it in items]
 

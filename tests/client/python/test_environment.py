@@ -219,6 +219,7 @@ def test_a_deadline_that_cannot_be_is_refused(client: b4mrl.Client, deadline: ob
         ({"simulator": "gravity="}, errors.InvalidArgumentError),
         ({"config": {"no_such_setting": 1}}, errors.UnknownNameError),
         ({"config": {"x": object()}}, errors.InvalidArgumentError),
+        ({"config": 3}, errors.InvalidArgumentError),
         ({"config": {"x": float("nan")}}, errors.InvalidArgumentError),
         ({"dtype": "float16"}, errors.InvalidArgumentError),
         ({"dtype": "no such"}, errors.InvalidArgumentError),

@@ -30,7 +30,7 @@ from b4mrl.query import PendingQuery
 from b4mrl.simulators import NamedArgument
 from b4mrl.spec import EnvironmentSpec
 from b4mrl.vector_environment import VectorEnvironment
-from b4mrl.wire import checks
+from b4mrl.wire import checks, limits
 from b4mrl.wire.session import QueryAnswer
 
 if TYPE_CHECKING:  # whose method `benchmark` makes these objects
@@ -193,7 +193,7 @@ class Benchmark(Shown):
                 error then or returns no (episodes, *action shape), it is called with one
                 observation at a time, and plays one episode after the other. In a batch, row i
                 belongs to episode i. A method `reset`, if it has one, is called before episodes.
-            episodes: their number; they start as those of `b4mrl evaluate` do.
+            episodes: their number, 1 to 1,024; they start as those of `b4mrl evaluate` do.
             held_out: other starts than those of the evaluations during training (seed 1 of `b4mrl
                 evaluate`, else 0).
             observe: "trained" sets what `mask` hides to 0; "full" hides nothing; "served" is
@@ -201,7 +201,7 @@ class Benchmark(Shown):
 
         InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
         """
-        episodes = checks.integer("episodes", episodes, 1, None)
+        episodes = checks.integer("episodes", episodes, 1, limits.MAX_LANES_PER_SESSION)
         if observe not in _OBSERVE:
             raise InvalidArgumentError(f"observe is {observe!r}, allowed: {', '.join(_OBSERVE)}")
         if observe == "served" and not self._noise:

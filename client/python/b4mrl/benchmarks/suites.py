@@ -30,6 +30,7 @@ def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int
         UnknownNameError: there is no such benchmark; the message has the nearest name.
         FailedPreconditionError: `name` is None, and the runner has not started this program.
     """
+    rows = checks.integer("rows", rows, 0, None)
     client = connect(endpoint)
     if name is not None:
         return Benchmark(client, find_info(client.benchmarks(), name), make_rows=rows)
@@ -37,10 +38,10 @@ def benchmark(name: str | None = None, *, endpoint: str | None = None, rows: int
         client,
         find_info(client.benchmarks(), _asked("BENCHMARK")),
         make_rows=rows,
-        seed=int(_asked("SEED")),
-        updates=int(_asked("UPDATES")),
+        seed=_number("SEED", _asked("SEED")),
+        updates=_number("UPDATES", _asked("UPDATES")),
         out=Path(_asked("OUT")),
-        ledger=int(os.environ.get("B4MRL_LEDGER") or 0),
+        ledger=_number("LEDGER", os.environ.get("B4MRL_LEDGER") or "0"),
     )
 
 
@@ -65,6 +66,7 @@ def suite(
     UnknownNameError: no benchmark fits, or none that does is defined for the algorithm.
     """
     pattern, version = checks.text("pattern", pattern), checks.text("version", version)
+    rows = checks.integer("rows", rows, 0, None)
     client: Client = connect(endpoint)
     known = client.benchmarks()
     versions = sorted({info.suite for info in known})
@@ -108,3 +110,12 @@ def _asked(name: str) -> str:
             "run --learner COMMAND --name NAME`"
         )
     return value
+
+
+def _number(name: str, text: str) -> int:
+    """The number in such a variable. InvalidArgumentError: it holds none."""
+    if not (text.isascii() and text.isdigit()):
+        raise errors.InvalidArgumentError(
+            f"B4MRL_{name} is {text!r}, allowed: a whole number from 0 on"
+        )
+    return int(text)

@@ -104,7 +104,7 @@ def row_slice(rows: Any, count: int) -> range:
     return chosen
 
 
-def deadline_ms(value: Any, default: float) -> float:
+def deadline_ms(value: Any, default: float, name: str = "deadline_ms") -> float:
     """A deadline's milliseconds: `value`, or `default` for None.
 
     InvalidArgumentError: `value` is not a positive finite number.
@@ -113,7 +113,7 @@ def deadline_ms(value: Any, default: float) -> float:
         return default
     is_number = isinstance(value, int | float | np.integer | np.floating)
     if not is_number or isinstance(value, bool) or not 0 < value < math.inf:
-        raise InvalidArgumentError(f"deadline_ms is {value!r}, allowed: a number above 0")
+        raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a number above 0")
     return float(value)
 
 

@@ -342,6 +342,8 @@ def test_a_dataset_is_loaded_by_either_rule(medium: b4mrl.Client) -> None:
         assert len(d4rl["rewards"]) < len(stored["rewards"]) == ROWS
         with pytest.raises(errors.UnknownNameError, match="known: stored, d4rl"):
             dataset.load(transitions="own")
+        with pytest.raises(errors.InvalidArgumentError, match="^transitions is 3, allowed"):
+            dataset.load(transitions=3)
 
 
 def statistics(mean: float = 1.0) -> DatasetStats:

@@ -62,6 +62,18 @@ def test_patterns_and_versions_of_suites_are_texts(endpoint: str, value: object)
             b4mrl.suite(endpoint=endpoint, **{name: value})
 
 
+@pytest.mark.parametrize("name", ["B4MRL_SEED", "B4MRL_UPDATES", "B4MRL_LEDGER"])
+def test_a_runners_number_that_is_none_is_named(
+    own: b4mrl.Client, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    run = {"BENCHMARK": HIDDEN, "SEED": "0", "UPDATES": "9", "OUT": "folder"}
+    for each, value in run.items():
+        monkeypatch.setenv(f"B4MRL_{each}", value)
+    monkeypatch.setenv(name, "1e3")
+    with pytest.raises(errors.InvalidArgumentError, match=f"^{name} is '1e3', allowed: a whole"):
+        b4mrl.benchmark()
+
+
 @pytest.mark.parametrize(
     ("name", "nearest"),
     [

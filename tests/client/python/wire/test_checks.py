@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import b4mrl
@@ -52,3 +53,44 @@ def test_a_slice_names_its_rows(rows: slice, wanted: range) -> None:
 def test_what_is_no_slice_of_rows_is_refused(wrong: object) -> None:
     with pytest.raises(errors.InvalidArgumentError, match="^the index is .*allowed: a slice of ro"):
         checks.row_slice(wrong, 9)
+
+
+GRAVITY = "HalfCheetah/simulators/gravity"
+ROW = np.zeros((1, 17)), np.zeros((1, 6))
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda it: it.make("Hopper", config=3), "config is 3, allowed: a dict"),
+        (lambda it: it.make("Hopper", config=["a"]), "config is ['a'], allowed: a dict"),
+        (lambda it: it.dataset("Hopper/mine", 3), "corruption is 3, allowed: 'gravity"),
+        (
+            lambda it: it.dataset("Hopper/mine", open_deadline_ms="x"),
+            "open_deadline_ms is 'x', allowed: a number above 0",
+        ),
+        (lambda it: it.query("HalfCheetah", *ROW, seed="x"), "seed is 'x', allowed"),
+        (lambda it: it.query("HalfCheetah", *ROW, first_row="x"), "first_row is 'x', allowed"),
+        (
+            lambda it: it.benchmark(GRAVITY).evaluate(len, episodes=1025),
+            "episodes is 1025, allowed: an integer in 1..1024",
+        ),
+        (
+            lambda it: b4mrl.benchmark(GRAVITY, endpoint=it.endpoint, rows=-1),
+            "rows is -1, allowed: an integer of at least 0",
+        ),
+        (lambda it: b4mrl.suite(endpoint=it.endpoint, rows="x"), "rows is 'x', allowed"),
+    ],
+)
+def test_an_argument_is_named_as_the_caller_gave_it(
+    client: b4mrl.Client, call: Callable[[b4mrl.Client], object], complaint: str
+) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match=f"^{re.escape(complaint)}"):
+        call(client)
+
+
+def test_a_query_that_is_refused_takes_no_draw(client: b4mrl.Client) -> None:
+    wanted = client.query("HalfCheetah", *ROW, "obs-noise=0.1", draw=0)[0]
+    with pytest.raises(errors.InvalidArgumentError):
+        client.query("HalfCheetah", *ROW, "obs-noise=0.1", seed=-1)
+    np.testing.assert_array_equal(client.query("HalfCheetah", *ROW, "obs-noise=0.1")[0], wanted)
