@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from b4mrl.display import Shown
-from b4mrl.errors import UnavailableError
-from b4mrl.wire import farewells
+from b4mrl.errors import InvalidArgumentError, UnavailableError
+from b4mrl.wire import checks, farewells
 
 _STOP_SECONDS = 10.0  # after SIGTERM, before SIGKILL
 
@@ -47,7 +47,12 @@ class PrivateDaemon(Shown):
 
     def __init__(self, command: Sequence[str], folder: str | None, ready_seconds: float) -> None:
         launcher = [sys.executable, "-S", "-E", "-c", _LAUNCHER, str(os.getpid())]
-        self._process, keeper = _start([*launcher, *command])
+        try:
+            self._process, keeper = _start([*launcher, *command])
+        except BaseException:
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+            raise
         self.process_id = self._process.pid
         self._owner = os.getpid()
         # The finalizer stops the daemon when this object is collected and when the program ends.
@@ -105,7 +110,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
     The kernel ends the process when the thread that started it ends, and the caller's thread may be
     a short-lived one of a pool. So a new thread starts the process and waits for the event.
     """
-    started: queue.SimpleQueue[subprocess.Popen[bytes] | OSError] = queue.SimpleQueue()
+    started: queue.SimpleQueue[subprocess.Popen[bytes] | Exception] = queue.SimpleQueue()
     unwanted = threading.Event()
 
     def start_and_stay() -> None:
@@ -119,7 +124,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
                 start_new_session=True,
                 env=_variables(),
             )
-        except OSError as error:
+        except Exception as error:  # of the system, or of a word that no command can have
             started.put(error)
             return
         started.put(process)
@@ -127,7 +132,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
 
     threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
     outcome = started.get()
-    if isinstance(outcome, OSError):
+    if isinstance(outcome, Exception):
         raise UnavailableError(f"cannot start the server: {outcome}") from outcome
     return outcome, unwanted
 
@@ -167,7 +172,7 @@ def serve(
     models: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     threads: int | None = None,
-    arguments: Sequence[str] = (),
+    arguments: Sequence[str | os.PathLike[str] | float] = (),
     ready_seconds: float = 20.0,
 ) -> PrivateDaemon:
     """Starts a private daemon and waits until it is ready.
@@ -182,13 +187,19 @@ def serve(
             is made in /tmp where TMPDIR is too long for the paths of sockets.
         data, models, workers, threads: the options of `b4mrl serve` with these names. None: its
             defaults.
-        arguments: further options of `b4mrl serve`.
+        arguments: further options of `b4mrl serve`, ["--lease", 60].
         ready_seconds: time within which the daemon must be ready.
 
     Raises:
         UnavailableError: the program is not found, or not ready in time, or there is no folder for
             the ipc sockets.
+        InvalidArgumentError: `arguments` is no list, or `ready_seconds` no number above 0.
     """
+    if isinstance(arguments, str) or not isinstance(arguments, Sequence):
+        raise InvalidArgumentError(
+            f"arguments is {arguments!r}, allowed: a list of options, ['--lease', 60]"
+        )
+    ready_seconds = checks.positive("ready_seconds", ready_seconds)
     command = find_server()
     folder = None if tcp else _make_folder()
     command += ["--bind", "tcp://127.0.0.1:0" if tcp else f"ipc://{folder}/serve"]
@@ -197,8 +208,13 @@ def serve(
     options = {"--data": data, "--models": models, "--workers": workers, "--threads": threads}
     for name, value in options.items():
         if value is not None:
-            command += [name, os.fspath(value) if isinstance(value, os.PathLike) else str(value)]
-    return PrivateDaemon([*command, *arguments], folder, ready_seconds)
+            command += [name, _word(value)]
+    return PrivateDaemon([*command, *map(_word, arguments)], folder, ready_seconds)
+
+
+def _word(value: Any) -> str:
+    """A value as a word of a command."""
+    return os.fsdecode(value) if isinstance(value, bytes | os.PathLike) else str(value)
 
 
 def _make_folder() -> str:

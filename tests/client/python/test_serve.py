@@ -53,9 +53,29 @@ def test_it_outlives_the_thread_that_started_it() -> None:
 
 
 def test_its_options_are_those_of_the_command() -> None:
-    with b4mrl.serve(tcp=True, workers=3, threads=1) as endpoint, b4mrl.connect(endpoint) as client:
+    options = {"workers": 3, "threads": 1, "arguments": ["--lease", 60]}
+    with b4mrl.serve(tcp=True, **options) as endpoint, b4mrl.connect(endpoint) as client:
         roles = [worker.role for worker in client.server_status().workers]
         assert sum(role.startswith("worker-") for role in roles) == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"arguments": "--no-door"}, "^arguments is '--no-door', allowed: a list of options"),
+        ({"arguments": 3}, "^arguments is 3, allowed"),
+        ({"ready_seconds": "20"}, "^ready_seconds is '20', allowed: a number above 0$"),
+        ({"data": "a\0b"}, "^cannot start the server: embedded null byte$"),
+        ({"arguments": ["x" * 3_000_000]}, "^cannot start the server: .*too long"),
+    ],
+)
+def test_options_that_no_command_can_have_are_refused_and_leave_no_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, options: dict, complaint: str
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(b4mrl.B4mrlError, match=complaint):
+        b4mrl.serve(**options)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])

@@ -109,8 +109,11 @@ def deadline_ms(value: Any, default: float, name: str = "deadline_ms") -> float:
 
     InvalidArgumentError: `value` is not a positive finite number.
     """
-    if value is None:
-        return default
+    return default if value is None else positive(name, value)
+
+
+def positive(name: str, value: Any) -> float:
+    """`value`. InvalidArgumentError: it is not a positive finite number."""
     is_number = isinstance(value, int | float | np.integer | np.floating)
     if not is_number or isinstance(value, bool) or not 0 < value < math.inf:
         raise InvalidArgumentError(f"{name} is {reprlib.repr(value)}, allowed: a number above 0")
