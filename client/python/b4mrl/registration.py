@@ -21,15 +21,15 @@ from b4mrl.vector_environment import VectorEnvironment
 _KNOWN = ("HalfCheetah", "Hopper", "Walker2d", "Humanoid", "Highway")
 
 
-def register(names: Iterable[str] = _KNOWN) -> None:
-    """Registers "b4mrl/NAME-v0" for every NAME that is not registered yet.
+def register(names: str | Iterable[str] = _KNOWN) -> None:
+    """Registers "b4mrl/NAME-v0" for every NAME, or for one, that is not registered yet.
 
     `gym.make` then takes the arguments of Client.make, `gym.make_vec` those of Client.make_vec:
     `max_episode_steps=-1` lifts the limit of steps, but not Highway's `duration` in seconds. Both
     also take `endpoint`, the daemon's address. None: $B4MRL_ENDPOINT, else one private daemon for
     all environments of the process.
     """
-    for name in names:
+    for name in (names,) if isinstance(names, str) else names:
         environment_id = f"b4mrl/{name}-v0"
         if environment_id not in gym.registry:
             gym.register(

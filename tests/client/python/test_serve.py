@@ -295,8 +295,10 @@ first.join()
 def test_every_environment_of_the_catalogue_is_registered(client: b4mrl.Client) -> None:
     ids = {name for name in gym.registry if name.startswith("b4mrl/")}
     assert ids == {f"b4mrl/{name}-v0" for name in client.environments()}
-    b4mrl.register(["Own"])
-    assert gym.registry.pop("b4mrl/Own-v0").kwargs == {"environment": "Own"}
+    for names in (["Own"], "Own"):
+        b4mrl.register(names)
+        assert gym.registry.pop("b4mrl/Own-v0").kwargs == {"environment": "Own"}
+    assert {name for name in gym.registry if name.startswith("b4mrl/")} == ids
 
 
 def test_the_endpoint_of_the_environment_is_taken(
