@@ -90,11 +90,22 @@ class Policy(Shown):
         }
 
     def reset(self, rows: ArrayLike | None = None) -> None:
-        """Starts new episodes for `rows`, numbers or a bool mask; None: for all rows."""
+        """Starts new episodes for `rows` of the last batch, numbers or a bool mask; None: for all.
+
+        InvalidArgumentError: the last batch has no such rows.
+        """
         if rows is None or self._history is None:
             self._history = None
-        else:
-            self._starts[np.asarray(rows)] = True
+            return
+        count = len(self._starts)
+        allowed = f"numbers in 0..{count - 1} or a bool mask of shape ({count},)"
+        chosen = checks.array("rows", rows, allowed)
+        try:
+            self._starts[chosen if chosen.size else []] = True
+        except IndexError as error:
+            raise InvalidArgumentError(
+                f"rows are {reprlib.repr(rows)}, allowed: {allowed} ({error})"
+            ) from None
 
     def unmasked(self) -> Policy:
         """The same policy without its mask: it sees what was hidden from it in its training."""

@@ -114,6 +114,12 @@ def test_a_history_starts_with_copies_of_the_first_observation(tmp_path: Path) -
     check(policy(c), [[a[0], b[0], c[0]], [c[1], c[1], c[1]]])
     policy.reset()
     check(policy(b), [[b[0], b[0], b[0]], [b[1], b[1], b[1]]])
+    for wrong in ([2], [0.5], [True], "a", RAGGED, {}):
+        with pytest.raises(errors.InvalidArgumentError, match="rows (is|are) .*allowed: numbers"):
+            policy.reset(wrong)
+    policy.reset([])
+    policy.reset(1)
+    check(policy(c), [[b[0], b[0], c[0]], [c[1], c[1], c[1]]])
 
 
 def test_a_file_of_d4rl_without_our_entries_has_their_defaults(tmp_path: Path) -> None:
