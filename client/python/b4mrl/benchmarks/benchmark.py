@@ -251,6 +251,10 @@ class Benchmark(Shown):
         logged since then and the file is that of the same updates, as when a notebook's cell is
         executed once more, ledger, time and curve are the file's.
 
+        The file names no budget, which would say that `b4mrl evaluate` has scored the run to the
+        last bit: the policy acts here by NumPy or PyTorch, so `b4mrl benchmark check` compares its
+        mean return with that of the agent's episodes (benchmarks/RULES.md).
+
         Args:
             policy: the policy after the last update, as for `evaluate`.
             algorithm: the name under which reports show it; none of B4MRL's own algorithms.

@@ -2,7 +2,8 @@
 
 One JSON file a run, with one line for each entry and for each point of the curve. Readers must
 expect entries that they do not know. The entries are those of benchmarks/records/result_file.cc;
-what a user's own algorithm lacks (precision, recipe, budget) is null.
+what a user's own algorithm lacks (precision, recipe) is null, and so is the budget: a result that
+names one was scored by `b4mrl evaluate`, to whose last bits `b4mrl benchmark check` holds it.
 """
 
 from __future__ import annotations
