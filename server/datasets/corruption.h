@@ -4,8 +4,8 @@
 // the noise of row i of the dataset's noise matrix, and so does the next observation of row i - 1
 // if both rows belong to one episode: a state looks the same in both columns. The next observation
 // of an episode's last row i is in no other row; it gets the noise of row i of a second matrix.
-// Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns, plus the
-// noise of a corruption that follows. Every dataset has its own matrix, named by its rows and its
+// Noise is drawn once and scaled by its level; hidden dimensions are 0 in both columns, as hiding
+// comes last, wherever it is written. Every dataset has its own matrix, named by its rows and its
 // environment (identity.h). Rewards, actions and flags do not change; infos are never served.
 // Numbers that are not finite pass unchanged. Any thread.
 #pragma once

@@ -59,7 +59,7 @@ class Dataset(Shown):
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
         hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
-            policy could not see: 0 in the rows, plus the noise of a corruption that follows.
+            policy could not see: 0 in the rows, whatever noise corrupts the others.
         fingerprint: hash of the rows, their environment, the corruptions and the transition rule.
         in_force: the daemon's reply to the opening, with all corruptions in parametric form.
     """

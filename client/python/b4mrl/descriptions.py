@@ -184,7 +184,7 @@ class DatasetInForce(Record):
         rows: number of rows that the transition rule leaves.
         corruptions: in the order in which they apply; presets in their parametric form.
         hidden_dimensions: indices of observations that a corruption hides, or that the behaviour
-            policy could not see: 0 in the rows, plus the noise of a corruption that follows.
+            policy could not see: 0 in the rows, whatever noise corrupts the others.
         environment: the environment in which the dataset was recorded; "" if neither the file nor
             its name says.
         seed: seed of the corruptions' noise; 0 where they draw none.

@@ -346,6 +346,23 @@ def test_a_dataset_is_loaded_by_either_rule(medium: b4mrl.Client) -> None:
             dataset.load(transitions=3)
 
 
+@pytest.mark.parametrize(
+    ("name", "corruption", "hidden"),
+    [
+        ("HalfCheetah/medium", "hidden=9+10,obs-noise=0.1", [9, 10]),
+        ("HalfCheetah/partial-high", "obs-noise=0.1", [9]),  # by its behaviour policy
+    ],
+)
+def test_what_is_hidden_stays_hidden_from_noise(
+    medium: b4mrl.Client, name: str, corruption: str, hidden: list[int]
+) -> None:
+    with medium.dataset(name, corruption) as dataset:
+        assert list(dataset.hidden_dimensions) == hidden
+        for column in ("observations", "next_observations"):
+            still_zero = ~dataset[:50][column].any(axis=0)
+            assert np.flatnonzero(still_zero).tolist() == hidden
+
+
 def statistics(mean: float = 1.0) -> DatasetStats:
     column = np.array([mean, 2.0])
     return DatasetStats(column, column, 2, 1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
