@@ -192,6 +192,7 @@ class Client(Shown):
         """`num_envs` environments as a gymnasium.vector.VectorEnv; environment i has seed + i.
 
         Args:
+            num_envs: 1 to 1,024.
             autoreset_mode: when a finished environment is reset: "next_step", "same_step",
                 "disabled", or one of Gymnasium's AutoresetMode or its value.
             step_past_end: allows stepping finished environments in mode "disabled".

@@ -22,6 +22,7 @@ from b4mrl.wire.outcomes import Ended, Outcome, StepOutcome
 from b4mrl.wire.session import Session
 
 EnvIds = ArrayLike | None
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 StepResult = tuple[Array, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
@@ -89,15 +90,15 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: Seeds = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Array, dict[str, Any]]:
         """Starts new episodes.
 
         Args:
-            seed: a number s gives environment i the seed s + i; a sequence has one seed for each
-                environment, where None starts that environment's next episode; None starts the
-                next episode of all.
+            seed: a number s gives environment i the seed s + i; a sequence or an array has one
+                seed for each environment, where None starts that environment's next episode; None
+                starts the next episode of all.
             options: `reset_mask`, bool (n,), chooses the environments that are reset; the other
                 rows of the returned observations are the latest ones. There are no other options.
         """

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import typing
+
 import b4mrl
 import numpy as np
 import pytest
-from b4mrl import errors
+from b4mrl import VectorEnvironment, errors, vector_environment
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from equality import assert_same
@@ -256,6 +258,13 @@ def test_a_mode_that_is_none_is_named_as_it_was_given(client: b4mrl.Client, give
     with pytest.raises(errors.InvalidArgumentError) as caught:
         client.make_vec("HalfCheetah", 2, autoreset_mode=given)
     assert f"autoreset_mode is {given!r}, allowed: next_step, same_step," in str(caught.value)
+
+
+def test_seeds_may_be_an_array_for_type_checkers_too(client: b4mrl.Client) -> None:
+    with client.make_vec("HalfCheetah", 2) as vec:
+        assert_same(vec.reset(seed=np.array([5, 9])), vec.reset(seed=[5, 9]))
+    given = typing.get_type_hints(VectorEnvironment.reset, vars(vector_environment))["seed"]
+    assert np.ndarray in map(typing.get_origin, typing.get_args(given))
 
 
 def test_it_is_registered_for_make_vec(endpoint: str) -> None:
