@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -83,7 +82,7 @@ class Benchmark(Shown):
         self.updates = updates
         self.out = out
         self._usage = Usage(client, ledger)
-        self._draws = itertools.count()
+        self._next_draw = 0  # of queries without a draw of their own
         self._curves: dict[int, list[Point]] = {}  # by seed, since its last result
 
     def _facts(self) -> Mapping[str, Any]:
@@ -147,16 +146,19 @@ class Benchmark(Shown):
     ) -> PendingQuery:
         """As query, but does not wait: `query_async(...).result()` has the answer."""
         self._usage.begin()
-        return self._client.query_async(
+        pending = self._client.query_async(
             self.environment,
             observations,
             actions,
             self.info.simulator,
             seed=seed,
-            draw=next(self._draws) if draw is None else draw,
+            draw=self._next_draw if draw is None else draw,
             first_row=first_row,
             ledger=self._usage.learning,
         )
+        if draw is None:
+            self._next_draw += 1
+        return pending
 
     @functools.cached_property
     def mask(self) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import subprocess
 import typing
@@ -75,6 +76,17 @@ def test_queries_of_a_benchmark_have_noise_of_their_own(medium: b4mrl.Client) ->
     for draw, answer in enumerate(answers):
         np.testing.assert_array_equal(bench.query(*part, draw=draw)[0], answer)
     assert np.all(answers[0] != answers[1])
+
+
+@pytest.mark.filterwarnings("error")  # Python 3.14 pickles no counter of itertools any more
+def test_a_pickled_benchmark_counts_on(medium: b4mrl.Client) -> None:
+    part = np.zeros((3, 17)), np.zeros((3, 6))
+    bench = medium.benchmark("HalfCheetah/simulators/obs-noise-high")
+    bench.query(*part)
+    with pytest.raises(errors.InvalidArgumentError):
+        bench.query(*part, seed=-1)  # takes no draw
+    copied = pickle.loads(pickle.dumps(bench))
+    np.testing.assert_array_equal(copied.query(*part)[0], bench.query(*part, draw=1)[0])
 
 
 def test_the_benchmark_of_the_readme_is_evaluated(medium: b4mrl.Client) -> None:
