@@ -18,7 +18,7 @@ from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.simulators import Simulator
 from b4mrl.wire import checks, limits
-from b4mrl.wire.arrays import Array, require
+from b4mrl.wire.arrays import Array, require, rows_that_fit
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.messages import Request
@@ -314,9 +314,7 @@ class Dataset(Shown):
     def _rows_per_read(self) -> int:
         """The largest number of rows that fits one reply."""
         row_bytes = 4 * (2 * self.observation_size + self.action_size + 1) + 2
-        padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
-        fitting = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
-        return min(limits.MAX_ROWS_PER_BATCH, fitting)
+        return min(limits.MAX_ROWS_PER_BATCH, rows_that_fit(row_bytes))
 
     def _parts(self, first_row: int, rows: int) -> Iterator[tuple[int, Batch]]:
         """Yields the `rows` existing rows in order, in parts: (number of its first row, part)."""

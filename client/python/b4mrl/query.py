@@ -15,7 +15,7 @@ from b4mrl import config, simulators
 from b4mrl.errors import InvalidArgumentError, SessionLostError
 from b4mrl.opening import Opening, open_session
 from b4mrl.wire import checks, limits
-from b4mrl.wire.arrays import Array
+from b4mrl.wire.arrays import Array, rows_that_fit
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import QueryAnswer, Session
 
@@ -197,6 +197,4 @@ def _rows_at_once(rows: Rows) -> int:
     itemsize = rows.dtype.itemsize
     # Beside the observation, a request has the action, a reply the reward and two flags.
     row_bytes = itemsize * observation + max(itemsize * action, 8 + 2)
-    padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
-    fitting: int = (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
-    return min(_ROWS_AT_ONCE, fitting)
+    return min(_ROWS_AT_ONCE, rows_that_fit(row_bytes))

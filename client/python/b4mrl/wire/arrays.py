@@ -41,6 +41,12 @@ def dtype_of(number: int) -> np.dtype[Any]:
     return _DTYPES[number]
 
 
+def rows_that_fit(row_bytes: int) -> int:
+    """The largest number of rows, of that many bytes in all arrays, that one message can hold."""
+    padding = limits.MAX_ARRAYS_PER_MESSAGE * limits.ARRAY_ALIGNMENT
+    return (limits.MAX_PAYLOAD_BYTES - padding) // row_bytes
+
+
 def pack(arrays: Mapping[str, Array], table: Any) -> bytearray:
     """Returns a payload with `arrays` and appends their entries to `table` (Request.arrays).
 
