@@ -115,7 +115,10 @@ class Client(Shown):
         return status
 
     def ledger(self, number: int = 0) -> Ledger:
-        """A ledger, in which the daemon counts what a learner uses: number 0 opens a new one."""
+        """A ledger, in which the daemon counts what a learner uses: number 0 opens a new one.
+
+        UnknownNameError: the daemon has no ledger of that number.
+        """
         return Ledger(self._ask_gateway, number)
 
     def make(

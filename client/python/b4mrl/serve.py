@@ -40,6 +40,8 @@ if os.getppid() == int(sys.argv[1]):
 class PrivateDaemon(Shown):
     """A private daemon, which serve starts: `with b4mrl.serve() as endpoint: ...`.
 
+    Thread rule: any thread may stop it, also one that has not started it.
+
     Attributes:
         endpoint: the address for b4mrl.connect.
         process_id: of the daemon's supervisor.

@@ -40,11 +40,15 @@ class Ledger(Shown):
     """A ledger of a daemon; Client.ledger returns it.
 
     Environments, queries and datasets that were given the ledger add to its totals, in whatever
-    process they are. Its number may be given in its place, also in another process.
+    process they are. Its number may be given in its place, also in another process. Thread rule:
+    that of its client, whose connection it uses.
 
     Args:
         ask: sends a request to the daemon's gateway and returns the reply.
         number: of the ledger; 0 opens a new one.
+
+    Raises:
+        UnknownNameError: the daemon has no ledger of that number.
 
     Attributes:
         number: names the ledger in the daemon.
