@@ -20,6 +20,10 @@ _numbers = itertools.count()
 # a connection may have in flight.
 _UNREAD_REPLIES = 2 * limits.MAX_REQUESTS_IN_FLIGHT
 
+# A forked child can close none of its parent's sockets, and pyzmq warns of each that is collected
+# unclosed.
+_of_parents: list[zmq.Socket[bytes]] = []
+
 _MORE = zmq.NOBLOCK | zmq.SNDMORE
 
 
@@ -112,8 +116,10 @@ class SocketLink:
         self._monitor.poll(wait_ms)
 
     def close(self, linger_ms: int = 0) -> None:
-        """Of Link; does nothing in a forked child, where ZeroMQ's threads do not run."""
-        if self.process_id == os.getpid() and not self._socket.closed:
+        """Of Link; keeps the sockets in a forked child, where ZeroMQ's threads do not run."""
+        if self.process_id != os.getpid():
+            _of_parents.extend((self._socket, self._monitor))
+        elif not self._socket.closed:
             self._socket.disable_monitor()
             self._monitor.close(linger=0)
             self._socket.close(linger=linger_ms)

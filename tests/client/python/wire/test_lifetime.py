@@ -109,6 +109,22 @@ def test_what_is_collected_leaves_nothing_behind(own_client: b4mrl.Client) -> No
     assert await_true(lambda: len(os.listdir("/proc/self/task")) <= threads)
 
 
+def test_a_forked_child_is_warned_of_no_socket_of_its_parents(client: b4mrl.Client) -> None:
+    client.environments()
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                client.environments()  # connects anew
+                gc.collect()
+            status = 2 if any(w.category is ResourceWarning for w in caught) else 0
+        finally:
+            os._exit(status)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
 def test_gymnasiums_makers_leave_no_socket_open(endpoint: str) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
