@@ -254,9 +254,6 @@ Result<std::optional<RunResult>> ReadResult(const std::string& path) {
   result.score = NumberOf(json, "score");
   result.mean_return = NumberOf(json, "return").value_or(0);
   result.seconds = NumberOf(json, "seconds").value_or(0);
-  result.simulator = TextOf(json, "simulator");
-  result.corruption = TextOf(json, "corruption");
-  result.world = TextOf(json, "world");
   result.agent_sha256 = TextOf(json, "agent_sha256");
   result.learner_sha256 = TextOf(json, "learner_sha256");
   for (const auto& [name, scoring] : EntryOf(json, "scorings").items()) {

@@ -58,9 +58,6 @@ struct RunResult {
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included
-  std::string simulator;           // that it was trained with, as perturbations
-  std::string corruption;          // of its data, likewise
-  std::string world;               // in which it was scored, likewise
   std::string agent_sha256;        // of the agent's file; "": there was none
   std::string learner_sha256;      // of the command of a user's learner; "": it is not known
   std::set<std::string> scorings;  // names of the further evaluations that it holds

@@ -113,13 +113,6 @@ std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& r
       result.learner_sha256 != LearnerHash(run)) {
     reasons.emplace_back("was trained by another --learner");
   }
-  // The id of a user's run has the benchmark's name and its suite's version alone.
-  if (run.is_users() && (result.simulator != run.simulator || result.corruption != run.corruption ||
-                         result.world != run.world)) {
-    reasons.push_back(fmt::format(
-        "was trained and scored when its benchmark had simulator '{}', corruption '{}', world '{}'",
-        result.simulator, result.corruption, result.world));
-  }
   const auto missing = MissingScorings(run, result);
   // A learner that scores itself has left no agent.
   if (!missing.empty() && !result.agent_sha256.empty() && !HoldsAgentOf(result, run_folder)) {

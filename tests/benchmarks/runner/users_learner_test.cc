@@ -316,31 +316,6 @@ TEST_CASE("A curve that cannot be understood fails its learner's run") {
              Catch::Contains("numbers as \"returns\""));
 }
 
-TEST_CASE("A benchmark that has changed under its name is not said to be done without a word") {
-  Suite suite;
-  suite.pattern = "HalfCheetah/mine/gravity";
-  WriteBytes(suite.File("budget.toml"),
-             "[tiny]\nepisodes = 1\nlearner-updates = 70\nupdates = { bc = 20 }\n");
-  std::filesystem::create_directory(suite.File("suites"));
-  const auto train = [&](const std::string& world) {
-    WriteBytes(suite.File("suites/mine.toml"),
-               "version = \"v0\"\nenvironment = \"HalfCheetah\"\n[[challenge]]\n"
-               "name = \"mine\"\nsimulators = [\"gravity\"]\n" +
-                   world);
-    const std::string learner = std::string("cp ") + kAgent + " \"$B4MRL_OUT/agent.h5\"";
-    return Run(
-        suite.Command({"--learner", learner, "--name", "mine", "--suites", suite.File("suites")}));
-  };
-  const Outcome first = train("");
-  INFO(first.out << first.err);
-  REQUIRE(first.exit_code == 0);
-  const std::string changed =
-      "was trained and scored when its benchmark had simulator 'gravity', "
-      "corruption '', world ''; remove ";
-  CHECK(train("").err.find(changed) == std::string::npos);
-  CHECK(train("world = \"friction=0.5\"\n").err.find(changed) != std::string::npos);
-}
-
 TEST_CASE("A suite whose daemon is gone ends, and names no run as failed") {
   const UsersSuite suite;
   PrivateDaemonOptions options;
