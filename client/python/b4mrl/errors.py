@@ -134,6 +134,11 @@ _VERSION = re.compile(r"-v\d+$")  # at the end of a name
 _LEAST_LIKENESS = 2 / 3  # of a name that may have been meant; 1: equal names
 
 
+def without_version(name: str) -> str:
+    """`name` without the version at its end, the "-v0" of "HalfCheetah/medium-v0"."""
+    return _VERSION.sub("", name)
+
+
 def nearest_name(name: str, known: Iterable[str]) -> str | None:
     """The known name that `name` may be a misspelling of; None if none resembles it.
 
@@ -142,10 +147,9 @@ def nearest_name(name: str, known: Iterable[str]) -> str | None:
     """
     nearest, most = None, _LEAST_LIKENESS
     own = name.casefold()
+    has_version = own != without_version(own)
     for each in dict.fromkeys(known):
-        other = each.casefold()
-        if not _VERSION.search(own):
-            other = _VERSION.sub("", other)
+        other = each.casefold() if has_version else without_version(each.casefold())
         folder = os.path.commonprefix([own, other]).rfind("/") + 1
         likeness = difflib.SequenceMatcher(None, own[folder:], other[folder:]).ratio()
         if likeness > most:

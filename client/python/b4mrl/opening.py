@@ -6,7 +6,6 @@ dataset worker.
 
 from __future__ import annotations
 
-import re
 import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -24,8 +23,6 @@ from b4mrl.wire.farewells import close_request
 from b4mrl.wire.messages import AUTORESET_MODES, Request
 from b4mrl.wire.routes import Routes
 from b4mrl.wire.session import Session
-
-_VERSION = re.compile(r"-v\d+$")  # at the end of a dataset's name
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,8 @@ def open_dataset(connection: Connection, request: Any, deadline_ms: float) -> An
     except errors.UnknownNameError as error:
         name = request.open_dataset.dataset
         is_missing = str(error).startswith("unknown dataset ")  # and no corruption
-        if not is_missing or _VERSION.search(name):  # those of a version come from elsewhere
+        has_version = name != errors.without_version(name)
+        if not is_missing or has_version:  # those of a version come from elsewhere
             raise
         raise errors.UnknownNameError(
             f"{error}; `b4mrl dataset make {name}` makes it if `b4mrl list datasets` names it"

@@ -32,8 +32,8 @@ def path(name: str, value: Any) -> Path:
     try:
         given = os.fsdecode(value)
     except TypeError:
-        given = "\0"
-    if "\0" in given:
+        given = None
+    if given is None or "\0" in given:
         raise InvalidArgumentError(
             f"{name} is {reprlib.repr(value)}, allowed: a path, as a text or a pathlib.Path"
         )
@@ -95,8 +95,8 @@ def row_slice(rows: Any, count: int) -> range:
     try:
         chosen = range(*rows.indices(count))
     except (AttributeError, TypeError, ValueError):
-        chosen = range(0, 0, -1)
-    if chosen.step != 1:
+        chosen = None
+    if chosen is None or chosen.step != 1:
         raise InvalidArgumentError(
             f"the index is {rows!r}, allowed: a slice of rows without a step, dataset[5:6]; "
             "load() has all rows of each column, episodes() the episodes, stream() random batches"
