@@ -3,9 +3,8 @@
 
 #include <pthread.h>
 #include <sys/resource.h>
-#include <unistd.h>
 
-#include <fstream>
+#include "tests/resource_limit.h"
 
 namespace b4mrl {
 
@@ -17,9 +16,7 @@ inline bool LeaveRoomForTwoThreads() {
   pthread_attr_init(&attributes);
   pthread_attr_setstacksize(&attributes, kStack);
   if (pthread_setattr_default_np(&attributes) != 0) return false;
-  rlim_t pages = 0;
-  std::ifstream("/proc/self/statm") >> pages;
-  const rlim_t room = pages * static_cast<rlim_t>(getpagesize()) + 5 * (kStack / 2);
+  const rlim_t room = AddressesInUse() + 5 * (kStack / 2);
   const rlimit limit{room, room};
   return setrlimit(RLIMIT_AS, &limit) == 0;
 }

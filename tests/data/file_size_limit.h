@@ -5,26 +5,29 @@
 
 #include <csignal>
 
+#include "tests/resource_limit.h"
+
 namespace b4mrl {
 
 class FileSizeLimit {
  public:
-  explicit FileSizeLimit(rlim_t bytes) {
-    previous_handler_ = std::signal(SIGXFSZ, SIG_IGN);
-    getrlimit(RLIMIT_FSIZE, &previous_);
-    const rlimit limit{bytes, previous_.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~FileSizeLimit() {
-    setrlimit(RLIMIT_FSIZE, &previous_);
-    std::signal(SIGXFSZ, previous_handler_);
-  }
-  FileSizeLimit(const FileSizeLimit&) = delete;
-  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+  explicit FileSizeLimit(rlim_t bytes) : limit_(RLIMIT_FSIZE, bytes) {}
 
  private:
-  rlimit previous_{};
-  void (*previous_handler_)(int) = nullptr;
+  // Files that are too long have an error instead of this signal.
+  class SignalIgnored {
+   public:
+    SignalIgnored() : previous_(std::signal(SIGXFSZ, SIG_IGN)) {}
+    ~SignalIgnored() { std::signal(SIGXFSZ, previous_); }
+    SignalIgnored(const SignalIgnored&) = delete;
+    SignalIgnored& operator=(const SignalIgnored&) = delete;
+
+   private:
+    void (*previous_)(int);
+  };
+
+  SignalIgnored ignored_;
+  ResourceLimit limit_;
 };
 
 }  // namespace b4mrl

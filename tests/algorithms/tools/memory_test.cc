@@ -7,27 +7,12 @@
 #include "algorithms/run/run_result.h"
 #include "client/private_daemon.h"
 #include "tests/algorithms/tools/tool.h"
+#include "tests/resource_limit.h"
 
 // The sanitizers' shadow memory takes more than any limit.
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 namespace b4mrl {
 namespace {
-
-// Processes that start meanwhile have so many bytes of addresses.
-class AddressLimit {
- public:
-  explicit AddressLimit(rlim_t bytes) {
-    REQUIRE(getrlimit(RLIMIT_AS, &previous_) == 0);
-    const rlimit limit{bytes, previous_.rlim_max};
-    REQUIRE(setrlimit(RLIMIT_AS, &limit) == 0);
-  }
-  ~AddressLimit() { setrlimit(RLIMIT_AS, &previous_); }
-  AddressLimit(const AddressLimit&) = delete;
-  AddressLimit& operator=(const AddressLimit&) = delete;
-
- private:
-  rlimit previous_{};
-};
 
 TEST_CASE("A run that needs more memory than there is fails and says so") {
   const TemporaryFolder folder;
@@ -39,7 +24,7 @@ TEST_CASE("A run that needs more memory than there is fails and says so") {
   REQUIRE(daemon.ok());
   const std::string run = folder.File("run");
   // A training has half a GiB of addresses with small networks; these want 20 GiB for batches.
-  const AddressLimit limit(1 << 30);
+  const ResourceLimit limit(RLIMIT_AS, 1 << 30);
   const Outcome outcome = Run({"train", "--algorithm", "sac", "--environment", "HalfCheetah",
                                "--batch-size", "65536", "--hidden-width", "2048", "--hidden-layers",
                                "8", "--out", run, "--endpoint", daemon->endpoint()});
