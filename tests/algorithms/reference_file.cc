@@ -32,7 +32,7 @@ class Bytes {
 }  // namespace
 
 ReferenceFile::ReferenceFile(const std::string& name) {
-  const std::string path = std::string(B4MRL_SOURCE_DIR) + "/tests/algorithms/reference/" + name;
+  const std::string path = B4MRL_SOURCE_DIR "/tests/algorithms/reference/" + name;
   std::ifstream stream(path, std::ios::binary);
   INFO(path);
   REQUIRE(stream.good());

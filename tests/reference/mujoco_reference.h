@@ -72,7 +72,7 @@ class MujocoReference {
       : MujocoReference(recording.file, recording.shape) {}
   // `name`: of a file, "hopper".
   MujocoReference(const std::string& name, const MujocoShape& shape)
-      : array_(ReadNpy(std::string(B4MRL_SOURCE_DIR) + "/tests/reference/" + name + ".npy")),
+      : array_(ReadNpy(B4MRL_SOURCE_DIR "/tests/reference/" + name + ".npy")),
         shape_(shape) {
     REQUIRE(array_.shape.size() == 3);
     REQUIRE(array_.shape[2] ==

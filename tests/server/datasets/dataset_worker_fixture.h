@@ -24,7 +24,7 @@ inline constexpr int64_t kPatienceMs = 60'000;
 class Daemon {
  public:
   explicit Daemon(const std::string& data_folder,
-                  const std::string& importer = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve") {
+                  const std::string& importer = B4MRL_BINARY_DIR "/b4mrl-serve") {
     ChildOptions child;
     child.role = "dataset-worker";
     child.data_folder = data_folder;

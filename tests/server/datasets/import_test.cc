@@ -16,7 +16,7 @@
 namespace b4mrl {
 namespace {
 
-const std::string kProgram = std::string(B4MRL_BINARY_DIR) + "/b4mrl-serve";
+const std::string kProgram = B4MRL_BINARY_DIR "/b4mrl-serve";
 
 // A data file and a cache folder, and one import of it in a real child process.
 struct ImportFixture {

@@ -38,7 +38,7 @@ struct HighwayTrajectory {
 };
 
 inline std::vector<HighwayTrajectory> ReadHighwayTrajectories() {
-  const std::string path = std::string(B4MRL_SOURCE_DIR) + "/tests/reference/highway";
+  const std::string path = B4MRL_SOURCE_DIR "/tests/reference/highway";
   static const NpyArray numbers = ReadNpy(path + ".npy");
   std::ifstream file(path + ".json");
   std::vector<HighwayTrajectory> trajectories;
