@@ -28,7 +28,7 @@ TEST_CASE("All budgets of a file can be read at once") {
   std::vector<std::string> names;
   for (const Budget& budget : Take(ReadBudgets(DefaultBudgetsFile()))) names.push_back(budget.name);
   CHECK(names == std::vector<std::string>{"early", "long-ensemble", "paper", "small", "smoke",
-                                          "stable-baselines"});
+                                          "stable-baselines", "whole-schedule"});
 }
 
 TEST_CASE("An algorithm has the budget's precision or its own") {
