@@ -18,7 +18,7 @@ from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.simulators import Simulator
 from b4mrl.wire import checks, limits
-from b4mrl.wire.arrays import Array, require, rows_that_fit
+from b4mrl.wire.arrays import Array, joined, put_rows, require, rows_that_fit
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.messages import Request
@@ -193,12 +193,12 @@ class Dataset(Shown):
             first = 0
             for end in ends.tolist():
                 rest.append({name: column[first:end] for name, column in part.items()})
-                yield _joined(rest)
+                yield joined(rest)
                 rest, first = [], end
             if first < len(part["rewards"]):
                 rest.append({name: column[first:] for name, column in part.items()})
         if rest:
-            yield _joined(rest)
+            yield joined(rest)
 
     def stream(
         self,
@@ -219,21 +219,28 @@ class Dataset(Shown):
             credits: number of batches requested ahead, so that the next one has usually arrived
                 when it is needed.
             pair_with: a simulator, written as in Client.make. Each batch then also has that
-                simulator's columns for its rows: see pair.
+                simulator's columns for its rows: see pair, which this calls before it returns.
             pair_seed: seed of the simulator's noise.
             pair_folder: where that simulator's columns are kept; None: in memory.
         """
+        rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
+        seed = checks.unsigned("seed", seed)
+        first_batch = checks.unsigned("first_batch", first_batch)
+        credits = checks.integer("credits", credits, 0, None)
         paired = None
         if pair_with is not None:
             paired = self._paired(pair_with, pair_seed, pair_folder, "pair_")
+        return self._batches(rows, seed, first_batch, credits, paired)
+
+    def _batches(
+        self, rows: int, seed: int, first_batch: int, credits: int, paired: Batch | None
+    ) -> Iterator[Batch]:
         connection = self._connection
         sent = (
             self._send_sample(connection, rows, seed, number, paired is not None)
-            for number in itertools.count(checks.unsigned("first_batch", first_batch))
+            for number in itertools.count(first_batch)
         )
-        window = min(
-            max(checks.integer("credits", credits, 0, None), 1), limits.MAX_REQUESTS_IN_FLIGHT
-        )
+        window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
         for delivery in replies_to(connection, sent, window):
             batch = self._columns(delivery, rows)
             if paired is not None:
@@ -340,7 +347,7 @@ class Dataset(Shown):
         for first, part in self._parts(first_row, rows):
             if len(part["rewards"]) == rows:
                 return part
-            _put(whole, part, first - first_row, rows)
+            put_rows(whole, part, first - first_row, rows)
         return whole
 
     def _no_rows(self) -> Batch:
@@ -382,15 +389,3 @@ class Dataset(Shown):
         if "indices" in found:
             batch["indices"] = require(found, "indices", "uint64", (n,))
         return batch
-
-
-def _put(whole: Batch, part: Batch, position: int, rows: int) -> None:
-    """Copies the rows of `part` to `position` of `whole`; makes missing columns of `rows` rows."""
-    for name, column in part.items():
-        if name not in whole:
-            whole[name] = np.empty((rows, *column.shape[1:]), column.dtype)
-        whole[name][position : position + len(column)] = column
-
-
-def _joined(parts: list[Batch]) -> Batch:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -193,9 +193,17 @@ def test_a_batch_that_cannot_be_is_refused(example, rows) -> None:
     with client.dataset("HalfCheetah/medium") as dataset:
         with pytest.raises(errors.InvalidArgumentError, match="allowed: an integer in 1..65536"):
             dataset.sample(rows)
-        with pytest.raises(errors.B4mrlError):
-            next(dataset.stream(rows))
+        with pytest.raises(errors.InvalidArgumentError, match="^rows is .*1..65536"):
+            dataset.stream(rows)
         assert len(dataset.sample(4)["rewards"]) == 4
+
+
+@pytest.mark.parametrize("name", ["seed", "first_batch", "credits"])
+def test_a_stream_that_cannot_be_is_refused_before_its_first_batch(example, name) -> None:
+    client, _ = example
+    with client.dataset("HalfCheetah/medium") as dataset:
+        with pytest.raises(errors.InvalidArgumentError, match=f"^{name} is -1"):
+            dataset.stream(8, **{name: -1})
 
 
 def test_it_loads_slices_and_counts_like_a_list(example) -> None:

@@ -109,3 +109,16 @@ def require(
             f"unreadable reply: array {name!r} is {array.dtype}{array.shape}, not {dtype}{shape}"
         )
     return array
+
+
+def put_rows(whole: dict[str, Array], part: dict[str, Array], position: int, rows: int) -> None:
+    """Copies the rows of `part` to `position` of `whole`; makes missing columns of `rows` rows."""
+    for name, column in part.items():
+        if name not in whole:
+            whole[name] = np.empty((rows, *column.shape[1:]), column.dtype)
+        whole[name][position : position + len(column)] = column
+
+
+def joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
+    """The rows of `parts`, which have the same columns, one after the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -58,7 +58,7 @@ def test_a_folder_that_cannot_hold_pairs_costs_no_simulation(medium: b4mrl.Clien
         for wrong in ({"pair_seed": -1}, {"pair_folder": 3}):
             name = next(iter(wrong))
             with pytest.raises(errors.InvalidArgumentError, match=f"^{name} is .*allowed"):
-                next(dataset.stream(8, pair_with="gravity", **wrong))
+                dataset.stream(8, pair_with="gravity", **wrong)
     assert ledger.counts() == LedgerCounts(0, 0, 0, 0)
 
 
