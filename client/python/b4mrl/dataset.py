@@ -148,6 +148,8 @@ class Dataset(Shown):
             batch: number of the batch. None: the number after that of the last call, from 0 on.
             with_indices: adds `indices` (rows,) uint64, the rows' numbers in the dataset.
         """
+        rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
+        seed = checks.unsigned("seed", seed)
         number = self._next_batch if batch is None else checks.unsigned("batch", batch)
         connection = self._connection
         request_id = self._send_sample(connection, rows, seed, number, with_indices)
@@ -371,10 +373,10 @@ class Dataset(Shown):
     ) -> int:
         request = Request()
         request.sample.fingerprint = self.fingerprint
-        request.sample.seed = checks.unsigned("seed", seed)
+        request.sample.seed = seed
         request.sample.first_batch = batch
         request.sample.batches = 1
-        request.sample.rows = checks.integer("rows", rows, 1, limits.MAX_ROWS_PER_BATCH)
+        request.sample.rows = rows
         request.sample.with_indices = with_indices
         request.sample.ledger = self._ledger
         return connection.send(request, bytearray(), self._deadline_ms)
