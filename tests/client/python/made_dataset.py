@@ -5,6 +5,9 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
+import b4mrl
+import h5py
+import numpy as np
 from b4mrl.serve import find_server
 
 NAME = "Hopper/random"  # episodes of some 20 rows, which end by the task's rule
@@ -22,3 +25,21 @@ def make_dataset(data: Path) -> Path:
     """Makes NAME in the data folder `data`, and returns its file."""
     run_dataset(data, "make", NAME, "--rows", str(ROWS))
     return data / "Hopper" / "random-v0.h5"
+
+
+def rows_recorded_by(agent: Path, data: Path) -> dict[str, np.ndarray]:
+    """10,000 rows of HalfCheetah, recorded by the programs with the deterministic agent of a file.
+
+    A dataset is recorded by stochastic policies alone, so the file's policy becomes one whose noise
+    is exp(-20) of a normal.
+    """
+    with h5py.File(agent, "a") as file:
+        policy = file["metadata/policy"]
+        actions, width = policy["last_fc/weight"].shape
+        policy["last_fc_log_std/weight"] = np.zeros((actions, width), np.float32)
+        policy["last_fc_log_std/bias"] = np.full(actions, -20, np.float32)
+        del policy["output_distribution"]
+        policy["output_distribution"] = "tanh_gaussian"
+    run_dataset(data, "make", "HalfCheetah/mine", "--agent", agent, "--rows", "10000")
+    with b4mrl.serve(data=data) as endpoint, b4mrl.connect(endpoint) as client:
+        return client.dataset("HalfCheetah/mine").load()

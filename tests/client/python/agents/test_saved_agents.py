@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import b4mrl
-import h5py
 import numpy as np
 import pytest
 from b4mrl import errors
@@ -20,7 +19,7 @@ from made_agents import (
     random_layers,
     run_evaluate,
 )
-from made_dataset import run_dataset
+from made_dataset import rows_recorded_by
 
 
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
@@ -57,16 +56,7 @@ def test_the_programs_act_by_a_saved_agent_as_python_does(tmp_path: Path, activa
     given = {"environment": "HalfCheetah", "mask": np.arange(17) != 9}
     b4mrl.save_agent(path, random_layers([17, 32, 32, 32, 6]), activation, **given)
     assert run_evaluate(path)["lengths"] == [1000]
-    # A dataset is recorded by stochastic policies alone: this one's noise is exp(-20) of a normal.
-    with h5py.File(path, "a") as file:
-        policy = file["metadata/policy"]
-        policy["last_fc_log_std/weight"] = np.zeros((6, 32), np.float32)
-        policy["last_fc_log_std/bias"] = np.full(6, -20, np.float32)
-        del policy["output_distribution"]
-        policy["output_distribution"] = "tanh_gaussian"
-    run_dataset(tmp_path / "data", "make", "HalfCheetah/mine", "--agent", path, "--rows", "10000")
-    with b4mrl.serve(data=tmp_path / "data") as endpoint, b4mrl.connect(endpoint) as client:
-        rows = client.dataset("HalfCheetah/mine").load()
+    rows = rows_recorded_by(path, tmp_path / "data")
     actions = b4mrl.load_agent(path)(rows["observations"])
     assert len(actions) == 10_000 and rows["actions"].std() > 0.1
     np.testing.assert_allclose(actions, rows["actions"], atol=TOLERANCE)
