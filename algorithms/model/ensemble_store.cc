@@ -69,15 +69,30 @@ std::string Describe(const DynamicsEnsembleOptions& options) {
       holdout_max, min_improvement, patience_epochs, max_updates, seed, PrecisionName(precision));
 }
 
-std::string KeyAfterFirstUpdate(const DynamicsData<float>& data,
-                                DynamicsEnsemble<float>& ensemble) {
+// The hashes under which an ensemble is found again.
+struct Hashes {
+  std::string inputs;  // of version, options and data
+  std::string key;     // of all this and the bits of the first update
+};
+
+Hashes HashesAfterFirstUpdate(const DynamicsData<float>& data, DynamicsEnsemble<float>& ensemble) {
   StreamHash hash;
   HashText(hash, std::string(ProjectVersion()));
   HashText(hash, Describe(ensemble.options()));
   HashColumns(hash, data.observations);
   HashColumns(hash, data.actions);
   HashColumns(hash, data.targets);
+  std::string inputs = hash.Hex();
   HashState(hash, ensemble);
+  return {std::move(inputs), hash.Hex()};
+}
+
+// The key of an ensemble whose training began under the key `begun` and goes on where it would have
+// begun under `here`. No first update gives this key, so that no other run takes its ensemble.
+std::string KeyOfMoved(const std::string& begun, const std::string& here) {
+  StreamHash hash;
+  HashText(hash, begun);
+  HashText(hash, here);
   return hash.Hex();
 }
 
@@ -97,24 +112,28 @@ std::string StateHash(DynamicsEnsemble<float>& ensemble) {
   return hash.Hex();
 }
 
-Status Save(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
+Status Save(const std::string& path, const Hashes& hashes, DynamicsEnsemble<float>& ensemble) {
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer, CheckpointWriter::Create(path));
-  writer.Text("key", key);
+  writer.Text("inputs", hashes.inputs);
+  writer.Text("key", hashes.key);
   writer.Text("state_hash", StateHash(ensemble));
   writer.State("ensemble", ensemble);
   return writer.Commit();
 }
 
-// Loads an ensemble from a file. An error leaves `ensemble` unchanged: the file is absent
-// (kFailedPrecondition), damaged or has another key.
-Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<float>& ensemble) {
+// Loads an ensemble from a file whose text `name`, "inputs" or "key", is `expected`, and returns the
+// ensemble's key. An error leaves `ensemble` unchanged: the file is absent (kFailedPrecondition),
+// damaged or another ensemble's.
+Result<std::string> Load(const std::string& path, const char* name, const std::string& expected,
+                         DynamicsEnsemble<float>& ensemble) {
   std::error_code error;
   if (!fs::exists(path, error))
     return Status(StatusCode::kFailedPrecondition, path + " does not exist");
   B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader, CheckpointReader::Open(path));
-  const std::string found = reader.Text("key");
+  const std::string found = reader.Text(name);
+  std::string key = reader.Text("key");
   B4MRL_RETURN_IF_ERROR(reader.status());
-  if (found != key) {
+  if (found != expected) {
     return Status(StatusCode::kDataLoss, path + " is of other data, options or another version");
   }
   DynamicsEnsemble<float> loaded = ensemble;
@@ -125,7 +144,7 @@ Status Load(const std::string& path, const std::string& key, DynamicsEnsemble<fl
     return Status(StatusCode::kDataLoss, path + " is damaged: its hash is another one");
   }
   ensemble = std::move(loaded);
-  return Status();
+  return key;
 }
 
 bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
@@ -158,19 +177,20 @@ void BoundCache(const std::string& folder, uint64_t bytes_max) {
 Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
                      DynamicsEnsemble<float>& ensemble) {
   if (files.cache_folder.empty()) return Status(StatusCode::kFailedPrecondition, "nothing is kept");
-  B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), key, ensemble));
+  B4MRL_RETURN_IF_ERROR(Load(CachePath(files, key), "key", key, ensemble).status());
   // Marks the file as just used. A failure only means that the file may be removed too early.
   std::error_code ignored;
   fs::last_write_time(CachePath(files, key), fs::file_time_type::clock::now(), ignored);
   return Status();
 }
 
-void Keep(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
+void Keep(const Hashes& hashes, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
           Progress& progress) {
+  const std::string path = CachePath(files, hashes.key);
   std::error_code error;
-  if (files.cache_folder.empty() || fs::exists(CachePath(files, key), error)) return;
+  if (files.cache_folder.empty() || fs::exists(path, error)) return;
   Status status = MakeFolder(CacheFolder(files));
-  if (status.ok()) status = Save(CachePath(files, key), key, ensemble);
+  if (status.ok()) status = Save(path, hashes, ensemble);
   // kBusy is no failure: another run is writing the same ensemble.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
@@ -187,30 +207,36 @@ Status CheckFinite(const DynamicsProgress& state) {
       fmt::format("the ensemble's loss became {} in epoch {}", state.train_loss, state.epoch));
 }
 
-// Loads the state that this run has saved or, if there is none, the cache's ensemble of this key.
-void TakeUp(const std::string& key, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
-            Progress& progress) {
-  const Status own = Load(RunPath(files), key, ensemble);
+// Loads the state that this run has saved or, if there is none, the cache's ensemble of the key
+// `hashes.key`; returns the key of what `ensemble` then is.
+std::string TakeUp(const Hashes& hashes, const EnsembleFiles& files,
+                   DynamicsEnsemble<float>& ensemble, Progress& progress) {
+  const std::string& key = hashes.key;
+  const Result<std::string> own = Load(RunPath(files), "inputs", hashes.inputs, ensemble);
   if (own.ok()) {
-    if (!ensemble.trained()) progress.Message("training of the ensemble goes on where it stopped");
-    return;
+    if (ensemble.trained()) return *own;
+    const bool moved = *own != key;
+    progress.Message(fmt::format("training of the ensemble goes on where it stopped{}",
+                                 moved ? ", on another kind of processor or build" : ""));
+    return moved ? KeyOfMoved(*own, key) : key;
   }
   const Status kept = LoadFromCache(key, files, ensemble);
   if (kept.ok()) {
     progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
-    return;
+    return key;
   }
   if (IsThere(kept) && kept.code() != StatusCode::kIoError) {
     std::error_code ignored;  // a damaged file would keep the new ensemble out for ever
     fs::remove(CachePath(files, key), ignored);
   }
-  for (const Status& refused : {own, kept}) {
+  for (const Status& refused : {own.status(), kept}) {
     if (!IsThere(refused)) continue;
     progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));
   }
+  return key;
 }
 
-Status TrainOn(const std::string& key, const DynamicsData<float>& data, const EnsembleFiles& files,
+Status TrainOn(const Hashes& hashes, const DynamicsData<float>& data, const EnsembleFiles& files,
                DynamicsEnsemble<float>& ensemble, Progress& progress,
                const std::atomic<bool>& stop) {
   DynamicsProgress state = ensemble.Train(data, 0);
@@ -227,7 +253,7 @@ Status TrainOn(const std::string& key, const DynamicsData<float>& data, const En
     }
     progress.Update(static_cast<uint64_t>(state.updates), note);
     if (state.updates - saved_updates < kUpdatesPerSave) continue;
-    B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));
+    B4MRL_RETURN_IF_ERROR(Save(RunPath(files), hashes, ensemble));
     saved_updates = state.updates;
   }
   progress.Finish();
@@ -241,20 +267,22 @@ Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const Ensembl
                                   const std::atomic<bool>& stop) {
   B4MRL_RETURN_IF_ERROR(ensemble.StartTraining(data));
   B4MRL_RETURN_IF_ERROR(CheckFinite(ensemble.Train(data, 1)));
-  const std::string key = KeyAfterFirstUpdate(data, ensemble);
-  TakeUp(key, files, ensemble, progress);
+  Hashes hashes = HashesAfterFirstUpdate(data, ensemble);
+  const std::string key_here = hashes.key;
+  hashes.key = TakeUp(hashes, files, ensemble, progress);
   if (!ensemble.trained()) {
-    B4MRL_RETURN_IF_ERROR(TrainOn(key, data, files, ensemble, progress, stop));
-    if (ensemble.trained()) Keep(key, files, ensemble, progress);
+    B4MRL_RETURN_IF_ERROR(TrainOn(hashes, data, files, ensemble, progress, stop));
+    const bool moved = hashes.key != key_here;
+    if (ensemble.trained() && !moved) Keep(hashes, files, ensemble, progress);
   }
   // An ensemble from the cache is saved too: the cache may have lost it when this run is resumed.
-  B4MRL_RETURN_IF_ERROR(Save(RunPath(files), key, ensemble));
-  return key;
+  B4MRL_RETURN_IF_ERROR(Save(RunPath(files), hashes, ensemble));
+  return hashes.key;
 }
 
 Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,
                            DynamicsEnsemble<float>& ensemble) {
-  const Status own = Load(RunPath(files), key, ensemble);
+  const Status own = Load(RunPath(files), "key", key, ensemble).status();
   const bool loaded = own.ok() || LoadFromCache(key, files, ensemble).ok();
   if (loaded && ensemble.trained()) return Status();
   return Status(StatusCode::kDataLoss,

@@ -1,15 +1,19 @@
 // Trains dynamics ensembles without losing work: a killed training continues from its last file,
 // and a trained ensemble serves every later run that would train an equal ensemble.
 //
-//   <run folder>/ensemble.h5           the run's ensemble, written every 1,000 updates and at the
-//   end <cache folder>/ensembles/<key>.h5  trained ensembles of all runs
+//   <run folder>/ensemble.h5             the run's ensemble, written every 1,000 updates and at the
+//                                        end
+//   <cache folder>/ensembles/<key>.h5    trained ensembles of all runs
 //
-// The key is a hash of everything that a trained ensemble depends on: all training columns (and so
-// dataset, corruptions, simulator and the noise of its answers), options and seed, this program's
-// version, and the state after the first update, whose bits differ between processors, BLAS kernels
-// and compilers. A file holds its key and a hash of its state and is used only if both match. The
-// cache has a size limit, at which the least recently used ensembles are removed; an error in the
-// cache never fails a run. Thread rule: one thread. Files appear complete or not at all, so
+// A file holds two hashes of what its ensemble depends on, and one of its state, with which it is
+// checked. `inputs` covers all training columns (and so dataset, corruptions, simulator and the
+// noise of its answers), options with the seed, and this program's version. The key covers the
+// state after the first update too, whose bits differ between processors, BLAS kernels and
+// compilers. A run takes up its own file by the inputs, so that a run that moves to another kind of
+// processor loses nothing; other runs' ensembles are taken by the key, thus only with the bits that
+// their own training would give. An ensemble that was moved gets a key of its own and is not kept.
+// The cache has a size limit, at which the least recently used ensembles are removed; an error in
+// the cache never fails a run. Thread rule: one thread. Files appear complete or not at all, so
 // processes may share the cache.
 #pragma once
 

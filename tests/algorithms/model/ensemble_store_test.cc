@@ -134,6 +134,35 @@ TEST_CASE("An ensemble that was told to stop goes on with the bits of one that w
   CHECK(whole.state == TrainIn(files, rows).state);
 }
 
+TEST_CASE("A run goes on with an ensemble of another kind of processor and keeps it to itself") {
+  TemporaryFolder folder;
+  const Rows rows;
+  const EnsembleFiles files = FilesIn(folder, "run");
+  const bool halfway = GENERATE(true, false);
+  const Trained before = TrainIn(files, rows, Small(), /*stop=*/halfway);
+  fs::remove(CacheFile(folder, before.key));
+  // As another processor's first update would have named it.
+  const std::string elsewhere(before.key.size(), '0');
+  std::string bytes = ReadBytes(files.run_folder + "/ensemble.h5");
+  const size_t at = bytes.find(before.key);
+  REQUIRE(at != std::string::npos);
+  WriteBytes(files.run_folder + "/ensemble.h5", bytes.replace(at, elsewhere.size(), elsewhere));
+
+  const Trained after = TrainIn(files, rows);
+  CHECK(after.key != before.key);
+  CHECK((after.key == elsewhere) == !halfway);  // one that is trained stays what it was
+  CHECK_FALSE(fs::exists(CacheFile(folder, before.key)));
+  CHECK_FALSE(fs::exists(CacheFile(folder, after.key)));
+  Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(Small());
+  REQUIRE(ensemble.ok());
+  CHECK(LoadTrainedEnsemble(after.key, files, *ensemble).ok());
+
+  Rows other;
+  other.targets.view()(0, 0) += 1e-6f;
+  const std::string anew = TrainIn(FilesIn(folder, "other"), other).key;
+  CHECK(TrainIn(files, other).key == anew);  // other data's ensemble is not taken up
+}
+
 TEST_CASE("Threads change no bit of an ensemble and of its key") {
   TemporaryFolder folder;
   const Rows rows;
