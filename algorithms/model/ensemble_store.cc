@@ -121,9 +121,9 @@ Status Save(const std::string& path, const Hashes& hashes, DynamicsEnsemble<floa
   return writer.Commit();
 }
 
-// Loads an ensemble from a file whose text `name`, "inputs" or "key", is `expected`, and returns the
-// ensemble's key. An error leaves `ensemble` unchanged: the file is absent (kFailedPrecondition),
-// damaged or another ensemble's.
+// Loads an ensemble from a file whose text `name`, "inputs" or "key", is `expected`, and returns
+// the ensemble's key. An error leaves `ensemble` unchanged: the file is absent
+// (kFailedPrecondition), damaged or another ensemble's.
 Result<std::string> Load(const std::string& path, const char* name, const std::string& expected,
                          DynamicsEnsemble<float>& ensemble) {
   std::error_code error;

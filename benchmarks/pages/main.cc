@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
+#include "algorithms/base/within_memory.h"
 #include "benchmarks/pages/report.h"
 #include "benchmarks/pages/writers.h"
 #include "proto/base/exit_codes.h"
@@ -13,6 +14,17 @@
 
 namespace b4mrl {
 namespace {
+
+Status Report(const ReportOptions& options, const std::string& out) {
+  B4MRL_ASSIGN_OR_RETURN(const Evidence evidence, GatherEvidence(options));
+  if (out.empty()) {
+    fmt::print("{}", ToMarkdown(MakeReport(evidence)));
+    return Status();
+  }
+  B4MRL_RETURN_IF_ERROR(WriteReport(evidence, out));
+  fmt::print("{}/report.html\n", out);
+  return Status();
+}
 
 int Main(int argc, char** argv) {
   CLI::App app("Turns results into tables, figures, tested claims and one page to read.",
@@ -31,17 +43,14 @@ int Main(int argc, char** argv) {
                  "count each run until so many updates, or until those of a budget (name or file)");
   app.add_option("--suites", options.suites, "folder of further suites");
   if (const auto code = ParseWords(app, {argv + 1, argv + argc})) return *code;
-  const auto evidence = GatherEvidence(options);
-  Status status = evidence.status();
-  if (status.ok() && out.empty()) {
-    fmt::print("{}", ToMarkdown(MakeReport(*evidence)));
-  } else if (status.ok()) {
-    status = WriteReport(*evidence, out);
-    if (status.ok()) fmt::print("{}/report.html\n", out);
-  }
-  if (status.ok()) return kExitDone;
-  fmt::print(stderr, "b4mrl report: {}\n", status.message());
-  return kExitBadInput;
+  Status status;
+  const Status memory = WithinMemory("this command", [&] {
+    status = Report(options, out);
+    return Status();
+  });
+  if (memory.ok() && status.ok()) return kExitDone;
+  fmt::print(stderr, "b4mrl report: {}\n", memory.ok() ? status.message() : memory.message());
+  return memory.ok() ? kExitBadInput : kExitFailed;
 }
 
 }  // namespace

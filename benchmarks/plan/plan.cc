@@ -26,6 +26,12 @@ std::string IdOf(const Json& identity) {
   return Sha256OfText(identity.dump()).substr(0, kIdDigits);
 }
 
+// A name of a file of budgets or suites that is unknown is no mistake of the command line.
+Status OfFile(const Status& status) {
+  if (status.code() != StatusCode::kUnknownName) return status;
+  return Status(StatusCode::kInvalidArgument, status.message());
+}
+
 class Planner {
  public:
   Planner(const Budget& budget, const PlanSources& sources) : budget_(budget), sources_(sources) {}
@@ -216,7 +222,7 @@ Result<Json> Planner::Describe(bool is_users, PlannedRun* run) {
 Status Planner::SetIds(const Algorithm& algorithm, PlannedRun* run) {
   Hyperparameters resolved(algorithm.hyperparameters, run->environment);
   for (const auto& [name, value] : run->hyperparameters) {
-    B4MRL_RETURN_IF_ERROR(resolved.SetText(name, value));
+    B4MRL_RETURN_IF_ERROR(OfFile(resolved.SetText(name, value)));
   }
   B4MRL_ASSIGN_OR_RETURN(Json identity, Describe(false, run));
   identity["algorithm"] = run->algorithm;
@@ -248,7 +254,7 @@ Status CheckNamesOf(const Budget& budget, const std::vector<std::string>& names)
   }
   for (const std::string& name : used) {
     if (std::ranges::count(names, name) > 0) continue;
-    return UnknownName(fmt::format("algorithm of the budget {}", budget.name), name, names);
+    return OfFile(UnknownName(fmt::format("algorithm of the budget {}", budget.name), name, names));
   }
   return Status();
 }

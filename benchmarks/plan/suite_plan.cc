@@ -57,7 +57,7 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
       return nlohmann::json{{"name", name}, {"rows", info.rows()}, {"sha256", info.sha256()}};
     }
   }
-  return Status(StatusCode::kUnknownName,
+  return Status(StatusCode::kFailedPrecondition,
                 fmt::format("dataset '{}' has no recipe and was not imported", name));
 }
 
