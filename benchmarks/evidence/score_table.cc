@@ -153,12 +153,14 @@ uint64_t Cell::MostUpdates() const {
 
 Result<ScoreTable> ScoreTable::Read(const std::string& folder,
                                     const std::vector<Benchmark>& benchmarks,
-                                    const ReadingLimit& limit) {
+                                    const ReadingLimit& limit,
+                                    const std::map<std::string, std::string>& main_recipes) {
   B4MRL_ASSIGN_OR_RETURN(const auto files, FilesIn(FolderOfResults(folder), ".json"));
   if (files.empty()) {
     return Status(StatusCode::kIoError, fmt::format("{} holds no results", folder));
   }
   ScoreTable table;
+  table.main_recipes_ = main_recipes;
   table.runs_ = std::make_shared<std::vector<ScoredRun>>();
   for (const std::string& path : files) {
     const std::string file = std::filesystem::path(path).filename();
@@ -290,6 +292,11 @@ const Cell* ScoreTable::Find(const std::string& benchmark, const Series& series)
 }
 
 std::optional<Series> ScoreTable::MainSeries(const std::string& algorithm) const {
+  const auto recipe = main_recipes_.find(algorithm);
+  if (recipe != main_recipes_.end()) {
+    const Series asked_for = {algorithm, recipe->second};
+    if (std::ranges::count(series_, asked_for) > 0) return asked_for;
+  }
   std::optional<Series> best;
   std::ptrdiff_t most = 0;
   for (const Series& each : series_) {

@@ -79,9 +79,11 @@ class ScoreTable {
  public:
   // All results ("*.json") of a folder (FolderOfResults). A file that is no result is named among
   // the notes. The benchmarks, which the object refers to, give the order. kIoError.
+  // `main_recipes` are those of a budget, by algorithm (see MainSeries).
   static Result<ScoreTable> Read(const std::string& folder,
                                  const std::vector<Benchmark>& benchmarks,
-                                 const ReadingLimit& limit);
+                                 const ReadingLimit& limit,
+                                 const std::map<std::string, std::string>& main_recipes);
 
   // Those with a cell, in the order of the suites.
   const std::vector<const Benchmark*>& benchmarks() const { return benchmarks_; }
@@ -90,7 +92,8 @@ class ScoreTable {
   const std::vector<ScoredRun>& runs() const { return *runs_; }
   // Null if there is none.
   const Cell* Find(const std::string& benchmark, const Series& series) const;
-  // The series that stands for an algorithm where only one can: that with the most cells.
+  // The series that stands for an algorithm where only one can: that of its main recipe or, if it
+  // never ran with that one, that with the most cells.
   std::optional<Series> MainSeries(const std::string& algorithm) const;
   // What a reader of the tables must know: files that were left out, means over several processors.
   const std::vector<std::string>& notes() const { return notes_; }
@@ -111,6 +114,7 @@ class ScoreTable {
   std::vector<Series> series_;
   std::shared_ptr<std::vector<ScoredRun>> runs_;  // cells point at them, also after a move
   std::map<std::string, std::map<Series, Cell>> cells_;
+  std::map<std::string, std::string> main_recipes_;  // by algorithm
   std::vector<std::string> notes_;
 };
 

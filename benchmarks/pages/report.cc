@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <map>
 #include <optional>
 #include <utility>
 
@@ -55,17 +56,35 @@ Result<std::vector<std::vector<std::string>>> ReadParameters(const std::string& 
   return rows;
 }
 
-Result<ReadingLimit> LimitOf(const std::string& at) {
-  if (at.empty()) return ReadingLimit();
-  if (at.find_first_not_of("0123456789") == std::string::npos) {
-    B4MRL_ASSIGN_OR_RETURN(const uint64_t updates, ParseUnsigned("--at", at, 1, UINT64_MAX));
-    return ReadingLimit([updates](const ScoredRun&) { return std::optional(updates); });
+// What --at, empty or a number or a budget, makes count of the results.
+struct Reading {
+  ReadingLimit limit;
+  std::map<std::string, std::string> main_recipes;  // of that budget, or of the runner's own
+};
+
+std::map<std::string, std::string> MainRecipesBy(const Budget& budget) {
+  std::map<std::string, std::string> recipes;
+  for (const auto& [algorithm, unused] : budget.updates) {
+    recipes[algorithm] = budget.RecipeOf(algorithm);
   }
-  B4MRL_ASSIGN_OR_RETURN(const Budget budget, FindBudget(at));
-  return ReadingLimit([budget](const ScoredRun& run) {
+  return recipes;
+}
+
+Result<Reading> ReadingOf(const std::string& at) {
+  const bool is_number = at.find_first_not_of("0123456789") == std::string::npos;
+  B4MRL_ASSIGN_OR_RETURN(const Budget budget, FindBudget(is_number ? kDefaultBudget : at));
+  Reading reading = {{}, MainRecipesBy(budget)};
+  if (at.empty()) return reading;
+  if (is_number) {
+    B4MRL_ASSIGN_OR_RETURN(const uint64_t updates, ParseUnsigned("--at", at, 1, UINT64_MAX));
+    reading.limit = [updates](const ScoredRun&) { return std::optional(updates); };
+    return reading;
+  }
+  reading.limit = [budget](const ScoredRun& run) {
     if (run.source != "own") return budget.learner_updates;
     return budget.UpdatesOf(run.series.algorithm, run.simulator, run.dataset);
-  });
+  };
+  return reading;
 }
 
 }  // namespace
@@ -73,9 +92,9 @@ Result<ReadingLimit> LimitOf(const std::string& at) {
 Result<Evidence> GatherEvidence(const ReportOptions& options) {
   Evidence evidence;
   B4MRL_ASSIGN_OR_RETURN(evidence.benchmarks, ReadSuites({DefaultSuitesFolder(), options.suites}));
-  B4MRL_ASSIGN_OR_RETURN(const ReadingLimit limit, LimitOf(options.at));
-  B4MRL_ASSIGN_OR_RETURN(evidence.table,
-                         ScoreTable::Read(options.folder, evidence.benchmarks, limit));
+  B4MRL_ASSIGN_OR_RETURN(const Reading reading, ReadingOf(options.at));
+  B4MRL_ASSIGN_OR_RETURN(evidence.table, ScoreTable::Read(options.folder, evidence.benchmarks,
+                                                          reading.limit, reading.main_recipes));
   evidence.paper = PaperScores(evidence.benchmarks);
   evidence.deviations = BorrowedDeviations(evidence.table, evidence.paper);
   evidence.ours = OwnScores(evidence.table, evidence.deviations);

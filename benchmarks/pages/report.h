@@ -15,7 +15,8 @@ namespace b4mrl {
 struct ReportOptions {
   std::string folder;  // of results, or of a suite's runs with "results" inside
   std::string suites;  // a folder of further suites; "": none
-  // Until where runs count: a number of updates, or a budget's name or file; "": all of them.
+  // Until where runs count: a number of updates, or a budget's name or file; "": all of them. A
+  // budget's recipes stand for their algorithms where only one can; otherwise the default's do.
   std::string at;
 };
 

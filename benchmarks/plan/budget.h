@@ -37,6 +37,9 @@ namespace b4mrl {
 // Hyperparameters by name, as `b4mrl train` takes them: "0.0003", "gaussian", "true".
 using HyperparameterValues = std::map<std::string, std::string>;
 
+// The budget of the commands that are told none.
+inline constexpr char kDefaultBudget[] = "small";
+
 struct BudgetException {
   std::vector<std::string> algorithms, simulators, datasets;  // empty: any
   std::optional<uint64_t> updates;

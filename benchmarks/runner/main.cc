@@ -18,6 +18,7 @@
 
 #include "algorithms/base/progress.h"
 #include "algorithms/base/within_memory.h"
+#include "benchmarks/plan/budget.h"
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/runner/agent_evaluations.h"
 #include "benchmarks/runner/dataset_jobs.h"
@@ -50,7 +51,7 @@ constexpr std::chrono::seconds kInterruptPatience{5};
 enum class PlanWork { kTrain, kSubmit, kShow };
 
 struct BenchmarkCommand {
-  std::string budget = "small";
+  std::string budget = kDefaultBudget;
   SuiteChoice choice;
   UsersLearner learner;
   RunnerOptions options;

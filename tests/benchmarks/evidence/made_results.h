@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -70,8 +71,9 @@ class MadeResults {
     WriteBytes(folder_.File("result-" + std::to_string(count_++) + ".json"), text);
   }
   // `benchmarks` outlive the table.
-  ScoreTable Read(const std::vector<Benchmark>& benchmarks, const ReadingLimit& limit = {}) const {
-    return Take(ScoreTable::Read(folder_.path(), benchmarks, limit));
+  ScoreTable Read(const std::vector<Benchmark>& benchmarks, const ReadingLimit& limit = {},
+                  const std::map<std::string, std::string>& main_recipes = {}) const {
+    return Take(ScoreTable::Read(folder_.path(), benchmarks, limit, main_recipes));
   }
   std::string path() const { return folder_.path(); }
 

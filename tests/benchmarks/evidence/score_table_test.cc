@@ -26,7 +26,7 @@ TEST_CASE("Runs that differ in their seed alone are one cell of all benchmarks t
   CHECK(table.notes().empty());
 }
 
-TEST_CASE("Recipes are series of their own, and the one with the most cells is the main one") {
+TEST_CASE("Recipes are series of their own, and the budget's or the fullest is the main one") {
   const MadeResults results(
       {{.algorithm = "mopo", .benchmarks = {kMedium}, .score = 40, .recipe = "paper"},
        {.algorithm = "mopo", .benchmarks = {kMedium, kClean}, .score = 30, .recipe = "short"},
@@ -38,6 +38,11 @@ TEST_CASE("Recipes are series of their own, and the one with the most cells is t
   CHECK(table.series() == expected);
   CHECK(table.MainSeries("mopo") == Series{"mopo", "short"});
   CHECK_FALSE(table.MainSeries("h2o"));
+  const auto main_by = [&](const std::string& recipe) {
+    return results.Read(OwnBenchmarks(), {}, {{"mopo", recipe}}).MainSeries("mopo");
+  };
+  CHECK(main_by("paper") == Series{"mopo", "paper"});
+  CHECK(main_by("long") == Series{"mopo", "short"});  // with which it never ran
   CHECK(DisplayName(Series{"mopo", "short"}) == "MOPO (short)");
   CHECK(DisplayName("mine") == "mine");
 }
