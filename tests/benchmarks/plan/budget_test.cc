@@ -10,7 +10,7 @@ namespace b4mrl {
 namespace {
 
 TEST_CASE("The project's budgets can be read") {
-  for (const char* name : {"smoke", "early", "small", "long-ensemble", "paper"}) {
+  for (const char* name : {"smoke", "early", "small", "short-ensemble", "paper"}) {
     CAPTURE(name);
     CHECK(Take(ReadBudget(DefaultBudgetsFile(), name)).name == name);
   }
@@ -27,8 +27,9 @@ TEST_CASE("The project's budgets can be read") {
 TEST_CASE("All budgets of a file can be read at once") {
   std::vector<std::string> names;
   for (const Budget& budget : Take(ReadBudgets(DefaultBudgetsFile()))) names.push_back(budget.name);
-  CHECK(names == std::vector<std::string>{"early", "long-ensemble", "paper", "small", "smoke",
-                                          "stable-baselines", "whole-schedule"});
+  CHECK(names == std::vector<std::string>{"early", "long-ensemble", "paper", "short-ensemble",
+                                          "small", "smoke", "stable-baselines",
+                                          "whole-schedule"});
 }
 
 TEST_CASE("An algorithm has the budget's precision or its own") {

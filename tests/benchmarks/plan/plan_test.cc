@@ -173,15 +173,14 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
   CHECK(run_of("HalfCheetah/modelling-error/gravity+medium", "sac").updates == 1'000'000);
   CHECK(run_of("HalfCheetah/action-discrepancy/action-noise-low+medium", "sac").updates == 250'000);
   const auto limit = [&](const std::string& pattern) {
-    return run_of(pattern, "mopo").hyperparameters.at("ensemble-max-updates");
+    return run_of(pattern, "hymopo").hyperparameters.at("ensemble-max-updates");
   };
   CHECK(limit("HalfCheetah/modelling-error/gravity+medium") == "20000");
   CHECK(limit("HalfCheetah/modelling-error/gravity+medium-expert") == "40000");
   auto d4rl = OwnBenchmarks("HalfCheetah/modelling-error/gravity+medium-expert");
   d4rl.front().dataset = OfD4rl(d4rl.front().dataset);
-  CHECK(
-      Take(Plan(d4rl, small, {{"mopo"}, {0}})).front().hyperparameters.at("ensemble-max-updates") ==
-      "40000");
+  const PlannedRun run_of_d4rl = Take(Plan(d4rl, small, {{"hymopo"}, {0}})).front();
+  CHECK(run_of_d4rl.hyperparameters.at("ensemble-max-updates") == "40000");
   for (const PlannedRun& run :
        Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{}, {0}}))) {
     CHECK(run.algorithm != "h2o");
