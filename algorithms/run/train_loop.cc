@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -95,8 +97,11 @@ Status TrainRun::Open() {
   UseOneBlasThread();
   B4MRL_RETURN_IF_ERROR(CreateLearner());
   B4MRL_ASSIGN_OR_RETURN(log_, RunLog::Open(options_, client_, progress_));
+  // A model that an earlier session has begun to train goes on without a checkpoint, too.
+  std::error_code error;
+  const bool has_model = std::filesystem::exists(options_.folder + "/ensemble.h5", error);
   std::vector<RunSession> earlier;
-  if (resumes_) earlier = EarlierSessions();
+  if (resumes_ || has_model) earlier = EarlierSessions();
   B4MRL_RETURN_IF_ERROR(WriteRunRecord(options_, earlier));
   B4MRL_RETURN_IF_ERROR(WriteRunConfiguration(options_));
   return resumes_ ? RestoreNewest() : log_->Begin();

@@ -2,11 +2,14 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <string>
+#include <vector>
 
+#include "algorithms/run/run_record.h"
 #include "data/d4rl/agent_file.h"
 #include "tests/algorithms/test_daemon.h"
 #include "tests/algorithms/tools/folder_watch.h"
 #include "tests/algorithms/tools/tool.h"
+#include "tests/data/temporary_folder.h"
 
 namespace b4mrl {
 namespace {
@@ -59,6 +62,15 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   killed.Kill();
   REQUIRE_FALSE(std::filesystem::exists(daemon.folder("killed/checkpoint-0.h5")));
 
+  // As if it had been another machine that was killed: the run must name both.
+  const std::string record = daemon.folder("killed/run.json");
+  const std::string here = "\"" + PresentSession().processor + "\"";
+  std::string bytes = ReadBytes(record);
+  for (size_t at = 0; (at = bytes.find(here, at)) != std::string::npos;) {
+    bytes.replace(at, here.size(), "\"elsewhere\"");
+  }
+  WriteBytes(record, bytes);
+
   // Nothing but the folder need be named.
   Tool resumed(
       {"train", "--resume", "--endpoint", daemon.endpoint(), "--out", daemon.folder("killed")});
@@ -66,6 +78,11 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   const Outcome outcome = resumed.Wait();
   INFO(outcome.err);
   REQUIRE(outcome.exit_code == 0);
+
+  const std::vector<RunSession> sessions = Take(ReadRunRecord(daemon.folder("killed"))).sessions;
+  REQUIRE(sessions.size() == 2);
+  CHECK(sessions[0].processor == "elsewhere");
+  CHECK(sessions[1].processor == PresentSession().processor);
 
   const Agent a = Take(ReadAgent(daemon.folder("straight/agent.h5")));
   const Agent b = Take(ReadAgent(daemon.folder("killed/agent.h5")));
