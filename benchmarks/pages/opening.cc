@@ -129,8 +129,8 @@ std::string RecipesOf(const Evidence& evidence) {
   if (names.empty()) return "";
   return fmt::format(
       "Where an algorithm ran with several recipes (in brackets behind its name), each has its "
-      "column, its curves and its cells; everywhere else the budget's, or else the one that fills "
-      "the most cells, stands for it: {}.",
+      "column, its curves and its cells; everywhere else one stands for it, that of the budget "
+      "(--at, or small) or, if it never ran with that, the one that fills the most cells: {}.",
       fmt::join(names, ", "));
 }
 

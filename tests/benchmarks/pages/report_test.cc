@@ -77,7 +77,7 @@ TEST_CASE(
   const std::string opening = report.substr(0, report.find("\n## "));
   CHECK_THAT(opening, Catch::Contains("ours 1, the paper's 3. Updates: ours 1k (MOPO, HyMOPO);"));
   CHECK_THAT(opening, Catch::Contains("Nothing of TD3, SAC, TD3-BC, IQL, H2O has run yet."));
-  CHECK_THAT(opening, Catch::Contains("stands for it: MOPO (short), HyMOPO (short)."));
+  CHECK_THAT(opening, Catch::Contains("most cells: MOPO (short), HyMOPO (short)."));
   // Each recipe's gain is taken from its own.
   const std::string row = "| " + gravity + " | HyMOPO ";
   CHECK_THAT(report, Catch::Contains(row + "(short) | +5.0 | MOPO (short) (of 1) |"));
