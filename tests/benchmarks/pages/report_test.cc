@@ -85,6 +85,20 @@ TEST_CASE(
   CHECK_THAT(report, Catch::Contains("HyMOPO: on no benchmark beside all others; on 2 others "));
 }
 
+TEST_CASE("The recipe of the budget stands for an algorithm, however few cells it fills") {
+  const std::string gravity = "HalfCheetah/modelling-error/gravity+medium";
+  const MadeResults results(
+      {{.algorithm = "mopo", .benchmarks = {gravity, kConfounded}, .score = 40, .recipe = "short"},
+       {.algorithm = "mopo", .benchmarks = {gravity}, .score = 50, .recipe = "long-ensemble"}});
+  const auto main_at = [&](const std::string& at) {
+    return Take(GatherEvidence({.folder = results.path(), .at = at})).table.MainSeries("mopo");
+  };
+  CHECK(main_at("") == Series{"mopo", "long-ensemble"});  // as in `small`
+  CHECK(main_at("500") == Series{"mopo", "long-ensemble"});
+  CHECK(main_at("short-ensemble") == Series{"mopo", "short"});
+  CHECK(main_at("paper") == Series{"mopo", "short"});  // which fills most, for none has its recipe
+}
+
 TEST_CASE("A table shows all benchmarks of a challenge of which there is a score") {
   const MadeResults results({{.algorithm = "td3-bc",
                               .benchmarks = {"HalfCheetah/dimensions/hidden=9+medium-expert"},
