@@ -10,7 +10,7 @@ namespace b4mrl {
 namespace {
 
 TEST_CASE("The project's budgets can be read") {
-  for (const char* name : {"smoke", "early", "small", "short-ensemble", "paper"}) {
+  for (const char* name : {"smoke", "early", "small", "short-ensemble", "long-ensemble", "paper"}) {
     CAPTURE(name);
     CHECK(Take(ReadBudget(DefaultBudgetsFile(), name)).name == name);
   }
