@@ -85,6 +85,9 @@ class Learner {
   // Load takes the place of Prepare when a run is resumed.
   virtual Status Save(CheckpointWriter& writer) = 0;
   virtual Status Load(CheckpointReader& reader) = 0;
+  // Seconds that earlier sessions spent on what Prepare took up instead of repeating it, such as
+  // half an ensemble: they belong to the run's cost, too.
+  virtual double seconds_taken_up() const { return 0; }
   // Whether Save asks the daemon for nothing and a failed Update changes neither the state that
   // Save stores nor the metrics. A run of such a learner loses no update when its daemon is lost.
   virtual bool outlives_daemon() const { return false; }

@@ -42,8 +42,11 @@ Status ModelBased::TrainModel(const ModelData& data, Progress& progress) {
     progress.Message(fmt::format("{} of {} rows have no finite target for the model: dropped",
                                  data.invalid_rows, dataset_.remote().rows()));
   }
-  B4MRL_ASSIGN_OR_RETURN(ensemble_key_, TrainEnsemble(data.view(), EnsembleFilesOf(context_),
-                                                      ensemble_, progress, *context_.stop));
+  B4MRL_ASSIGN_OR_RETURN(const EnsembleTraining training,
+                         TrainEnsemble(data.view(), EnsembleFilesOf(context_), ensemble_, progress,
+                                       *context_.stop));
+  ensemble_key_ = training.key;
+  ensemble_seconds_before_ = training.seconds_before;
   // The training may have outlasted the idle session's lease.
   if (simulator_) {
     B4MRL_ASSIGN_OR_RETURN(*simulator_, OpenTrainingSimulator(context_, /*lanes=*/0));

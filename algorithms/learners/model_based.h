@@ -49,6 +49,7 @@ class ModelBased : public Learner {
   PolicyWeights Policy() const override;
   Status Save(CheckpointWriter& writer) override;
   Status Load(CheckpointReader& reader) override;
+  double seconds_taken_up() const override { return ensemble_seconds_before_; }
   bool outlives_daemon() const override { return true; }
   DatasetIdentity dataset_identity() const override { return dataset_.identity(); }
 
@@ -83,6 +84,7 @@ class ModelBased : public Learner {
   const uint64_t rollout_every_;
   const bool lag_;
   std::string ensemble_key_;
+  double ensemble_seconds_before_ = 0;  // of training in earlier sessions without a checkpoint
   ModelRollout rollout_;
   Clock::time_point last_rollout_ = Clock::now();  // its beginning, or the session's
   ReplayBuffer pool_;                              // D_model

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <span>
@@ -14,6 +13,7 @@
 #include "algorithms/base/checkpoint.h"
 #include "data/files/file_hash.h"
 #include "data/files/make_folder.h"
+#include "proto/base/clock.h"
 #include "proto/base/version.h"
 
 namespace b4mrl {
@@ -98,6 +98,14 @@ std::string KeyOfMoved(const std::string& begun, const std::string& here) {
 
 // --- Files ---
 
+// A run's work on its ensemble, of all sessions.
+struct Work {
+  Hashes hashes;
+  double seconds_before = 0;               // of earlier sessions
+  Clock::time_point start = Clock::now();  // of this one
+  double Seconds() const { return seconds_before + SecondsSince(start); }
+};
+
 std::string RunPath(const EnsembleFiles& files) { return files.run_folder + "/ensemble.h5"; }
 
 std::string CacheFolder(const EnsembleFiles& files) { return files.cache_folder + "/ensembles"; }
@@ -112,26 +120,28 @@ std::string StateHash(DynamicsEnsemble<float>& ensemble) {
   return hash.Hex();
 }
 
-Status Save(const std::string& path, const Hashes& hashes, DynamicsEnsemble<float>& ensemble) {
+Status Save(const std::string& path, const Work& work, DynamicsEnsemble<float>& ensemble) {
   B4MRL_ASSIGN_OR_RETURN(CheckpointWriter writer, CheckpointWriter::Create(path));
-  writer.Text("inputs", hashes.inputs);
-  writer.Text("key", hashes.key);
+  writer.Text("inputs", work.hashes.inputs);
+  writer.Text("key", work.hashes.key);
+  writer.Number("seconds", work.Seconds());
   writer.Text("state_hash", StateHash(ensemble));
   writer.State("ensemble", ensemble);
   return writer.Commit();
 }
 
 // Loads an ensemble from a file whose text `name`, "inputs" or "key", is `expected`, and returns
-// the ensemble's key. An error leaves `ensemble` unchanged: the file is absent
+// its key and the seconds of work on it. An error leaves `ensemble` unchanged: the file is absent
 // (kFailedPrecondition), damaged or another ensemble's.
-Result<std::string> Load(const std::string& path, const char* name, const std::string& expected,
-                         DynamicsEnsemble<float>& ensemble) {
+Result<EnsembleTraining> Load(const std::string& path, const char* name,
+                              const std::string& expected, DynamicsEnsemble<float>& ensemble) {
   std::error_code error;
   if (!fs::exists(path, error))
     return Status(StatusCode::kFailedPrecondition, path + " does not exist");
   B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader, CheckpointReader::Open(path));
   const std::string found = reader.Text(name);
-  std::string key = reader.Text("key");
+  EnsembleTraining training{.key = reader.Text("key")};
+  training.seconds_before = reader.Number("seconds");
   B4MRL_RETURN_IF_ERROR(reader.status());
   if (found != expected) {
     return Status(StatusCode::kDataLoss, path + " is of other data, options or another version");
@@ -144,7 +154,7 @@ Result<std::string> Load(const std::string& path, const char* name, const std::s
     return Status(StatusCode::kDataLoss, path + " is damaged: its hash is another one");
   }
   ensemble = std::move(loaded);
-  return key;
+  return training;
 }
 
 bool IsThere(const Status& loaded) { return loaded.code() != StatusCode::kFailedPrecondition; }
@@ -184,13 +194,13 @@ Status LoadFromCache(const std::string& key, const EnsembleFiles& files,
   return Status();
 }
 
-void Keep(const Hashes& hashes, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
+void Keep(const Work& work, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
           Progress& progress) {
-  const std::string path = CachePath(files, hashes.key);
+  const std::string path = CachePath(files, work.hashes.key);
   std::error_code error;
   if (files.cache_folder.empty() || fs::exists(path, error)) return;
   Status status = MakeFolder(CacheFolder(files));
-  if (status.ok()) status = Save(path, hashes, ensemble);
+  if (status.ok()) status = Save(path, work, ensemble);
   // kBusy is no failure: another run is writing the same ensemble.
   if (!status.ok() && status.code() != StatusCode::kBusy) {
     progress.Message(fmt::format("the ensemble is not kept for other runs: {}", status.message()));
@@ -208,22 +218,23 @@ Status CheckFinite(const DynamicsProgress& state) {
 }
 
 // Loads the state that this run has saved or, if there is none, the cache's ensemble of the key
-// `hashes.key`; returns the key of what `ensemble` then is.
-std::string TakeUp(const Hashes& hashes, const EnsembleFiles& files,
-                   DynamicsEnsemble<float>& ensemble, Progress& progress) {
+// `hashes.key`; returns the key of what `ensemble` then is, and the run's seconds of work on it.
+EnsembleTraining TakeUp(const Hashes& hashes, const EnsembleFiles& files,
+                        DynamicsEnsemble<float>& ensemble, Progress& progress) {
   const std::string& key = hashes.key;
-  const Result<std::string> own = Load(RunPath(files), "inputs", hashes.inputs, ensemble);
+  Result<EnsembleTraining> own = Load(RunPath(files), "inputs", hashes.inputs, ensemble);
   if (own.ok()) {
-    if (ensemble.trained()) return *own;
-    const bool moved = *own != key;
+    if (ensemble.trained()) return *std::move(own);
+    const bool moved = own->key != key;
     progress.Message(fmt::format("training of the ensemble goes on where it stopped{}",
                                  moved ? ", on another kind of processor or build" : ""));
-    return moved ? KeyOfMoved(*own, key) : key;
+    if (moved) own->key = KeyOfMoved(own->key, key);
+    return *std::move(own);
   }
   const Status kept = LoadFromCache(key, files, ensemble);
   if (kept.ok()) {
     progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
-    return key;
+    return {.key = key};
   }
   if (IsThere(kept) && kept.code() != StatusCode::kIoError) {
     std::error_code ignored;  // a damaged file would keep the new ensemble out for ever
@@ -233,10 +244,10 @@ std::string TakeUp(const Hashes& hashes, const EnsembleFiles& files,
     if (!IsThere(refused)) continue;
     progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));
   }
-  return key;
+  return {.key = key};
 }
 
-Status TrainOn(const Hashes& hashes, const DynamicsData<float>& data, const EnsembleFiles& files,
+Status TrainOn(const Work& work, const DynamicsData<float>& data, const EnsembleFiles& files,
                DynamicsEnsemble<float>& ensemble, Progress& progress,
                const std::atomic<bool>& stop) {
   DynamicsProgress state = ensemble.Train(data, 0);
@@ -253,7 +264,7 @@ Status TrainOn(const Hashes& hashes, const DynamicsData<float>& data, const Ense
     }
     progress.Update(static_cast<uint64_t>(state.updates), note);
     if (state.updates - saved_updates < kUpdatesPerSave) continue;
-    B4MRL_RETURN_IF_ERROR(Save(RunPath(files), hashes, ensemble));
+    B4MRL_RETURN_IF_ERROR(Save(RunPath(files), work, ensemble));
     saved_updates = state.updates;
   }
   progress.Finish();
@@ -262,22 +273,25 @@ Status TrainOn(const Hashes& hashes, const DynamicsData<float>& data, const Ense
 
 }  // namespace
 
-Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
-                                  DynamicsEnsemble<float>& ensemble, Progress& progress,
-                                  const std::atomic<bool>& stop) {
+Result<EnsembleTraining> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
+                                       DynamicsEnsemble<float>& ensemble, Progress& progress,
+                                       const std::atomic<bool>& stop) {
+  Work work;
   B4MRL_RETURN_IF_ERROR(ensemble.StartTraining(data));
   B4MRL_RETURN_IF_ERROR(CheckFinite(ensemble.Train(data, 1)));
-  Hashes hashes = HashesAfterFirstUpdate(data, ensemble);
-  const std::string key_here = hashes.key;
-  hashes.key = TakeUp(hashes, files, ensemble, progress);
+  work.hashes = HashesAfterFirstUpdate(data, ensemble);
+  const std::string key_here = work.hashes.key;
+  EnsembleTraining training = TakeUp(work.hashes, files, ensemble, progress);
+  work.hashes.key = training.key;
+  work.seconds_before = training.seconds_before;
   if (!ensemble.trained()) {
-    B4MRL_RETURN_IF_ERROR(TrainOn(hashes, data, files, ensemble, progress, stop));
-    const bool moved = hashes.key != key_here;
-    if (ensemble.trained() && !moved) Keep(hashes, files, ensemble, progress);
+    B4MRL_RETURN_IF_ERROR(TrainOn(work, data, files, ensemble, progress, stop));
+    const bool moved = work.hashes.key != key_here;
+    if (ensemble.trained() && !moved) Keep(work, files, ensemble, progress);
   }
   // An ensemble from the cache is saved too: the cache may have lost it when this run is resumed.
-  B4MRL_RETURN_IF_ERROR(Save(RunPath(files), hashes, ensemble));
-  return hashes.key;
+  B4MRL_RETURN_IF_ERROR(Save(RunPath(files), work, ensemble));
+  return training;
 }
 
 Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,

@@ -33,12 +33,16 @@ struct EnsembleFiles {
   uint64_t cache_bytes_max = 1ull << 30;  // size limit of the cache: about 70 of HalfCheetah
 };
 
-// Trains `ensemble`, which was just created, to the end or until `stop` is set; returns the
-// ensemble's key. kFailedPrecondition when the loss is not finite; kIoError when the run's
-// ensemble.h5 cannot be written.
-Result<std::string> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
-                                  DynamicsEnsemble<float>& ensemble, Progress& progress,
-                                  const std::atomic<bool>& stop);
+struct EnsembleTraining {
+  std::string key;            // of the ensemble
+  double seconds_before = 0;  // that earlier sessions of this run spent on it
+};
+
+// Trains `ensemble`, which was just created, to the end or until `stop` is set. kFailedPrecondition
+// when the loss is not finite; kIoError when the run's ensemble.h5 cannot be written.
+Result<EnsembleTraining> TrainEnsemble(const DynamicsData<float>& data, const EnsembleFiles& files,
+                                       DynamicsEnsemble<float>& ensemble, Progress& progress,
+                                       const std::atomic<bool>& stop);
 
 // Reads the trained ensemble with the key `key`, for a run that is resumed. kDataLoss when neither
 // the run's folder nor the cache holds that ensemble.

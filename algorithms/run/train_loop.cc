@@ -183,6 +183,7 @@ Status TrainRun::Run() {
   if (!resumes_) {
     B4MRL_RETURN_IF_ERROR(learner_->Prepare(progress_));
     if (stop_) return Status();  // Prepare may have returned early
+    seconds_before_ = learner_->seconds_taken_up();
     row_.Begin(0, Seconds());
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }

@@ -48,7 +48,7 @@ std::vector<std::string> CountsOf(const std::vector<HybridGain>& gains, const st
     }
     if (count.incomplete > 0) {
       line +=
-          fmt::format("; on {} others an algorithm to compare with has not run", count.incomplete);
+          fmt::format("; on {} more an algorithm to compare with has not run", count.incomplete);
     }
     lines.push_back(line + ".");
   }

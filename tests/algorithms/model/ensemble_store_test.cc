@@ -52,6 +52,7 @@ DynamicsEnsembleOptions Small() {
 struct Trained {
   std::string key;
   CoreState<float> state;
+  double seconds_before;
 };
 
 Trained TrainIn(const EnsembleFiles& files, const Rows& rows,
@@ -61,12 +62,12 @@ Trained TrainIn(const EnsembleFiles& files, const Rows& rows,
   Result<DynamicsEnsemble<float>> ensemble = DynamicsEnsemble<float>::Create(options, threads);
   REQUIRE(ensemble.ok());
   Progress quiet(true);
-  const Result<std::string> key =
+  const Result<EnsembleTraining> training =
       TrainEnsemble(rows.view(), files, *ensemble, quiet, std::atomic<bool>(stop));
-  INFO(key.status().ToString());
-  REQUIRE(key.ok());
+  INFO(training.status().ToString());
+  REQUIRE(training.ok());
   CHECK(ensemble->trained() == !stop);
-  return {*key, SaveState<float>(*ensemble)};
+  return {training->key, SaveState<float>(*ensemble), training->seconds_before};
 }
 
 EnsembleFiles FilesIn(const TemporaryFolder& folder, const std::string& run) {
@@ -132,6 +133,18 @@ TEST_CASE("An ensemble that was told to stop goes on with the bits of one that w
   CHECK(whole.key == half.key);
   files = {.run_folder = folder.File("straight"), .cache_folder = ""};
   CHECK(whole.state == TrainIn(files, rows).state);
+}
+
+TEST_CASE("The seconds that a run spent on its ensemble add up, and those of other runs do not") {
+  TemporaryFolder folder;
+  const Rows rows;
+  const EnsembleFiles files = FilesIn(folder, "run");
+  const Trained first = TrainIn(files, rows, Small(), /*stop=*/true);
+  CHECK(first.seconds_before == 0);
+  const Trained second = TrainIn(files, rows);
+  CHECK(second.seconds_before > 0);
+  CHECK(TrainIn(files, rows).seconds_before > second.seconds_before);  // trained, no checkpoint yet
+  CHECK(TrainIn(FilesIn(folder, "other"), rows).seconds_before == 0);  // from the cache
 }
 
 TEST_CASE("A run goes on with an ensemble of another kind of processor and keeps it to itself") {

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/base/checkpoint.h"
 #include "algorithms/run/run_record.h"
 #include "data/d4rl/agent_file.h"
 #include "tests/algorithms/test_daemon.h"
@@ -46,6 +47,17 @@ Words TrainWords(const TestDaemon& daemon, const std::string& run) {
           "0"};
 }
 
+std::string BytesOf(double value) {
+  return {reinterpret_cast<const char*>(&value), sizeof value};
+}
+
+double NumberIn(const std::string& checkpoint, const char* name) {
+  CheckpointReader reader = Take(CheckpointReader::Open(checkpoint));
+  const double number = reader.Number(name);
+  REQUIRE(reader.status().ok());
+  return number;
+}
+
 }  // namespace
 
 TEST_CASE("A run killed while its ensemble trains goes on there and ends with the same bits") {
@@ -71,6 +83,15 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   }
   WriteBytes(record, bytes);
 
+  // As if it had trained for longer than this test can: its cost must say so.
+  const std::string model = daemon.folder("killed/ensemble.h5");
+  const double spent = NumberIn(model, "seconds");
+  REQUIRE(spent > 0);
+  bytes = ReadBytes(model);
+  const size_t at = bytes.find(BytesOf(spent));
+  REQUIRE(at != std::string::npos);
+  WriteBytes(model, bytes.replace(at, sizeof spent, BytesOf(9000.0)));
+
   // Nothing but the folder need be named.
   Tool resumed(
       {"train", "--resume", "--endpoint", daemon.endpoint(), "--out", daemon.folder("killed")});
@@ -83,6 +104,8 @@ TEST_CASE("A run killed while its ensemble trains goes on there and ends with th
   REQUIRE(sessions.size() == 2);
   CHECK(sessions[0].processor == "elsewhere");
   CHECK(sessions[1].processor == PresentSession().processor);
+
+  CHECK(NumberIn(daemon.folder("killed/checkpoint-0.h5"), "run/seconds") > 9000);
 
   const Agent a = Take(ReadAgent(daemon.folder("straight/agent.h5")));
   const Agent b = Take(ReadAgent(daemon.folder("killed/agent.h5")));

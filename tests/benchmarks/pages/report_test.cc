@@ -82,7 +82,7 @@ TEST_CASE(
   const std::string row = "| " + gravity + " | HyMOPO ";
   CHECK_THAT(report, Catch::Contains(row + "(short) | +5.0 | MOPO (short) (of 1) |"));
   CHECK_THAT(report, Catch::Contains(row + "(long) | +3.0 | MOPO (long) (of 1) |"));
-  CHECK_THAT(report, Catch::Contains("HyMOPO: on no benchmark beside all others; on 2 others "));
+  CHECK_THAT(report, Catch::Contains("HyMOPO: on no benchmark beside all others; on 2 more "));
 }
 
 TEST_CASE("The recipe of the budget stands for an algorithm, however few cells it fills") {
