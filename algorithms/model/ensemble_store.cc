@@ -218,23 +218,24 @@ Status CheckFinite(const DynamicsProgress& state) {
 }
 
 // Loads the state that this run has saved or, if there is none, the cache's ensemble of the key
-// `hashes.key`; returns the key of what `ensemble` then is, and the run's seconds of work on it.
-EnsembleTraining TakeUp(const Hashes& hashes, const EnsembleFiles& files,
-                        DynamicsEnsemble<float>& ensemble, Progress& progress) {
-  const std::string& key = hashes.key;
-  Result<EnsembleTraining> own = Load(RunPath(files), "inputs", hashes.inputs, ensemble);
+// `work.hashes.key`. `work` then has the key of what `ensemble` is, and the run's earlier seconds.
+void TakeUp(Work& work, const EnsembleFiles& files, DynamicsEnsemble<float>& ensemble,
+            Progress& progress) {
+  std::string& key = work.hashes.key;
+  const Result<EnsembleTraining> own = Load(RunPath(files), "inputs", work.hashes.inputs, ensemble);
   if (own.ok()) {
-    if (ensemble.trained()) return *std::move(own);
+    work.seconds_before = own->seconds_before;
     const bool moved = own->key != key;
+    if (moved) key = ensemble.trained() ? own->key : KeyOfMoved(own->key, key);
+    if (ensemble.trained()) return;
     progress.Message(fmt::format("training of the ensemble goes on where it stopped{}",
                                  moved ? ", on another kind of processor or build" : ""));
-    if (moved) own->key = KeyOfMoved(own->key, key);
-    return *std::move(own);
+    return;
   }
   const Status kept = LoadFromCache(key, files, ensemble);
   if (kept.ok()) {
     progress.Message(fmt::format("using the ensemble kept in {}", CachePath(files, key)));
-    return {.key = key};
+    return;
   }
   if (IsThere(kept) && kept.code() != StatusCode::kIoError) {
     std::error_code ignored;  // a damaged file would keep the new ensemble out for ever
@@ -244,7 +245,6 @@ EnsembleTraining TakeUp(const Hashes& hashes, const EnsembleFiles& files,
     if (!IsThere(refused)) continue;
     progress.Message(fmt::format("an ensemble is not taken up: {}", refused.message()));
   }
-  return {.key = key};
 }
 
 Status TrainOn(const Work& work, const DynamicsData<float>& data, const EnsembleFiles& files,
@@ -281,9 +281,7 @@ Result<EnsembleTraining> TrainEnsemble(const DynamicsData<float>& data, const En
   B4MRL_RETURN_IF_ERROR(CheckFinite(ensemble.Train(data, 1)));
   work.hashes = HashesAfterFirstUpdate(data, ensemble);
   const std::string key_here = work.hashes.key;
-  EnsembleTraining training = TakeUp(work.hashes, files, ensemble, progress);
-  work.hashes.key = training.key;
-  work.seconds_before = training.seconds_before;
+  TakeUp(work, files, ensemble, progress);
   if (!ensemble.trained()) {
     B4MRL_RETURN_IF_ERROR(TrainOn(work, data, files, ensemble, progress, stop));
     const bool moved = work.hashes.key != key_here;
@@ -291,7 +289,7 @@ Result<EnsembleTraining> TrainEnsemble(const DynamicsData<float>& data, const En
   }
   // An ensemble from the cache is saved too: the cache may have lost it when this run is resumed.
   B4MRL_RETURN_IF_ERROR(Save(RunPath(files), work, ensemble));
-  return training;
+  return EnsembleTraining{std::move(work.hashes.key), work.seconds_before};
 }
 
 Status LoadTrainedEnsemble(const std::string& key, const EnsembleFiles& files,
