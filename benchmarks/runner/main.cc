@@ -249,7 +249,8 @@ Result<int> BenchmarkCommand::Run(PlanWork work) {
   if (work == PlanWork::kSubmit) return Submit(plan);
   B4MRL_ASSIGN_OR_RETURN(plan, Chosen(std::move(plan)));
   if (looks) {
-    const PlanStatus status = StatusOf(plan, options.folder, options.results);
+    const PlanStatus status =
+        StatusOf(plan, options.folder, options.results, options.until_settled);
     for (const std::string& problem : status.problems) Tell(problem + "\n");
     DatasetJobs datasets(client, {.data_folder = options.data_folder});
     B4MRL_ASSIGN_OR_RETURN(const auto refusals, datasets.Refusals(plan));

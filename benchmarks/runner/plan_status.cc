@@ -11,6 +11,7 @@
 
 #include "algorithms/run/run_result.h"
 #include "benchmarks/jobs/job.h"
+#include "benchmarks/jobs/training_order.h"
 #include "benchmarks/records/learned.h"
 #include "benchmarks/runner/cost.h"
 #include "benchmarks/runner/frozen_plan.h"
@@ -39,8 +40,9 @@ std::vector<std::string> MissingScorings(const PlannedRun& run, const RunResult&
 }
 
 RunProgress ProgressOf(const PlannedRun& run, const std::optional<RunResult>& result,
-                       const std::string& run_folder, const std::string& failure) {
-  if (result && result->IsDone(run, run.updates)) {
+                       uint64_t target, const std::string& run_folder,
+                       const std::string& failure) {
+  if (result && result->IsDone(run, target)) {
     const bool can_be_scored =
         !MissingScorings(run, *result).empty() && HoldsAgentOf(*result, run_folder);
     if (!can_be_scored) return RunProgress::kDone;
@@ -132,7 +134,7 @@ size_t PlanStatus::CountOf(RunProgress progress) const {
 }
 
 PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,
-                    const std::string& results_folder) {
+                    const std::string& results_folder, uint32_t until_settled) {
   PlanStatus status;
   const auto indices = FrozenIndices(folder, &status.problems);
   CostModel costs;
@@ -142,7 +144,8 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
     const std::string run_folder = RunFolder(folder, run);
     PlannedRunStatus each = {.result = read.ok() ? *read : std::nullopt};
     const std::string failure = FailureOf(run_folder);
-    each.progress = ProgressOf(run, each.result, run_folder, failure);
+    each.target = UpdatesToTrain(run, each.result, until_settled);
+    each.progress = ProgressOf(run, each.result, each.target, run_folder, failure);
     if (each.progress == RunProgress::kDone) {
       std::ranges::move(DoneOtherwise(run, *each.result, run_folder, results_folder),
                         std::back_inserter(status.problems));
@@ -156,7 +159,7 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
   }
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
+    const auto& [progress, result, updates, target, index, log, failure] = status.runs[i];
     ++status.counts[progress];
     status.cells += run.benchmarks.size();
     status.seconds += result ? result->seconds : 0;
@@ -164,7 +167,7 @@ PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& fold
       status.filled += run.benchmarks.size();
       continue;
     }
-    const uint64_t left = run.updates - std::min(updates, run.updates);
+    const uint64_t left = target - std::min(updates, target);
     status.seconds_left += costs.SecondsOf(run, static_cast<double>(left));
   }
   return status;
@@ -174,10 +177,10 @@ std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   std::string text;
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
+    const auto& [progress, result, updates, target, index, log, failure] = status.runs[i];
     text +=
         fmt::format("{} {:>4} {:<8} {:>9}/{} {}", run.id, index ? fmt::format("{}", *index) : "-",
-                    RunProgressName(progress), updates, run.updates, run.name);
+                    RunProgressName(progress), updates, target, run.name);
     if (result) text += fmt::format(", {:.1f}", result->score.value_or(result->mean_return));
     if (!failure.empty()) {
       text += ": " + failure;  // which names the log, if it says more
@@ -200,7 +203,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
   Json runs = Json::array();
   for (size_t i = 0; i < plan.size(); ++i) {
     const PlannedRun& run = plan[i];
-    const auto& [progress, result, updates, index, log, failure] = status.runs[i];
+    const auto& [progress, result, updates, target, index, log, failure] = status.runs[i];
     runs.push_back({{"name", run.name},
                     {"id", run.id},
                     {"cell", run.cell_id},
@@ -217,6 +220,7 @@ std::string JsonOf(const std::vector<PlannedRun>& plan, const PlanStatus& status
                     {"benchmarks", run.benchmarks},
                     {"planned_updates", run.updates},
                     {"updates", updates},
+                    {"target", target},
                     {"state", RunProgressName(progress)},
                     {"done", progress == RunProgress::kDone},
                     {"index", index ? Json(*index) : Json()},

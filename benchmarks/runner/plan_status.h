@@ -27,6 +27,7 @@ struct PlannedRunStatus {
   RunProgress progress = RunProgress::kWaiting;
   std::optional<RunResult> result;
   uint64_t updates = 0;           // of the run's last evaluation
+  uint64_t target = 0;            // updates that it is to train for
   std::optional<uint64_t> index;  // in plan.json
   std::string log;                // file of the learner's messages; "": there is none
   std::string failure;            // why a runner gave it up; "": none has, or it is not known
@@ -53,9 +54,10 @@ std::vector<std::string> DoneOtherwise(const PlannedRun& run, const RunResult& r
                                        const std::string& run_folder,
                                        const std::string& results_folder);
 
-// `folder`: of the runs, with plan.json if there is one.
+// `folder`: of the runs, with plan.json if there is one. `until_settled`: how often runs that have
+// not settled are to go on, as in RunnerOptions.
 PlanStatus StatusOf(const std::vector<PlannedRun>& plan, const std::string& folder,
-                    const std::string& results_folder);
+                    const std::string& results_folder, uint32_t until_settled);
 
 // A line for each run and one for all.
 std::string TextOf(const std::vector<PlannedRun>& plan, const PlanStatus& status);

@@ -203,6 +203,11 @@ TEST_CASE("A run goes on until its score has settled, as often as is allowed") {
   REQUIRE(Run(suite.Command()).exit_code == 0);
   const auto before = nlohmann::json::parse(suite.Results().begin()->second, nullptr, false);
   CHECK(before["settled"].is_null());
+  const Outcome look = Run(suite.Command({"--until-settled", "2", "--dry-run", "--json"}));
+  const auto due = nlohmann::json::parse(look.out, nullptr, false)[0];
+  CHECK(due["state"] == "begun");
+  CHECK(due["updates"] == 60);
+  CHECK(due["target"] == 120);
   const Outcome outcome = Run(suite.Command({"--until-settled", "2"}));
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 0);
