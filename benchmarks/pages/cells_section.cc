@@ -88,7 +88,8 @@ Section CellsSection(const Evidence& evidence) {
       "they are divided, and if that is the number of its seeds, three, these intervals should "
       "be 1.22 times as wide. An interval is about other seeds, around the last evaluation: a "
       "last fifth outside of it shows that the evaluations of one run vary more. Core-hours are "
-      "those of one run, evaluations included; interactions are counted by the daemon.";
+      "those of one run, evaluations included, but without the training of an ensemble that an "
+      "earlier run on the same machine had kept; interactions are counted by the daemon.";
   table.columns = {{"Benchmark"},        {"Algorithm"},
                    {"Score", true},      {"95% interval", true},
                    {"Last fifth", true}, {"A doubling adds", true},

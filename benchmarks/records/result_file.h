@@ -57,7 +57,7 @@ struct RunResult {
   bool settled = false;            // its mean score no longer moves by more than 1.5 points
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
-  double seconds = 0;              // of training, evaluations included
+  double seconds = 0;              // of training, evaluations included; a kept ensemble is free
   std::string agent_sha256;        // of the agent's file; "": there was none
   std::string learner_sha256;      // of the command of a user's learner; "": it is not known
   std::set<std::string> scorings;  // names of the further evaluations that it holds
