@@ -1,0 +1,64 @@
+"""Writes the transitions of training runs as one dataset in D4RL's layout.
+
+    python join_replays.py OUT.h5 PART...        (needs numpy and h5py)
+
+A PART is the folder of an online `b4mrl train` of HalfCheetah, whose whole episodes of 1,000 steps
+up to its newest checkpoint are taken, or a dataset in D4RL's layout, which is taken whole. Prints
+the number of episodes, their mean return and the best. `b4mrl dataset import OUT.h5 --name
+HalfCheetah/NAME` makes it a dataset to train on.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+STEPS = 1_000  # of an episode of HalfCheetah, which always ends by its time limit
+HEADER_BYTES = 64  # of replay.bin: magic, then the sizes of an observation and of an action
+COLUMNS = ("observations", "actions", "next_observations", "rewards", "terminals", "timeouts")
+
+
+def of_dataset(path: Path) -> dict[str, np.ndarray]:
+    with h5py.File(path) as file:
+        return {name: file[name][()] for name in COLUMNS}
+
+
+def of_run(run: Path) -> dict[str, np.ndarray]:
+    checkpoints = sorted(run.glob("checkpoint-*.h5"), key=lambda path: int(path.stem[11:]))
+    if not checkpoints:
+        sys.exit(f"{run} holds no checkpoint")
+    with h5py.File(checkpoints[-1]) as file:
+        rows = int(file["lanes/replay_length"][()]) // STEPS * STEPS
+    with open(run / "replay.bin", "rb") as file:
+        header = file.read(HEADER_BYTES)
+        observation, action = np.frombuffer(header, "<u4", count=2, offset=8).tolist()
+        floats = 2 * observation + action + 2  # reward, 1 - terminated
+        table = np.frombuffer(file.read(rows * floats * 4), "<f4").reshape(rows, floats)
+    parts = np.split(table, np.cumsum([observation, action, observation, 1]), axis=1)
+    part = dict(zip(COLUMNS, [*parts[:3], parts[3][:, 0], parts[4][:, 0] == 0], strict=False))
+    part["timeouts"] = np.arange(rows) % STEPS == STEPS - 1
+    inside = np.flatnonzero(~part["timeouts"])
+    joined = np.array_equal(part["next_observations"][inside], part["observations"][inside + 1])
+    if part["terminals"].any() or not joined:
+        sys.exit(f"{run} does not hold episodes of {STEPS} steps")
+    return part
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, help="file to write")
+    parser.add_argument("part", type=Path, nargs="+", help="folder of a run, or a dataset")
+    arguments = parser.parse_args()
+    parts = [of_run(path) if path.is_dir() else of_dataset(path) for path in arguments.part]
+    table = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
+    with h5py.File(arguments.out, "w") as file:
+        for name, column in table.items():
+            file.create_dataset(name, data=column)
+    returns = table["rewards"].reshape(-1, STEPS).sum(axis=1)
+    print(f"{returns.size} episodes, mean return {returns.mean():.1f}, best {returns.max():.1f}")
+
+
+if __name__ == "__main__":
+    main()
