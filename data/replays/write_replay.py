@@ -32,15 +32,33 @@ def newest_checkpoint(run: Path) -> Path:
     return checkpoints[-1]
 
 
-def check_run(run: Path, lanes: int, transitions: int) -> None:
-    """Ends the program if RUN's first `transitions` cannot be stepped again."""
+def stored_transitions(run: Path, lanes: int) -> int:
+    """Transitions up to the newest checkpoint; ends the program if a step failed."""
     with h5py.File(newest_checkpoint(run)) as file:
         stored = int(file["lanes/replay_length"][()])
         vector_steps = int(file["lanes/vector_steps"][()])
-    if stored < transitions:
-        sys.exit(f"the newest checkpoint of {run} has {stored} transitions, {transitions} asked for")
     if vector_steps * lanes != stored:
         sys.exit(f"{run} gave up {vector_steps * lanes - stored} steps")
+    return stored
+
+
+def read_replay(run: Path, transitions: int) -> tuple[bytes, dict[str, np.ndarray]]:
+    """The first bytes of replay.bin, with its header, and the transitions in them."""
+    with open(run / "replay.bin", "rb") as file:
+        header = file.read(HEADER_BYTES)
+        observation_size, action_size = np.frombuffer(header, "<u4", count=2, offset=8).tolist()
+        floats = 2 * observation_size + action_size + 2
+        records = file.read(transitions * floats * 4)
+    table = np.frombuffer(records, "<f4").reshape(transitions, floats)
+    ends = np.cumsum([observation_size, action_size, observation_size])
+    observations, actions, next_observations, rest = np.split(table, ends, axis=1)
+    return header + records, {
+        "observations": observations,
+        "actions": actions,
+        "next_observations": next_observations,
+        "rewards": rest[:, 0],
+        "terminals": rest[:, 1] == 0,  # stored is 1 - terminated
+    }
 
 
 def main() -> None:
@@ -52,16 +70,14 @@ def main() -> None:
 
     record = json.loads((arguments.run / "run.json").read_text())
     lanes = int(record["hyperparameters"]["lanes"])
-    check_run(arguments.run, lanes, arguments.transitions)
-
-    with open(arguments.run / "replay.bin", "rb") as file:
-        header = file.read(HEADER_BYTES)
-        observation_size, action_size = np.frombuffer(header, "<u4", count=2, offset=8).tolist()
-        # Observation, action, next observation, reward, 1 - terminated.
-        floats = 2 * observation_size + action_size + 2
-        records = file.read(arguments.transitions * floats * 4)
-    table = np.frombuffer(records, "<f4").reshape(arguments.transitions, floats)
-    actions = table[:, observation_size : observation_size + action_size]
+    stored = stored_transitions(arguments.run, lanes)
+    if stored < arguments.transitions:
+        sys.exit(
+            f"the newest checkpoint of {arguments.run} has {stored} transitions, "
+            f"{arguments.transitions} asked for"
+        )
+    replay, columns = read_replay(arguments.run, arguments.transitions)
+    actions = columns["actions"]
 
     metadata = {
         "environment": record["environment"],
@@ -72,13 +88,13 @@ def main() -> None:
         "autoreset": "same_step",
         "command": record["command"],
         "transitions": arguments.transitions,
-        "replay_sha256": hashlib.sha256(header + records).hexdigest(),
+        "replay_sha256": hashlib.sha256(replay).hexdigest(),
     }
     with h5py.File(arguments.out, "w") as file:
         file.create_dataset(
             "actions",
             data=actions,
-            chunks=(min(10_000, arguments.transitions), action_size),
+            chunks=(min(10_000, arguments.transitions), actions.shape[1]),
             compression="gzip",
             compression_opts=9,
             shuffle=True,

@@ -9,14 +9,15 @@ HalfCheetah/NAME` makes it a dataset to train on.
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
+from write_replay import read_replay, stored_transitions
 
 STEPS = 1_000  # of an episode of HalfCheetah, which always ends by its time limit
-HEADER_BYTES = 64  # of replay.bin: magic, then the sizes of an observation and of an action
 COLUMNS = ("observations", "actions", "next_observations", "rewards", "terminals", "timeouts")
 
 
@@ -26,18 +27,9 @@ def of_dataset(path: Path) -> dict[str, np.ndarray]:
 
 
 def of_run(run: Path) -> dict[str, np.ndarray]:
-    checkpoints = sorted(run.glob("checkpoint-*.h5"), key=lambda path: int(path.stem[11:]))
-    if not checkpoints:
-        sys.exit(f"{run} holds no checkpoint")
-    with h5py.File(checkpoints[-1]) as file:
-        rows = int(file["lanes/replay_length"][()]) // STEPS * STEPS
-    with open(run / "replay.bin", "rb") as file:
-        header = file.read(HEADER_BYTES)
-        observation, action = np.frombuffer(header, "<u4", count=2, offset=8).tolist()
-        floats = 2 * observation + action + 2  # reward, 1 - terminated
-        table = np.frombuffer(file.read(rows * floats * 4), "<f4").reshape(rows, floats)
-    parts = np.split(table, np.cumsum([observation, action, observation, 1]), axis=1)
-    part = dict(zip(COLUMNS, [*parts[:3], parts[3][:, 0], parts[4][:, 0] == 0], strict=False))
+    lanes = int(json.loads((run / "run.json").read_text())["hyperparameters"]["lanes"])
+    rows = stored_transitions(run, lanes) // STEPS * STEPS
+    _, part = read_replay(run, rows)
     part["timeouts"] = np.arange(rows) % STEPS == STEPS - 1
     inside = np.flatnonzero(~part["timeouts"])
     joined = np.array_equal(part["next_observations"][inside], part["observations"][inside + 1])
