@@ -94,6 +94,10 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("--learner", learner.command,
                  "the shell's command of a learner of your own, instead of the algorithms");
   app.add_option("--name", learner.name, "name of your learner's algorithm in results and tables");
+  app.add_option("--until-settled", options.until_settled,
+                 "how often a run goes on for its updates again whose last fifth's mean score "
+                 "differs from that of the fifth before by more than 1.5 points [0]")
+      ->transform(Count(0, 1'000));
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");
   app.add_option("--data-folder", options.data_folder,
@@ -111,10 +115,6 @@ void BenchmarkCommand::AddRunOptions(CLI::App& app) {
   app.add_option("--hours", options.hours,
                  "stop after so many hours, to be resumed; runs that can end by then come first")
       ->check(Number(0, 1e5));
-  app.add_option("--until-settled", options.until_settled,
-                 "how often a run goes on for its updates again whose last fifth's mean score "
-                 "differs from that of the fifth before by more than 1.5 points [0]")
-      ->transform(Count(0, 1'000));
   app.add_option("--index", index,
                  "only the run with this number in plan.json, in --out, which is written if it is "
                  "missing; waits while another process has the run")
@@ -170,13 +170,18 @@ std::vector<std::string> BenchmarkCommand::TaskWords() const {
   add("--results", options.results);
   add("--endpoint", options.endpoint);
   if (options.endpoint.empty()) add("--data-folder", options.data_folder);
+  if (options.until_settled > 0) add("--until-settled", fmt::format("{}", options.until_settled));
   if (options.retry) words.push_back("--retry");
   words.insert(words.end(), {"--jobs", "1", "--quiet"});
   return words;
 }
 
 Result<int> BenchmarkCommand::Submit(const std::vector<PlannedRun>& plan) {
-  SubmissionOptions submission = {slurm, options.results, options.retry, dry_run};
+  SubmissionOptions submission = {.job = slurm,
+                                  .results = options.results,
+                                  .until_settled = options.until_settled,
+                                  .retry = options.retry,
+                                  .dry_run = dry_run};
   submission.job.folder = options.folder;
   submission.job.command = TaskWords();
   B4MRL_RETURN_IF_ERROR(SubmitMissingRuns(plan, submission));

@@ -52,7 +52,7 @@ Status SubmitMissingRuns(const std::vector<PlannedRun>& plan, const SubmissionOp
     B4MRL_ASSIGN_OR_RETURN(queued, QueuedIndices(folder, frozen.size(), *array_size));
   }
   // Behind the look at the queue: what has left it by now is done, or is submitted.
-  const PlanStatus status = StatusOf(plan, folder, options.results, /*until_settled=*/0);
+  const PlanStatus status = StatusOf(plan, folder, options.results, options.until_settled);
   std::vector<uint64_t> left;
   size_t in_queue = 0;
   for (size_t i = 0; i < plan.size(); ++i) {

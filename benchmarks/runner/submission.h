@@ -2,6 +2,7 @@
 // Thread rule: one thread.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -12,10 +13,11 @@
 namespace b4mrl {
 
 struct SubmissionOptions {
-  SlurmJob job;          // of every block; its parallel tasks are those of all blocks together
-  std::string results;   // folder of the results
-  bool retry = false;    // diverged runs, too
-  bool dry_run = false;  // write the plan and the scripts, print these and submit nothing
+  SlurmJob job;                // of every block; its parallel tasks are those of all together
+  std::string results;         // folder of the results
+  uint32_t until_settled = 0;  // how often runs that have not settled go on (runner.h)
+  bool retry = false;          // diverged runs, too
+  bool dry_run = false;        // write the plan and the scripts, print these and submit nothing
 };
 
 // Says on stderr how many runs are done, queued and to be submitted, and on stdout the jobs, or the

@@ -208,6 +208,11 @@ TEST_CASE("A run goes on until its score has settled, as often as is allowed") {
   CHECK(due["state"] == "begun");
   CHECK(due["updates"] == 60);
   CHECK(due["target"] == 120);
+  Words cluster = suite.Command({"--dry-run"});
+  cluster[1] = "slurm";
+  CHECK(Run(cluster).err.find("1 of 1 runs done") != std::string::npos);
+  cluster.insert(cluster.end(), {"--until-settled", "2"});
+  CHECK(Run(cluster).out.find(" --until-settled 2 ") != std::string::npos);
   const Outcome outcome = Run(suite.Command({"--until-settled", "2"}));
   INFO(outcome.out << outcome.err);
   CHECK(outcome.exit_code == 0);
