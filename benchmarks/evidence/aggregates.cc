@@ -67,17 +67,10 @@ std::pair<std::vector<Series>, Benchmarks> Choose(const ScoreTable& table) {
   return {};
 }
 
-// Where benchmarks differ in their number of runs, each stands by the mean of its runs: pooled, one
-// with more seeds would weigh more.
 Scores ScoresOf(const ScoreTable& table, const Series& series, const Benchmarks& benchmarks) {
   Scores scores;
-  std::set<size_t> sizes;
   for (const Benchmark* benchmark : benchmarks) {
     scores.push_back(table.Find(benchmark->name, series)->Scores());
-    sizes.insert(scores.back().size());
-  }
-  if (sizes.size() > 1) {
-    for (std::vector<double>& runs : scores) runs = {MeanAndStdOf(runs).mean};
   }
   return scores;
 }
@@ -93,17 +86,29 @@ std::optional<double> PaperIqm(const CellScores& paper, const std::string& algor
   return InterquartileMean(means);
 }
 
+// The interquartile mean over runs. Where benchmarks differ in their number of runs, each stands by
+// the mean of its runs: pooled, one with more seeds would weigh more.
+double WeighedEqually(const Scores& scores, bool by_means) {
+  if (!by_means) return InterquartileMean(scores);
+  std::vector<double> means;
+  for (const std::vector<double>& runs : scores) means.push_back(MeanAndStdOf(runs).mean);
+  return InterquartileMean(means);
+}
+
 Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds) {
   Aggregate aggregate;
   aggregate.cells = scores.size();
-  aggregate.iqm = InterquartileMean(scores);
+  const bool by_means = std::ranges::any_of(scores, [&](const std::vector<double>& runs) {
+    return runs.size() != scores.front().size();
+  });
+  aggregate.iqm = WeighedEqually(scores, by_means);
   aggregate.median = MedianOverBenchmarks(scores);
   aggregate.mean = MeanOverBenchmarks(scores);
   aggregate.profile = PerformanceProfile(scores, thresholds);
   if (scores.size() < kLeastBenchmarks) return aggregate;
   // The interquartile mean first, then the profile.
-  const auto statistic = [&thresholds](std::span<const Scores> drawn) {
-    std::vector<double> numbers = {InterquartileMean(drawn[0])};
+  const auto statistic = [&](std::span<const Scores> drawn) {
+    std::vector<double> numbers = {WeighedEqually(drawn[0], by_means)};
     std::ranges::copy(PerformanceProfile(drawn[0], thresholds), std::back_inserter(numbers));
     return numbers;
   };

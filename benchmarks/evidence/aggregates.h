@@ -26,7 +26,7 @@ struct Aggregate {
   double iqm = 0, median = 0, mean = 0;  // of their scores
   std::optional<Interval> iqm_interval;
   std::optional<double> paper_iqm;  // of the paper's means of these cells, if it has all
-  std::vector<double> profile;      // share of the cells' runs with a score above each threshold
+  std::vector<double> profile;      // share of a cell's runs with a score above each threshold
   std::vector<Interval> profile_intervals;  // one a threshold, or none
 };
 

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "algorithms/list.h"
-#include "benchmarks/statistics/bootstrap.h"
+#include "benchmarks/statistics/grouped_bootstrap.h"
 #include "benchmarks/statistics/rank_correlation.h"
 #include "proto/base/mean_and_std.h"
 #include "proto/base/rng.h"
@@ -20,8 +20,6 @@ namespace b4mrl {
 namespace {
 
 constexpr size_t kDraws = 200;
-constexpr size_t kResamples = 2000;
-constexpr double kConfidence = 0.95;
 constexpr size_t kLeastRanked = 3;  // algorithms in a benchmark, of which an order means something
 
 // A cell of the paper's that is compared.
@@ -29,7 +27,9 @@ struct Item {
   const Benchmark* benchmark = nullptr;
   std::string algorithm;
   std::string run;            // see SharedRun
-  std::string reference_run;  // what an effect is taken from; "": there is none
+  const Benchmark* reference = nullptr;  // what an effect is taken from; null: there is none
+  std::string reference_run;             // of that
+  double own_effect = 0;                 // ours, of runs with equally many updates
 };
 
 // Scores by the run that they are of (SharedRun).
@@ -142,10 +142,11 @@ class Comparer {
   // 1 where the table orders the two as the paper does, -1 where otherwise, 0 where they are equal.
   int OrderIn(const Table& table, const RunPair& pair) const;
   std::vector<PairOrder> PairOrders() const;
-  // The figure that `summarise` makes of the values that `observe` returns for a table. Its
-  // interval resamples `groups`, to one of which each value belongs.
+  // The figure that `summarise` makes of our values, and of those that `observe` finds in another
+  // table. Its interval resamples `groups`, to one of which each value belongs.
   template <typename Observe, typename Value>
-  Agreement Figure(Observe observe, std::optional<double> (*summarise)(const std::vector<Value>&),
+  Agreement Figure(const std::vector<Value>& values, Observe observe,
+                   std::optional<double> (*summarise)(const std::vector<Value>&),
                    const std::vector<std::string>& groups) const;
 
   std::vector<Item> runs_;     // the paper's that we have too
@@ -178,9 +179,9 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
       if (options.without.contains(algorithm)) continue;
       const CellScore* own = Find(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;
-      Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm), ""};
-      const Benchmark* reference = ReferenceOf(benchmark, benchmarks);
-      if (reference != nullptr) item.reference_run = SharedRun(*reference, algorithm);
+      Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm),
+                   ReferenceOf(benchmark, benchmarks)};
+      if (item.reference != nullptr) item.reference_run = SharedRun(*item.reference, algorithm);
       if (ours_.values.emplace(item.run, own->mean).second) {
         ours_.errors[item.run] = own->standard_error;
         paper_.values[item.run] = score.mean;
@@ -196,10 +197,15 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
   for (const Item& item : cells) {
     floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
-  for (const Item& item : runs_) {
-    if (item.run != item.reference_run && ours_.values.contains(item.reference_run)) {
-      effects_.push_back(item);
-    }
+  for (Item item : runs_) {
+    if (item.run == item.reference_run || !ours_.values.contains(item.reference_run)) continue;
+    const CellScore* reference = Find(ours, item.reference->name, item.algorithm);
+    if (reference == nullptr) continue;
+    const auto [flawed, clean] =
+        AtEqualUpdates(*Find(ours, item.benchmark->name, item.algorithm), *reference);
+    if (options.settled_only && !(flawed.settled && clean.settled)) continue;
+    item.own_effect = flawed.mean - clean.mean;
+    effects_.push_back(std::move(item));
   }
 }
 
@@ -310,35 +316,10 @@ std::vector<PairOrder> Comparer::PairOrders() const {
   return orders;
 }
 
-// Nothing where most resamples have no such figure.
-template <typename Value>
-std::optional<Interval> IntervalOf(const std::vector<Value>& values,
-                                   std::optional<double> (*summarise)(const std::vector<Value>&),
-                                   const std::vector<std::string>& groups) {
-  std::map<std::string, std::vector<Value>> by_group;
-  for (size_t i = 0; i < values.size(); ++i) by_group[groups[i]].push_back(values[i]);
-  if (by_group.size() < 2) return std::nullopt;
-  std::vector<std::vector<Value>> grouped;
-  for (auto& [name, members] : by_group) grouped.push_back(std::move(members));
-  std::vector<std::vector<double>> estimates;
-  for (uint64_t number = 0; number < kResamples; ++number) {
-    Rng random(0, "resample of the agreement", number);
-    std::vector<Value> drawn;
-    for (size_t i = 0; i < grouped.size(); ++i) {
-      const std::vector<Value>& members = grouped[random.Below(grouped.size())];
-      drawn.insert(drawn.end(), members.begin(), members.end());
-    }
-    if (const auto each = summarise(drawn)) estimates.push_back({*each});
-  }
-  if (estimates.size() <= kResamples / 2) return std::nullopt;
-  return PercentileIntervals(estimates, kConfidence).front();
-}
-
 template <typename Observe, typename Value>
-Agreement Comparer::Figure(Observe observe,
+Agreement Comparer::Figure(const std::vector<Value>& values, Observe observe,
                            std::optional<double> (*summarise)(const std::vector<Value>&),
                            const std::vector<std::string>& groups) const {
-  const std::vector<Value> values = observe(ours_.values);
   std::vector<double> draws;
   for (uint64_t draw = 0; draw < kDraws; ++draw) {
     if (const auto each = summarise(observe(Draw(draw)))) draws.push_back(*each);
@@ -346,7 +327,7 @@ Agreement Comparer::Figure(Observe observe,
   return {.ours = summarise(values),
           .floor = summarise(observe(floor_)),
           .ceiling = draws.size() == kDraws ? MeanOf(draws) : std::nullopt,
-          .interval = IntervalOf(values, summarise, groups),
+          .interval = IntervalOverGroups(values, summarise, groups),
           .count = values.size()};
 }
 
@@ -360,22 +341,27 @@ std::vector<std::string> GroupsOf(const std::vector<Thing>& things, GroupOf grou
 
 PaperAgreement Comparer::Compare() const {
   PaperAgreement agreement;
+  const Table& ours = ours_.values;
   const auto scores = [this](const Table& table) { return ScoresBeside(table); };
-  agreement.scores = Figure(scores, SpearmanOf, GroupsOf(runs_, &Item::run));
+  agreement.scores = Figure(scores(ours), scores, SpearmanOf, GroupsOf(runs_, &Item::run));
   const auto effects = [this](const Table& table) { return EffectsBeside(table); };
-  agreement.effects = Figure(effects, SpearmanOf, GroupsOf(effects_, &Item::run));
+  std::vector<Pair> own = EffectsBeside(ours);
+  for (size_t i = 0; i < own.size(); ++i) own[i].second = effects_[i].own_effect;
+  agreement.effects = Figure(own, effects, SpearmanOf, GroupsOf(effects_, &Item::run));
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
   const auto rankings = [this](const Table& table) { return RankingsBeside(table); };
-  agreement.rankings = Figure(rankings, MeanOf, GroupsOf(rankings_, &Ranking::data));
+  agreement.rankings =
+      Figure(rankings(ours), rankings, MeanOf, GroupsOf(rankings_, &Ranking::data));
   const auto separated = [this](const Table& table) { return SeparatedBeside(table); };
   agreement.separated = Figure(
-      separated, MeanOf,
+      separated(ours), separated, MeanOf,
       GroupsOf(separated_, [](const std::vector<RunPair>& pairs) { return pairs.front().data; }));
   const auto run_pairs = [this](const Table& table) { return OrdersBeside(table, pairs_); };
-  agreement.run_pairs = Figure(run_pairs, MeanOf, GroupsOf(pairs_, &RunPair::data));
+  agreement.run_pairs =
+      Figure(run_pairs(ours), run_pairs, MeanOf, GroupsOf(pairs_, &RunPair::data));
   const auto apart = [this](const Table& table) { return OrdersBeside(table, apart_); };
-  agreement.apart = Figure(apart, MeanOf, GroupsOf(apart_, &RunPair::data));
+  agreement.apart = Figure(apart(ours), apart, MeanOf, GroupsOf(apart_, &RunPair::data));
   agreement.pairs = PairOrders();
   return agreement;
 }

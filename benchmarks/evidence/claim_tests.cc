@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "benchmarks/evidence/claims.h"
@@ -21,6 +22,10 @@ struct Comparison {
   std::string algorithm;  // of the first
 
   bool IsThere() const { return higher && lower; }
+  // Of one algorithm with itself: else a longer training would count as what is compared.
+  void ReadAtEqualUpdates() {
+    if (IsThere()) std::tie(higher, lower) = AtEqualUpdates(*higher, *lower);
+  }
   bool IsSettled() const { return higher->settled && lower->settled; }
   double Difference() const { return higher->mean - lower->mean; }
 };
@@ -97,6 +102,7 @@ Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
       if (unit.lacking.contains(one) || unit.lacking.contains(other)) continue;
       unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
                                   ScoreIn(scores, claim.lower.benchmarks[benchmark], other), one});
+      if (one == other) unit.comparisons.back().ReadAtEqualUpdates();
     }
   }
   return unit;

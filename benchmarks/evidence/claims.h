@@ -1,8 +1,9 @@
 // Claims about scores (benchmarks/claims.toml), tested on any scores alike.
 //
 // A claim compares cells: `higher` is claimed to score above `lower`, by more than a margin. Its
-// units are pairs of benchmarks, each with one comparison or several. A cell that has not settled
-// decides nothing. How a claim is tested:
+// units are pairs of benchmarks, each with one comparison or several. Two cells of ours of one
+// algorithm are compared after equally many updates. A cell that has not settled decides nothing.
+// How a claim is tested:
 //   "cells"       Every comparison must hold. A comparison is Welch's test of two means.
 //   "any"         One algorithm of the upper side must score above the whole lower side in one
 //                 unit, by Welch's tests, whose greatest p is multiplied by the number of

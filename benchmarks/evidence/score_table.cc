@@ -92,27 +92,34 @@ Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
     return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kLargestScore));
   }
   run.curve = *std::move(curve);
-  const uint64_t all = CountOf(json, "updates").value_or(0);
-  const uint64_t end = limit ? limit(run).value_or(all) : all;
-  std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
-  if (run.curve.empty()) {
-    return Status(StatusCode::kDataLoss,
-                  fmt::format("it has no evaluation within {} updates", end));
-  }
-  const CurvePoint& last = run.curve.back();
-  run.updates = last.updates;
-  run.is_return = !last.score;
-  run.score = last.score.value_or(last.mean_return);
-  run.ended = IsTrue(json, "finished") || end < all;
-  run.fifths = FifthsOf(run.curve);
-  // The agent's scores seen otherwise belong to the end of the run.
-  if (last.updates == all) ReadScorings(EntryOf(json, "scorings"), &run);
-  return run;
+  run.updates = CountOf(json, "updates").value_or(0);
+  run.ended = IsTrue(json, "finished");
+  run.is_return = !run.curve.empty() && !run.curve.back().score;
+  ReadScorings(EntryOf(json, "scorings"), &run);
+  const uint64_t end = limit ? limit(run).value_or(run.updates) : run.updates;
+  std::optional<ScoredRun> counting = run.At(end);
+  if (counting) return *std::move(counting);
+  return Status(StatusCode::kDataLoss, fmt::format("it has no evaluation within {} updates", end));
 }
 
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
 
 }  // namespace
+
+std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
+  ScoredRun run = *this;
+  std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
+  if (run.curve.empty()) return std::nullopt;
+  const CurvePoint& last = run.curve.back();
+  run.ended |= end < updates;
+  // The agent's scores seen otherwise belong to the end of the run.
+  if (last.updates != updates) run.further.clear();
+  run.updates = last.updates;
+  run.score = last.score.value_or(last.mean_return);
+  run.is_return = !last.score;
+  run.fifths = FifthsOf(run.curve);
+  return run;
+}
 
 std::vector<double> Cell::Scores() const {
   std::vector<double> scores;
@@ -162,6 +169,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   ScoreTable table;
   table.main_recipes_ = main_recipes;
   table.runs_ = std::make_shared<std::vector<ScoredRun>>();
+  table.earlier_ = std::make_shared<std::deque<ScoredRun>>();
   for (const std::string& path : files) {
     const std::string file = std::filesystem::path(path).filename();
     const auto json = ReadJsonObject(path);
@@ -181,6 +189,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
   table.MarkRunsInCells();
+  table.ReadSeedsAtEqualUpdates();
   table.NoteMixedRuns();
   return table;
 }
@@ -259,6 +268,29 @@ void ScoreTable::MarkRunsInCells() {
     notes_.push_back(fmt::format(
         "{} was left out: it names no benchmark of these suites (--suites for your own)",
         run.file));
+  }
+}
+
+void ScoreTable::ReadSeedsAtEqualUpdates() {
+  std::map<std::pair<const ScoredRun*, uint64_t>, const ScoredRun*> known;
+  for (auto& [benchmark, row] : cells_) {
+    for (auto& [series, cell] : row) {
+      const uint64_t least = cell.LeastUpdates();
+      for (const ScoredRun*& run : cell.runs) {
+        if (run->updates == least) continue;
+        const auto [entry, is_new] = known.emplace(std::pair(run, least), run);
+        if (is_new) {
+          std::optional<ScoredRun> earlier = run->At(least);
+          if (!earlier) continue;  // its first evaluation came later
+          notes_.push_back(fmt::format(
+              "{} has gone on to {} updates and is read at {}, which all seeds of its cell have",
+              run->file, run->updates, earlier->updates));
+          earlier_->push_back(*std::move(earlier));
+          entry->second = &earlier_->back();
+        }
+        run = entry->second;
+      }
+    }
   }
 }
 

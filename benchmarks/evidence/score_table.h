@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -46,6 +47,9 @@ struct ScoredRun {
   double core_hours = 0;                  // of the whole run
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
+
+  // The run as it was at its last evaluation within so many updates; nothing if it had none.
+  std::optional<ScoredRun> At(uint64_t end) const;
 };
 
 // How a cell's score moves from the fifth before to the last one, as the mean over its seeds: by at
@@ -105,6 +109,8 @@ class ScoreTable {
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.
   void LeaveOutUnfinishedSeeds();
+  // Seeds that went on are read at the updates that all seeds of their cell have.
+  void ReadSeedsAtEqualUpdates();
   // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
   void MarkRunsInCells();
   void AddCells(const std::vector<Benchmark>& benchmarks);
@@ -112,7 +118,8 @@ class ScoreTable {
 
   std::vector<const Benchmark*> benchmarks_;
   std::vector<Series> series_;
-  std::shared_ptr<std::vector<ScoredRun>> runs_;  // cells point at them, also after a move
+  std::shared_ptr<std::vector<ScoredRun>> runs_;  // cells point at them, also after a move,
+  std::shared_ptr<std::deque<ScoredRun>> earlier_;  // and at these, which are parts of them
   std::map<std::string, std::map<Series, Cell>> cells_;
   std::map<std::string, std::string> main_recipes_;  // by algorithm
   std::vector<std::string> notes_;

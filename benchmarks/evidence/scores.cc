@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <deque>
 #include <set>
 
 #include "algorithms/list.h"
@@ -49,6 +51,16 @@ std::optional<Interval> CellScore::Interval95() const {
                               ? NormalQuantile(0.975)
                               : StudentQuantile(0.975, static_cast<size_t>(degrees));
   return Interval{mean - quantile * standard_error, mean + quantile * standard_error};
+}
+
+const CellScore& ScoreAt(const CellScore& score, uint64_t updates) {
+  const auto found = std::ranges::find(score.earlier, updates, &CellScore::updates);
+  return found == score.earlier.end() ? score : *found;
+}
+
+std::pair<CellScore, CellScore> AtEqualUpdates(const CellScore& one, const CellScore& other) {
+  const uint64_t updates = std::min(one.updates, other.updates);
+  return {ScoreAt(one, updates), ScoreAt(other, updates)};
 }
 
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,
@@ -152,6 +164,7 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
       cell.MeanOf([](const ScoredRun& run) { return GainPerDoubling(run.curve); });
   score.has_one_source = std::ranges::all_of(cell.runs, HasOneSource);
   for (const ScoredRun* run : cell.runs) score.runs += run->id;
+  score.updates = cell.LeastUpdates();
   if (score.seeds >= kSeedsForAnError) {
     SetErrorOfMean(&score);
   } else if (const auto deviation =
@@ -162,18 +175,52 @@ CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
   return score;
 }
 
+// The score of the cell's runs after so many updates; nothing if one had no evaluation by then.
+std::optional<CellScore> EarlierScoreOf(const Benchmark& benchmark, const Cell& cell,
+                                        uint64_t updates, const BorrowedDeviations& deviations) {
+  std::deque<ScoredRun> runs;
+  Cell earlier;
+  for (const ScoredRun* run : cell.runs) {
+    std::optional<ScoredRun> at = run->At(updates);
+    if (!at) return std::nullopt;
+    runs.push_back(*std::move(at));
+    earlier.runs.push_back(&runs.back());
+  }
+  CellScore score = ScoreOf(benchmark, earlier, deviations);
+  score.updates = updates;
+  return score;
+}
+
 CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
                      const std::string& recipe) {
-  CellScores scores;
-  for (const Series& series : table.series()) {
-    const bool is_asked_for = !recipe.empty() && series.recipe == recipe;
-    if (!is_asked_for && table.MainSeries(series.algorithm) != series) continue;
+  // The first of these that has a cell counts.
+  std::vector<Series> series = table.series();
+  std::ranges::stable_sort(series, {}, [&](const Series& each) {
+    const bool is_asked_for = !recipe.empty() && each.recipe == recipe;
+    return is_asked_for ? 0 : table.MainSeries(each.algorithm) == each ? 1 : 2;
+  });
+  std::map<CellName, const Cell*> cells;
+  std::map<std::string, std::set<uint64_t>> updates;  // by algorithm
+  for (const Series& each : series) {
     for (const Benchmark* benchmark : table.benchmarks()) {
-      const Cell* cell = table.Find(benchmark->name, series);
+      const Cell* cell = table.Find(benchmark->name, each);
       if (cell == nullptr) continue;
-      CellScore& score = scores[{benchmark->name, series.algorithm}];
-      if (score.seeds > 0 && !is_asked_for) continue;  // the recipe's is there
-      score = ScoreOf(*benchmark, *cell, deviations);
+      if (!cells.emplace(CellName(benchmark->name, each.algorithm), cell).second) continue;
+      updates[each.algorithm].insert(cell->LeastUpdates());
+    }
+  }
+  CellScores scores;
+  for (const Benchmark* benchmark : table.benchmarks()) {
+    for (const auto& [algorithm, of_any] : updates) {
+      const auto found = cells.find({benchmark->name, algorithm});
+      if (found == cells.end()) continue;
+      CellScore score = ScoreOf(*benchmark, *found->second, deviations);
+      for (const uint64_t fewer : of_any) {
+        if (fewer >= score.updates) break;
+        auto earlier = EarlierScoreOf(*benchmark, *found->second, fewer, deviations);
+        if (earlier) score.earlier.push_back(*std::move(earlier));
+      }
+      scores[found->first] = std::move(score);
     }
   }
   return scores;

@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <map>
 #include <optional>
@@ -41,7 +42,10 @@ struct CellScore {
   double standard_error = std::numeric_limits<double>::infinity();
   double degrees = std::numeric_limits<double>::infinity();  // of freedom, of Student's t
   bool is_borrowed = false;                                  // the error is that of other cells
-  std::string runs;  // equal for cells that the same runs fill
+  std::string runs;      // equal for cells that the same runs fill
+  uint64_t updates = 0;  // of each of them; 0 for the paper's
+  // Of ours: the score after fewer updates, wherever another cell of the algorithm has so many.
+  std::vector<CellScore> earlier;
 
   // In which the mean lies with 95% probability; nothing without a standard error.
   std::optional<Interval> Interval95() const;
@@ -50,6 +54,12 @@ struct CellScore {
 // By benchmark and algorithm.
 using CellName = std::pair<std::string, std::string>;
 using CellScores = std::map<CellName, CellScore>;
+
+// The score after so many updates: an earlier one, if it has that, or itself.
+const CellScore& ScoreAt(const CellScore& score, uint64_t updates);
+// What two scores of one algorithm differ by, where its training must not: that of the longer runs
+// as it was when they had as many updates as the others.
+std::pair<CellScore, CellScore> AtEqualUpdates(const CellScore& one, const CellScore& other);
 
 // Null if there is none.
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,
@@ -81,7 +91,8 @@ class BorrowedDeviations {
 
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,
                   const BorrowedDeviations& deviations);
-// Of results, each algorithm by its main series; where it has a cell of the recipe, by that one.
+// Of results, each algorithm by its main series, and by another on a benchmark where that has no
+// cell; where it has a cell of the recipe, by that one.
 CellScores OwnScores(const ScoreTable& table, const BorrowedDeviations& deviations,
                      const std::string& recipe = "");
 // The names of the recipes that stand for no algorithm.

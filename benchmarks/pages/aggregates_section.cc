@@ -21,8 +21,8 @@ Table EstimatesTable(const Aggregates& aggregates) {
       "Each cell counts once, however many benchmarks its runs fill: an algorithm that uses no "
       "dataset has one for each simulator, one that uses no simulator one for each dataset. "
       "Intervals of 95%: percentile bootstrap, 2,000 resamples of cells and of the runs inside "
-      "them, from eight cells on. Where an algorithm's cells differ in their number of seeds, "
-      "each stands by its mean.";
+      "them, from eight cells on. In the interquartile mean each cell stands by the mean of its "
+      "runs where an algorithm's cells differ in their number of seeds.";
   table.columns = {{"Algorithm"},
                    {"Cells", true},
                    {"Interquartile mean", true},
@@ -44,8 +44,8 @@ Table ImprovementsTable(const Aggregates& aggregates) {
   table.title = "Probability of improvement.";
   table.caption =
       "How likely a run of the first algorithm scores higher than a run of the second on the same "
-      "benchmark, equal scores counted half. Each pair of cells counts once, however many "
-      "benchmarks both fill.";
+      "benchmark, equal scores counted half: the mean over benchmarks of its share among all pairs "
+      "of their runs. Each pair of cells counts once, however many benchmarks both fill.";
   table.columns = {
       {"Algorithm"}, {"Over"}, {"Probability", true}, {"Pairs", true}, {"95% interval", true}};
   for (const Improvement& each : aggregates.improvements) {

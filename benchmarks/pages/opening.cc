@@ -130,7 +130,8 @@ std::string RecipesOf(const Evidence& evidence) {
   return fmt::format(
       "Where an algorithm ran with several recipes (in brackets behind its name), each has its "
       "column, its curves and its cells; everywhere else one stands for it, that of the budget "
-      "(--at, or small) or, if it never ran with that, the one that fills the most cells: {}.",
+      "(--at, or small) or, if it never ran with that, the one that fills the most cells: {}. On a "
+      "benchmark where that has no result, one that has stands for it.",
       fmt::join(names, ", "));
 }
 

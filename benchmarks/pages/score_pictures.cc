@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdint>
 #include <set>
+#include <span>
 #include <utility>
 
 #include "algorithms/pictures/fit.h"
@@ -96,6 +98,17 @@ std::array<std::string, 3> ConditionsOf(const std::string& flaw, const std::stri
           fmt::format("HalfCheetah/confounding/{}+{}", flaw, level)};
 }
 
+// Of one algorithm's scores, which a figure compares with each other: the updates that all have.
+uint64_t SharedUpdates(const CellScores& scores, const std::string& algorithm,
+                       std::span<const std::string> benchmarks) {
+  uint64_t least = UINT64_MAX;
+  for (const std::string& benchmark : benchmarks) {
+    const CellScore* score = Find(scores, benchmark, algorithm);
+    if (score != nullptr) least = std::min(least, score->updates);
+  }
+  return least;
+}
+
 struct HybridLine {
   std::string algorithm, level;
 };
@@ -128,9 +141,11 @@ Panel ConditionsPanel(const std::string& title, const std::string& flaw,
     const HybridLine& each = lines[i];
     Dots dots = {.series = i, .dots = {}};
     const auto conditions = ConditionsOf(flaw, each.level);
+    const uint64_t updates = SharedUpdates(scores, each.algorithm, conditions);
     for (size_t place = 0; place < conditions.size(); ++place) {
-      const CellScore* score = Find(scores, conditions[place], each.algorithm);
-      if (score == nullptr) continue;
+      const CellScore* found = Find(scores, conditions[place], each.algorithm);
+      if (found == nullptr) continue;
+      const CellScore* score = &ScoreAt(*found, updates);
       const auto x = static_cast<double>(place);
       // Neighbours alone are joined: a line over a missing one would show a score that nobody has.
       if (!dots.dots.empty() && dots.dots.back().x == x - 1) {
@@ -150,20 +165,22 @@ Panel ConditionsPanel(const std::string& title, const std::string& flaw,
 Dots DimensionDots(size_t series, const CellScores& scores, const std::string& algorithm,
                    const std::string& ending, const std::string& clean) {
   Dots dots = {.series = series, .dots = {}};
-  const double shift = Dodge(series, 2, 0.4);
-  const auto add = [&](const std::string& benchmark, size_t place) {
-    const CellScore* score = Find(scores, benchmark, algorithm);
-    if (score == nullptr) return;
-    dots.dots.push_back({.x = score->mean,
-                         .y = static_cast<double>(place) + shift,
-                         .x_interval = WhiskerOf(*score),
-                         .open = !score->settled,
-                         .hint = HintOf(benchmark, algorithm, *score)});
-  };
+  std::vector<std::string> benchmarks;
   for (size_t i = 0; i < std::size(kDimensions); ++i) {
-    add(fmt::format("HalfCheetah/dimensions/hidden={}{}", i, ending), i);
+    benchmarks.push_back(fmt::format("HalfCheetah/dimensions/hidden={}{}", i, ending));
   }
-  add(clean, std::size(kDimensions));
+  benchmarks.push_back(clean);
+  const uint64_t updates = SharedUpdates(scores, algorithm, benchmarks);
+  for (size_t place = 0; place < benchmarks.size(); ++place) {
+    const CellScore* found = Find(scores, benchmarks[place], algorithm);
+    if (found == nullptr) continue;
+    const CellScore& score = ScoreAt(*found, updates);
+    dots.dots.push_back({.x = score.mean,
+                         .y = static_cast<double>(place) + Dodge(series, 2, 0.4),
+                         .x_interval = WhiskerOf(score),
+                         .open = !score.settled,
+                         .hint = HintOf(benchmarks[place], algorithm, score)});
+  }
   return dots;
 }
 
@@ -261,7 +278,9 @@ Picture ConditionsPicture(const Evidence& evidence) {
   picture.id = "hybrids-across-challenges";
   Figure& figure = picture.figure;
   figure.title = "Hybrids, as the error moves from the simulator into the data";
-  figure.sentences = {"The paper's fig:conf_line_plots. Open: the score still moves."};
+  figure.sentences = {
+      "The paper's fig:conf_line_plots. The runs of a line are read at the updates of the "
+      "shortest. Open: the score still moves there."};
   const std::vector<HybridLine> lines = HybridLines(evidence);
   for (const HybridLine& line : lines) {
     figure.series.push_back(fmt::format("{}, {}", DisplayName(line.algorithm), line.level));
@@ -286,7 +305,9 @@ Picture DimensionsPicture(const Evidence& evidence) {
   figure.sentences = {
       "The paper's fig:conf, of which it prints no numbers. TD3-BC learns from medium-expert; the "
       "policy that recorded it saw all dimensions.",
-      "Open: the score still moves.", kWhiskers};
+      "An algorithm's runs are all read at the updates of the shortest. Open: the score still "
+      "moves there.",
+      kWhiskers};
   figure.series = {"SAC", "TD3-BC"};
   Panel panel;
   std::vector<std::string> places(std::begin(kDimensions), std::end(kDimensions));

@@ -158,6 +158,13 @@ std::string Deviation(const std::optional<MeanAndStd>& figures, size_t seeds, in
   return figures && seeds > 1 ? fmt::format("{:.{}f}", figures->std, digits) : "";
 }
 
+// "100" or, of results that went on for unequally long, "100-400".
+std::string Range(const std::set<uint64_t>& counts) {
+  if (counts.empty()) return "";
+  if (counts.size() == 1) return fmt::format("{}", *counts.begin());
+  return fmt::format("{}-{}", *counts.begin(), *counts.rbegin());
+}
+
 // The columns dataset, rows and rows_sha256; results of one cell have the same rows.
 std::string DataColumns(const Cell& cell) {
   const Json& dataset = EntryOf(*cell.results.front(), "dataset");
@@ -181,11 +188,11 @@ std::string RowOf(const std::string& benchmark, const Cell& cell,
   auto hours = cell.Figures("seconds");
   if (hours) hours->mean /= 3600;
   return fmt::format(
-      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", benchmark,
+      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", CsvCell(benchmark),
       CsvCell(Joined(cell.Texts("algorithm"))), CsvCell(Joined(cell.Texts("recipe"))),
       CsvCell(Joined(cell.Texts("source"))), DataColumns(cell), Mean(score, 2),
       Deviation(score, seeds, 2), Mean(episode_return, 1), Deviation(episode_return, seeds, 1),
-      seeds, Mean(cell.Figures("updates"), 0), settled, CsvCell(Joined(cell.Texts("precision"))),
+      seeds, Range(cell.Counts("updates")), settled, CsvCell(Joined(cell.Texts("precision"))),
       Mean(hours, 2), Mean(cell.Figures("simulator_steps", "ledger"), 0),
       Mean(cell.Figures("query_rows", "ledger"), 0),
       Mean(cell.Figures("dataset_rows", "ledger"), 0), cell.IsEntry(published) ? "yes" : "no");

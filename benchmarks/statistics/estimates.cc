@@ -68,15 +68,19 @@ double ProbabilityOfImprovement(const Scores& x, const Scores& y) {
 }
 
 std::vector<double> PerformanceProfile(const Scores& scores, std::span<const double> thresholds) {
-  const std::vector<double> pooled = Pooled(scores);
-  std::vector<double> shares;
-  shares.reserve(thresholds.size());
+  std::vector<double> profile;
+  profile.reserve(thresholds.size());
   for (const double threshold : thresholds) {
-    const auto above = std::count_if(pooled.begin(), pooled.end(),
-                                     [&](double score) { return score > threshold; });
-    shares.push_back(static_cast<double>(above) / static_cast<double>(pooled.size()));
+    std::vector<double> shares;
+    shares.reserve(scores.size());
+    for (const std::vector<double>& runs : scores) {
+      const auto above =
+          std::ranges::count_if(runs, [&](double score) { return score > threshold; });
+      shares.push_back(static_cast<double>(above) / static_cast<double>(runs.size()));
+    }
+    profile.push_back(MeanAndStdOf(shares).mean);
   }
-  return shares;
+  return profile;
 }
 
 }  // namespace b4mrl

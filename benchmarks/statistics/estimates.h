@@ -42,7 +42,8 @@ double MedianOverBenchmarks(const Scores& scores);
 // of the same benchmark; their numbers of runs may differ.
 double ProbabilityOfImprovement(const Scores& x, const Scores& y);
 
-// For each threshold, the share of all runs with a score above it.
+// For each threshold, the share of a benchmark's runs with a score above it, as the mean over the
+// benchmarks: with equally many runs in each, the share of all runs.
 std::vector<double> PerformanceProfile(const Scores& scores, std::span<const double> thresholds);
 
 }  // namespace b4mrl

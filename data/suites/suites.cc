@@ -108,17 +108,20 @@ Status AddScores(const std::string& path, std::vector<Benchmark>* benchmarks) {
   for (size_t i = 1; i < lines.size(); ++i) {  // behind the columns' names
     if (lines[i].empty()) continue;
     const std::vector<std::string_view> cells = CellsOf(lines[i]);
-    const bool is_whole = cells.size() == 4;
-    const double mean = is_whole ? NumberOf(cells[2]).value_or(NAN) : NAN;
-    const double std = is_whole ? NumberOf(cells[3]).value_or(NAN) : NAN;
+    const size_t count = cells.size();
+    const bool is_whole = count >= 4;
+    const double mean = is_whole ? NumberOf(cells[count - 2]).value_or(NAN) : NAN;
+    const double std = is_whole ? NumberOf(cells[count - 1]).value_or(NAN) : NAN;
     if (!std::isfinite(mean) || !std::isfinite(std) || std < 0) {
       return Status(
           StatusCode::kInvalidArgument,
           fmt::format("{} line {} is not benchmark,algorithm,mean,std with finite numbers", path,
                       i + 1));
     }
-    const auto found = by_name.find(cells[0]);
-    if (found != by_name.end()) found->second->paper[std::string(cells[1])] = {mean, std};
+    // A name may hold commas: a corruption of several perturbations does.
+    const std::string_view algorithm = cells[count - 3];
+    const auto found = by_name.find(lines[i].substr(0, algorithm.data() - lines[i].data() - 1));
+    if (found != by_name.end()) found->second->paper[std::string(algorithm)] = {mean, std};
   }
   return Status();
 }

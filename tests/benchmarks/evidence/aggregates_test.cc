@@ -54,6 +54,28 @@ TEST_CASE("A benchmark with more seeds than the others weighs no more than they 
   CHECK(aggregates->series[0].iqm == 35);  // pooled, nearly all of it would be zeros
 }
 
+TEST_CASE("An improvement counts runs, also where benchmarks differ in their number") {
+  std::vector<MadeResult> made;
+  for (size_t i = 0; i < 8; ++i) {
+    const std::string& name = OwnBenchmarks()[i].name;
+    made.push_back({.algorithm = "iql", .benchmarks = {name}, .score = 40});
+    made.push_back({.algorithm = "td3-bc", .benchmarks = {name}, .score = 30});
+  }
+  const std::string& first = OwnBenchmarks()[0].name;
+  made.push_back({.algorithm = "td3-bc", .benchmarks = {first}, .score = 44, .seed = 1});
+  const MadeResults results(made);
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const auto aggregates = AggregatesOf(table, PaperScores(OwnBenchmarks()));
+  REQUIRE(aggregates);
+  REQUIRE(aggregates->improvements.size() == 1);
+  const Improvement& improvement = aggregates->improvements[0];
+  CHECK(improvement.better.algorithm == "iql");
+  CHECK(improvement.probability == (0.5 + 7) / 8);
+  // Above 40: of the first benchmark's runs one half, of the others' none.
+  const auto& td3_bc = aggregates->series[aggregates->series[0].series.algorithm == "iql" ? 1 : 0];
+  CHECK(td3_bc.profile[8] == 0.5 / 8);
+}
+
 TEST_CASE("Seven benchmarks, unsettled cells and cells of one run are not enough") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   const MadeResults seven(TwoAlgorithms(7));

@@ -47,6 +47,27 @@ TEST_CASE("Reversed scores disagree, and unsettled ones are left out") {
   CHECK(offline.scores.count == 192 - 52 - 16);
 }
 
+TEST_CASE("Effects are taken of runs with equally many updates, settled there") {
+  const CellScores paper = PaperScores(OwnBenchmarks());
+  CellScores ours = paper;
+  const auto effects = [&] { return AgreementWith(paper, ours, OwnBenchmarks(), {}).effects; };
+  const size_t all = effects().count;
+  // Longer training on all clean data adds 50 points, which is no effect of a flaw.
+  for (auto& [name, score] : ours) {
+    score.updates = 100;
+    if (name.first.find("modelling-error/gravity+") == std::string::npos) continue;
+    score.earlier = {score};
+    score.updates = 200;
+    score.mean += 50;
+  }
+  CHECK(effects().ours.value() == Approx(1));
+  CHECK(effects().count == all);
+  for (auto& [name, score] : ours) {
+    if (name.second == "iql" && !score.earlier.empty()) score.earlier[0].settled = false;
+  }
+  CHECK(effects().count < all);
+}
+
 TEST_CASE("Intervals hold the figures, and have no width where all that is counted agrees") {
   const CellScores paper = PaperScores(OwnBenchmarks());
   const PaperAgreement itself = AgreementWith(paper, paper, OwnBenchmarks(), {});

@@ -128,6 +128,29 @@ std::pair<Claim, CellScores> UnitsClaim(size_t count, size_t holding) {
   return {claim, scores};
 }
 
+TEST_CASE("An algorithm is compared with itself after equally many updates") {
+  Claim claim;
+  claim.pairs = ClaimPairs::kSame;
+  claim.higher = {{"iql"}, {kA}};
+  claim.lower = {{"iql"}, {kB}};
+  CellScores scores;
+  scores[{kA, "iql"}] = Score(80, 1, "a");
+  scores[{kB, "iql"}] = Score(40, 1, "b");
+  scores[{kA, "iql"}].updates = 800;
+  scores[{kB, "iql"}].updates = 100;
+  CellScore earlier = Score(30, 1, "a");
+  earlier.updates = 100;
+  scores[{kA, "iql"}].earlier = {earlier};
+  CHECK(Test(claim, scores).verdict == Verdict::kContradicted);
+  scores[{kA, "iql"}].earlier[0].settled = false;
+  CHECK(Test(claim, scores).verdict == Verdict::kNotSettled);
+  // Between two algorithms each counts as it is.
+  claim.pairs = ClaimPairs::kAll;
+  claim.lower = {{"sac"}, {kB}};
+  scores[{kB, "sac"}] = scores[{kB, "iql"}];
+  CHECK(Test(claim, scores).verdict == Verdict::kSupported);
+}
+
 TEST_CASE("A claim about benchmarks is decided by an exact sign test") {
   const auto [ten, all_hold] = UnitsClaim(10, 10);
   const ClaimResult result = Test(ten, all_hold);

@@ -185,6 +185,29 @@ TEST_CASE("Until a number of updates, a run counts as it was then") {
   CHECK(whole.runs()[0].further.at("full") == 41);
 }
 
+TEST_CASE("A seed that went on is read at the updates that all seeds of its cell have") {
+  const MadeResults results({{.algorithm = "iql",
+                              .benchmarks = {kClean, kMedium},
+                              .score = 50,
+                              .settled = false,
+                              .updates = 2000},
+                             {.algorithm = "iql",
+                              .benchmarks = {kClean, kMedium},
+                              .score = 40,
+                              .seed = 1,
+                              .cell = "iql" + std::string(kClean)}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const Cell& cell = *table.Find(kClean, {"iql", ""});
+  CHECK(cell.Scores() == std::vector<double>{45, 40});
+  CHECK(cell.MostUpdates() == 1000);
+  CHECK(cell.runs[0]->further.empty());  // the scored agent is a later one
+  REQUIRE(table.notes().size() == 1);
+  CHECK_THAT(table.notes()[0], Catch::Contains("gone on to 2000 updates and is read at 1000"));
+  // The run itself stays whole, for curves and core-hours.
+  CHECK(table.runs()[0].updates == 2000);
+  CHECK(table.runs()[0].fills_a_cell);
+}
+
 TEST_CASE("A score that gets worse is falling, not rising") {
   const MadeResults results(
       {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .settled = false, .rise = -1}});

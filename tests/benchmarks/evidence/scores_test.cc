@@ -39,6 +39,44 @@ TEST_CASE("From three seeds on an interval is that of Student's t") {
   CHECK(interval.high == Approx(51.957).margin(0.001));
 }
 
+TEST_CASE("Two cells of an algorithm can be read after equally many updates") {
+  const char* medium = "HalfCheetah/confounding/hidden-high+medium";
+  const MadeResults results({{.algorithm = "iql",
+                              .benchmarks = {kClean},
+                              .score = 50,
+                              .settled = false,
+                              .rise = 2,
+                              .updates = 2000},
+                             {.algorithm = "iql", .benchmarks = {medium}, .score = 30}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  const BorrowedDeviations deviations(table, PaperScores(OwnBenchmarks()));
+  const CellScores scores = OwnScores(table, deviations);
+  const CellScore& longer = scores.at({kClean, "iql"});
+  CHECK(longer.mean == 50);
+  const auto [clean, hidden] = AtEqualUpdates(longer, scores.at({medium, "iql"}));
+  CHECK(clean.mean == 40);
+  CHECK(clean.updates == 1000);
+  CHECK_FALSE(clean.settled);
+  CHECK(clean.standard_error == longer.standard_error);
+  CHECK(hidden.mean == 30);
+  CHECK(AtEqualUpdates(scores.at({medium, "iql"}), longer).second.mean == 40);
+}
+
+TEST_CASE("Where the main recipe has no result, another stands for the algorithm") {
+  const char* other = "HalfCheetah/controls/no-penalty+medium";
+  const MadeResults results(
+      {{.algorithm = "mopo", .benchmarks = {kClean}, .score = 50, .recipe = "long"},
+       {.algorithm = "mopo", .benchmarks = {kClean}, .score = 20, .recipe = "short"},
+       {.algorithm = "mopo", .benchmarks = {other}, .score = 10, .recipe = "short"}});
+  const ScoreTable table = results.Read(OwnBenchmarks(), {}, {{"mopo", "long"}});
+  const BorrowedDeviations deviations(table, PaperScores(OwnBenchmarks()));
+  const CellScores scores = OwnScores(table, deviations);
+  CHECK(scores.at({kClean, "mopo"}).mean == 50);
+  CHECK(scores.at({other, "mopo"}).mean == 10);
+  CHECK(scores.at({other, "mopo"}).recipe == "short");
+  CHECK(OwnScores(table, deviations, "short").at({kClean, "mopo"}).mean == 20);
+}
+
 TEST_CASE("A ledger says which algorithms have used one source alone") {
   MadeResults results(std::vector{MadeResult{.algorithm = "both", .benchmarks = {kClean}}});
   nlohmann::ordered_json cloned = JsonOf(MadeResult{.algorithm = "cloned", .benchmarks = {kClean}});

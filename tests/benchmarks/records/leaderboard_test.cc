@@ -32,11 +32,12 @@ Json ResultOf(const std::string& algorithm, uint64_t seed, double score) {
           {"ledger", {{"simulator_steps", 1}, {"query_rows", 2}, {"dataset_rows", 3}}}};
 }
 
-std::vector<Benchmark> TwoBenchmarks() {
-  std::vector<Benchmark> benchmarks(3);
+std::vector<Benchmark> TestBenchmarks() {
+  std::vector<Benchmark> benchmarks(4);
   benchmarks[0].name = "E/a";
   benchmarks[1].name = "E/none";
   benchmarks[2].name = "E/b";
+  benchmarks[3].name = "E/x,y";
   return benchmarks;
 }
 
@@ -48,14 +49,14 @@ class Results {
   // What cannot be read.
   std::vector<std::string> Skipped() const {
     std::vector<std::string> skipped;
-    Take(Leaderboard(folder_.path(), TwoBenchmarks(), PublishedDatasets(), &skipped));
+    Take(Leaderboard(folder_.path(), TestBenchmarks(), PublishedDatasets(), &skipped));
     return skipped;
   }
   // The rows without the columns' names.
   std::vector<std::string> Rows() const {
     PublishedDatasets published;
     published["E/data-v0"].columns_sha256 = "aa";
-    const std::string csv = Take(Leaderboard(folder_.path(), TwoBenchmarks(), published));
+    const std::string csv = Take(Leaderboard(folder_.path(), TestBenchmarks(), published));
     std::vector<std::string> rows;
     for (size_t at = csv.find('\n') + 1; at < csv.size();) {
       const size_t end = csv.find('\n', at);
@@ -89,6 +90,16 @@ TEST_CASE("Seeds of a cell are averaged, and three of them are an entry") {
   }
   CHECK(results.Rows()[0] ==
         "E/a,mine,,own,E/data-v0,9,aa,13.00,2.45,130.0,24.5,3,100,yes,fp32,0.50,1,2,3,yes");
+}
+
+TEST_CASE("Seeds with different updates have no mean of them") {
+  Results results;
+  for (uint64_t seed = 0; seed < 2; ++seed) {
+    Json result = ResultOf("mine", seed, 10);
+    if (seed == 1) result["updates"] = 400;
+    results.Add(result);
+  }
+  CHECK(results.Rows()[0].find(",2,100-400,yes,") != std::string::npos);
 }
 
 TEST_CASE("Rows of different data, precisions or scorers are no entry") {
@@ -189,6 +200,10 @@ TEST_CASE("A name with commas and quotes stays one cell of the table") {
   Json json = ResultOf("b,c \"d\"", 0, 10);
   results.Add(json);
   CHECK(results.Rows()[0].starts_with("E/a,\"b,c \"\"d\"\"\",,own,"));
+  // Benchmarks with several perturbations are such names.
+  json["benchmarks"] = {"E/x,y"};
+  results.Add(json);
+  CHECK(results.Rows().back().starts_with("\"E/x,y\",\"b,c "));
 }
 
 TEST_CASE("A result that names a benchmark twice counts there once") {

@@ -52,10 +52,12 @@ TEST_CASE("The probability of improvement counts pairs of runs, and ties half") 
   CHECK(ProbabilityOfImprovement({{2}, {3}}, {{1}, {3}}) == 0.75);
 }
 
-TEST_CASE("A profile is the share of runs above each threshold") {
-  const Scores scores = {{10, 20, 30}, {20}};
+TEST_CASE("A profile is the share of runs above each threshold, each benchmark with equal weight") {
   const std::vector<double> thresholds = {-1, 10, 20, 29.5, 30};
-  CHECK(PerformanceProfile(scores, thresholds) == std::vector<double>{1, 0.75, 0.25, 0.25, 0});
+  CHECK(PerformanceProfile({{10, 20}, {30, 20}}, thresholds) ==
+        std::vector<double>{1, 0.75, 0.25, 0.25, 0});
+  CHECK(PerformanceProfile({{10, 20, 30, 40}, {20}}, thresholds) ==
+        std::vector<double>{1, 0.875, 0.25, 0.25, 0.125});
 }
 
 }  // namespace

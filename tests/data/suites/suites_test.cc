@@ -90,6 +90,13 @@ TEST_CASE("A user's folder adds benchmarks, and scores of any") {
   const auto all = Take(ReadSuites({DefaultSuitesFolder(), mine.path()}));
   REQUIRE(all.size() == own.size() + 1);
   CHECK(all.back().paper.at("iql").mean == 40.5);
+  // The name of a benchmark with two perturbations holds a comma.
+  const TemporaryFolder two;
+  WriteBytes(two.File("two.toml"),
+             kHead + "corruptions = [\"hidden=9,obs-noise=0.1\"]\ndatasets = [\"medium\"]\n");
+  WriteBytes(two.File("paper.csv"),
+             "benchmark,algorithm,mean,std\nHopper/c/hidden=9,obs-noise=0.1+medium,iql,30,1\n");
+  CHECK(Take(ReadSuites({two.path()})).back().paper.at("iql").mean == 30);
 
   WriteBytes(mine.File("paper.csv"), "benchmark,algorithm,mean,std\nHopper/c/medium,iql,many,1\n");
   CHECK(ReadSuites({mine.path()}).status().message().find("line 2") != std::string::npos);
