@@ -146,7 +146,8 @@ Course Cell::CourseOfScore() const {
   if (!std::ranges::all_of(runs, &ScoredRun::ended)) return Course::kRising;
   const auto movement = MeanOf(MovementOf);
   if (!movement) return Course::kUntold;
-  if (std::abs(*movement) <= kSettledPoints) return Course::kSettled;
+  const auto tolerance = MeanOf([](const ScoredRun& run) { return run.fifths.tolerance; });
+  if (std::abs(*movement) <= *tolerance) return Course::kSettled;
   return *movement > 0 ? Course::kRising : Course::kFalling;
 }
 

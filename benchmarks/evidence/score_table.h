@@ -53,7 +53,7 @@ struct ScoredRun {
 };
 
 // How a cell's score moves from the fifth before to the last one, as the mean over its seeds: by at
-// most kSettledPoints, or further up or down.
+// most a settled curve's tolerance (curve.h), or further up or down.
 enum class Course {
   kSettled,
   kRising,  // or a run has not ended

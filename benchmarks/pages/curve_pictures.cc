@@ -14,6 +14,7 @@
 namespace b4mrl {
 namespace {
 
+constexpr char kReturn[] = "return";      // the axis of tasks without scores
 constexpr double kThousand = 1000;
 constexpr double kLongestToShortest = 4;  // of the curves in one panel
 constexpr size_t kPanelsOfAPicture = 6;   // which a printed page has room for
@@ -146,7 +147,8 @@ Panel CurvesPanel(const CurveGroup& group) {
   Panel panel;
   panel.title = group.title;
   panel.x = {.name = "updates", .unit = "thousands"};
-  panel.y = {.name = "score", .unit = ""};
+  const bool has_returns = group.curves.front().cell->runs.front()->is_return;
+  panel.y = {.name = has_returns ? kReturn : "score", .unit = ""};
   const double end = std::ranges::max(group.curves, {}, &SeriesCurve::End).End();
   for (const SeriesCurve& curve : group.longer) {
     const double score = curve.cell->Mean();
@@ -160,6 +162,7 @@ Panel CurvesPanel(const CurveGroup& group) {
     panel.marks.emplace_back(Line{curve.number, false, mean.updates, mean.mean});
   }
   FitX({&panel, 1});
+  if (has_returns) FitY({&panel, 1});
   return panel;
 }
 
@@ -171,7 +174,10 @@ std::vector<Picture> CurvesPictures(const Evidence& evidence) {
   for (const CurveGroup& group : TellingGroups(evidence.table, numbers)) {
     panels.push_back(CurvesPanel(group));
   }
-  FitY(panels);
+  // Scores have one axis, so that panels can be compared; returns have no scale in common.
+  const auto returns = std::ranges::stable_partition(
+      panels, [](const Panel& panel) { return panel.y.name != kReturn; });
+  FitY({panels.begin(), returns.begin()});
   std::vector<Picture> pictures;
   for (size_t i = 0; i < panels.size(); ++i) {
     if (i % kPanelsOfAPicture == 0) {

@@ -1,5 +1,6 @@
 #include "benchmarks/records/curve.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
@@ -35,11 +36,16 @@ std::optional<double> Fifths::Movement() const {
 std::optional<bool> Fifths::IsSettled() const {
   const std::optional<double> movement = Movement();
   if (!movement) return std::nullopt;
-  return std::abs(*movement) <= kSettledPoints;
+  return std::abs(*movement) <= tolerance;
 }
 
 Fifths FifthsOf(const Curve& curve) {
-  return {MeanBetween(curve, 0.8, 1), MeanBetween(curve, 0.6, 0.8)};
+  Fifths fifths = {MeanBetween(curve, 0.8, 1), MeanBetween(curve, 0.6, 0.8), kSettledPoints};
+  if (!curve.back().score) {
+    const auto [low, high] = std::ranges::minmax(curve, {}, &CurvePoint::mean_return);
+    fifths.tolerance = kSettledShare * (high.mean_return - low.mean_return);
+  }
+  return fifths;
 }
 
 Json JsonOf(const Curve& curve) {

@@ -23,12 +23,17 @@ using Curve = std::vector<CurvePoint>;
 // last fifth and of the fifth before.
 struct Fifths {
   std::optional<double> last, before;
+  // By how much the two may differ in a curve that has settled: kSettledPoints or, of returns, which
+  // have no scale, kSettledShare of the span between the curve's lowest and highest evaluation.
+  double tolerance = 0;
   // The last less the one before; nothing if one is missing.
   std::optional<double> Movement() const;
-  // Whether the two differ by at most kSettledPoints; nothing if one is missing.
+  // Whether they differ by at most the tolerance; nothing if one is missing.
   std::optional<bool> IsSettled() const;
 };
 inline constexpr double kSettledPoints = 1.5;
+// As much as those points are of a run that learns fifty.
+inline constexpr double kSettledShare = 0.03;
 // Of a curve with a point or more.
 Fifths FifthsOf(const Curve& curve);
 

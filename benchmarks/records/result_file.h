@@ -54,7 +54,7 @@ struct RunResult {
   bool finished = false;           // the updates that it was told to do were done
   uint64_t updates = 0;            // of its last evaluation
   uint64_t planned_updates = 0;    // that it was told to do
-  bool settled = false;            // its mean score no longer moves by more than 1.5 points
+  bool settled = false;            // its mean score no longer moves (Fifths)
   std::optional<double> score;     // of its last evaluation; none where the task has no reference
   double mean_return = 0;          // likewise
   double seconds = 0;              // of training, evaluations included; a kept ensemble is free

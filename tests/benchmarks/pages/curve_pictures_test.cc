@@ -41,6 +41,20 @@ size_t LinesOf(const Panel& panel, bool dashed) {
   return count;
 }
 
+TEST_CASE("Returns of a task without scores have an axis of their own") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kMedium}, .score = 40}});
+  nlohmann::ordered_json json =
+      JsonOf({.algorithm = "iql", .benchmarks = {kExpert}, .score = 50, .cell = "other"});
+  for (auto& point : json["curve"]) point[4] = nullptr;
+  results.Add(json.dump());
+  const std::vector<Panel> panels = PanelsOf(results);
+  REQUIRE(panels.size() == 2);
+  CHECK(panels[0].y.name == "score");
+  CHECK(panels[0].y.high < 100);
+  CHECK(panels[1].y.name == "return");
+  CHECK(panels[1].y.high >= 5000);
+}
+
 TEST_CASE("Much longer runs have a panel of their own, once, and end as a dashed line elsewhere") {
   MadeResults results({{.algorithm = "iql", .benchmarks = {kMedium}, .score = 40},
                        {.algorithm = "iql", .benchmarks = {kExpert}, .score = 50}});
