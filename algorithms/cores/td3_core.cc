@@ -102,8 +102,8 @@ void Td3Core<Scalar>::UpdateCritics(const TransitionBatch<Scalar>& batch, bool d
   metrics_.critic_loss = loss.loss;
   metrics_.mean_q = loss.mean_q;
   critics_.Backward(critics_.input.view(batch.size()));
-  // In a delayed step, Train also updates the target critics, in one pass: nothing reads them
-  // before the next update.
+  // A delayed step also updates the target critics, in one pass: nothing reads them before the
+  // next update.
   if (delayed_step) {
     critics_.StepWithTarget(options_.tau);
   } else {

@@ -64,7 +64,8 @@ class ModelBased : public Learner {
 
  private:
   // Every `rollout-every` updates, at the start of a cycle: D_model <- D_model + rollouts of pi.
-  // The state that Save stores changes only after the daemon's last answer.
+  // The state that Save stores changes only after the daemon's last answer, but for `pending_`: a
+  // rollout that was begun is begun again.
   Status RollOut(MetricMeans& metrics);
   // A batch for SAC: the rows `real`, filled up with rows from D_model. Real rows keep the
   // dataset's reward; the model's rewards include the penalty. Valid until the next call.
@@ -89,7 +90,7 @@ class ModelBased : public Learner {
   Clock::time_point last_rollout_ = Clock::now();  // its beginning, or the session's
   ReplayBuffer pool_;                              // D_model
   std::deque<Generation> generations_;             // in D_model, oldest first
-  std::optional<Generation> pending_;              // being rolled out, with `rollout-lag` 1
+  std::optional<Generation> pending_;              // being rolled out
   BatchBuffer batch_;                              // dataset rows, then rows of D_model
   std::vector<float> action_scale_;
 };

@@ -231,7 +231,8 @@ void DynamicsEnsemble<Scalar>::SamplePenalised(MatrixView<const Scalar> inputs,
       const ConstEigenColumn<Scalar> column(log_var.column(i), size);
       // The squared L2 norm of the standard deviations is the sum of the variances.
       const Scalar norm = std::sqrt(column.exp().sum());
-      if (!(norm <= penalty[i])) penalty[i] = norm;
+      // A NaN of any member stays, so that the row is dropped.
+      if (!(norm <= penalty[i]) && !std::isnan(penalty[i])) penalty[i] = norm;
       if (members[i] != m) continue;
       std::copy_n(head.column(i), head.rows, head.column(static_cast<int>(columns.size())));
       columns.push_back(i);

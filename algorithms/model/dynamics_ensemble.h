@@ -79,7 +79,7 @@ struct DynamicsData {
 struct DynamicsProgress {
   int64_t epoch = 0;         // epochs completed
   int64_t updates = 0;       // updates in all epochs
-  double train_loss = 0;     // of the last minibatch, all terms
+  double train_loss = 0;     // of the last minibatch, without the weights' decay
   bool epoch_ended = false;  // whether this call ended an epoch and updated holdout_mse
   bool finished = false;
   std::vector<double> holdout_mse;  // hold-out squared error per member after the last epoch

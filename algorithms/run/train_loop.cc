@@ -145,8 +145,8 @@ Status TrainRun::CreateLearner() {
   return Status();
 }
 
-// Restores the newest checkpoint that can be read. Newer ones would take its place among those
-// kept.
+// Restores the newest checkpoint that is not damaged. Newer ones would take its place among those
+// kept. What fails for another reason, such as a full disk, may do with the same one next time.
 Status TrainRun::RestoreNewest() {
   B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(options_.folder));
   Status status;
@@ -158,20 +158,23 @@ Status TrainRun::RestoreNewest() {
       return status;
     }
     progress_.Message(fmt::format("cannot resume at update {}: {}", update, status.ToString()));
+    if (status.code() != StatusCode::kDataLoss) return status;
     B4MRL_RETURN_IF_ERROR(CreateLearner());  // a failed Restore may have loaded a part
   }
   return status;
 }
 
+// kDataLoss for whatever is wrong with the file.
 Status TrainRun::Restore(uint64_t update) {
-  B4MRL_ASSIGN_OR_RETURN(CheckpointReader reader,
-                         CheckpointReader::Open(CheckpointPath(options_.folder, update)));
+  auto opened = CheckpointReader::Open(CheckpointPath(options_.folder, update));
+  if (!opened.ok()) return Status(StatusCode::kDataLoss, opened.status().message());
+  CheckpointReader& reader = *opened;
   update_ = reader.Unsigned("run/update");
   seconds_before_ = reader.Number("run/seconds");
   row_.Load(reader, update_, seconds_before_);
-  B4MRL_RETURN_IF_ERROR(reader.status());
-  B4MRL_RETURN_IF_ERROR(learner_->Load(reader));
-  B4MRL_RETURN_IF_ERROR(reader.status());
+  const Status loaded = reader.status().ok() ? learner_->Load(reader) : reader.status();
+  if (!reader.status().ok()) return Status(StatusCode::kDataLoss, reader.status().message());
+  B4MRL_RETURN_IF_ERROR(loaded);
   ledger_->Load(reader);
   B4MRL_RETURN_IF_ERROR(log_->Load(reader));
   checkpoint_update_ = update_;
@@ -348,7 +351,9 @@ TrainSummary TrainRun::Summary(const Status& status) {
   summary.environment_steps = learner_->environment_steps();
   summary.use = ledger_->use();
   if (!status.ok()) {
-    summary.state = diverged_ ? RunState::kDiverged : RunState::kFailed;
+    // A wait for the daemon can be interrupted, too.
+    summary.state = stop_ && lost ? RunState::kInterrupted : RunState::kFailed;
+    if (diverged_) summary.state = RunState::kDiverged;
     summary.reason = status.ToString();
   } else if (update_ >= options_.updates) {
     summary.state = RunState::kFinished;

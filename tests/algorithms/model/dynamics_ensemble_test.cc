@@ -2,11 +2,13 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string>
 #include <vector>
 
 #include "tests/algorithms/reference_file.h"
+#include "tests/results.h"
 
 namespace b4mrl {
 namespace {
@@ -86,6 +88,33 @@ TEST_CASE("two ensemble updates in double equal PyTorch's") {
     INFO(array.name);
     CHECK(file.Difference("final", array) < 1e-9);
   });
+}
+
+TEST_CASE("The penalty of a row is NaN where any member's prediction is") {
+  DynamicsEnsembleOptions options;
+  options.members = 3;
+  options.elites = 2;
+  options.observation_size = 4;
+  options.action_size = 2;
+  options.hidden = {8, 8, 8, 8};
+  DynamicsEnsemble<float> ensemble = Take(DynamicsEnsemble<float>::Create(options));
+  for (const size_t broken : {0, 1, 2}) {
+    CAPTURE(broken);
+    float* log_var = nullptr;  // the bias of the member's last log-variance
+    ensemble.VisitArrays([&](const NamedArray<float>& array) {
+      if (array.name != "ensemble/layer4/bias") return;
+      log_var = &array.values[(broken + 1) * array.values.size() / 3 - 1];
+    });
+    REQUIRE(log_var != nullptr);
+    const float before = *log_var;
+    *log_var = std::numeric_limits<float>::quiet_NaN();
+    MatrixBuffer<float> inputs(6, 1), noise(5, 1), outputs(5, 1);
+    const int drawn[] = {static_cast<int>((broken + 1) % 3)};
+    float penalty[] = {0};
+    ensemble.Sample(inputs.view(), drawn, noise.view(), outputs.view(), penalty);
+    CHECK(std::isnan(penalty[0]));
+    *log_var = before;
+  }
 }
 
 TEST_CASE("an ensemble update in float has PyTorch's gradients to float's precision") {
