@@ -62,6 +62,11 @@ Result<nlohmann::json> DescribeDataset(const std::string& name, const PublishedD
 }
 
 Result<std::vector<Benchmark>> BenchmarksOf(const SuiteChoice& choice) {
+  if (choice.source == "d4rl" && choice.learner) {
+    return Status(StatusCode::kInvalidArgument,
+                  "--data d4rl and --learner exclude each other: the clients that a learner of "
+                  "your own uses open the benchmark's data, which are B4MRL's");
+  }
   B4MRL_ASSIGN_OR_RETURN(std::vector<Benchmark> all,
                          ReadSuites({DefaultSuitesFolder(), choice.suites}));
   for (Benchmark& benchmark : all) {

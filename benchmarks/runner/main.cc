@@ -89,15 +89,16 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("--suites", choice.suites, "folder of further suites");
   app.add_option(
          "--data", choice.source,
-         "datasets: own, or d4rl for D4RL's files of the same levels, imported before [own]")
+         "datasets: own, or d4rl for D4RL's files of the same levels, imported before; not with "
+         "--learner [own]")
       ->check(CLI::IsMember({"own", "d4rl"}));
   app.add_option("--learner", learner.command,
                  "the shell's command of a learner of your own, instead of the algorithms");
   app.add_option("--name", learner.name, "name of your learner's algorithm in results and tables");
   app.add_option("--until-settled", options.until_settled,
                  "how often a run goes on for its updates again whose last fifth's mean score "
-                 "differs from that of the fifth before by more than 1.5 points, or its mean return "
-                 "by more than 3% of the curve's span where there are no scores [0]")
+                 "differs from that of the fifth before by more than 1.5 points or, where there are "
+                 "no scores, whose mean return does by more than 3% of the curve's span [0]")
       ->transform(Count(0, 1'000));
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");

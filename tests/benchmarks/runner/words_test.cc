@@ -26,6 +26,7 @@ TEST_CASE("Words that are wrong are refused as wrong usage, unknown ones with th
   CHECK(says({"--algorithms", "td3bc"}, "td3-bc"));
   CHECK(says({"--seeds", "x"}, "--seeds is 'x'"));
   CHECK(says({"--learner", "true", "--name", "a b"}, "--name is 'a b'"));
+  CHECK(says({"--learner", "true", "--name", "mine", "--data", "d4rl"}, "exclude each other"));
 }
 
 TEST_CASE("A perturbation that a suite misspells is found before anything is trained") {
