@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ from b4mrl.display import Shown
 from b4mrl.origin import Origin
 from b4mrl.simulators import Simulator
 from b4mrl.wire import checks, limits
-from b4mrl.wire.arrays import Array, joined, put_rows, require, rows_that_fit
+from b4mrl.wire.arrays import Array, episodes_in, put_rows, require, rows_that_fit
 from b4mrl.wire.connection import Connection
 from b4mrl.wire.deliveries import Delivery
 from b4mrl.wire.messages import Request
-from b4mrl.wire.pipeline import replies_to
+from b4mrl.wire.pipeline import Resumed, replies_to
 from b4mrl.wire.session import Session
 
 Batch = dict[str, Array]
@@ -184,23 +184,13 @@ class Dataset(Shown):
             rows: Batch = other.load()
         return rows
 
-    def episodes(self) -> Iterator[Batch]:
+    def episodes(self) -> Resumed[Batch]:
         """The episodes in the file's order, each with the rows up to a `terminals` or `timeouts`.
 
-        The last episode may be unfinished: its last row then has neither flag.
+        The last episode may be unfinished: its last row then has neither flag. After an exception,
+        such as a deadline's or Ctrl-C, the next call goes on with the episode that it kept back.
         """
-        rest: list[Batch] = []  # rows of an episode whose end is in a later part
-        for _, part in self._parts(0, self.rows):
-            ends = np.flatnonzero(part["terminals"] | part["timeouts"]) + 1
-            first = 0
-            for end in ends.tolist():
-                rest.append({name: column[first:end] for name, column in part.items()})
-                yield joined(rest)
-                rest, first = [], end
-            if first < len(part["rewards"]):
-                rest.append({name: column[first:] for name, column in part.items()})
-        if rest:
-            yield joined(rest)
+        return Resumed(lambda first: episodes_in(self._parts(first, self.rows - first)), 0)
 
     def stream(
         self,
@@ -212,8 +202,11 @@ class Dataset(Shown):
         pair_with: Simulator = None,
         pair_seed: int = 0,
         pair_folder: str | os.PathLike[str] | None = None,
-    ) -> Iterator[Batch]:
+    ) -> Resumed[Batch]:
         """Random batches with the numbers first_batch, first_batch + 1, ..., without end.
+
+        After an exception, such as a deadline's or Ctrl-C, the next call goes on with the batch
+        that it kept back.
 
         Args:
             rows: rows of each batch.
@@ -232,23 +225,24 @@ class Dataset(Shown):
         paired = None
         if pair_with is not None:
             paired = self._paired(pair_with, pair_seed, pair_folder, "pair_")
-        return self._batches(rows, seed, first_batch, credits, paired)
+        return Resumed(functools.partial(self._batches, rows, seed, credits, paired), first_batch)
 
     def _batches(
-        self, rows: int, seed: int, first_batch: int, credits: int, paired: Batch | None
-    ) -> Iterator[Batch]:
+        self, rows: int, seed: int, credits: int, paired: Batch | None, first_batch: int
+    ) -> Generator[tuple[Batch, int], None, None]:
+        """Yields batches, each with the number of the next one."""
         connection = self._connection
         sent = (
             self._send_sample(connection, rows, seed, number, paired is not None)
             for number in itertools.count(first_batch)
         )
         window = min(max(credits, 1), limits.MAX_REQUESTS_IN_FLIGHT)
-        for delivery in replies_to(connection, sent, window):
+        for behind, delivery in enumerate(replies_to(connection, sent, window), first_batch + 1):
             batch = self._columns(delivery, rows)
             if paired is not None:
                 indices = batch.pop("indices")
                 batch |= {name: column[indices] for name, column in paired.items()}
-            yield batch
+            yield batch, behind
 
     def pair(
         self,
@@ -325,7 +319,7 @@ class Dataset(Shown):
         row_bytes = 4 * (2 * self.observation_size + self.action_size + 1) + 2
         return min(limits.MAX_ROWS_PER_BATCH, rows_that_fit(row_bytes))
 
-    def _parts(self, first_row: int, rows: int) -> Iterator[tuple[int, Batch]]:
+    def _parts(self, first_row: int, rows: int) -> Generator[tuple[int, Batch], None, None]:
         """Yields the `rows` existing rows in order, in parts: (number of its first row, part)."""
         connection = self._connection
         end, step = first_row + rows, self._rows_per_read

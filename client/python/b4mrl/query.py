@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections import Counter, OrderedDict
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from b4mrl import config, simulators
-from b4mrl.errors import InvalidArgumentError, SessionLostError
+from b4mrl.errors import FailedPreconditionError, InvalidArgumentError, SessionLostError
 from b4mrl.opening import Opening, open_session
 from b4mrl.wire import checks, limits
 from b4mrl.wire.arrays import Array, rows_that_fit
@@ -82,7 +83,10 @@ def run(session: Session, rows: Rows, seed: int, draw: int, first_row: int) -> Q
 def begin(
     session: Session, rows: Rows, seed: int, draw: int, first_row: int
 ) -> Callable[[], QueryAnswer]:
-    """As run, but returns once the first rows are sent; the returned function does the rest."""
+    """As run, but returns once the first rows are sent; the returned function does the rest.
+
+    That function may be called once, as it gives up what is under way when it raises.
+    """
     flat = rows.flat(session.spec.observation.size, session.spec.action.size)
     count, at_once = len(flat.observations), _rows_at_once(flat)
     parts = [slice(i, min(i + at_once, count)) for i in range(0, count, at_once)]
@@ -94,8 +98,17 @@ def begin(
         next_observations = np.empty((count, session.spec.observation.size), session.dtype)
         rewards = np.empty(count)
         terminated, valid = np.empty(count, np.bool_), np.empty(count, np.bool_)
-        for part, answer in answers:
-            next_observations[part], rewards[part], terminated[part], valid[part] = answer
+        received = 0
+        with contextlib.closing(answers):
+            for part, answer in answers:
+                next_observations[part], rewards[part], terminated[part], valid[part] = answer
+                received += part.stop - part.start
+        # The arrays hold whatever was in memory where no answer has been written.
+        if received != count:
+            raise FailedPreconditionError(
+                f"{received} of the query's {count} rows were received here, the others before or "
+                "never; send the query again"
+            )
         return next_observations.reshape(rows.observations.shape), rewards, terminated, valid
 
     return gather
@@ -127,15 +140,21 @@ class PendingQuery:
         self._sessions = sessions
         self._opening = opening
         self._session = sessions.find(opening)
-        self._gather = self._ask(self._session)
+        # None once it was called: after a failure it would have nothing left to receive.
+        self._gather: Callable[[], QueryAnswer] | None = self._ask(self._session)
         self._answer: QueryAnswer | None = None
 
     def result(self) -> QueryAnswer:
-        """Waits for the answer, and returns it as Client.query does; always the same arrays."""
+        """Waits for the answer, and returns it as Client.query does; always the same arrays.
+
+        After an error, or an interruption such as Ctrl-C, the next call asks the daemon again, with
+        the same draw, and returns the same numbers: a query changes nothing.
+        """
         if self._answer is None:
+            gather, self._gather = self._gather, None
             try:
-                self._answer = self._gather()
-            except SessionLostError:  # idle for longer than its lease; a query changes nothing
+                self._answer = (gather or self._ask(self._session))()
+            except SessionLostError:  # idle for longer than its lease
                 self._sessions.forget(self._opening, self._session)
                 self._session = self._sessions.find(self._opening)
                 self._answer = self._ask(self._session)()

@@ -6,8 +6,9 @@ are row-major. A received table that does not fit its payload raises an Internal
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -122,3 +123,30 @@ def put_rows(whole: dict[str, Array], part: dict[str, Array], position: int, row
 def joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
     """The rows of `parts`, which have the same columns, one after the other."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def episodes_in(
+    parts: Generator[tuple[int, dict[str, Array]], None, None],
+) -> Generator[tuple[dict[str, Array], int], None, None]:
+    """Yields the episodes in `parts`, each with the number of the row behind it.
+
+    Args:
+        parts: rows that follow one another, from the first one of an episode on: (number of a
+            part's first row, its rows). Closed with this generator.
+    """
+    rest: list[dict[str, Array]] = []  # rows of an episode whose end is in a later part
+    behind = 0
+    with contextlib.closing(parts):
+        for start, part in parts:
+            ends = np.flatnonzero(part["terminals"] | part["timeouts"]) + 1
+            first = 0
+            for end in ends.tolist():
+                rest.append({name: column[first:end] for name, column in part.items()})
+                yield joined(rest), start + end
+                rest, first = [], end
+            count = len(part["rewards"])
+            if first < count:
+                rest.append({name: column[first:] for name, column in part.items()})
+            behind = start + count
+    if rest:
+        yield joined(rest), behind

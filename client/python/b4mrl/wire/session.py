@@ -11,7 +11,8 @@ Thread rule: one thread at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -200,7 +201,7 @@ class Session:
         draw: int,
         first_row: int,
         in_flight: int,
-    ) -> Iterator[tuple[slice, QueryAnswer]]:
+    ) -> Generator[tuple[slice, QueryAnswer], None, None]:
         """Each part with its (next_observations, rewards, terminated, valid), in order.
 
         The first requests are sent at once, before the caller asks for an answer.
@@ -213,11 +214,15 @@ class Session:
             self._send_query(observations[part], actions[part], seed, draw, first_row + part.start)
             for part in parts
         )
-        deliveries = replies_to(self._connection, sent, in_flight)
-        return (
-            (part, self._query_answer(delivery.arrays, part.stop - part.start))
-            for part, delivery in zip(parts, deliveries)
-        )
+        return self._query_answers(parts, replies_to(self._connection, sent, in_flight))
+
+    def _query_answers(
+        self, parts: Sequence[slice], deliveries: Generator[Delivery, None, None]
+    ) -> Generator[tuple[slice, QueryAnswer], None, None]:
+        # A traceback that somebody keeps would hold `deliveries`, and what they have under way.
+        with contextlib.closing(deliveries):
+            for part, delivery in zip(parts, deliveries):
+                yield part, self._query_answer(delivery.arrays, part.stop - part.start)
 
     def close(self) -> None:
         """Closes the session at the daemon. May be called again."""
