@@ -288,7 +288,8 @@ def _renew_lock() -> None:
     _default_lock = threading.Lock()
 
 
-os.register_at_fork(after_in_child=_renew_lock)
+if hasattr(os, "register_at_fork"):  # not on Windows, which has no forks and imports this module
+    os.register_at_fork(after_in_child=_renew_lock)
 
 
 def default_endpoint() -> str:

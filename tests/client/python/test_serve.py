@@ -307,3 +307,20 @@ def test_the_endpoint_of_the_environment_is_taken(
     monkeypatch.setenv("B4MRL_ENDPOINT", endpoint)
     with b4mrl.connect() as client:
         assert client.endpoint == endpoint
+
+
+def test_the_package_is_imported_where_there_are_no_forks() -> None:
+    """As on Windows, where programs use a daemon that runs elsewhere."""
+    program = "\n".join(
+        [
+            "import os",
+            "for name in ('fork', 'register_at_fork', 'getuid', 'sched_yield'):",
+            "    delattr(os, name)",
+            "import b4mrl",
+            "print(b4mrl.__name__)",
+        ]
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "b4mrl\n", "")

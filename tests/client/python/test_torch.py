@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
+import sys
 from pathlib import Path
 
 import b4mrl
-import numpy as np
 import pytest
 
 from test_dataset import write_example
@@ -15,27 +16,41 @@ from test_documents import program_with
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
-def test_a_data_loader_draws_from_a_dataset(
-    tmp_path: Path, context: str, monkeypatch: pytest.MonkeyPatch
+def recipe(folder: Path, monkeypatch: pytest.MonkeyPatch) -> type:
+    """The README's class, from a module: workers that are spawned import it by its name."""
+    text = program_with("DataLoader").split("\n\n\n")[0]
+    (folder / "recipe.py").write_text("import torch\n" + text)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "recipe", raising=False)
+    return importlib.import_module("recipe").Batches
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"num_workers": 0},
+        {"num_workers": 2, "multiprocessing_context": "fork"},
+        {"num_workers": 2, "multiprocessing_context": "spawn", "persistent_workers": True},
+    ],
+    ids=["alone", "fork", "spawn"],
+)
+def test_a_data_loader_has_other_batches_in_each_worker_and_epoch(
+    tmp_path: Path, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_example(tmp_path / "HalfCheetah" / "medium.h5")
-    # Workers that are spawned import the class by its module's name.
-    (tmp_path / "recipe.py").write_text(
-        "import torch\n" + program_with("DataLoader").split("\n\n\n")[0]
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    from recipe import Batches
+    batches = recipe(tmp_path, monkeypatch)
+
+    def first_of_two_epochs() -> list[bytes]:
+        torch.manual_seed(7)
+        loader = torch.utils.data.DataLoader(batches(dataset, 256), None, **options)
+        epochs = [list(itertools.islice(loader, 4)) for _ in range(2)]
+        return [batch["rewards"].numpy().tobytes() for epoch in epochs for batch in epoch]
 
     with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
         with client.dataset("HalfCheetah/medium") as dataset:
-            loader = torch.utils.data.DataLoader(
-                Batches(dataset, 256), None, num_workers=2, multiprocessing_context=context
-            )
-            batches = list(itertools.islice(loader, 4))
-            for i, batch in enumerate(batches):
-                wanted = dataset.sample(256, seed=i % 2, batch=i // 2)
-                np.testing.assert_array_equal(batch["rewards"].numpy(), wanted["rewards"])
+            found = first_of_two_epochs()
+            assert len(set(found)) == len(found) == 8
+            assert first_of_two_epochs() == found
 
 
 def test_the_recipe_runs_as_it_stands(tmp_path: Path) -> None:

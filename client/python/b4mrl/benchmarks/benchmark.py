@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from b4mrl import simulators
 from b4mrl.benchmarks import evaluation, making, result_file
+from b4mrl.benchmarks.curve import Curve
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
-from b4mrl.benchmarks.result_file import Point, Result
+from b4mrl.benchmarks.result_file import Result
 from b4mrl.benchmarks.usage import Usage, is_learning
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo
@@ -83,7 +84,7 @@ class Benchmark(Shown):
         self.out = out
         self._usage = Usage(client, ledger)
         self._next_draw = 0  # of queries without a draw of their own
-        self._curves: dict[int, list[Point]] = {}  # by seed, since its last result
+        self._curves: dict[int, Curve] = {}  # by seed, since its last result
 
     def _facts(self) -> Mapping[str, Any]:
         names = ("name", "simulator", "dataset", "corruption", "world")
@@ -94,6 +95,7 @@ class Benchmark(Shown):
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
+        FailedPreconditionError: it is to be made here, but no recipe can make it.
         """
         self._usage.begin()
         return self._dataset
@@ -214,20 +216,29 @@ class Benchmark(Shown):
         mask = np.ones_like(self.mask) if observe == "full" else self.mask
         world = self._world(observe)
         with self._client.make_vec(
-            self.environment,
-            episodes,
-            world,
-            seed=0,
-            autoreset_mode="disabled",
-            ledger=self._usage.evaluations,
+            self.environment, episodes, world, seed=0, autoreset_mode="disabled"
         ) as vec:
             return evaluation.play(vec, act, mask, _HELD_OUT_SEED if held_out else 0)
 
-    def log(self, seed: int, updates: int, policy: PolicyLike, episodes: int = 10) -> Evaluation:
+    def log(
+        self,
+        seed: int,
+        updates: int,
+        policy: PolicyLike,
+        episodes: int = 10,
+        *,
+        algorithm: str | None = None,
+    ) -> Evaluation:
         """Evaluates a policy, and appends a point to the curve of the next result of `seed`.
 
         Points at `updates` and beyond are dropped: the run has begun again from an earlier update.
+
+        Args:
+            algorithm: the name that `record` will be given; one that it would refuse is refused
+                here, before it has cost a training. None: it is not checked.
         """
+        if algorithm is not None:
+            result_file.check_algorithm(algorithm, self.info)
         seed, updates = checks.unsigned("seed", seed), checks.unsigned("updates", updates)
         scores = self.evaluate(policy, episodes)
         self._append(seed, updates, scores.returns)
@@ -248,10 +259,11 @@ class Benchmark(Shown):
         """Writes a result into `folder`, as `b4mrl benchmark run` does, and returns its file.
 
         The policy is evaluated as it observes in training and, where the training hid dimensions
-        or had noise, also in full or through the noise. The curve has the points of `log`, and the
-        ledger what the daemon has counted since the benchmark's last result. If nothing was used or
-        logged since then and the file is that of the same updates, as when a notebook's cell is
-        executed once more, ledger, time and curve are the file's.
+        or had noise, also in full or through the noise. The curve has the points of `log`. The
+        ledger has what the daemon has counted since the benchmark's last result, and the number of
+        episodes that stand behind the curve, whose last point is the result's own returns. If
+        nothing was used or logged since then and the file is that of the same updates, as when a
+        notebook's cell is executed once more, ledger, time and curve are the file's.
 
         The file names no budget, which would say that `b4mrl evaluate` has scored the run to the
         last bit: the policy acts here by NumPy or PyTorch, so `b4mrl benchmark check` compares its
@@ -259,7 +271,8 @@ class Benchmark(Shown):
 
         Args:
             policy: the policy after the last update, as for `evaluate`.
-            algorithm: the name under which reports show it; none of B4MRL's own algorithms.
+            algorithm: the name under which reports show it: 1 to 40 letters (A to Z, a to z),
+                digits and dashes, but none of B4MRL's own algorithms. `log` can check it early.
             seed, updates: of the run.
             folder: made if it is missing; a result of the same run in it is replaced, unless it has
                 more updates.
@@ -267,7 +280,7 @@ class Benchmark(Shown):
                 the caller has evaluated; the result is marked as self-scored.
             hyperparameters: numbers and texts, for the reader of the result.
 
-        InvalidArgumentError: the name is one of B4MRL's own, or the benchmark is not defined for it
+        InvalidArgumentError: the name is none of those, or the benchmark is not defined for it
         (info.is_defined_for), or both or none of policy and returns are given.
         FailedPreconditionError: the folder has a result of more updates.
         """
@@ -292,7 +305,8 @@ class Benchmark(Shown):
             reached = self.evaluate(policy, episodes).returns
             scorings = self._scorings(policy, episodes)
         self._append(seed, updates, reached)
-        used, curve = self._usage.counts(), self._curves[seed]
+        used = self._usage.counts() | {"evaluation_episodes": self._curves[seed].episodes}
+        curve = self._curves[seed].points
         if earlier is not None and earlier.repeats(updates, curve) and not is_learning(used):
             curve = earlier.with_end(curve[-1])
         else:
@@ -338,8 +352,8 @@ class Benchmark(Shown):
         mean = float(returns.mean())
         steps = self._usage.counts()["simulator_steps"]
         score = self._spec.normalised_score(mean)
-        earlier = [point for point in self._curves.get(seed, []) if point[0] < updates]
-        self._curves[seed] = [*earlier, (updates, steps, mean, float(returns.std()), score)]
+        point = (updates, steps, mean, float(returns.std()), score)
+        self._curves.setdefault(seed, Curve()).append(point, len(returns))
 
     def _open_dataset(self) -> Dataset:
         return self._client.dataset(

@@ -32,6 +32,7 @@ from b4mrl.wire import checks
 
 # Names of `b4mrl list algorithms`: their results are written by the program alone.
 ALGORITHMS = ("sac", "td3", "bc", "td3-bc", "iql", "mopo", "h2o", "hymopo")
+_NAME_RULE = "1 to 40 letters (A to Z, a to z), digits and dashes"  # as of the runner's --name
 
 CURVE_COLUMNS = ("updates", "steps", "return", "std", "score")
 Point = tuple[int, int, float, float, float | None]
@@ -56,7 +57,10 @@ _NAMES_OF_TYPES = {
 }
 
 _ID_DIGITS = 16
-_SETTLED_POINTS = 1.5  # the largest drift of a settled run between the last two fifths
+# The largest drift of a settled run between the last two fifths: in points or, where there are no
+# scores, as a share of the span of its mean returns.
+_SETTLED_POINTS = 1.5
+_SETTLED_SHARE = 0.03
 _MAX_RUN_NAME = 200
 
 
@@ -67,7 +71,8 @@ class Result(Record):
     Attributes:
         score: normalised score after the last update; None where the task has no reference.
         mean_return: mean return after the last update.
-        settled: whether the means of the curve's last two fifths differ by at most 1.5 points; None
+        settled: whether the means of the curve's last two fifths differ by at most 1.5 points or,
+            of returns without scores, 3% of the span of the curve's mean returns; None
             where a fifth has no point.
         source: "own" for a run of `b4mrl train`, "user" for a user's algorithm that b4mrl has
             scored, "self-scored" for one whose returns the user gave.
@@ -121,17 +126,21 @@ def _result_of(path: Path, entries: dict[str, Any]) -> Result:
     return Result(**given, mean_return=entries["return"], path=path, entries=entries)
 
 
-def check_algorithm(name: str, info: BenchmarkInfo) -> None:
+def check_name(algorithm: Any) -> str:
+    """`algorithm`. InvalidArgumentError: no algorithm can have the name, for the names of files."""
+    name = checks.text("algorithm", algorithm)
+    if not re.fullmatch(r"[A-Za-z0-9-]{1,40}", name):
+        raise InvalidArgumentError(f"algorithm is {reprlib.repr(name)}, allowed: {_NAME_RULE}")
+    return name
+
+
+def check_algorithm(algorithm: Any, info: BenchmarkInfo) -> None:
     """InvalidArgumentError: no user's algorithm can have the name, or not in this benchmark."""
-    name = checks.text("algorithm", name)
+    name = check_name(algorithm)
     if name in ALGORITHMS:
         raise InvalidArgumentError(
-            f"algorithm is {name!r}, allowed: any name but those of B4MRL's own algorithms "
+            f"algorithm is {name!r}, allowed: {_NAME_RULE}, but none of B4MRL's own algorithms "
             f"({', '.join(ALGORITHMS)}), whose results `b4mrl benchmark run` writes"
-        )
-    if not re.fullmatch(r"[A-Za-z0-9-]{1,40}", name):
-        raise InvalidArgumentError(
-            f"algorithm is {name!r}, allowed: 1 to 40 letters, digits and dashes"
         )
     if not info.is_defined_for(name):
         allowed = f"all but {', '.join(info.exceptions)}"
@@ -266,8 +275,16 @@ def _drift(curve: Sequence[Point]) -> dict[str, Any]:
     last, before = _mean_between(curve, 0.8, 1), _mean_between(curve, 0.6, 0.8)
     settled = None
     if last is not None and before is not None:
-        settled = abs(last - before) <= _SETTLED_POINTS
+        settled = abs(last - before) <= _tolerance(curve)
     return {"last_fifth": last, "fifth_before": before, "settled": settled}
+
+
+def _tolerance(curve: Sequence[Point]) -> float:
+    """By how much the last two fifths of a settled curve may differ."""
+    if curve[-1][4] is not None:
+        return _SETTLED_POINTS
+    returns = [point[2] for point in curve]
+    return _SETTLED_SHARE * (max(returns) - min(returns))
 
 
 def _mean_between(curve: Sequence[Point], low: float, high: float) -> float | None:

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from b4mrl import errors
+from b4mrl.benchmarks import result_file
 from b4mrl.benchmarks.benchmark import Benchmark, find_info
 from b4mrl.client import Client
 from b4mrl.display import Listing
@@ -58,14 +59,19 @@ def suite(
     Args:
         pattern: "*" stands for any text and "?" for any character: "HalfCheetah/confounding/*".
         algorithm: leaves out what is not defined for an algorithm of that name, such as your own,
-            whose results Benchmark.record then refuses. `b4mrl benchmark run --learner` leaves out
-            the same. None: leaves out nothing.
+            whose results Benchmark.record then refuses. A name is 1 to 40 letters (A to Z, a to z),
+            digits and dashes. `b4mrl benchmark run --learner` leaves out the same, and also, as
+            this function does not, benchmarks whose dataset is missing and has no recipe that can
+            make it: their `dataset` raises FailedPreconditionError. None: leaves out nothing.
         version: of the suites.
         endpoint, rows: as for `benchmark`. A dataset is made when it is first used.
 
     UnknownNameError: no benchmark fits, or none that does is defined for the algorithm.
+    InvalidArgumentError: no algorithm can have the name.
     """
     pattern, version = checks.text("pattern", pattern), checks.text("version", version)
+    if algorithm is not None:
+        result_file.check_name(algorithm)
     rows = checks.integer("rows", rows, 0, None)
     client: Client = connect(endpoint)
     known = client.benchmarks()
@@ -79,7 +85,6 @@ def suite(
         nearest = [_corrected(pattern, info.name) for info in known]
         raise errors.unknown_name("benchmark", pattern, nearest, "`b4mrl list benchmarks` has all")
     if algorithm is not None:
-        checks.text("algorithm", algorithm)
         found = [info for info in found if info.is_defined_for(algorithm)]
     if not found:
         raise errors.UnknownNameError(

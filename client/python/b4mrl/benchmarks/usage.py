@@ -1,4 +1,4 @@
-"""What a learner has used since its last result: time, and what the daemon's ledgers counted."""
+"""What a learner has used since its last result: time, and what the daemon's ledger counted."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from b4mrl.client import Client
 
 
-# Names of the counts in results.
-_COUNTS = ("simulator_steps", "query_rows", "dataset_rows", "evaluation_episodes")
+# Names of the counts in results; evaluation_episodes stands beside them (b4mrl.benchmarks.curve).
+_COUNTS = ("simulator_steps", "query_rows", "dataset_rows")
 
 
 def is_learning(counts: dict[str, int]) -> bool:
     """Whether a learner has used anything by these counts; evaluations are none of its use."""
-    return any(counts[name] for name in _COUNTS if name != "evaluation_episodes")
+    return any(counts[name] for name in _COUNTS)
 
 
 class Usage:
-    """The use of a benchmark's simulator and dataset, and its evaluations.
+    """The use of a benchmark's simulator and dataset.
 
-    Learning and evaluations have a ledger of the daemon each, opened at the first use.
+    It is counted by a ledger of the daemon, which is opened at the first use.
 
     Args:
         client: whose daemon counts.
@@ -41,11 +41,6 @@ class Usage:
         self._before = self._last
 
     @functools.cached_property
-    def evaluations(self) -> Ledger:
-        """The ledger of evaluations."""
-        return self._client.ledger()
-
-    @functools.cached_property
     def learning(self) -> Ledger:
         """The ledger of what learning uses."""
         return self._client.ledger(self._number)
@@ -56,7 +51,7 @@ class Usage:
             self._began = time.monotonic()
 
     def counts(self) -> dict[str, int]:
-        """The entry `ledger` of a result: counts since the last result."""
+        """The counts since the last result, for its entry `ledger`."""
         now = self._totals()
         return {name: count - self._before[name] for name, count in now.items()}
 
@@ -70,10 +65,9 @@ class Usage:
         self._began = time.monotonic()
 
     def _totals(self) -> dict[str, int]:
-        """The ledgers' totals; the last ones where the daemon has lost a ledger."""
+        """The ledger's totals; the last ones where the daemon has lost the ledger."""
         with contextlib.suppress(UnknownNameError):
             learning = self.learning.counts()
             counts = (learning.steps, learning.query_rows, learning.dataset_rows)
-            episodes = self.evaluations.counts().episodes
-            self._last = dict(zip(_COUNTS, (*counts, episodes)))
+            self._last = dict(zip(_COUNTS, counts))
         return self._last

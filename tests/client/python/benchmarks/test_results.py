@@ -75,6 +75,7 @@ def test_a_result_says_what_was_trained_and_what_it_reached(
         for _ in range(5):
             vec.step(np.zeros((2, 6)))
     bench.query(rows["observations"][:7], rows["actions"][:7])
+    bench.evaluate(still, episodes=3)  # of the learner's own, which no result counts
     bench.log(3, 100, still)
     bench.log(3, 180, still, episodes=2)
     path = bench.record(
@@ -88,7 +89,7 @@ def test_a_result_says_what_was_trained_and_what_it_reached(
         "simulator_steps": 10,
         "query_rows": 7,
         "dataset_rows": ROWS,
-        "evaluation_episodes": 10 + 2 + 10 + 10,  # the last ten observe in full
+        "evaluation_episodes": 10 + 2 + 10,  # without the ten that observe in full
     }
     scores = bench.evaluate(still)
     assert entries["returns"] == scores.returns.tolist() and len(entries["returns"]) == 10
@@ -164,7 +165,7 @@ def test_a_result_of_given_returns_says_that_nobody_else_has_scored_it(
     assert entries["source"] == "self-scored" and entries["scorings"] == {}
     assert (entries["return"], entries["returns"]) == (5000, [4000, 6000])
     assert entries["score"] == pytest.approx(42.5, abs=0.5)  # D4RL's expert returns 12,135
-    assert entries["ledger"]["evaluation_episodes"] == 0
+    assert entries["ledger"]["evaluation_episodes"] == 2
     for returns in ([], [np.nan], 3.0):
         with pytest.raises(errors.InvalidArgumentError, match="returns are"):
             bench.record(returns=returns, algorithm="mine", seed=0, updates=10, folder=tmp_path)
@@ -308,8 +309,9 @@ def test_a_curve_that_begins_again_drops_what_it_repeats(
         bench.log(0, updates, still, episodes=1)
     bench.log(1, 5, still, episodes=1)
     given = {"returns": [1.0], "algorithm": "mine", "folder": tmp_path}
-    curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
-    assert [point[0] for point in curve] == [10, 15, 40]
+    entries = entries_of(bench.record(seed=0, updates=40, **given))
+    assert [point[0] for point in entries["curve"]] == [10, 15, 40]
+    assert entries["ledger"]["evaluation_episodes"] == 3
     bench.dataset.sample(1)  # a training of its own
     curve = entries_of(bench.record(seed=0, updates=40, **given))["curve"]
     assert [point[0] for point in curve] == [40]  # a result takes its points along
@@ -324,6 +326,12 @@ def test_the_drift_of_a_curve_is_measured_over_its_last_two_fifths() -> None:
     assert result_file._drift([*curve[:-1], (50, 0, 0.0, 0.0, 5.5)])["settled"]
     without_score = [(each[0], 0, 7.0, 0.0, None) for each in curve]
     assert result_file._drift(without_score)["last_fifth"] == 7.0
+    # Returns have no scale: 1.5 is much for a task whose best return is 9.
+    rising = [
+        (10 * i, 0, value, 0.0, None) for i, value in enumerate((1.75, 2.0, 4.0, 6.0, 7.75, 9.0))
+    ]
+    assert not result_file._drift(rising)["settled"]
+    assert result_file._drift([*rising[:-1], (50, 0, 7.875, 0.0, None)])["settled"]
 
 
 def test_a_result_that_cannot_be_written_loses_nothing(
@@ -348,7 +356,7 @@ def test_a_result_that_cannot_be_written_loses_nothing(
     entries = entries_of(bench.record(folder=tmp_path, **given))
     assert [point[0] for point in entries["curve"]] == [5, 9]
     assert entries["hyperparameters"] == {"rate": 0.5, "sizes": [0, 1]}
-    assert entries["ledger"]["evaluation_episodes"] == 1
+    assert entries["ledger"]["evaluation_episodes"] == 2
     for wrong in ({"seed": -1}, {"updates": 1.5}):
         with pytest.raises(errors.InvalidArgumentError, match=next(iter(wrong))):
             bench.record(folder=tmp_path, **given | wrong)

@@ -115,6 +115,27 @@ def test_a_benchmark_that_is_not_defined_for_an_algorithm_takes_no_result_of_it(
         b4mrl.suite("HalfCheetah/simulators/*", algorithm="mine")
 
 
+@pytest.mark.parametrize("name", ["", "my_method", "my method", "a/b", "m\u00e9thode", "x" * 41, 3])
+def test_a_name_that_no_algorithm_can_have_is_refused_before_a_training(
+    own: b4mrl.Client, name: object
+) -> None:
+    with pytest.raises(errors.InvalidArgumentError, match="^algorithm is .*, allowed: "):
+        b4mrl.suite(algorithm=name)
+    calls: list[np.ndarray] = []
+    with pytest.raises(errors.InvalidArgumentError, match="^algorithm is .*, allowed: "):
+        own.benchmark(HIDDEN).log(0, 1, calls.append, algorithm=name)
+    assert calls == []  # no evaluation before it
+
+
+def test_a_curve_is_refused_to_an_algorithm_whose_result_would_be(own: b4mrl.Client) -> None:
+    rule = "^algorithm is 'sac', allowed: 1 to 40 letters .*, but none of B4MRL's own algorithms"
+    with pytest.raises(errors.InvalidArgumentError, match=rule):
+        own.benchmark(HIDDEN).log(0, 1, still, algorithm="sac")
+    with pytest.raises(errors.InvalidArgumentError, match="'mine', allowed in .*: sac alone"):
+        own.benchmark("HalfCheetah/simulators/gravity").log(0, 1, still, algorithm="mine")
+    assert own.benchmark(HIDDEN).log(0, 1, still, episodes=1, algorithm="mine").given_up == 0
+
+
 def test_a_suite_for_an_algorithm_is_what_the_runner_trains(
     own: b4mrl.Client, tmp_path: Path
 ) -> None:
@@ -138,8 +159,12 @@ def test_a_missing_dataset_is_made_in_the_data_folder_of_the_daemon(tmp_path: Pa
         again = b4mrl.benchmark("HalfCheetah/clean/random", endpoint=endpoint, rows=700)
         assert again.dataset.rows == 500
         unmade = b4mrl.benchmark("Highway/clean/random", endpoint=endpoint, rows=2**40)
-        with pytest.raises(errors.UnavailableError, match="dataset make Highway/random"):
+        with pytest.raises(errors.InvalidArgumentError, match="dataset make Highway/random"):
             unmade.dataset
+        # No agent has reached the medium level there, so no recipe makes the dataset.
+        (unmakeable,) = b4mrl.suite("*/gravity+action-delay", algorithm="mine", endpoint=endpoint)
+        with pytest.raises(errors.FailedPreconditionError, match="^`.*HalfCheetah/action-delay.*3"):
+            unmakeable.dataset
 
 
 def test_no_client_and_no_daemon_are_needed(
@@ -241,7 +266,9 @@ def test_the_runner_and_the_client_write_the_same_file_for_a_users_run(
     of_the_runner = {"budget", "planned_updates", "commit", "ledger"}
     for name in ours.keys() - measured - of_the_runner:
         assert ours[name] == theirs[name], name
-    assert theirs["ledger"]["dataset_rows"] == 10_000
+    assert theirs["ledger"]["dataset_rows"] == 10_000  # which the learner's own process used
+    counted = "evaluation_episodes"
+    assert ours["ledger"][counted] == theirs["ledger"][counted] == 1
 
 
 def test_the_loop_of_the_readme_fills_a_row_for_each_benchmark(
@@ -274,4 +301,4 @@ def test_a_benchmark_goes_on_counting_without_its_ledger(
 
     monkeypatch.setattr(bench._usage.learning, "counts", lost)
     path = bench.record(returns=[1.0], algorithm="mine", seed=0, updates=2, folder=tmp_path)
-    assert json.loads(path.read_text())["ledger"]["evaluation_episodes"] == 3
+    assert json.loads(path.read_text())["ledger"]["evaluation_episodes"] == 3 + 1
