@@ -23,8 +23,8 @@ using Curve = std::vector<CurvePoint>;
 // last fifth and of the fifth before.
 struct Fifths {
   std::optional<double> last, before;
-  // By how much the two may differ in a curve that has settled: kSettledPoints or, of returns, which
-  // have no scale, kSettledShare of the span between the curve's lowest and highest evaluation.
+  // By how much the two may differ in a curve that has settled: kSettledPoints or, of returns,
+  // which have no scale, kSettledShare of the span between its lowest and highest evaluation.
   double tolerance = 0;
   // The last less the one before; nothing if one is missing.
   std::optional<double> Movement() const;

@@ -97,8 +97,8 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("--name", learner.name, "name of your learner's algorithm in results and tables");
   app.add_option("--until-settled", options.until_settled,
                  "how often a run goes on for its updates again whose last fifth's mean score "
-                 "differs from that of the fifth before by more than 1.5 points or, where there are "
-                 "no scores, whose mean return does by more than 3% of the curve's span [0]")
+                 "differs from that of the fifth before by more than 1.5 points or, where there "
+                 "are no scores, whose mean return does by more than 3% of its curve's span [0]")
       ->transform(Count(0, 1'000));
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");
