@@ -12,6 +12,7 @@ constexpr double kPieceUs = 500;
 constexpr double kBiteUs = 100;
 constexpr double kShortestPieceUs = 20;  // handing out a piece takes a microsecond
 constexpr double kShortestItemUs = 0.1;
+constexpr double kPatience = 4;  // times what a piece was meant to take
 // An average hides single items that take a thousand times as long, with which a client could keep
 // the socket's thread. After one of them the thread leaves all items to the pool for a while.
 constexpr double kMuchTooLongUs = 100'000;
@@ -20,10 +21,25 @@ constexpr std::chrono::seconds kLong(10);
 }  // namespace
 
 void ItemCost::Observe(double us_per_item) {
+  NoteLongItem(us_per_item);
+  Learn(us_per_item);
+  if (is_suspected()) suspected_.store(false, std::memory_order_relaxed);
+}
+
+void ItemCost::ObserveOverrun(const Overrun& overrun) {
+  NoteLongItem(overrun.last_item_us);
+  Learn(overrun.us_per_item);
+  suspected_.store(true, std::memory_order_relaxed);
+  const double proven = overrun.processor_us_per_item.value_or(0);
+  if (proven > Expect(1)) us_.store(static_cast<float>(proven), std::memory_order_relaxed);
+}
+
+void ItemCost::NoteLongItem(double us) {
+  if (us > kMuchTooLongUs) long_until_.store(Clock::now() + kLong, std::memory_order_relaxed);
+}
+
+void ItemCost::Learn(double us_per_item) {
   constexpr double kWeight = 0.1, kMostTimes = 20;
-  if (us_per_item > kMuchTooLongUs) {
-    long_until_.store(Clock::now() + kLong, std::memory_order_relaxed);
-  }
   // Two threads may overwrite each other's update; losing one does no harm.
   const double before = Expect(1);
   double now = std::max(us_per_item, kShortestItemUs);
@@ -31,6 +47,12 @@ void ItemCost::Observe(double us_per_item) {
   // counts little; a cost that has really changed is learnt after a few pieces.
   if (before > 0) now = before + kWeight * (std::min(now, kMostTimes * before) - before);
   us_.store(static_cast<float>(now), std::memory_order_relaxed);
+}
+
+std::chrono::microseconds ItemCost::LongestPiece(uint32_t items) const {
+  // Clamped, because another thread may have learnt a much higher cost since the piece was cut.
+  const double meant_us = std::clamp(Expect(items), kBiteUs, kPieceUs);
+  return std::chrono::microseconds(static_cast<int64_t>(kPatience * meant_us));
 }
 
 double ItemCost::Expect(uint32_t items) const {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <cstdint>
+#include <optional>
 
 #include "proto/base/clock.h"
 
@@ -12,6 +14,23 @@ class ItemCost {
  public:
   // Learns from executed items, which took `us_per_item` microseconds each.
   void Observe(double us_per_item);
+  // A piece that was ended early, because it took several times as long as it was meant to.
+  struct Overrun {
+    double us_per_item = 0;  // had the rest of the piece taken what was expected of it
+    double last_item_us = 0;
+    // What the executed items took of the processor, where that was measured.
+    std::optional<double> processor_us_per_item;
+  };
+  // Learns from a piece that was ended early. Its thread may have been interrupted, so the first
+  // such piece counts as any other and raises a suspicion. A second one whose processor time was
+  // measured has no other reason than its items, and the cost follows at once.
+  void ObserveOverrun(const Overrun& overrun);
+  // Whether the last piece was ended early, so that the processor time of the next one should be
+  // measured.
+  bool is_suspected() const { return suspected_.load(std::memory_order_relaxed); }
+  // How long a piece of `items` may go on beginning items: four times as long as it is expected to
+  // take, and from 0.4 to 2 ms.
+  std::chrono::microseconds LongestPiece(uint32_t items) const;
   // The microseconds that `items` will probably take; 0 before the first Observe.
   double Expect(uint32_t items) const;
   // How many of `threads` are worth waking for `items`: each should get 60 us of work or more.
@@ -28,9 +47,13 @@ class ItemCost {
 
  private:
   uint32_t ItemsIn(double duration_us) const;
+  // Moves the average towards what an item took.
+  void Learn(double us_per_item);
+  void NoteLongItem(double us);
 
   std::atomic<float> us_{0};  // 0 before the first Observe
   std::atomic<Clock::time_point> long_until_{Clock::time_point()};
+  std::atomic<bool> suspected_{false};
 };
 
 }  // namespace b4mrl

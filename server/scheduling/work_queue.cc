@@ -1,6 +1,7 @@
 #include "server/scheduling/work_queue.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace b4mrl {
 namespace {
@@ -22,38 +23,81 @@ void WorkQueue::Push(QueuedWork* work, bool caller_helps) {
     // Items that are too long for the caller wait for the stand-in, which may be at work.
     const bool caller_can = !work->cost->too_long_for_bites() || stand_in_waits_;
     const uint32_t for_caller = caller_helps && caller_can && kinds_.empty() ? 1 : 0;
-    Line& line = LineOf(*work);
-    if (line.sessions.empty()) kinds_.Enter(static_cast<uint32_t>(work->work_kind));
-    if (work->session >= line.work.size()) line.work.resize(work->session + 1);
-    std::vector<QueuedWork*>& own = line.work[work->session];
-    if (own.empty()) line.sessions.Enter(work->session);
-    own.push_back(work);
+    work->arrival_ = arrivals_++;
+    Insert(work);
     bites_left_it_ = false;  // until the socket's thread has looked at the new work
-    const uint32_t wanted = work->cost->ThreadsFor(work->items, threads_) - for_caller;
-    const uint32_t invited = std::min(wanted, spinning_ - invitations_);
-    invitations_ += invited;
-    wake = std::min(wanted - invited, sleeping_);
+    wake = Invite(work->cost->ThreadsFor(work->items, threads_) - for_caller);
   }
   for (uint32_t i = 0; i < wake; ++i) available_.notify_one();
+}
+
+void WorkQueue::Insert(QueuedWork* work) {
+  Line& line = LineOf(*work);
+  if (line.sessions.empty()) kinds_.Enter(static_cast<uint32_t>(work->work_kind));
+  if (work->session >= line.work.size()) line.work.resize(work->session + 1);
+  std::vector<QueuedWork*>& own = line.work[work->session];
+  if (own.empty()) line.sessions.Enter(work->session);
+  auto place = own.end();
+  while (place != own.begin() && (*std::prev(place))->arrival_ > work->arrival_) --place;
+  own.insert(place, work);
+}
+
+uint32_t WorkQueue::Invite(uint32_t wanted) {
+  const uint32_t invited = std::min(wanted, spinning_ - invitations_);
+  invitations_ += invited;
+  return std::min(wanted - invited, sleeping_);
 }
 
 Piece WorkQueue::Cut(QueuedWork* work, bool bite) {
   const uint32_t left = work->left();
   if (MayEnd(*work, left < work->items)) {
-    work->front_ += left;
-    return {work, work->front_ - left, left, true, 0};
+    work->front_ = work->items - work->taken_from_end_;
+    work->put_back_.clear();
+    work->put_back_items_ = 0;
+    return {work, 0, left, true, 0};
   }
   const ItemCost& cost = *work->cost;
-  const uint32_t count =
+  const uint32_t wanted =
       std::min(cost.ItemsPerPiece(left, threads_), bite ? cost.ItemsPerBite() : left);
+  const auto [first, count] = TakeItems(work, wanted, bite);
   const double us = cost.Expect(count);
   Serve(*work, us);
-  if (bite) {
+  return {work, first, count, false, us};
+}
+
+QueuedWork::Range WorkQueue::TakeItems(QueuedWork* work, uint32_t count, bool from_front) {
+  if (!work->put_back_.empty()) {
+    QueuedWork::Range& rest = work->put_back_.back();
+    count = std::min(count, rest.count);
+    const uint32_t first = from_front ? rest.first : rest.first + rest.count - count;
+    if (from_front) rest.first += count;
+    rest.count -= count;
+    work->put_back_items_ -= count;
+    if (rest.count == 0) work->put_back_.pop_back();
+    return {first, count};
+  }
+  if (from_front) {
     work->front_ += count;
-    return {work, work->front_ - count, count, false, us};
+    return {work->front_ - count, count};
   }
   work->taken_from_end_ += count;
-  return {work, work->items - work->taken_from_end_, count, false, us};
+  return {work->items - work->taken_from_end_, count};
+}
+
+void WorkQueue::PutBack(const Piece& piece, uint32_t done) {
+  QueuedWork* work = piece.work;
+  uint32_t wake = 0;
+  {
+    std::lock_guard lock(mutex_);
+    if (work->left() == 0) Insert(work);
+    const uint32_t rest = piece.count - done;
+    work->put_back_.push_back({piece.first + done, rest});
+    work->put_back_items_ += rest;
+    // The calling thread takes its next piece itself. When the work arrived, fewer threads seemed
+    // to be worth waking.
+    wake = Invite(work->cost->ThreadsFor(work->left(), threads_) - 1);
+  }
+  for (uint32_t i = 0; i < wake; ++i) available_.notify_one();
 }
 
 void WorkQueue::Serve(const QueuedWork& work, double us) {

@@ -8,7 +8,8 @@
 // sent them. A costly row is charged to its kind as well: after it the queries of all sessions wait
 // while steps are wanted, for four times as long as the row took. A piece is cut when it is taken,
 // by the time that items of its kind took lately, so a long request never blocks the others for
-// more than one piece a thread.
+// more than one piece a thread. Where items have become much dearer meanwhile, the thread ends its
+// piece early and puts the rest back (piece_timer.h); these items are the request's next ones.
 //
 // The socket's thread takes small pieces, bites, from the front of a request, the threads of the
 // pool take theirs from its end: when a session sends the same lanes again and again, each thread
@@ -51,17 +52,25 @@ struct QueuedWork {
 
  private:
   friend class WorkQueue;
-  // Items that no thread has taken yet: front_ to items - taken_from_end_.
-  uint32_t left() const { return items - front_ - taken_from_end_; }
+  struct Range {
+    uint32_t first, count;
+  };
+  // Items that no thread has, and none has executed: front_ to items - taken_from_end_, and those
+  // that were put back.
+  uint32_t left() const { return items - front_ - taken_from_end_ + put_back_items_; }
   uint32_t front_ = 0;
   uint32_t taken_from_end_ = 0;
+  std::vector<Range> put_back_;  // disjoint, so fewer than items
+  uint32_t put_back_items_ = 0;
+  uint64_t arrival_ = 0;  // a number that grows with every Push
 };
 
 struct Piece {
   QueuedWork* work = nullptr;
   uint32_t first = 0;
   uint32_t count = 0;
-  // True: the deadline has passed. The piece holds all items that are left, not to be executed.
+  // True: the deadline has passed. The piece holds all items that are left, wherever they are in
+  // the work, not to be executed.
   bool expired = false;
   double expected_us = 0;
 };
@@ -86,6 +95,9 @@ class WorkQueue {
   std::optional<Piece> TakeExpired(QueuedWork* work);
   // Charges the microseconds that a piece took; to be called before the piece's work may end.
   void Settle(const Piece& piece, double us);
+  // Takes back the items of a piece behind the first `done`, at least 1, which were executed; to be
+  // called after Settle, and before these may count as done.
+  void PutBack(const Piece& piece, uint32_t done);
   // Cancels the debt of time of account `session`, because a new session has got this number.
   void Forget(uint32_t session);
 
@@ -103,6 +115,12 @@ class WorkQueue {
   // Takes a piece of any work, or, if `bite`, a bite of work whose items are short enough.
   std::optional<Piece> TakeLocked(bool bite);
   Piece Cut(QueuedWork* work, bool bite);
+  // Takes up to `count` items out of those that are left, from their front or from their end.
+  QueuedWork::Range TakeItems(QueuedWork* work, uint32_t count, bool from_front);
+  // Puts work into its line, behind what has arrived before it.
+  void Insert(QueuedWork* work);
+  // Invites threads of the pool that spin, up to `wanted`, and returns how many more to wake.
+  uint32_t Invite(uint32_t wanted);
   // After a cut: takes the work out of its line if no item is left.
   void RemoveIfTaken(QueuedWork* work);
   void Serve(const QueuedWork& work, double us);
@@ -115,6 +133,7 @@ class WorkQueue {
   std::condition_variable left_;
   FairShare kinds_;
   std::array<Line, kWorkKinds> lines_;
+  uint64_t arrivals_ = 0;
   std::atomic<bool> stopped_ = false;
   // Threads that wait in Take. One that spins would take work which the socket's thread is about to
   // do itself, so it waits until Push invites it.

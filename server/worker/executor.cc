@@ -88,9 +88,16 @@ void Executor::EndExpired(RequestJob* job) {
 
 void Executor::Execute(const Piece& piece, WorkerThread& thread) {
   auto* job = static_cast<RequestJob*>(piece.work);
-  const double us = job->RunPiece(piece, thread);
-  QueueOf(*job).Settle(piece, us);
-  if (!job->EndPiece(piece)) return;
+  WorkQueue& queue = QueueOf(*job);
+  const auto [done, us] = job->RunPiece(piece, thread);
+  queue.Settle(piece, us);
+  if (done < piece.count) {
+    queue.PutBack(piece, done);
+    WakeSocketThread();  // to take its share, or to leave it to the stand-in
+    // Whoever looks for passed deadlines has not found these items while they were in the piece.
+    if (const std::optional<Piece> rest = queue.TakeExpired(job)) Execute(*rest, thread);
+  }
+  if (!job->EndItems(done)) return;
   job->Complete();
   {
     std::lock_guard lock(completed_mutex_);
@@ -99,13 +106,18 @@ void Executor::Execute(const Piece& piece, WorkerThread& thread) {
   // BeginWait writes waiting_ and then reads any_completed_, so at least one of the two threads
   // sees what the other has written.
   any_completed_.store(true);
+  WakeSocketThread();
+}
+
+void Executor::WakeSocketThread() {
   if (waiting_.exchange(false)) eventfd_write(completion_fd_, 1);
 }
 
 void Executor::RunHere(RequestJob* job) {
-  if (job->items > 0) {
-    const bool expired = job->deadline.expired();
-    (void)job->RunPiece({job, 0, job->items, expired, 0}, socket_thread_);
+  const bool expired = job->items > 0 && job->deadline.expired();
+  for (uint32_t done = 0; done < job->items;) {
+    const Piece rest = {job, done, job->items - done, expired, 0};
+    done += job->RunPiece(rest, socket_thread_).done;
   }
   job->Complete();
 }

@@ -73,8 +73,11 @@ class Executor {
   WorkQueue& QueueOf(const RequestJob& job) {
     return job.waits_for_painter() ? painter_queue_ : queue_;
   }
-  // Executes a piece; after a job's last piece, completes the job and hands it back.
+  // Executes a piece, or its beginning where it takes too long; after a job's last item, completes
+  // the job and hands it back.
   void Execute(const Piece& piece, WorkerThread& thread);
+  // Ends the wait of the socket's thread, if it waits.
+  void WakeSocketThread();
 
   std::span<ThreadMark> marks_;
   std::vector<int> cores_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "proto/base/limits.h"
+#include "server/scheduling/piece_timer.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
@@ -28,7 +29,7 @@ class QueryJob : public RequestJob {
   LedgerCounts done() const override { return {.query_rows = failed() ? 0 : items}; }
 
  protected:
-  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
 
  private:
   void PlanReply();
@@ -75,22 +76,25 @@ void QueryJob::PlanReply() {
   reply_payload_ = layout.Allocate();
 }
 
-void QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+uint32_t QueryJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
-  if (!environment.ok()) return Fail(environment.status());
+  if (!environment.ok()) {
+    Fail(environment.status());
+    return count;
+  }
   const EnvironmentSpec& spec = owner().simulator().spec();
   thread.observation.resize(2 * spec.observation.size());
   thread.action.resize(spec.action.size());
   const std::span<double> next(thread.observation.data() + spec.observation.size(),
                                spec.observation.size());
   const ScopedThroughputSlice lanes_go_first;
-  const Clock::time_point start = Clock::now();
-  for (uint32_t row = first; row < first + count; ++row) {
+  PieceTimer timer(*cost, count);
+  for (uint32_t row = first; timer.BeginItem(); ++row) {
     const ScopedMark mark = ScopedMark::OfRequest(thread.mark, owner().index(), request_id());
     ReachFaultPoint(FaultPoint::kBeforeQueryRow, row, request_id());
     RunRow(row, **environment, thread, next);
   }
-  cost->Observe(1e6 * SecondsSince(start) / count);
+  return timer.Finish();
 }
 
 void QueryJob::RunRow(uint32_t row, Environment& environment, WorkerThread& thread,

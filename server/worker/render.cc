@@ -25,9 +25,10 @@ class RenderJob : public RequestJob {
   bool waits_for_painter() const override { return true; }
 
  protected:
-  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
 
  private:
+  void Paint(uint32_t first, uint32_t count, PainterProcess& painter);
   Status ChooseSize(const pb::RenderRequest& request);
   Status TooLate() const;
   Status CopyLanes(const std::vector<uint32_t>& lanes);
@@ -96,7 +97,12 @@ Status RenderJob::TooLate() const {
                 fmt::format("the deadline passed after {} of {} pictures", painted_, items));
 }
 
-void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+uint32_t RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  Paint(first, count, *thread.painter);
+  return count;
+}
+
+void RenderJob::Paint(uint32_t first, uint32_t count, PainterProcess& painter) {
   if (failed()) return;
   const size_t bytes = PictureBytes(picture_.width, picture_.height);
   if (painted_ == 0) {
@@ -111,7 +117,7 @@ void RenderJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
     picture_.episode = scenes_[item].episode;
     picture_.state = scenes_[item].state;
     const std::span<std::byte> place(reply_payload_.data() + offset_ + item * bytes, bytes);
-    const Status status = thread.painter->Paint(picture_, place, deadline);
+    const Status status = painter.Paint(picture_, place, deadline);
     if (status.code() == StatusCode::kDeadlineExceeded) return Fail(TooLate());
     if (!status.ok()) return Fail(status);
     ++painted_;

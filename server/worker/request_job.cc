@@ -15,7 +15,7 @@ RequestJob::RequestJob(JobInput& input)
   cost = &owner_->cost(kind_);
 }
 
-double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
+RequestJob::PieceResult RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
   const Clock::time_point start = Clock::now();
   int64_t unset = -1;
   started_us_.compare_exchange_strong(unset, MicrosecondsBetween(received, start));
@@ -24,16 +24,16 @@ double RequestJob::RunPiece(const Piece& piece, WorkerThread& thread) {
                 piece.count == items && !is_partly_done_
                     ? "the deadline passed before anything was executed"
                     : "the deadline passed before all of it was executed"));
-    return 0;
+    return {piece.count, 0};
   }
-  RunItems(piece.first, piece.count, thread);
-  return 1e6 * SecondsSince(start);
+  const uint32_t done = RunItems(piece.first, piece.count, thread);
+  return {done, 1e6 * SecondsSince(start)};
 }
 
-bool RequestJob::EndPiece(const Piece& piece) {
-  // Read first: once this piece counts as done, another thread may complete and destroy the job.
+bool RequestJob::EndItems(uint32_t done) {
+  // Read first: once these items count as done, another thread may complete and destroy the job.
   const uint32_t all_items = items;
-  return items_done_.fetch_add(piece.count, std::memory_order_acq_rel) + piece.count == all_items;
+  return items_done_.fetch_add(done, std::memory_order_acq_rel) + done == all_items;
 }
 
 Status RequestJob::Refusal(const Status& status) const {

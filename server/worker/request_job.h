@@ -62,11 +62,15 @@ class RequestJob : public QueuedWork {
   // The lanes that are busy with this job.
   const std::vector<uint32_t>& busy_lanes() const { return busy_lanes_; }
 
-  // Executes a piece and returns the microseconds that it took.
-  double RunPiece(const Piece& piece, WorkerThread& thread);
-  // Counts the piece as done. True: it was the job's last piece, and the calling thread completes
-  // the job. False: another thread may complete and destroy the job at any moment.
-  bool EndPiece(const Piece& piece);
+  struct PieceResult {
+    uint32_t done;  // of the piece's first items, at least 1; the others are to be put back
+    double us;      // that these took
+  };
+  // Executes a piece, or its beginning where it takes much longer than it was meant to.
+  PieceResult RunPiece(const Piece& piece, WorkerThread& thread);
+  // Counts `done` items as done. True: they were the job's last ones, and the calling thread
+  // completes the job. False: another thread may complete and destroy the job at any moment.
+  bool EndItems(uint32_t done);
   // Fills in the rest of the reply. To be called once, after all items.
   void Complete();
   // The finished reply. To be called once, after Complete.
@@ -85,7 +89,9 @@ class RequestJob : public QueuedWork {
   google::protobuf::Arena arena_;
 
  protected:
-  virtual void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) = 0;
+  // Executes the items first, first + 1, ..., as long as a PieceTimer of `count` items lets them
+  // begin, and returns how many: at least 1, and `count` after an error.
+  virtual uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) = 0;
   // Called after all items if there was no error: adds the arrays whose shape depends on them.
   virtual void FinishReply() {}
   // The first error, as Refusal says it, becomes the reply. Any thread.

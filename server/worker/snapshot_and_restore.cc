@@ -8,6 +8,7 @@
 
 #include "proto/base/limits.h"
 #include "server/environments/mujoco/engine_version.h"
+#include "server/scheduling/piece_timer.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
@@ -26,7 +27,7 @@ class SnapshotJob : public RequestJob {
   Status Prepare(const pb::Request& request) override;
 
  protected:
-  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
   void FinishReply() override;
 
  private:
@@ -87,13 +88,16 @@ Status SnapshotJob::PlanReply() {
   return Status();
 }
 
-void SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+uint32_t SnapshotJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   const ScopedMark mark = ScopedMark::OfRequest(thread.mark, owner().index(), request_id());
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
-  if (!environment.ok()) return Fail(environment.status());
-  const Clock::time_point start = Clock::now();
-  for (uint32_t item = first; item < first + count; ++item) WriteLane(item, **environment);
-  cost->Observe(1e6 * SecondsSince(start) / count);
+  if (!environment.ok()) {
+    Fail(environment.status());
+    return count;
+  }
+  PieceTimer timer(*cost, count);
+  for (uint32_t item = first; timer.BeginItem(); ++item) WriteLane(item, **environment);
+  return timer.Finish();
 }
 
 void SnapshotJob::WriteLane(uint32_t position, Environment& environment) {
@@ -134,7 +138,7 @@ class RestoreJob : public RequestJob {
   Status Prepare(const pb::Request& request) override;
 
  protected:
-  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
   void FinishReply() override;
 
  private:
@@ -239,24 +243,28 @@ Status RestoreJob::ComputeRecord(uint32_t position, Environment& environment, Wo
 
 // The new record of every lane waits in the lane's idle buffer until all records are there, so that
 // after an error no lane is restored.
-void RestoreJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
-  if (failed()) return;
+uint32_t RestoreJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+  if (failed()) return count;
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
-  if (!environment.ok()) return Fail(environment.status());
-  const Clock::time_point start = Clock::now();
+  if (!environment.ok()) {
+    Fail(environment.status());
+    return count;
+  }
   const size_t bytes = owner().layout().bytes();
-  for (uint32_t item = first; item < first + count; ++item) {
+  PieceTimer timer(*cost, count);
+  for (uint32_t item = first; timer.BeginItem(); ++item) {
     const uint32_t position = selection_.execute[item];
     LaneSlot slot = owner().slot(selection_.lanes[position]);
     const std::span<std::byte> record = slot.idle_buffer().first(bytes);
     const Status status = ComputeRecord(position, **environment, thread, record);
     if (!status.ok()) {
-      return Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
+      Fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
+      return count;
     }
     slot.Seal(Operation::kRestore, bytes);
     WriteObservation(position, ConstLaneRecord(owner().layout(), record.data()));
   }
-  cost->Observe(1e6 * SecondsSince(start) / count);
+  return timer.Finish();
 }
 
 void RestoreJob::WriteObservation(uint32_t position, ConstLaneRecord record) {

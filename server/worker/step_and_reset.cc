@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "proto/base/limits.h"
+#include "server/scheduling/piece_timer.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
@@ -28,7 +29,7 @@ class LaneJob : public RequestJob {
   }
 
  protected:
-  void RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
+  uint32_t RunItems(uint32_t first, uint32_t count, WorkerThread& thread) override;
   void FinishReply() override;
 
  private:
@@ -154,17 +155,20 @@ void LaneJob::PlanReply() {
   reply_payload_ = layout.Allocate();
 }
 
-void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
+uint32_t LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   Result<Simulator::Lease> environment = owner().simulator().Borrow();
   // Other lanes of the request may be committed, so the status must not say "not executed".
   const auto fail = [this](const Status& status) {
     const bool is_alone = selection_.lanes.size() == 1;
     Fail(is_alone ? status : Status(StatusCode::kInternal, status.message()));
   };
-  if (!environment.ok()) return fail(environment.status());
-  const Clock::time_point start = Clock::now();
+  if (!environment.ok()) {
+    fail(environment.status());
+    return count;
+  }
   LedgerCounts done;
-  for (uint32_t item = first; item < first + count; ++item) {
+  PieceTimer timer(*cost, count);
+  for (uint32_t item = first; timer.BeginItem(); ++item) {
     const uint32_t position = selection_.execute[item];
     if (const Status status = Execute(position, **environment, thread, &done); !status.ok()) {
       fail(status.WithContext(fmt::format("lane {}", selection_.lanes[position])));
@@ -174,7 +178,7 @@ void LaneJob::RunItems(uint32_t first, uint32_t count, WorkerThread& thread) {
   }
   steps_.fetch_add(done.steps, std::memory_order_relaxed);
   episodes_.fetch_add(done.episodes, std::memory_order_relaxed);
-  cost->Observe(1e6 * SecondsSince(start) / count);
+  return timer.Finish();
 }
 
 Status LaneJob::Execute(uint32_t position, Environment& environment, WorkerThread& thread,

@@ -262,12 +262,97 @@ TEST_CASE("Steps that have begun are finished after their deadline, other work e
   REQUIRE(rest->first == 1);
 }
 
+TEST_CASE("What a piece leaves comes next, and pieces still cover every item once") {
+  WorkQueue queue(1);
+  Cost cost(50);
+  QueuedWork work = Work(1, WorkKind::kQuery, 20, cost);
+  QueuedWork later = Work(1, WorkKind::kQuery, 1, cost);
+  queue.Push(&work);
+  queue.Push(&later);
+  std::vector<uint32_t> firsts;
+  std::vector<int> times(work.items);
+  while (std::ranges::count(times, 1) < 20) {
+    const std::optional<Piece> piece = firsts.size() % 2 == 0 ? Take(queue) : queue.TryTakeBite();
+    REQUIRE(piece);
+    REQUIRE(piece->work == &work);
+    queue.Settle(*piece, 50);
+    const uint32_t done = firsts.size() < 3 ? 1 : piece->count;
+    firsts.push_back(piece->first);
+    for (uint32_t item = 0; item < done; ++item) ++times[piece->first + item];
+    if (done < piece->count) queue.PutBack(*piece, done);
+  }
+  // 10 to 19, of which 11 to 19 were left, of whose bite 12 was.
+  firsts.resize(3);
+  REQUIRE(firsts == std::vector<uint32_t>{10, 11, 12});
+  REQUIRE(std::ranges::max(times) == 1);
+  REQUIRE(queue.TryTakeBite()->work == &later);
+}
+
+TEST_CASE("Work of which no item was left waits again once some are put back, in its old place") {
+  WorkQueue queue(1);
+  Cost cost(50);
+  QueuedWork first = Work(1, WorkKind::kLanes, 2, cost);
+  QueuedWork second = Work(1, WorkKind::kLanes, 2, cost);
+  QueuedWork third = Work(1, WorkKind::kLanes, 2, cost);
+  for (QueuedWork* work : {&first, &second, &third}) queue.Push(work);
+  const std::optional<Piece> of_first = queue.TryTakeBite();
+  const std::optional<Piece> of_second = queue.TryTakeBite();
+  queue.PutBack(*of_first, 1);
+  queue.PutBack(*of_second, 1);
+  std::vector<QueuedWork*> order;
+  while (const std::optional<Piece> piece = queue.TryTakeBite()) {
+    REQUIRE(piece->count == (piece->work == &third ? 2 : 1));
+    order.push_back(piece->work);
+  }
+  REQUIRE(order == std::vector<QueuedWork*>{&first, &second, &third});
+  queue.PutBack({&third, 0, 2}, 1);
+  REQUIRE_FALSE(queue.empty());
+  REQUIRE(queue.TryTakeBite()->first == 1);
+  REQUIRE(queue.empty());
+}
+
+TEST_CASE("A session pays for what was used of a piece, whatever of it was put back") {
+  WorkQueue queue(1);
+  Cost cost(50);
+  QueuedWork dear = Work(1, WorkKind::kQuery, 100, cost);
+  QueuedWork other = Work(2, WorkKind::kQuery, 100, cost);
+  queue.Push(&dear);
+  queue.Push(&other);
+  const std::optional<Piece> piece = queue.TryTakeBite();  // of 0.1 ms
+  REQUIRE(piece->work == &dear);
+  queue.Settle(*piece, 550);
+  queue.PutBack(*piece, 1);
+  REQUIRE(Order(queue, 6) == "222222");
+  REQUIRE(queue.TryTakeBite()->first == 1);  // what was put back, which is half a bite
+}
+
+TEST_CASE("A deadline ends the items that were put back with all others") {
+  WorkQueue queue(1);
+  Cost cost(50);
+  QueuedWork work = Work(1, WorkKind::kQuery, 10, cost);
+  work.ends_at_deadline = true;
+  queue.Push(&work);
+  const std::optional<Piece> piece = queue.TryTakeBite();
+  const std::optional<Piece> other = queue.TryTakeBite();
+  REQUIRE((piece->count == 2 && other->count == 2));
+  queue.PutBack(*piece, 1);
+  REQUIRE_FALSE(queue.TakeExpired(&work));
+  work.deadline = Deadline::AfterMs(0);
+  const std::optional<Piece> rest = queue.TakeExpired(&work);
+  REQUIRE(rest);
+  REQUIRE((rest->expired && rest->count == 7));
+  REQUIRE(queue.empty());
+  queue.PutBack(*other, 1);
+  REQUIRE(queue.TakeExpired(&work)->count == 1);
+  REQUIRE(queue.empty());
+}
+
 TEST_CASE("Many threads take every item exactly once, and Stop ends all waits") {
   const auto spin = std::chrono::microseconds(GENERATE(0, 100, 10'000));
   constexpr uint32_t kJobs = 200;
-  constexpr uint32_t kItems = 7;
+  constexpr uint32_t kItems = 70;
   WorkQueue queue(4);
-  Cost cost(200);
+  Cost cost(20);
   std::vector<std::unique_ptr<QueuedWork>> jobs;
   std::atomic<uint32_t> items{0};
   std::vector<std::thread> threads;
@@ -275,8 +360,9 @@ TEST_CASE("Many threads take every item exactly once, and Stop ends all waits") 
     threads.emplace_back([&] {
       Spinner spinner(spin);
       while (const std::optional<Piece> piece = queue.Take(spinner)) {
-        queue.Settle(*piece, 200);
-        items += piece->count;
+        queue.Settle(*piece, 20);
+        if (piece->count > 1) queue.PutBack(*piece, 1);
+        items += 1;
       }
     });
   }

@@ -1,7 +1,9 @@
 // In what portions a worker executes requests, and what becomes of those that it does not get done.
 #include <algorithm>
+#include <atomic>
 #include <catch2/catch.hpp>
 
+#include "server/worker/fault_point.h"
 #include "tests/server/worker/worker_fixture.h"
 
 namespace b4mrl {
@@ -124,6 +126,55 @@ TEST_CASE("Snapshots and restores of many lanes are executed in bites") {
   const Answer after = worker.Call(SnapshotRequest(), {});
   REQUIRE(ArrayOf(after, "qpos").bytes == ArrayOf(before, "qpos").bytes);
   REQUIRE(worker.Step(AllAt(5), 0).code() == StatusCode::kOk);
+}
+
+// How many items became dear, and were executed.
+std::atomic<uint32_t> dear_items = 0;
+
+// Makes a row or an operation of a lane take 5 ms, many times a bite.
+void TakeLong(FaultPoint point, uint32_t, uint64_t, std::span<std::byte>) {
+  if (point != FaultPoint::kBeforeQueryRow && point != FaultPoint::kBeforeOperation) return;
+  ++dear_items;
+  for (const Deadline end = Deadline::AfterMs(5); !end.expired();) {
+  }
+}
+
+TEST_CASE("A bite of items that have become dear ends with the first of them, and the rest waits") {
+  constexpr uint32_t kItems = 64;
+  WorkerFixture worker;
+  worker.Open(kItems);
+  worker.Reset(std::vector<uint64_t>(kItems, 1));
+  const bool steps = GENERATE(false, true);
+  uint64_t number = 1;
+  const auto send = [&] {
+    const std::vector<uint64_t> numbers(kItems, ++number);
+    if (steps) {
+      worker.Send(WorkerFixture::StepRequest(), {Numbers(numbers), Actions(kItems, 0)}, true);
+    } else {
+      worker.Send(QueryRequest(), Rows(kItems), true);
+    }
+  };
+  while (number < 10) {  // learns what the items take while they are cheap
+    send();
+    worker.Work();
+  }
+  const std::string before = worker.answers.back().payload;
+  dear_items = 0;
+  fault_hook = TakeLong;
+  send();
+  uint32_t most = 0;
+  for (uint32_t earlier = 0; worker.Bite(); earlier = dear_items) {
+    most = std::max(most, dear_items - earlier);
+  }
+  worker.Work();
+  fault_hook = nullptr;
+  CHECK(most <= 1);  // 0 on a machine so busy that the items have seemed dear before
+  CHECK(dear_items == kItems);
+  CHECK(worker.answers.back().code() == StatusCode::kOk);
+  if (!steps) CHECK(worker.answers.back().payload == before);
+  for (uint32_t lane = 0; lane < kItems; ++lane) {
+    REQUIRE(worker.state().lane(lane).committed() == (steps ? number : 1));
+  }
 }
 
 TEST_CASE("Parts of a state that share bytes are refused before they are copied") {
