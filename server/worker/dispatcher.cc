@@ -226,12 +226,11 @@ void Dispatcher::HandleClose(const Asker& from, const std::string& token,
     return replies_.Reply(from, CloseUnattached(token));
   }
   Session* session = found->second.get();
-  if (session->pending_closes.size() >= limits::kMaxRequestsInFlight) {
+  if (!session->AddClose({from, deadline})) {
     return replies_.Reply(from,
                           Status(StatusCode::kLimitExceeded, "the session is closing already"));
   }
   session->closing = true;
-  session->pending_closes.push_back({from, deadline});
   if (session->in_flight().empty()) return EndSession(session);
   SweepAfter(deadline);
 }

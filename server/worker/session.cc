@@ -114,6 +114,20 @@ Status Session::AdoptLanes() {
   return Status();
 }
 
+bool Session::AddClose(PendingClose close) {
+  // A Close says nothing but its id and token, so its id alone tells a copy.
+  const auto copy = std::ranges::find_if(pending_closes, [&](const PendingClose& waiting) {
+    return waiting.from.request_id == close.from.request_id;
+  });
+  if (copy != pending_closes.end()) {
+    *copy = std::move(close);
+    return true;
+  }
+  if (pending_closes.size() >= limits::kMaxRequestsInFlight) return false;
+  pending_closes.push_back(std::move(close));
+  return true;
+}
+
 std::vector<Asker> Session::TakeLateCloses(Clock::time_point now, Clock::time_point* next) {
   std::vector<Asker> late;
   std::erase_if(pending_closes, [&](const PendingClose& close) {

@@ -97,6 +97,9 @@ class Session {
     Deadline deadline;
   };
   std::vector<PendingClose> pending_closes;
+  // Adds a Close to pending_closes, or gives its earlier copy there the sender and the deadline of
+  // this one. False: too many wait already.
+  bool AddClose(PendingClose close);
   // Set by the first Close; the session ends with its last request in flight.
   bool closing = false;
   // Takes the senders of the Closes whose deadline is not after `now`. Sets *next to the next

@@ -88,6 +88,39 @@ TEST_CASE("A Close is answered at its deadline, and happens all the same") {
   CHECK(worker.Close() == StatusCode::kOk);
 }
 
+TEST_CASE("A Close that is sent again while it waits is answered once, to its newest sender") {
+  WorkerFixture worker;
+  worker.Open(1);
+  worker.Reset({1});
+  worker.answers.clear();
+  worker.Send(WorkerFixture::StepRequest(), {Numbers({2}), Actions(1, 0)}, /*waiting=*/true);
+  const auto send_close = [&](uint64_t id, uint32_t deadline_ms, const RoutingId& sender) {
+    pb::Request close;
+    close.mutable_close();
+    close.set_request_id(id);
+    close.set_deadline_ms(deadline_ms);
+    worker.Send(close, {}, false, sender);
+  };
+  send_close(7, 1, "old connection");
+  send_close(8, 100'000, "another client");
+  send_close(7, 100'000, "new connection");
+  const bool is_late = GENERATE(false, true);
+  if (is_late) send_close(7, 1, "newest connection");
+  if (is_late) worker.AwaitDeadline();
+  worker.Work();
+  REQUIRE(worker.answers.size() == 3);
+  const auto answer_to = [&](uint64_t id) {
+    const auto found = std::ranges::find_if(
+        worker.answers, [id](const Answer& a) { return a.envelope.request_id() == id; });
+    REQUIRE(found != worker.answers.end());
+    return *found;
+  };
+  CHECK(answer_to(7).receiver == (is_late ? "newest connection" : "new connection"));
+  CHECK(answer_to(7).code() == (is_late ? StatusCode::kDeadlineExceeded : StatusCode::kOk));
+  CHECK(answer_to(8).receiver == "another client");
+  CHECK(answer_to(8).code() == StatusCode::kOk);
+}
+
 // That sessions of this task may come to take in a worker with one thread, and so the stand-in.
 uint64_t SimulatorBytes(const std::string& environment) {
   const Result<std::shared_ptr<const Simulator>> simulator =
