@@ -68,7 +68,6 @@ bool IsLasting(const Result<std::string>& hash) {
     case StatusCode::kOk:
     case StatusCode::kInvalidArgument:
     case StatusCode::kUnsupported:
-    case StatusCode::kLimitExceeded:
     case StatusCode::kDataLoss:  // the file ended the compiler or used up its processor time
       return true;
     default:

@@ -35,7 +35,7 @@ Status CheckSizes(const mjModel& model) {
   B4MRL_ASSIGN_OR_RETURN(const MjDataPtr data, MakeMujocoData(model));
   const size_t bytes = BytesOf(*data);
   if (bytes <= limits::kMaxSimulationBytes) return Status();
-  return Status(StatusCode::kLimitExceeded,
+  return Status(StatusCode::kInvalidArgument,
                 fmt::format("a simulation of the model takes {} bytes, allowed: {}; lower njmax, "
                             "nconmax and nstack of <size>",
                             bytes, limits::kMaxSimulationBytes));
@@ -53,11 +53,10 @@ Status Refusal(std::string_view message) {
     }
   }
   if (line.ends_with(", ")) line.resize(line.size() - 2);
-  if (line.find("allocate memory") == std::string::npos) {
-    return Status(StatusCode::kInvalidArgument, std::move(line));
+  if (line.find("allocate memory") != std::string::npos) {
+    line += fmt::format("; a model is compiled within {} bytes", limits::kMaxModelCompilerBytes);
   }
-  return Status(StatusCode::kLimitExceeded, fmt::format("{}; a model is compiled within {} bytes",
-                                                        line, limits::kMaxModelCompilerBytes));
+  return Status(StatusCode::kInvalidArgument, std::move(line));
 }
 
 // mj_saveModel does not tell when it could not write everything, as on a full disk, so the file is
@@ -95,7 +94,7 @@ Result<std::string> CompileModelFile(const std::string& path, const std::string&
   const auto size = static_cast<size_t>(mj_sizeModel(model.get()));
   if (size > limits::kMaxModelBytes) {
     return Status(
-        StatusCode::kLimitExceeded,
+        StatusCode::kInvalidArgument,
         fmt::format("the compiled model has {} bytes, allowed: {}", size, limits::kMaxModelBytes));
   }
   mj_saveModel(model.get(), output.c_str(), nullptr, 0);

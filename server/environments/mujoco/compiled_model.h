@@ -12,8 +12,9 @@ namespace b4mrl {
 // Compiles the MJCF file at `path` and writes it to `output` in MuJoCo's binary format; returns its
 // hash. Only for a sandboxed process that may be killed: the compiler has no bounds of its own, and
 // an error leaves memory and perhaps a part of `output` behind. kInvalidArgument with the
-// compiler's reason and line, kLimitExceeded when the model, or the memory of one simulation, is
-// beyond limits::kMaxModelBytes or kMaxSimulationBytes, or its state beyond what lanes keep.
+// compiler's reason and line, or when the compilation, the model or the memory of one simulation is
+// beyond limits::kMaxModelCompilerBytes, kMaxModelBytes or kMaxSimulationBytes, or its state beyond
+// what lanes keep: no retry helps until the file changes.
 Result<std::string> CompileModelFile(const std::string& path, const std::string& output);
 
 // The bytes of a model's file, MJCF or compiled.

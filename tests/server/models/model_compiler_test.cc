@@ -121,6 +121,18 @@ TEST_CASE("A bad file is refused with its reason, costs nobody anything and leav
 TEST_CASE("A file that asks for absurd sizes is refused before it has them") {
   CheckRefused(Bombs());
 }
+
+// A client tries again where the daemon says that it helps.
+TEST_CASE("A model that is too large is refused for good") {
+  const Folders folders;
+  for (const BadModel& bad : Bombs()) {
+    if (!std::string_view(bad.what).starts_with("a large ")) continue;  // the others may take long
+    const Status refused = folders.CompileText(bad.text).status();
+    INFO(bad.what << ": " << refused.ToString());
+    CHECK(refused.code() == StatusCode::kInvalidArgument);
+    CHECK_FALSE(refused.recoverable());
+  }
+}
 #endif
 
 TEST_CASE("A model for another task is refused in this one and taken in that one") {
