@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
-#include <set>
 #include <utility>
 #include <vector>
 
@@ -20,6 +19,7 @@
 #include "server/datasets/parked_requests.h"
 #include "server/datasets/served_datasets.h"
 #include "server/process/background_thread.h"
+#include "server/process/joined_scans.h"
 #include "server/process/preparation_queue.h"
 #include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
@@ -76,6 +76,8 @@ class DatasetWorker {
   void SubmitOpen(uint64_t id, const DatasetRequest& wanted);
   void Prepare(uint64_t id, const DatasetRequest& wanted, const OpenedDataset& found);
   void SubmitList(PendingRequest pending);
+  // Lists the files for these parked requests.
+  void Scan(std::vector<uint64_t> ids);
   void SubmitLoad(const std::string& fingerprint, PendingRequest pending);
   // Keeps a request until its completion or its deadline and returns its id; 0 for a copy of a
   // request that waits, and when too many wait already, which is the reply then.
@@ -106,7 +108,8 @@ class DatasetWorker {
   DatasetStore store_;  // used by background threads; Run only stops it
   ServedDatasets served_;
   ParkedRequests parked_;
-  std::multiset<RoutingId> listers_;  // who asked for the lists that listing_ is to make
+  JoinedScans scans_{{.waits = [this](uint64_t id) { return parked_.Find(id) != nullptr; },
+                      .scan = [this](std::vector<uint64_t> ids) { Scan(std::move(ids)); }}};
   BatchTurns rows_{{.alive = [this] { context_.Beat(); },
                     .answer = [this](BatchJob job) { Answer(std::move(job)); },
                     .refuse = [this](const Asker& from,
@@ -201,8 +204,8 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   if (parked_.AbsorbsCopy(&pending)) return 0;
   // A parked request that expires frees its place, but its task stays in the backlog.
   const RoutingId& peer = pending.from.peer;
-  size_t backlog = listing_.backlog() + loads_.Backlog();
-  size_t backlog_of_peer = loads_.BacklogOf(peer) + listers_.count(peer);
+  size_t backlog = loads_.Backlog();
+  size_t backlog_of_peer = loads_.BacklogOf(peer);
   for (const Preparations* queue : {&openings_, &imports_, &derivations_}) {
     backlog += queue->Backlog();
     backlog_of_peer += queue->BacklogOf(peer);
@@ -273,13 +276,15 @@ void DatasetWorker::FinishOpen(uint64_t id, const Result<OpenedDataset>& opened)
 }
 
 void DatasetWorker::SubmitList(PendingRequest pending) {
-  const RoutingId peer = pending.from.peer;
   const uint64_t id = Park(std::move(pending));
-  if (id == 0) return;
+  if (id != 0) scans_.Join(id);
+}
+
+void DatasetWorker::Scan(std::vector<uint64_t> ids) {
   listing_.Submit([this] { return store_.List(); },
-                  [this, id, lister = listers_.insert(peer)](const auto& list) {
-                    listers_.erase(lister);
-                    FinishList(id, list);
+                  [this, ids = std::move(ids)](const auto& list) {
+                    for (const uint64_t id : ids) FinishList(id, list);
+                    scans_.EndScan();
                   });
 }
 
