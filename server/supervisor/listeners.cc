@@ -211,6 +211,14 @@ Status FillDoors(Listeners* listeners) {
   return Status();
 }
 
+// Makes the folder of the socket `path` the daemon's, and its data folder too if that is the one in
+// it which PrivateDaemon makes (client/private_daemon.h): any other holds data of the user's.
+void OwnFolderOf(const std::string& path, const std::string& data_folder, Listeners* listeners) {
+  listeners->private_folder = path.substr(0, path.rfind('/'));
+  const std::string data = listeners->private_folder + "/data";
+  listeners->private_data = data_folder == data ? data : "";
+}
+
 Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   for (const Plan::Tcp& tcp : plan.tcp) {
     B4MRL_RETURN_IF_ERROR(AddTcp(tcp.host, tcp.port, &listeners->gateway, nullptr));
@@ -218,7 +226,7 @@ Status Fill(Plan plan, const ServeOptions& options, Listeners* listeners) {
   }
   for (const std::string& path : plan.ipc) {
     B4MRL_RETURN_IF_ERROR(AddIpc(path, &listeners->gateway));
-    if (options.own_folder) listeners->private_folder = path.substr(0, path.rfind('/'));
+    if (options.own_folder) OwnFolderOf(path, options.data_folder, listeners);
   }
   if (!options.single_port) {
     B4MRL_RETURN_IF_ERROR(FillWorkers(plan, options.workers, listeners));
@@ -263,6 +271,8 @@ void RemoveSocketFiles(const Listeners& listeners) {
   remove(listeners.gateway);
   for (const auto& worker : listeners.workers) remove(worker);
   remove(listeners.dataset);
+  std::error_code error;
+  if (!listeners.private_data.empty()) std::filesystem::remove_all(listeners.private_data, error);
   if (!listeners.private_folder.empty()) rmdir(listeners.private_folder.c_str());
 }
 

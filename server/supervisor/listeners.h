@@ -29,7 +29,9 @@ struct Listeners {
   std::vector<ChildOptions::Port> worker_ports;
   ChildOptions::Port dataset_port;
   bool loopback_only = true;
-  std::string private_folder;  // holds nothing but ipc sockets, and is the daemon's; "": none
+  // A folder that is the daemon's, and holds ipc sockets and `private_data` alone; "": none.
+  std::string private_folder;
+  std::string private_data;  // a folder in private_folder, which ends with it; "": none
 };
 
 // Malformed addresses are kInvalidArgument; addresses in use, missing folders and other errors of
@@ -40,7 +42,8 @@ Result<Listeners> OpenListeners(const ServeOptions& options);
 // Where a process of this machine connects to reach a listener.
 std::string LocalAddress(const ListeningEndpoint& endpoint);
 
-// Removes the files of ipc sockets and the private folder; the descriptors stay open.
+// Removes the files of ipc sockets, the private data folder with all that it holds, and the private
+// folder; the descriptors stay open.
 void RemoveSocketFiles(const Listeners& listeners);
 
 }  // namespace b4mrl

@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <thread>
 #include <utility>
@@ -93,6 +94,24 @@ TEST_CASE("The socket file of a daemon that answers nobody is refused") {
   const std::vector<UniqueFd> waiting = FillQueueOf(path);
   CHECK(OpenListeners(OptionsOn(path)).status().code() == StatusCode::kIoError);
   CHECK(std::filesystem::exists(path));
+}
+
+TEST_CASE("A daemon's own folder ends with it, and a data folder only where it is the one in it") {
+  const TemporaryFolder outside;
+  const std::string own = outside.File("own");
+  const bool is_inside = GENERATE(true, false);
+  const std::string data = is_inside ? own + "/data" : outside.File("data");
+  std::filesystem::create_directories(own);
+  std::filesystem::create_directories(data + "/.cache/models");
+  std::ofstream(data + "/.cache/models/file") << "compiled";
+  ServeOptions options = OptionsOn(own + "/serve");
+  options.own_folder = GENERATE(true, false);
+  options.data_folder = data;
+  RemoveSocketFiles(Take(OpenListeners(options)));
+  CHECK_FALSE(std::filesystem::exists(own + "/serve"));
+  CHECK(std::filesystem::exists(own) == !options.own_folder);
+  CHECK(std::filesystem::exists(data + "/.cache/models/file") ==
+        !(is_inside && options.own_folder));
 }
 
 TEST_CASE("A relative address is refused where the working directory is gone") {
