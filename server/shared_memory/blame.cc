@@ -18,10 +18,11 @@ constexpr std::array<int, 5> kDeadlySignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, 
 constexpr size_t kSignalStackBytes = 64 * 1024;
 std::array<struct sigaction, kDeadlySignals.size()> previous_actions;
 thread_local ThreadMark* thread_mark = nullptr;
+std::atomic<uint32_t>* unmarked_crash = nullptr;
 
 // Async-signal-safe: stores to shared memory and a system call.
 void RecordCrash(int signal) {
-  if (thread_mark != nullptr) thread_mark->guilty.store(1);
+  (thread_mark != nullptr ? thread_mark->guilty : *unmarked_crash).store(1);
   for (size_t i = 0; i < kDeadlySignals.size(); ++i) {
     // Returning repeats the faulting instruction (abort() raises again) under the previous action.
     if (kDeadlySignals[i] == signal) sigaction(signal, &previous_actions[i], nullptr);
@@ -88,7 +89,8 @@ MarkedThread::~MarkedThread() {
   thread_mark = nullptr;
 }
 
-void InstallCrashRecorder() {
+void InstallCrashRecorder(ChildRecord& record) {
+  unmarked_crash = &record.unmarked_crash;
   for (size_t i = 0; i < kDeadlySignals.size(); ++i) {
     struct sigaction action {};
     action.sa_handler = RecordCrash;
@@ -101,6 +103,10 @@ void BlameDeath(SharedState& shared, uint32_t worker, Death death) {
   const std::span<ThreadMark> marks = shared.marks(worker);
   const bool some_guilty =
       std::ranges::any_of(marks, [](const ThreadMark& mark) { return mark.guilty != 0; });
+  const uint32_t some_unmarked =
+      shared.child(kFirstWorkerChild + worker).unmarked_crash.exchange(0);
+  // Nothing that was under way has caused it, unless by a wild pointer.
+  if (death == Death::kCrashed && some_unmarked != 0 && !some_guilty) death = Death::kKilled;
   const uint32_t blame = death == Death::kKilled ? kKillBlame : kCrashBlame;
   // By session and request id: a request that many threads execute is blamed once for one death.
   std::set<std::pair<uint32_t, uint64_t>> requests;

@@ -6,7 +6,8 @@
 // operation (kept in lane_slot.h), a request or the building of a session (kept in shared_state.h).
 // The replacement refuses what has too many points. A kill from outside gives few points to
 // operations and requests, which need not have caused it, and none to the building of a session,
-// which every replacement begins with. Waiting for a processor gives no points.
+// which every replacement begins with. Neither does a crash in a thread that executes nothing of a
+// session, such as ZeroMQ's own, give more than a kill. Waiting for a processor gives no points.
 #pragma once
 
 #include <cstddef>
@@ -79,12 +80,13 @@ class MarkedThread {
   std::unique_ptr<std::byte[]> signal_stack_;
 };
 
-// Makes every deadly signal of this process record the thread that raised it, and then act as
-// before.
-void InstallCrashRecorder();
+// Makes every deadly signal of this process record the thread that raised it, in its mark or, where
+// it has none, in the process's `record`, which stays mapped; and then act as before.
+void InstallCrashRecorder(ChildRecord& record);
 
 // Supervisor: gives points for the death of environment worker `worker` to what its threads were
-// executing, and clears their marks. Where threads are known to be guilty, they alone are blamed.
+// executing, and clears their marks. Where threads are known to be guilty, they alone are blamed;
+// where one without a mark crashed alone, the death counts as a kill from outside.
 void BlameDeath(SharedState& shared, uint32_t worker, Death death);
 
 }  // namespace b4mrl

@@ -4,6 +4,7 @@
 //
 //   field                               writer
 //   ChildRecord: process_id, restarts   the supervisor
+//     unmarked_crash                    the child; while it is dead, the supervisor
 //     all others                        the child itself
 //   ThreadMark                          its thread; of a worker that it kills, the supervisor
 //   SessionRecord: steps,               the session's worker, while the session is opening or live
@@ -55,6 +56,8 @@ struct alignas(64) ChildRecord {
   std::atomic<uint64_t> query_rows;
   std::atomic<uint64_t> requests;
   std::atomic<uint64_t> errors;
+  // Of an environment worker. 1: a thread without a ThreadMark raised a deadly signal.
+  std::atomic<uint32_t> unmarked_crash;
 };
 
 // What one thread of a worker is executing, so that a death can be blamed on it (blame.h).

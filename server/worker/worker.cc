@@ -195,7 +195,7 @@ std::vector<int> CoresOf(const ChildOptions& options) {
 }  // namespace
 
 Status RunWorker(ChildContext& context) {
-  InstallCrashRecorder();
+  InstallCrashRecorder(context.record());
   if (context.options().index >= context.shared().worker_count()) {
     return InvalidNumber("--index", context.options().index, "below the number of workers");
   }

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
+#include <cstdlib>
 #include <thread>
 
 #include "server/shared_memory/session_table.h"
@@ -162,24 +163,55 @@ int Overflow(uint64_t depth) {
   return depth == UINT64_MAX ? 0 : Overflow(depth + 1) + page[0];
 }
 
-TEST_CASE("A thread that runs out of stack is recorded, and no other") {
-  SharedState state = NewState();
+// Runs `crash` in a process of its own, the worker 0 of `state`, beside a socket's thread with mark
+// 0, and waits for its end.
+template <typename Crash>
+void CrashInChild(SharedState& state, Crash crash) {
   const pid_t child = fork();
   if (child == 0) {
-    signal(SIGSEGV, SIG_DFL);  // not the test program's own report
-    InstallCrashRecorder();
+    for (const int number : {SIGSEGV, SIGABRT}) signal(number, SIG_DFL);  // not the test's report
+    InstallCrashRecorder(state.child(kFirstWorkerChild));
     const MarkedThread socket_thread(&state.marks(0)[0]);
-    std::thread([&] {
-      const MarkedThread self(&state.marks(0)[1]);
-      Overflow(0);
-    }).join();
+    std::thread(crash).join();
     _exit(0);
   }
   int wait_status = 0;
   REQUIRE(waitpid(child, &wait_status, 0) == child);
-  REQUIRE(wait_status != 0);
+  REQUIRE(WIFSIGNALED(wait_status));
+}
+
+TEST_CASE("A thread that runs out of stack is recorded, and no other") {
+  SharedState state = NewState();
+  CrashInChild(state, [&] {
+    const MarkedThread self(&state.marks(0)[1]);
+    Overflow(0);
+  });
   REQUIRE(state.marks(0)[1].guilty == 1);
   REQUIRE(state.marks(0)[0].guilty == 0);
+  REQUIRE(state.child(kFirstWorkerChild).unmarked_crash == 0);
+}
+
+TEST_CASE("A crash in a thread that executes nothing counts as a kill for what others execute") {
+  SharedState state = NewState();
+  for (int crash = 0; crash < 2; ++crash) {
+    MarkLane(state, 0, 3);
+    CrashInChild(state, [] { abort(); });
+    REQUIRE(state.marks(0)[0].guilty == 0);
+    REQUIRE(state.child(kFirstWorkerChild).unmarked_crash == 1);
+    BlameDeath(state, 0, Death::kCrashed);
+    REQUIRE(PointsOf(state, 3) == kKillBlame);
+    REQUIRE(state.child(kFirstWorkerChild).unmarked_crash == 0);
+  }
+}
+
+TEST_CASE("A crash in a thread with a mark is blamed on it, whichever others crash with it") {
+  SharedState state = NewState();
+  MarkLane(state, 1, 3).guilty.store(1);
+  MarkLane(state, 2, 4);
+  state.child(kFirstWorkerChild).unmarked_crash.store(1);
+  BlameDeath(state, 0, Death::kCrashed);
+  REQUIRE(PointsOf(state, 3) == kCrashBlame);
+  REQUIRE(PointsOf(state, 4) == 0);
 }
 
 }  // namespace
