@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "benchmarks/statistics/bootstrap.h"
-#include "proto/base/mean_and_std.h"
 
 namespace b4mrl {
 namespace {
@@ -86,29 +85,25 @@ std::optional<double> PaperIqm(const CellScores& paper, const std::string& algor
   return InterquartileMean(means);
 }
 
-// The interquartile mean over runs. Where benchmarks differ in their number of runs, each stands by
-// the mean of its runs: pooled, one with more seeds would weigh more.
-double WeighedEqually(const Scores& scores, bool by_means) {
-  if (!by_means) return InterquartileMean(scores);
-  std::vector<double> means;
-  for (const std::vector<double>& runs : scores) means.push_back(MeanAndStdOf(runs).mean);
-  return InterquartileMean(means);
-}
-
 Aggregate AggregateOf(const Scores& scores, const std::vector<double>& thresholds) {
   Aggregate aggregate;
   aggregate.cells = scores.size();
   const bool by_means = std::ranges::any_of(scores, [&](const std::vector<double>& runs) {
     return runs.size() != scores.front().size();
   });
-  aggregate.iqm = WeighedEqually(scores, by_means);
+  // Where benchmarks differ in their number of runs, each stands by the mean of its runs: pooled,
+  // one with more seeds would weigh more.
+  const auto iqm_of = [by_means](const Scores& of_any) {
+    return by_means ? InterquartileMean(MeanOfEach(of_any)) : InterquartileMean(of_any);
+  };
+  aggregate.iqm = iqm_of(scores);
   aggregate.median = MedianOverBenchmarks(scores);
   aggregate.mean = MeanOverBenchmarks(scores);
   aggregate.profile = PerformanceProfile(scores, thresholds);
   if (scores.size() < kLeastBenchmarks) return aggregate;
   // The interquartile mean first, then the profile.
   const auto statistic = [&](std::span<const Scores> drawn) {
-    std::vector<double> numbers = {WeighedEqually(drawn[0], by_means)};
+    std::vector<double> numbers = {iqm_of(drawn[0])};
     std::ranges::copy(PerformanceProfile(drawn[0], thresholds), std::back_inserter(numbers));
     return numbers;
   };

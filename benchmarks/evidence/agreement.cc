@@ -26,10 +26,13 @@ constexpr size_t kLeastRanked = 3;  // algorithms in a benchmark, of which an or
 struct Item {
   const Benchmark* benchmark = nullptr;
   std::string algorithm;
-  std::string run;            // see SharedRun
-  const Benchmark* reference = nullptr;  // what an effect is taken from; null: there is none
-  std::string reference_run;             // of that
-  double own_effect = 0;                 // ours, of runs with equally many updates
+  std::string run;  // see SharedRun
+};
+
+// What a flaw changes: a run's score minus that of its reference.
+struct Effect {
+  std::string run, reference;
+  double ours = 0;  // of runs with equally many updates
 };
 
 // Scores by the run that they are of (SharedRun).
@@ -131,6 +134,8 @@ class Comparer {
   };
 
   void AddRankings(const std::vector<Item>& cells);
+  void AddEffects(const CellScores& ours, const std::vector<Benchmark>& benchmarks,
+                  bool settled_only);
   // The paper's runs with other seeds.
   Table Draw(uint64_t draw) const;
   // What a figure is taken over: one value for each run, effect, ranking or pair.
@@ -149,8 +154,8 @@ class Comparer {
                    std::optional<double> (*summarise)(const std::vector<Value>&),
                    const std::vector<std::string>& groups) const;
 
-  std::vector<Item> runs_;     // the paper's that we have too
-  std::vector<Item> effects_;  // of the runs, those with another one as reference
+  std::vector<Item> runs_;       // the paper's that we have too
+  std::vector<Effect> effects_;  // of the runs with another one as reference
   std::vector<Ranking> rankings_;
   std::vector<std::vector<RunPair>> separated_;  // by the paper, of each ranking that has any
   std::vector<RunPair> pairs_;                   // of all rankings, each once
@@ -179,9 +184,7 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
       if (options.without.contains(algorithm)) continue;
       const CellScore* own = Find(ours, benchmark.name, algorithm);
       if (own == nullptr || (options.settled_only && !own->settled)) continue;
-      Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm),
-                   ReferenceOf(benchmark, benchmarks)};
-      if (item.reference != nullptr) item.reference_run = SharedRun(*item.reference, algorithm);
+      Item item = {&benchmark, algorithm, SharedRun(benchmark, algorithm)};
       if (ours_.values.emplace(item.run, own->mean).second) {
         ours_.errors[item.run] = own->standard_error;
         paper_.values[item.run] = score.mean;
@@ -197,15 +200,23 @@ Comparer::Comparer(const CellScores& paper, const CellScores& ours,
   for (const Item& item : cells) {
     floor_[item.run] = MeanAndStdOf(known.at(KnownToFloor(*item.benchmark, item.algorithm))).mean;
   }
-  for (Item item : runs_) {
-    if (item.run == item.reference_run || !ours_.values.contains(item.reference_run)) continue;
-    const CellScore* reference = Find(ours, item.reference->name, item.algorithm);
-    if (reference == nullptr) continue;
-    const auto [flawed, clean] =
-        AtEqualUpdates(*Find(ours, item.benchmark->name, item.algorithm), *reference);
-    if (options.settled_only && !(flawed.settled && clean.settled)) continue;
-    item.own_effect = flawed.mean - clean.mean;
-    effects_.push_back(std::move(item));
+  AddEffects(ours, benchmarks, options.settled_only);
+}
+
+void Comparer::AddEffects(const CellScores& ours, const std::vector<Benchmark>& benchmarks,
+                          bool settled_only) {
+  const auto own = [&](const Item& item) -> const CellScore& {
+    return *Find(ours, item.benchmark->name, item.algorithm);
+  };
+  for (const Item& item : runs_) {
+    const Benchmark* benchmark = ReferenceOf(*item.benchmark, benchmarks);
+    if (benchmark == nullptr) continue;
+    const std::string run = SharedRun(*benchmark, item.algorithm);
+    const auto reference = std::ranges::find(runs_, run, &Item::run);
+    if (run == item.run || reference == runs_.end()) continue;
+    const auto [flawed, clean] = AtEqualUpdates(own(item), own(*reference));
+    if (settled_only && !(flawed.settled && clean.settled)) continue;
+    effects_.push_back({item.run, run, flawed.mean - clean.mean});
   }
 }
 
@@ -241,9 +252,9 @@ std::vector<Pair> Comparer::ScoresBeside(const Table& table) const {
 
 std::vector<Pair> Comparer::EffectsBeside(const Table& table) const {
   std::vector<Pair> pairs;
-  for (const Item& item : effects_) {
-    pairs.emplace_back(paper_.values.at(item.run) - paper_.values.at(item.reference_run),
-                       table.at(item.run) - table.at(item.reference_run));
+  for (const Effect& effect : effects_) {
+    pairs.emplace_back(paper_.values.at(effect.run) - paper_.values.at(effect.reference),
+                       table.at(effect.run) - table.at(effect.reference));
   }
   return pairs;
 }
@@ -346,8 +357,8 @@ PaperAgreement Comparer::Compare() const {
   agreement.scores = Figure(scores(ours), scores, SpearmanOf, GroupsOf(runs_, &Item::run));
   const auto effects = [this](const Table& table) { return EffectsBeside(table); };
   std::vector<Pair> own = EffectsBeside(ours);
-  for (size_t i = 0; i < own.size(); ++i) own[i].second = effects_[i].own_effect;
-  agreement.effects = Figure(own, effects, SpearmanOf, GroupsOf(effects_, &Item::run));
+  for (size_t i = 0; i < own.size(); ++i) own[i].second = effects_[i].ours;
+  agreement.effects = Figure(own, effects, SpearmanOf, GroupsOf(effects_, &Effect::run));
   // A table that does not know the flaw has effects that are all alike, and no order.
   if (agreement.effects.ours) agreement.effects.floor = 0;
   const auto rankings = [this](const Table& table) { return RankingsBeside(table); };

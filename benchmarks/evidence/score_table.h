@@ -109,7 +109,8 @@ class ScoreTable {
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.
   void LeaveOutUnfinishedSeeds();
-  // Seeds that went on are read at the updates that all seeds of their cell have.
+  // Seeds that went on are read at the updates that all seeds of their cell have. From then on
+  // cells no longer point at whole runs alone.
   void ReadSeedsAtEqualUpdates();
   // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
   void MarkRunsInCells();

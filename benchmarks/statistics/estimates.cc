@@ -22,13 +22,6 @@ std::vector<double> Pooled(const Scores& scores) {
   return pooled;
 }
 
-std::vector<double> MeanOfEach(const Scores& scores) {
-  std::vector<double> means;
-  means.reserve(scores.size());
-  for (const std::vector<double>& runs : scores) means.push_back(MeanAndStdOf(runs).mean);
-  return means;
-}
-
 // One benchmark's probability of improvement.
 double ShareOfWins(const std::vector<double>& x, const std::vector<double>& y) {
   size_t halves = 0;
@@ -55,6 +48,13 @@ double InterquartileMean(std::span<const double> values) {
 }
 
 double InterquartileMean(const Scores& scores) { return InterquartileMean(Pooled(scores)); }
+
+std::vector<double> MeanOfEach(const Scores& scores) {
+  std::vector<double> means;
+  means.reserve(scores.size());
+  for (const std::vector<double>& runs : scores) means.push_back(MeanAndStdOf(runs).mean);
+  return means;
+}
 
 double MeanOverBenchmarks(const Scores& scores) { return MeanAndStdOf(MeanOfEach(scores)).mean; }
 

@@ -32,6 +32,9 @@ double InterquartileMean(std::span<const double> values);
 // more.
 double InterquartileMean(const Scores& scores);
 
+// The mean of each benchmark's runs.
+std::vector<double> MeanOfEach(const Scores& scores);
+
 // The mean and the median over the benchmarks of each one's mean score: every benchmark weighs the
 // same, however many runs it has.
 double MeanOverBenchmarks(const Scores& scores);

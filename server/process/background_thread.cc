@@ -20,7 +20,6 @@ BackgroundThread::~BackgroundThread() {
 }
 
 void BackgroundThread::Submit(Task task) {
-  ++backlog_;
   {
     const std::lock_guard lock(mutex_);
     tasks_.push_back(std::move(task));
@@ -37,7 +36,6 @@ void BackgroundThread::RunCompletions() {
     const std::lock_guard lock(mutex_);
     ready.swap(completions_);
   }
-  backlog_ -= ready.size();
   for (const Completion& completion : ready) completion();
 }
 

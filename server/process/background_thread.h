@@ -3,11 +3,10 @@
 //
 // Thread rule: all members belong to the loop's thread; tasks run on the background thread, one
 // after another. The destructor waits for the running task and drops the others. The caller limits
-// the number of tasks by backlog().
+// the number of tasks.
 #pragma once
 
 #include <condition_variable>
-#include <cstddef>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -39,8 +38,6 @@ class BackgroundThread {
       return [done, result] { done(*result); };
     });
   }
-  // The number of submitted tasks whose completions have not run.
-  size_t backlog() const { return backlog_; }
   // A descriptor that is readable while completions wait.
   int fd() const { return wake_.get(); }
   // Runs the completions of the tasks that have ended.
@@ -49,7 +46,6 @@ class BackgroundThread {
  private:
   void Loop();
 
-  size_t backlog_ = 0;  // used by the loop's thread alone
   UniqueFd wake_;
   std::mutex mutex_;
   std::condition_variable submitted_;
