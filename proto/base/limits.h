@@ -57,11 +57,14 @@ inline constexpr int64_t kStarvedChildMs = 30'000;  // if the child gets no proc
 inline constexpr int64_t kDrainMs = 5'000;          // for requests under way after a SIGTERM
 
 // Sockets: messages queued towards one peer before the peer counts as too slow; and unread bytes of
-// a server, which are queued envelopes and payloads of kCountedFrameBytes or more.
+// a server, which are queued envelopes and payloads of kCountedFrameBytes or more. A process that
+// is allowed little memory has lower limits for these bytes, and for those of requests
+// (server/process/memory_shares.h).
 inline constexpr int kHighWaterMark = 1'000;
 inline constexpr size_t kCountedFrameBytes = 1024;
 inline constexpr size_t kMaxUnreadBytes = 16 * kMaxPayloadBytes;       // towards one peer
 inline constexpr size_t kMaxUnreadBytesOfAll = 64 * kMaxPayloadBytes;  // towards all peers
+inline constexpr size_t kReservedUnreadBytes = 64 * 1024;              // of them, for each peer
 
 // The local door: rings of shared memory between a client and a worker of one machine. A connection
 // takes 516 KiB.
@@ -73,6 +76,9 @@ inline constexpr uint32_t kMaxDoorBells = 10'000;  // without a byte in either r
 // Longest spin before a sleep. A step of Humanoid, or of eight environments, takes 200 us.
 inline constexpr uint32_t kDefaultSpinUs = 250;
 inline constexpr uint32_t kMaxSpinUs = 10'000;
+
+// Replies with rows that a dataset worker fills at once: of small ones, and of large ones.
+inline constexpr size_t kMaxFilledBytes = 8 * kMaxPayloadBytes;
 
 // Opens that wait in the gateway for a worker or a model.
 inline constexpr uint32_t kMaxPendingOpensOfPeer = 256;  // of one connection
@@ -132,6 +138,7 @@ inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
 inline constexpr size_t kMaxNewDatasetNameBytes = 200;       // a file's name has 255 at most
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
+inline constexpr size_t kMaxKeptRequestBytes = 32 * 1024;    // of such a request, once parsed
 inline constexpr uint32_t kMaxMappedDatasets = 64;           // others are mapped again when used
 inline constexpr uint32_t kDefaultCacheMib = 64 * 1024;      // of disk, for all of their caches
 inline constexpr uint32_t kMaxCacheMib = 1u << 30;

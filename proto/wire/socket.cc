@@ -143,9 +143,10 @@ bool CameFromThisMachine(Message& message) {
 }
 
 Result<RouterSocket> RouterSocket::Bind(const Context& context,
-                                        std::span<const ListeningEndpoint> endpoints) {
+                                        std::span<const ListeningEndpoint> endpoints,
+                                        UnreadLimits unread) {
   SeedFirstRoutingId();
-  RouterSocket router(context, zmq_socket(context.handle(), ZMQ_ROUTER));
+  RouterSocket router(context, zmq_socket(context.handle(), ZMQ_ROUTER), unread);
   if (router.socket_ == nullptr) return ZmqError("create", "a socket");
   SetCommonOptions(router.socket_);
   SetInt(router.socket_, ZMQ_ROUTER_MANDATORY, 1);

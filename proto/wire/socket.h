@@ -55,7 +55,8 @@ bool CameFromThisMachine(Message& message);
 class RouterSocket {
  public:
   static Result<RouterSocket> Bind(const Context& context,
-                                   std::span<const ListeningEndpoint> endpoints);
+                                   std::span<const ListeningEndpoint> endpoints,
+                                   UnreadLimits unread = {});
   RouterSocket(RouterSocket&&) noexcept;
   RouterSocket& operator=(RouterSocket&&) noexcept;
   ~RouterSocket();
@@ -71,9 +72,11 @@ class RouterSocket {
   // drops them. Without this call it drops them at once.
   void LingerOnClose(int64_t linger_ms);
   void* handle() const { return socket_; }
+  const UnreadBytes& unread() const { return unread_; }
 
  private:
-  RouterSocket(Context context, void* socket) : context_(std::move(context)), socket_(socket) {}
+  RouterSocket(Context context, void* socket, UnreadLimits unread)
+      : context_(std::move(context)), socket_(socket), unread_(unread) {}
   Context context_;
   void* socket_ = nullptr;
   UnreadBytes unread_;

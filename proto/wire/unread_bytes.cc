@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <zmq.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <utility>
 
@@ -16,24 +17,40 @@ struct UnreadBytes::Counted {
   std::shared_ptr<Counter> of_receiver;
 };
 
+UnreadBytes UnreadBytes::Beside() const {
+  UnreadBytes beside(limits_);
+  beside.all_ = all_;
+  return beside;
+}
+
 Status UnreadBytes::Count(const std::string& receiver, Message* message) {
-  for (Frame* frame : {&message->envelope, &message->payload}) {
-    if (frame->size() < limits::kCountedFrameBytes) continue;
-    B4MRL_ASSIGN_OR_RETURN(*frame, Count(receiver, std::move(*frame)));
+  Frame* const frames[] = {&message->envelope, &message->payload};
+  size_t bytes = 0;
+  for (const Frame* frame : frames) {
+    if (frame->size() >= limits::kCountedFrameBytes) bytes += frame->size();
+  }
+  if (bytes == 0) return Status();
+  B4MRL_RETURN_IF_ERROR(Admit(receiver, bytes));
+  const std::shared_ptr<Counter> of_receiver = CounterOf(receiver);
+  for (Frame* frame : frames) {
+    if (frame->size() >= limits::kCountedFrameBytes) *frame = Wrap(of_receiver, std::move(*frame));
   }
   return Status();
 }
 
-Result<Frame> UnreadBytes::Count(const std::string& receiver, Frame given) {
+Status UnreadBytes::Admit(const std::string& receiver, size_t bytes) {
+  const size_t of_one = of(receiver), of_all = *all_;
+  const size_t then = of_all + bytes;
+  const size_t left = then < limits_.of_all ? limits_.of_all - then : 0;
+  const size_t most = std::max(std::min(limits_.of_one, left), limits::kReservedUnreadBytes);
+  if (of_all == 0 || of_one + bytes <= most) return Status();
+  return Status(StatusCode::kLimitExceeded,
+                fmt::format("the peer would have {} bytes to read, at most {}; all have {} of {}",
+                            of_one + bytes, most, of_all, limits_.of_all));
+}
+
+Frame UnreadBytes::Wrap(const std::shared_ptr<Counter>& of_receiver, Frame given) {
   const size_t bytes = given.size();
-  const std::shared_ptr<Counter>& of_receiver = CounterOf(receiver);
-  if (*of_receiver + bytes > limits::kMaxUnreadBytes ||
-      *all_ + bytes > limits::kMaxUnreadBytesOfAll) {
-    return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the peer has {} bytes to read, all have {}, at most {} and {}",
-                              of_receiver->load(), all_->load(), limits::kMaxUnreadBytes,
-                              limits::kMaxUnreadBytesOfAll));
-  }
   *of_receiver += bytes;
   *all_ += bytes;
   Counted* const counted = new Counted{std::move(given), all_, of_receiver};  // see Release

@@ -15,7 +15,6 @@ namespace {
 // In a millisecond some 10,000 rows are copied that lie in memory: more than most batches have.
 constexpr std::chrono::milliseconds kSlice{1};
 constexpr size_t kLargeBytes = 1024 * 1024;
-constexpr size_t kPlaces[] = {512, 8};  // of small replies, of large ones
 
 // How many rows are copied between two looks at the clock: more and more while they lie in memory,
 // one at a time where they come from the disk.
@@ -59,7 +58,15 @@ Status TooMany(std::string_view whose, size_t most) {
                 fmt::format("more requests for rows wait {}; allowed: {}", whose, most));
 }
 
+// How many replies of at most `each` bytes fit.
+size_t PlacesIn(size_t bytes, size_t each) { return std::max<size_t>(1, bytes / each); }
+
 }  // namespace
+
+BatchTurns::BatchTurns(Hooks hooks, Room room)
+    : hooks_(std::move(hooks)),
+      places_{{PlacesIn(room.small, kLargeBytes)},
+              {PlacesIn(room.large, limits::kMaxPayloadBytes)}} {}
 
 BatchTurns::Size BatchTurns::SizeOf(const BatchJob& job) {
   return job.reply.payload_bytes() > kLargeBytes ? kLarge : kSmall;
@@ -75,7 +82,7 @@ void BatchTurns::Add(BatchJob job) {
   const auto found = connections_.find(peer);
   if (found != connections_.end()) return Append(&found->second, std::move(job));
   Places& places = places_[SizeOf(job)];
-  const bool begins = places.waiting.empty() && places.taken < kPlaces[SizeOf(job)];
+  const bool begins = places.waiting.empty() && places.taken < places.most;
   if (begins) {
     job.started = Clock::now();
     if (Fill(&job)) return hooks_.answer(std::move(job));
@@ -143,7 +150,7 @@ BatchJob BatchTurns::TakeFirst(Connections::iterator connection) {
 void BatchTurns::Turn() {
   for (const Size size : {kSmall, kLarge}) {
     Places& places = places_[size];
-    for (; !places.waiting.empty() && places.taken < kPlaces[size]; ++places.taken) {
+    for (; !places.waiting.empty() && places.taken < places.most; ++places.taken) {
       Connection& connection = connections_.at(places.waiting.front());
       connection.is_under_way = true;
       connection.jobs.front().started = Clock::now();

@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "proto/base/clock.h"
+#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
 #include "server/batches/batch_reply.h"
@@ -40,7 +41,13 @@ class BatchTurns {
     // Takes a request without a reply: kDeadlineExceeded, or kLimitExceeded when too many wait.
     std::function<void(const Asker& from, const Status& status)> refuse;
   };
-  explicit BatchTurns(Hooks hooks) : hooks_(std::move(hooks)) {}
+  // Bytes that the replies under way may take, of each size; of each size one may be under way
+  // whatever it takes.
+  struct Room {
+    size_t small = limits::kMaxFilledBytes;
+    size_t large = limits::kMaxFilledBytes;
+  };
+  BatchTurns(Hooks hooks, Room room);
 
   // Fills a reply for a slice if it may begin, else it waits. A copy of a request that waits or is
   // under way gives that one the copy's deadline instead.
@@ -60,8 +67,9 @@ class BatchTurns {
   };
   // Replies of one size: how many are under way, and whose first jobs wait for a place.
   struct Places {
+    size_t most;
     size_t taken = 0;
-    std::deque<RoutingId> waiting;
+    std::deque<RoutingId> waiting = {};
   };
 
   using Connections = std::map<RoutingId, Connection>;

@@ -20,6 +20,7 @@
 #include "server/datasets/served_datasets.h"
 #include "server/process/background_thread.h"
 #include "server/process/joined_scans.h"
+#include "server/process/memory_shares.h"
 #include "server/process/preparation_queue.h"
 #include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
@@ -53,7 +54,8 @@ Status TooLate() {
 
 class DatasetWorker {
  public:
-  DatasetWorker(ChildContext& context, const DatasetWorkerOptions& options, RouterSocket socket)
+  DatasetWorker(ChildContext& context, const DatasetWorkerShares& memory,
+                const DatasetWorkerOptions& options, RouterSocket socket)
       : context_(context),
         socket_(std::move(socket)),
         replies_({context.record().requests, context.record().errors},
@@ -63,7 +65,12 @@ class DatasetWorker {
                  }),
         ledgers_(context.shared()),
         store_({context.options().data_folder, options.importer_program,
-                uint64_t{context.options().cache_mib} << 20}) {}
+                uint64_t{context.options().cache_mib} << 20}),
+        rows_({.alive = [this] { context_.Beat(); },
+               .answer = [this](BatchJob job) { Answer(std::move(job)); },
+               .refuse = [this](const Asker& from,
+                                const Status& status) { replies_.Reply(from, status); }},
+              {.small = memory.small_batches, .large = memory.large_batches}) {}
 
   void Run();
 
@@ -110,10 +117,7 @@ class DatasetWorker {
   ParkedRequests parked_;
   JoinedScans scans_{{.waits = [this](uint64_t id) { return parked_.Find(id) != nullptr; },
                       .scan = [this](std::vector<uint64_t> ids) { Scan(std::move(ids)); }}};
-  BatchTurns rows_{{.alive = [this] { context_.Beat(); },
-                    .answer = [this](BatchJob job) { Answer(std::move(job)); },
-                    .refuse = [this](const Asker& from,
-                                     const Status& status) { replies_.Reply(from, status); }}};
+  BatchTurns rows_;
   // Last: their tasks use the members above.
   BackgroundThread listing_;
   Preparations openings_{{kShortReads, kLongReads, kReadsOfClient}, kShortMs};
@@ -176,6 +180,13 @@ void DatasetWorker::Handle(IncomingMessage incoming) {
   std::optional<Asker> from = replies_.Read(incoming, &pending.request);
   if (!from) return;
   pending.from = std::move(*from);
+  // Requests are kept while they wait, and two bytes of an envelope may be a hundred of memory.
+  if (const size_t bytes = pending.request.SpaceUsedLong(); bytes > limits::kMaxKeptRequestBytes) {
+    return replies_.Reply(pending.from,
+                          Status(StatusCode::kInvalidArgument,
+                                 fmt::format("the request takes {} bytes once parsed, at most {}",
+                                             bytes, limits::kMaxKeptRequestBytes)));
+  }
   pending.deadline = DeadlineOf(pending.request);
   Dispatch(std::move(pending));
 }
@@ -360,10 +371,12 @@ void DatasetWorker::AnswerAll(const Status& status) {
 }  // namespace
 
 Status RunDatasetWorker(ChildContext& context, const DatasetWorkerOptions& options) {
+  const DatasetWorkerShares memory = DatasetWorkerSharesOf(context.memory_bytes());
   Context sockets;
-  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
-                         RouterSocket::Bind(sockets, context.options().endpoints));
-  DatasetWorker(context, options, std::move(socket)).Run();
+  B4MRL_ASSIGN_OR_RETURN(
+      RouterSocket socket,
+      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
+  DatasetWorker(context, memory, options, std::move(socket)).Run();
   return Status();
 }
 

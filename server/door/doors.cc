@@ -31,7 +31,11 @@ uint64_t NumberOf(const RoutingId& sender) {
 
 }  // namespace
 
-Doors::Doors(int listener, uint32_t spin_us) : listener_(listener), spin_us_(spin_us) {
+Doors::Doors(int listener, uint32_t spin_us, UnreadBytes unread, size_t unfinished_bytes)
+    : listener_(listener),
+      spin_us_(spin_us),
+      most_unfinished_bytes_(unfinished_bytes),
+      unread_(std::move(unread)) {
   if (listener_ < 0) return;
   epoll_ = UniqueFd(epoll_create1(EPOLL_CLOEXEC));
   epoll_event event{EPOLLIN, {.u64 = 0}};
@@ -77,10 +81,13 @@ Door* Doors::Find(uint64_t number) const {
   return found != doors_.end() && (*found)->number() == number ? found->get() : nullptr;
 }
 
-size_t Doors::UnfinishedBytes() const {
-  size_t bytes = 0;
-  for (const auto& door : doors_) bytes += door->unfinished_bytes();
-  return bytes;
+bool Doors::HasTooManyUnfinished() const {
+  size_t bytes = 0, messages = 0;
+  for (const auto& door : doors_) {
+    bytes += door->unfinished_bytes();
+    if (door->unfinished_bytes() > 0) ++messages;
+  }
+  return messages > 1 && bytes > most_unfinished_bytes_;
 }
 
 void Doors::BoundUnfinished() {
@@ -89,7 +96,7 @@ void Doors::BoundUnfinished() {
     return std::pair(a->unfinished_bytes() == 0, a->last_bytes()) <
            std::pair(b->unfinished_bytes() == 0, b->last_bytes());
   };
-  while (UnfinishedBytes() > limits::kMaxQueuedBytes) {
+  while (HasTooManyUnfinished()) {
     (*std::min_element(doors_.begin(), doors_.end(), is_earlier))->Drop();
   }
 }

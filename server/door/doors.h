@@ -16,6 +16,7 @@
 #include <optional>
 #include <vector>
 
+#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"
 #include "proto/wire/socket.h"
@@ -27,8 +28,10 @@ namespace b4mrl {
 class Doors {
  public:
   // `listener`: the listening socket, inherited from the supervisor; -1: the worker has no doors.
-  // `spin_us`: the longest spin that clients are told.
-  Doors(int listener, uint32_t spin_us);
+  // `spin_us`: the longest spin that clients are told. `unread`: counts the replies that clients
+  // have not read. `unfinished_bytes`: what messages that have not come entirely may take.
+  Doors(int listener, uint32_t spin_us, UnreadBytes unread = UnreadBytes(),
+        size_t unfinished_bytes = limits::kMaxQueuedBytes);
 
   // Whether a client is connected.
   bool any() const { return !doors_.empty(); }
@@ -65,14 +68,16 @@ class Doors {
   bool AnyQueued() const;
   // Publishes what there is space for of the replies that wait.
   void Write();
-  // Memory that messages which have not come entirely may take.
-  size_t UnfinishedBytes() const;
-  // Keeps the memory of messages that have not come entirely within limits::kMaxQueuedBytes: lets
-  // go of the client from whom nothing has come for longest, since it may never go on.
+  // Whether messages that have not come entirely may take more than they are to; a single one never
+  // does.
+  bool HasTooManyUnfinished() const;
+  // Lets go of the clients from whom nothing has come for longest, since they may never go on,
+  // until the others' messages take no more.
   void BoundUnfinished();
 
   int listener_;
   uint32_t spin_us_;
+  size_t most_unfinished_bytes_;
   UniqueFd epoll_;
   std::vector<std::unique_ptr<Door>> doors_;  // by number, ascending
   size_t next_ = 0;                           // the door whose turn it is

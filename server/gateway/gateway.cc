@@ -17,6 +17,7 @@
 #include "server/gateway/relay.h"
 #include "server/gateway/status_report.h"
 #include "server/process/child.h"
+#include "server/process/memory_shares.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
 #include "server/shared_memory/ledger_table.h"
@@ -50,7 +51,7 @@ std::vector<Benchmark> BenchmarksOf(const ChildOptions& options) {
 
 class Gateway {
  public:
-  Gateway(ChildContext& context, Context& sockets, RouterSocket socket,
+  Gateway(ChildContext& context, const GatewayShares& memory, Context& sockets, RouterSocket socket,
           std::vector<DealerSocket> workers)
       : context_(context),
         socket_(std::move(socket)),
@@ -71,7 +72,8 @@ class Gateway {
                {context.options().worker_addresses, context.options().dataset_address},
                [this](const RoutingId& client, Message reply) {
                  return socket_.Send(client, std::move(reply));
-               }) {}
+               },
+               {.bytes = memory.relayed}) {}
 
   void Run();
 
@@ -249,15 +251,17 @@ void Gateway::Run() {
 }  // namespace
 
 Status RunGateway(ChildContext& context) {
+  const GatewayShares memory = GatewaySharesOf(context.memory_bytes());
   Context sockets;
-  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
-                         RouterSocket::Bind(sockets, context.options().endpoints));
+  B4MRL_ASSIGN_OR_RETURN(
+      RouterSocket socket,
+      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
   std::vector<DealerSocket> workers;
   for (const std::string& address : context.options().worker_addresses) {
     B4MRL_ASSIGN_OR_RETURN(DealerSocket worker, DealerSocket::Connect(sockets, address));
     workers.push_back(std::move(worker));
   }
-  Gateway gateway(context, sockets, std::move(socket), std::move(workers));
+  Gateway gateway(context, memory, sockets, std::move(socket), std::move(workers));
   gateway.Run();
   return Status();
 }

@@ -30,13 +30,13 @@ Message Copy(Message& message) { return {message.envelope.Share(), message.paylo
 }  // namespace
 
 Relay::Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
-             size_t max_routes)
+             Limits limits)
     : sockets_(sockets),
       shared_(shared),
       table_(shared),
       addresses_(std::move(addresses.workers)),
       send_(std::move(send)),
-      max_routes_(max_routes) {
+      limits_(limits) {
   addresses_.push_back(std::move(addresses.dataset_worker));
 }
 
@@ -106,7 +106,7 @@ Result<Relay::Route*> Relay::MakeRoute(const std::string& key, const RoutingId& 
 }
 
 Status Relay::EvictIdleRoute() {
-  if (routes_.size() < max_routes_) return Status();
+  if (routes_.size() < limits_.routes) return Status();
   auto oldest = routes_.end();
   for (auto it = routes_.begin(); it != routes_.end(); ++it) {
     const bool idle = it->second.carried.empty();
@@ -117,7 +117,7 @@ Status Relay::EvictIdleRoute() {
   if (oldest == routes_.end()) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("the gateway relays for {} connections, at most {}", routes_.size(),
-                              max_routes_));
+                              limits_.routes));
   }
   Drop(oldest);
   return Status();
@@ -127,7 +127,7 @@ Status Relay::EvictIdleRoute() {
 // on: it gets what is left of half the bytes. What a replaced process held is sent again anyway.
 bool Relay::HasRoomForCopy(const Route& route, size_t bytes) const {
   return route.bytes + bytes <= limits::kMaxRelayRouteBytes / 2 &&
-         bytes_ + bytes <= limits::kMaxRelayBytes / 2;
+         bytes_ + bytes <= limits_.bytes / 2;
 }
 
 Status Relay::Admit(const Route& route, size_t bytes) const {
@@ -137,13 +137,13 @@ Status Relay::Admit(const Route& route, size_t bytes) const {
                   fmt::format("{} requests of this connection are being relayed, at most {}", count,
                               limits::kMaxRequestsInFlight));
   }
-  if (route.bytes + bytes > limits::kMaxRelayRouteBytes ||
-      bytes_ + bytes > limits::kMaxRelayBytes) {
+  const bool fits = bytes_ == 0 || bytes_ + bytes <= limits_.bytes;
+  if (route.bytes + bytes > limits::kMaxRelayRouteBytes || !fits) {
     return Status(
         StatusCode::kLimitExceeded,
         fmt::format("{} bytes of this connection and {} of all are being relayed, at "
                     "most {} and {}",
-                    route.bytes, bytes_, limits::kMaxRelayRouteBytes, limits::kMaxRelayBytes));
+                    route.bytes, bytes_, limits::kMaxRelayRouteBytes, limits_.bytes));
   }
   return Status();
 }

@@ -10,8 +10,8 @@
 // cannot see that. The relay's state need not survive the gateway: clients see their connection
 // break and send again.
 //
-// No call waits, so no client can hold up the gateway; limits::kMaxRequestsInFlight and
-// limits::kMaxRelay* bound every queue. Thread rule: the gateway's main thread.
+// No call waits, so no client can hold up the gateway; limits::kMaxRequestsInFlight,
+// limits::kMaxRelay* and Limits bound every queue. Thread rule: the gateway's main thread.
 #pragma once
 
 #include <cstdint>
@@ -41,9 +41,14 @@ class Relay {
     std::string dataset_worker;
   };
 
+  struct Limits {
+    size_t bytes = limits::kMaxRelayBytes;  // of all routes, where more than one request is relayed
+    size_t routes = limits::kMaxRelayRoutes;
+  };
+
   // Replies leave through `send`. What is passed by reference outlives the relay.
   Relay(Context& sockets, SharedState& shared, Addresses addresses, SendFunction send,
-        size_t max_routes = limits::kMaxRelayRoutes);
+        Limits limits);
 
   // Sends `message`, whose parsed envelope is `request`, to the process that answers it. An error
   // says why it was not sent: kSessionLost when the token names no session, kLimitExceeded,
@@ -97,7 +102,7 @@ class Relay {
   SessionTable table_;
   std::vector<std::string> addresses_;  // of the workers, then of the dataset worker
   SendFunction send_;
-  size_t max_routes_;
+  const Limits limits_;
   Routes routes_;  // by client and token
   size_t in_flight_ = 0;
   size_t bytes_ = 0;

@@ -58,6 +58,8 @@ class ChildContext {
   ChildContext(ChildOptions options, SharedState shared);
 
   const ChildOptions& options() const { return options_; }
+  // The memory that --memory allows this process; server/process/memory_shares.h divides it.
+  uint64_t memory_bytes() const { return uint64_t{options_.memory_mib} << 20; }
   SharedState& shared() { return shared_; }
   // This process's line of the child table. Any thread may increase its counters.
   ChildRecord& record() { return shared_.child(child_index_); }

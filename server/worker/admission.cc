@@ -41,11 +41,13 @@ Status CheckRequest(const Session& session, const pb::Request& request, const Fr
                               bytes, renders + (request.has_render() ? 1 : 0),
                               limits::kMaxSessionBytes, limits::kMaxSessionRenders));
   }
-  if (all.requests >= limits::kMaxQueuedRequests ||
-      all.payload_bytes + payload.size() > limits::kMaxQueuedBytes) {
+  const bool payload_fits =
+      all.payload_bytes == 0 || all.payload_bytes + payload.size() <= all.most_payload_bytes;
+  if (all.requests >= limits::kMaxQueuedRequests || !payload_fits) {
     return Status(StatusCode::kLimitExceeded,
-                  fmt::format("the worker has {} requests of {} bytes waiting", all.requests,
-                              all.payload_bytes));
+                  fmt::format("the worker has {} requests of {} bytes waiting, at most {} and {}",
+                              all.requests, all.payload_bytes, limits::kMaxQueuedRequests,
+                              all.most_payload_bytes));
   }
   if (request.has_render() && all.renders >= limits::kMaxRenderRequests) {
     return Status(StatusCode::kLimitExceeded,

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "proto/b4mrl.pb.h"
+#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/wire/frame.h"
 #include "server/worker/session.h"
@@ -19,6 +20,7 @@ struct WorkUnderWay {
   size_t requests = 0;
   size_t payload_bytes = 0;
   uint32_t renders = 0;
+  size_t most_payload_bytes = limits::kMaxQueuedBytes;  // of more than one request
 };
 
 // OK if `request` of the session may proceed. Else the error: the request has ended its worker too

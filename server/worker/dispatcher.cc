@@ -63,11 +63,11 @@ bool MayPass(const Status& status) {
 }  // namespace
 
 Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
-                       uint64_t simulator_bytes, Responder::SendFunction send)
+                       const WorkerShares& memory, Responder::SendFunction send)
     : shared_(shared),
       worker_(worker),
       executor_(executor),
-      simulator_bytes_(simulator_bytes),
+      memory_(memory),
       counters_(shared.child(kFirstWorkerChild + worker)),
       ledgers_(shared),
       replies_({counters_.requests, counters_.errors}, std::move(send)) {}
@@ -197,7 +197,7 @@ Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
     std::set<const Simulator*> simulators = {&session->simulator()};
     for (const auto& [other_token, other] : sessions_) simulators.insert(&other->simulator());
     B4MRL_RETURN_IF_ERROR(CheckSimulators(session->simulator(), simulators,
-                                          executor_.thread_count(), simulator_bytes_));
+                                          executor_.thread_count(), memory_.simulators));
   }
   record.build_deaths.store(0);
   executor_.ForgetDebts(index);
@@ -281,7 +281,8 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
-  return CheckRequest(session, request, payload, {jobs_.size(), queued_bytes_, painter_jobs_});
+  return CheckRequest(session, request, payload,
+                      {jobs_.size(), queued_bytes_, painter_jobs_, memory_.requests});
 }
 
 void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {

@@ -11,6 +11,7 @@
 
 #include "proto/b4mrl.pb.h"
 #include "proto/wire/socket.h"
+#include "server/process/memory_shares.h"
 #include "server/replies/reply.h"
 #include "server/shared_memory/ledger_table.h"
 #include "server/shared_memory/shared_state.h"
@@ -21,9 +22,9 @@ namespace b4mrl {
 
 class Dispatcher {
  public:
-  // `worker` is this worker's index. The simulators of all sessions together may come to take
-  // `simulator_bytes` of memory. Everything passed in outlives the dispatcher.
-  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, uint64_t simulator_bytes,
+  // `worker` is this worker's index. `memory`: what simulators and requests of all sessions may
+  // take. Everything else that is passed by reference outlives the dispatcher.
+  Dispatcher(SharedState& shared, uint32_t worker, Executor& executor, const WorkerShares& memory,
              Responder::SendFunction send);
   ~Dispatcher();
 
@@ -85,7 +86,7 @@ class Dispatcher {
   SharedState& shared_;
   uint32_t worker_;
   Executor& executor_;
-  uint64_t simulator_bytes_;
+  const WorkerShares memory_;
   ChildRecord& counters_;
   LedgerTable ledgers_;
   Responder replies_;

@@ -10,6 +10,7 @@
 #include "proto/base/spin.h"
 #include "server/door/doors.h"
 #include "server/process/child.h"
+#include "server/process/memory_shares.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/dispatcher.h"
 #include "server/worker/executor.h"
@@ -34,25 +35,26 @@ constexpr std::chrono::microseconds kDoorLookInterval(1000);
 constexpr char kFromSocket = 's';
 constexpr char kFromDoor = 'd';
 
-// What the simulators of a worker's sessions may come to take: three quarters of what the worker
-// may, and those of all workers together three eighths of the machine's memory.
-uint64_t SimulatorBytes(ChildContext& context) {
+// A worker's shares of the memory; the simulators of all workers together may come to take three
+// eighths of the machine's.
+WorkerShares MemoryOf(ChildContext& context) {
+  WorkerShares memory = WorkerSharesOf(context.memory_bytes());
   const uint64_t of_the_machine = MemoryBytes() / 8 * 3 / context.shared().worker_count();
-  const uint64_t allowed = uint64_t{context.options().memory_mib} << 20;
-  return std::min(allowed / 4 * 3, of_the_machine);
+  memory.simulators = std::min(memory.simulators, of_the_machine);
+  return memory;
 }
 
 class Worker {
  public:
-  Worker(ChildContext& context, RouterSocket socket, Doors doors, std::chrono::microseconds spin,
-         std::vector<int> cores)
+  Worker(ChildContext& context, const WorkerShares& memory, RouterSocket socket, Doors doors,
+         std::chrono::microseconds spin, std::vector<int> cores)
       : context_(context),
         socket_(std::move(socket)),
         doors_(std::move(doors)),
         spinner_(spin),
         executor_(context.options().threads, context.shared().marks(context.options().index), spin,
                   std::move(cores)),
-        dispatcher_(context.shared(), context.options().index, executor_, SimulatorBytes(context),
+        dispatcher_(context.shared(), context.options().index, executor_, memory,
                     [this](const RoutingId& receiver, Message reply) {
                       Send(receiver, std::move(reply));
                     }) {}
@@ -206,10 +208,13 @@ Status RunWorker(ChildContext& context) {
   // thread of another core costs several microseconds more.
   if (!cores.empty()) PinThisThread({cores[0]});
   Context sockets;
-  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
-                         RouterSocket::Bind(sockets, context.options().endpoints));
-  Doors doors(context.options().door_listener, spin_us);
-  Worker worker(context, std::move(socket), std::move(doors), spin, cores);
+  const WorkerShares memory = MemoryOf(context);
+  B4MRL_ASSIGN_OR_RETURN(
+      RouterSocket socket,
+      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
+  Doors doors(context.options().door_listener, spin_us, socket.unread().Beside(),
+              memory.unfinished);
+  Worker worker(context, memory, std::move(socket), std::move(doors), spin, cores);
   return worker.Run();
 }
 

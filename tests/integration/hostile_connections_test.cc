@@ -1,8 +1,11 @@
 // Raw bytes where ZeroMQ's handshake, frames and messages should be.
 #include <catch2/catch.hpp>
+#include <filesystem>
 
 #include "proto/base/limits.h"
 #include "proto/base/rng.h"
+#include "tests/data/example_dataset.h"
+#include "tests/data/temporary_folder.h"
 #include "tests/integration/support/daemon.h"
 #include "tests/integration/support/raw_zmtp.h"
 
@@ -147,6 +150,37 @@ TEST_CASE("A message that never ends costs the process that takes it, and nobody
   for (const pb::WorkerStatus& child : status.workers()) {
     CHECK(child.restarts() == (child.role() == "gateway" ? 1 : 0));
   }
+}
+
+TEST_CASE("A client that reads no replies does not bring a daemon with little memory to its end") {
+  constexpr uint64_t kMemoryMib = 200;
+  constexpr uint32_t kRows = 16'384;
+  constexpr uint64_t kReplyBytes = kRows * 4 * (17 + 6 + 1 + 17);
+  const TemporaryFolder data;
+  std::filesystem::create_directories(data.File("Example"));
+  REQUIRE(WriteExample(data.File("Example/small.h5"), MakeExampleDataset({400, 500}, 17, 6)).ok());
+  const PrivateDaemon daemon = StartDaemon(
+      {.tcp = true,
+       .data_folder = data.path(),
+       .arguments = {"--workers", "1", "--threads", "1", "--memory", std::to_string(kMemoryMib)}});
+  Client client = Connect(daemon.endpoint());
+  RemoteDataset dataset = Take(client.OpenDataset("Example/small"));
+  RawZmtp deaf("tcp://127.0.0.1:" + std::to_string(client.hello().dataset_port().tcp()));
+  REQUIRE(deaf.ShakeHands());
+  pb::Request sample;
+  sample.set_protocol_version(limits::kProtocolVersion);
+  sample.set_deadline_ms(kPatienceMs);
+  sample.mutable_sample()->set_fingerprint(dataset.fingerprint());
+  sample.mutable_sample()->set_batches(1);
+  sample.mutable_sample()->set_rows(kRows);
+  // Turn by turn with another client, whose requests are answered.
+  for (uint64_t i = 1; i * kReplyBytes < 2 * kMemoryMib << 20; ++i) {
+    sample.set_request_id(i);
+    REQUIRE(deaf.SendMessage({sample.SerializeAsString()}));
+    REQUIRE(dataset.Sample(kRows, /*seed=*/1, /*first_batch=*/i).ok());
+  }
+  const pb::ServerStatusReply status = Take(client.ServerStatus());
+  for (const pb::WorkerStatus& child : status.workers()) CHECK(child.restarts() == 0);
 }
 
 TEST_CASE("A peer that answers no heartbeat is given up after six seconds, not before") {

@@ -18,6 +18,9 @@ constexpr uint32_t kPlacesForLarge = 8;
 // Requests for a dataset, as a worker has them, and what became of them: "a1" is the request 1 of
 // the connection a.
 struct Asked {
+  explicit Asked(BatchTurns::Room given = {}) : room(given) {}
+
+  BatchTurns::Room room;
   StoreFixture files;
   std::shared_ptr<const Dataset> dataset = files.OpenMade("").value().dataset;
   int beats = 0;
@@ -32,7 +35,8 @@ struct Asked {
                     .refuse =
                         [this](const Asker& from, const Status& status) {
                           refused.emplace_back(NameOf(from), status.code());
-                        }}};
+                        }},
+                   room};
 
   static std::string NameOf(const Asker& from) {
     return from.peer + std::to_string(from.request_id);
@@ -186,6 +190,19 @@ TEST_CASE("when too many requests wait, the connection that has the most gives w
     CHECK(name.starts_with("many"));
     CHECK(code == StatusCode::kLimitExceeded);
   }
+}
+
+TEST_CASE("with little room one reply of each size is under way") {
+  Asked asked({.small = 1, .large = 1});
+  asked.AddLarge("a", 1);
+  asked.AddLarge("b", 1);
+  asked.AddSmall("c", 1);
+  CHECK(asked.answered == Names{"c1"});
+  const int first = asked.TurnUntil(2);
+  // The other one was not begun before.
+  CHECK(asked.TurnUntil(3) > first / 2);
+  CHECK(asked.answered == Names{"c1", "a1", "b1"});
+  CHECK(asked.turns.empty());
 }
 
 }  // namespace

@@ -30,5 +30,17 @@ TEST_CASE("requests for many rows keep those of another client waiting for a par
   for (; answered < kLarge; ++answered) CHECK(daemon.Receive(client).code() == StatusCode::kOk);
 }
 
+TEST_CASE("a request that takes much memory once parsed is refused, for it may have to wait") {
+  DataFolder files;
+  Daemon daemon(files.folder.path());
+  pb::Request list;
+  list.mutable_list_datasets();
+  for (int i = 0; i < 5'000; ++i) list.add_arrays();  // two bytes each
+  REQUIRE(list.ByteSizeLong() < limits::kMaxEnvelopeBytes);
+  const auto answer = daemon.Ask(list);
+  CHECK(answer.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(answer.reply.status().message(), Catch::Contains("once parsed"));
+}
+
 }  // namespace
 }  // namespace b4mrl

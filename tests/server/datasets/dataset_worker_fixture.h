@@ -26,6 +26,7 @@ class Daemon {
   explicit Daemon(const std::string& data_folder,
                   const std::string& importer = B4MRL_BINARY_DIR "/b4mrl-serve") {
     ChildOptions child;
+    child.memory_mib = 4096;
     child.role = "dataset-worker";
     child.data_folder = data_folder;
     child.cache_mib = limits::kDefaultCacheMib;

@@ -1,15 +1,11 @@
 #include "server/door/doors.h"
 
-#include <fcntl.h>
-#include <fmt/format.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <array>
 #include <atomic>
 #include <catch2/catch.hpp>
-#include <cstring>
 #include <filesystem>
 #include <thread>
 
@@ -17,64 +13,10 @@
 #include "proto/wire/client_door.h"
 #include "proto/wire/door.h"
 #include "tests/proto/wire/raw_door.h"
+#include "tests/server/door/raw_client.h"
 
 namespace b4mrl {
 namespace {
-
-std::string NewName() {
-  static std::atomic<int> number{0};
-  return fmt::format("b4mrl-doors-test-{}-{}", getpid(), number++);
-}
-
-UniqueFd Listen(const std::string& name) {
-  UniqueFd fd = ListenAtDoor(name);
-  REQUIRE(fd.valid());
-  return fd;
-}
-
-// A client's end by hand, on the thread of the doors that it is a client of.
-class RawClient {
- public:
-  RawClient(const std::string& name, Doors& doors) : socket_(ConnectToDoor(name)) {
-    doors.Attend();
-    DoorGreeting greeting;
-    UniqueFd fd = ReceiveGreeting(socket_.get(), &greeting);
-    REQUIRE(fd.valid());
-    memory_ = std::move(*DoorMemory::Map(std::move(fd), greeting));
-    writer_.emplace(memory_.up());
-  }
-
-  void Publish(Message message) {
-    writer_->Push(std::move(message));
-    REQUIRE(writer_->Write() == RingResult::kMoved);
-  }
-  // Publishes the beginning of a message with a payload of so many bytes.
-  void Announce(size_t payload) {
-    const uint32_t prefix[4] = {0, static_cast<uint32_t>(payload), 0, 0};
-    std::memcpy(memory_.up().bytes, prefix, sizeof(prefix));
-    *memory_.up().head += kRingLine;
-  }
-  void Ring() { REQUIRE(send(socket_.get(), "", 1, MSG_NOSIGNAL) == 1); }
-  // Takes what the worker has sent.
-  RingResult Take() {
-    if (!reader_) reader_.emplace(memory_.down());
-    Message message;
-    bool is_whole = false;
-    return reader_->Take(&message, &is_whole);
-  }
-  void End() { socket_.Reset(); }
-  // Whether the worker has ended the connection.
-  bool IsDropped() const {
-    char bell = 0;
-    return recv(socket_.get(), &bell, 1, MSG_DONTWAIT) == 0;
-  }
-
- private:
-  UniqueFd socket_;
-  DoorMemory memory_;
-  std::optional<RingWriter> writer_;
-  std::optional<RingReader> reader_;
-};
 
 // A worker's loop in a thread of its own, which sends every message back.
 class EchoWorker {
@@ -113,10 +55,6 @@ ClientDoor Connect(const std::string& name) {
   INFO(door.status().ToString());
   REQUIRE(door.ok());
   return std::move(*door);
-}
-
-Message MessageOf(size_t payload, char letter) {
-  return {Frame::Copy("envelope"), Frame::Copy(std::string(payload, letter))};
 }
 
 std::optional<Message> ReceiveFrom(ClientDoor& door) {
@@ -201,104 +139,6 @@ TEST_CASE("A client that cannot be served is closed at once, and the others go o
   CHECK(recv(clients[limits::kMaxDoors - 1].get(), &greeting, sizeof(greeting), 0) ==
         sizeof(greeting));
   CHECK(recv(clients[limits::kMaxDoors].get(), &greeting, sizeof(greeting), 0) == 0);
-}
-
-// A client that has sent a message and reads no reply.
-struct Reluctant {
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors{listener.get(), 0};
-  RawClient client{name, doors};
-  RoutingId id;
-
-  Reluctant() {
-    client.Publish(MessageOf(0, 'q'));
-    const std::optional<IncomingMessage> request = doors.TryReceive();
-    REQUIRE(request);
-    id = request->sender;
-  }
-};
-
-TEST_CASE("A client that does not read is sent no more replies than the limit of bytes") {
-  Reluctant it;
-  Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);  // few of its pages are touched
-  const auto send = [&] { return it.doors.Send(it.id, {Frame(), payload.Share()}).code(); };
-  for (size_t i = 0; i < limits::kMaxUnreadBytes / limits::kMaxPayloadBytes; ++i) {
-    REQUIRE(send() == StatusCode::kOk);
-  }
-  CHECK(send() == StatusCode::kLimitExceeded);
-}
-
-TEST_CASE("A client that does not read is sent no more replies than the limit of messages") {
-  Reluctant it;
-  const auto send = [&] { return it.doors.Send(it.id, MessageOf(1, 'r')).code(); };
-  // Those that find room in the ring do not wait; each takes a line of it or more.
-  constexpr int kMost = limits::kHighWaterMark + limits::kRingBytes / kRingLine;
-  int sent = 0;
-  while (sent <= kMost && send() == StatusCode::kOk) ++sent;
-  CHECK(sent > limits::kHighWaterMark);
-  CHECK(sent <= kMost);
-  CHECK(send() == StatusCode::kLimitExceeded);
-  REQUIRE(it.client.Take() == RingResult::kMoved);
-  it.doors.TryReceive();  // publishes what there is room for by now
-  CHECK(send() == StatusCode::kOk);
-}
-
-TEST_CASE("A client that rings without end is dropped") {
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors(listener.get(), 0);
-  const UniqueFd client = ConnectToDoor(name);
-  doors.Attend();
-  REQUIRE(doors.any());
-  const char bell = 0;
-  for (uint32_t i = 0; i <= limits::kMaxDoorBells; ++i) {
-    while (send(client.get(), &bell, 1, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && doors.any()) {
-      doors.Attend();
-    }
-  }
-  for (int i = 0; i < 1000 && doors.any(); ++i) doors.Attend();
-  CHECK_FALSE(doors.any());
-}
-
-TEST_CASE("Bells of a client that reads long replies are not counted as rung without end") {
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors(listener.get(), 0);
-  RawClient client(name, doors);
-  client.Publish(MessageOf(0, 'q'));
-  const std::optional<IncomingMessage> request = doors.TryReceive();
-  REQUIRE(request);
-  // As many bells as a client may ring in vain, each after bytes that it has taken.
-  for (uint32_t i = 0; i <= limits::kMaxDoorBells; ++i) {
-    REQUIRE(doors.Send(request->sender, MessageOf(10, 'r')).ok());
-    REQUIRE(client.Take() == RingResult::kMoved);
-    client.Ring();
-    doors.Attend();
-  }
-  CHECK(doors.any());
-}
-
-TEST_CASE("Long messages that are begun and never ended keep no other client's message away") {
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors(listener.get(), 0);
-  std::vector<std::unique_ptr<RawClient>> stuck;
-  for (size_t i = 0; i <= limits::kMaxQueuedBytes / limits::kMaxPayloadBytes; ++i) {
-    stuck.push_back(std::make_unique<RawClient>(name, doors));
-    stuck.back()->Announce(limits::kMaxPayloadBytes - 1024);
-    CHECK_FALSE(doors.TryReceive().has_value());
-  }
-  RawClient other(name, doors);
-  other.Publish(MessageOf(100'000, 'y'));
-  const std::optional<IncomingMessage> message = doors.TryReceive();
-  REQUIRE(message);
-  CHECK(message->message.payload.view() == std::string(100'000, 'y'));
-  doors.Attend();
-  CHECK_FALSE(other.IsDropped());
-  // Those that have stood still for longest made room.
-  CHECK(stuck.front()->IsDropped());
-  CHECK_FALSE(stuck.back()->IsDropped());
 }
 
 TEST_CASE("What a client sent before its end is taken, and nobody is answered") {

@@ -43,7 +43,7 @@ class Fixture {
   SessionTable table_;
 
  public:
-  explicit Fixture(size_t max_routes = limits::kMaxRelayRoutes)
+  explicit Fixture(Relay::Limits relayed = {})
       : state_(std::move(*SharedState::Create(kWorkers, 1'000))), table_(state_) {
     Relay::Addresses addresses;
     for (uint32_t i = 0; i < kWorkers; ++i) addresses.workers.push_back(WorkerAddress(i));
@@ -53,7 +53,7 @@ class Fixture {
     relay = std::make_unique<Relay>(
         sockets_, state_, addresses,
         [this](const RoutingId& client, Message reply) { return HandBack(client, reply); },
-        max_routes);
+        relayed);
   }
 
   std::unique_ptr<FakeServer> workers[kWorkers];
@@ -248,11 +248,11 @@ TEST_CASE("A connection has a bound of requests and of bytes, and others have th
 }
 
 TEST_CASE("All connections together have a bound of bytes") {
-  Fixture fixture;
+  constexpr size_t kLarge = limits::kMaxPayloadBytes - 4'096;
+  constexpr uint64_t kFitting = 4;
+  Fixture fixture({.bytes = kFitting * limits::kMaxPayloadBytes});
   fixture.Open(Token('a'));
   fixture.workers[0].reset();  // so that nothing leaves, and no page is touched
-  constexpr size_t kLarge = limits::kMaxPayloadBytes - 4'096;
-  constexpr uint64_t kFitting = limits::kMaxRelayBytes / limits::kMaxPayloadBytes;
   for (uint64_t i = 0; i < kFitting; ++i) {
     const RoutingId client = "client" + std::to_string(i / 2);
     REQUIRE(fixture.Forward(client, Query(i, Token('a')), kLarge).ok());
@@ -305,7 +305,7 @@ TEST_CASE("The bytes of copies are given back with those of the request") {
 TEST_CASE(
     "Routes are bounded: the idle one that was used longest ago makes room, busy ones do not") {
   constexpr size_t kRoutes = 8;
-  Fixture fixture(kRoutes);
+  Fixture fixture({.routes = kRoutes});
   fixture.Open(Token('a'));
   const auto forward = [&](const RoutingId& client, uint64_t id) {
     return fixture.Forward(client, Query(id, Token('a'))).code();

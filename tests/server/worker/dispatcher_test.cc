@@ -144,8 +144,10 @@ TEST_CASE("Requests that wait in a worker are limited over all its sessions") {
 }
 
 TEST_CASE("Payloads that wait in a worker are limited by their bytes") {
-  constexpr uint32_t kFitting = limits::kMaxQueuedBytes / limits::kMaxPayloadBytes;
+  constexpr uint32_t kFitting = 3;
   WorkerFixture worker;
+  worker.memory.requests = kFitting * limits::kMaxPayloadBytes;
+  worker.Restart();
   pb::Request step = WorkerFixture::StepRequest(1);
   step.set_protocol_version(limits::kProtocolVersion);
   ArrayLayout layout(step.mutable_arrays());

@@ -132,7 +132,7 @@ uint64_t SimulatorBytes(const std::string& environment) {
 TEST_CASE("Sessions may together have the simulators for which the worker has memory") {
   WorkerFixture worker;
   const std::string cheetah(limits::kTokenBytes, 'c'), hopper(limits::kTokenBytes, 'h');
-  worker.simulator_bytes = std::max(SimulatorBytes("HalfCheetah"), SimulatorBytes("Hopper"));
+  worker.memory.simulators = std::max(SimulatorBytes("HalfCheetah"), SimulatorBytes("Hopper"));
   worker.Restart();
   worker.Open(1, cheetah);
   worker.Open(3);  // of the same simulator, which takes no more memory
@@ -149,7 +149,7 @@ TEST_CASE("Sessions may together have the simulators for which the worker has me
 
 TEST_CASE("A simulator that needs more memory than any worker has is refused for good") {
   WorkerFixture worker;
-  worker.simulator_bytes = SimulatorBytes("HalfCheetah") - 1;
+  worker.memory.simulators = SimulatorBytes("HalfCheetah") - 1;
   worker.Restart();
   CHECK(worker.Attach(worker.Allocate(1)) == StatusCode::kInvalidArgument);
   CHECK_FALSE(worker.answers.back().envelope.status().recoverable());
@@ -162,7 +162,7 @@ TEST_CASE("Live sessions come before opening ones where a replacement has memory
   const uint32_t opening = worker.Allocate(1);  // with the lower index, and never attached
   const uint32_t live = worker.Open(1, hopper, "Hopper");
   REQUIRE(opening < live);
-  worker.simulator_bytes = SimulatorBytes("HalfCheetah");  // the live one takes it
+  worker.memory.simulators = SimulatorBytes("HalfCheetah");  // the live one takes it
   worker.Restart();
   CHECK(worker.dispatcher().session_count() == 1);
   CHECK(worker.state().session(live).state() == SessionState::kLive);

@@ -63,7 +63,7 @@ class WorkerFixture {
     executor_.reset();
     executor_ = std::make_unique<Executor>(threads_, state_->marks(0));
     dispatcher_ = std::make_unique<Dispatcher>(
-        *state_, 0, *executor_, simulator_bytes,
+        *state_, 0, *executor_, memory,
         [this](const RoutingId& receiver, Message reply) {
           Answer answer;
           answer.receiver = receiver;
@@ -182,7 +182,7 @@ class WorkerFixture {
   SharedState& state() { return *state_; }
   Dispatcher& dispatcher() { return *dispatcher_; }
   std::vector<Answer> answers;
-  uint64_t simulator_bytes = uint64_t{1} << 30;  // of the next replacement
+  WorkerShares memory = WorkerSharesOf(uint64_t{32} << 30);  // of the next replacement
   pb::OpenRequest open;  // of the sessions that Allocate and Open make from now on
 
  private:

@@ -1,0 +1,36 @@
+// How the daemon's processes divide the memory that `b4mrl serve --memory` allows each of them,
+// beyond which the supervisor replaces it: clients within the limits must not be able to bring that
+// about. All shares are bytes; those of a process are the allowed memory at most, and none exceeds
+// what proto/base/limits.h says. Pure functions; any thread.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "proto/wire/unread_bytes.h"
+
+namespace b4mrl {
+
+// The simulators' share is the most that they could come to take, beside which what is not listed
+// here is small.
+struct WorkerShares {
+  uint64_t simulators;  // of all sessions
+  UnreadLimits unread;  // replies that clients have not read, whatever way they go
+  size_t requests;      // payloads of requests under way
+  size_t unfinished;    // messages of local doors that have not come entirely
+};
+WorkerShares WorkerSharesOf(uint64_t allowed_bytes);
+
+struct GatewayShares {
+  UnreadLimits unread;
+  size_t relayed;  // requests that are relayed
+};
+GatewayShares GatewaySharesOf(uint64_t allowed_bytes);
+
+struct DatasetWorkerShares {
+  UnreadLimits unread;
+  size_t small_batches, large_batches;  // replies with rows that are being filled
+};
+DatasetWorkerShares DatasetWorkerSharesOf(uint64_t allowed_bytes);
+
+}  // namespace b4mrl
