@@ -4,12 +4,12 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
 
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 
 namespace b4mrl {
 namespace {
@@ -19,22 +19,11 @@ namespace fs = std::filesystem;
 // A user whose cache is in a folder of its own, as long as it lives.
 class User {
  public:
-  User() { setenv("XDG_CACHE_HOME", folder_.File("cache").c_str(), 1); }
-  ~User() {
-    if (before_.empty()) {
-      unsetenv("XDG_CACHE_HOME");
-    } else {
-      setenv("XDG_CACHE_HOME", before_.c_str(), 1);
-    }
-  }
-  User(const User&) = delete;
-  User& operator=(const User&) = delete;
   std::string File(const std::string& name) const { return folder_.File(name); }
 
  private:
-  const std::string before_ =
-      std::getenv("XDG_CACHE_HOME") == nullptr ? "" : std::getenv("XDG_CACHE_HOME");
   TemporaryFolder folder_;
+  const EnvironmentVariable cache_{"XDG_CACHE_HOME", folder_.File("cache")};
 };
 
 mode_t ModeOf(const std::string& path) {

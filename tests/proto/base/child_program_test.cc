@@ -11,6 +11,8 @@
 #include <filesystem>
 #include <string>
 
+#include "tests/environment_variable.h"
+
 namespace b4mrl {
 namespace {
 
@@ -96,16 +98,13 @@ TEST_CASE("A temporary folder is new and nobody else's") {
 }
 
 TEST_CASE("A temporary folder is in TMPDIR, unless that leaves no room for a socket's address") {
-  const char* const set = std::getenv("TMPDIR");
-  const std::string before = set == nullptr ? "" : set;
   const std::string base = *MakeTemporaryFolder("b4mrl-test");
   const std::string deep = base + "/" + std::string(100, 'd');
   std::filesystem::create_directory(deep);
-  setenv("TMPDIR", base.c_str(), 1);
+  const EnvironmentVariable short_one("TMPDIR", base);
   CHECK(MakeTemporaryFolder("b4mrl-test")->starts_with(base + "/b4mrl-test-"));
-  setenv("TMPDIR", deep.c_str(), 1);
+  const EnvironmentVariable long_one("TMPDIR", deep);
   const Result<std::string> elsewhere = MakeTemporaryFolder("b4mrl-test");
-  set == nullptr ? unsetenv("TMPDIR") : setenv("TMPDIR", before.c_str(), 1);
   REQUIRE(elsewhere.ok());
   CHECK(std::filesystem::path(*elsewhere).parent_path() == "/tmp");
   std::filesystem::remove(*elsewhere);

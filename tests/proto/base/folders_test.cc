@@ -3,47 +3,23 @@
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <optional>
 #include <string>
 
 #include "proto/base/child_program.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 
 namespace b4mrl {
 namespace {
 
 namespace fs = std::filesystem;
 
-// Sets or (nullptr) removes an environment variable while it lives.
-class Variable {
- public:
-  Variable(const char* name, const char* value) : name_(name) {
-    if (const char* old = std::getenv(name)) old_ = old;
-    Set(value);
-  }
-  ~Variable() { Set(old_ ? old_->c_str() : nullptr); }
-  Variable(const Variable&) = delete;
-  Variable& operator=(const Variable&) = delete;
-
- private:
-  void Set(const char* value) {
-    if (value != nullptr) {
-      setenv(name_, value, 1);
-    } else {
-      unsetenv(name_);
-    }
-  }
-  const char* name_;
-  std::optional<std::string> old_;
-};
-
 std::string DataFolderWith(const char* own, const char* xdg, const char* home) {
-  const Variable first("B4MRL_DATA", own);
-  const Variable second("XDG_DATA_HOME", xdg);
-  const Variable third("HOME", home);
+  const EnvironmentVariable first("B4MRL_DATA", own);
+  const EnvironmentVariable second("XDG_DATA_HOME", xdg);
+  const EnvironmentVariable third("HOME", home);
   return DefaultDataFolder();
 }
 

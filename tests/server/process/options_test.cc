@@ -3,11 +3,11 @@
 
 #include <array>
 #include <catch2/catch.hpp>
-#include <cstdlib>
 #include <filesystem>
 
 #include "proto/base/child_program.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 
 namespace b4mrl {
 namespace {
@@ -139,13 +139,12 @@ TEST_CASE("A daemon begins where its default data folder cannot be made") {
   const Folders folders;
   WriteBytes(folders.folder.File("no-folder"), "");
   const std::string none = folders.folder.File("no-folder/data");
-  setenv("B4MRL_DATA", none.c_str(), 1);
+  const EnvironmentVariable first("B4MRL_DATA", none);
   CHECK(Parse({}).data_folder == none);
   const std::string made = folders.folder.File("new/data");
-  setenv("B4MRL_DATA", made.c_str(), 1);
+  const EnvironmentVariable second("B4MRL_DATA", made);
   CHECK(Parse({}).data_folder == made);
   CHECK(std::filesystem::is_directory(made));
-  unsetenv("B4MRL_DATA");
 }
 
 }  // namespace
