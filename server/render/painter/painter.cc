@@ -115,9 +115,6 @@ Result<std::span<const std::byte>> Painter::Paint(const PaintRequest& request) {
   return kinds_.front()->Paint(request);
 }
 
-// Sets an environment variable, unless the user has set it.
-void SetDefault(const char* variable, const char* value) { setenv(variable, value, 0); }
-
 // Ends this process by SIGPROF once it has had so much more processor time; 0: never. Pictures are
 // measured by it and not by the clock, as on a busy machine they take long through nobody's fault.
 void LimitProcessorTime(int64_t milliseconds) {
@@ -141,9 +138,8 @@ void Settle() {
   const rlimit memory{kMemoryBytes, kMemoryBytes};
   setrlimit(RLIMIT_AS, &memory);
 #endif
-  // Mesa rasterises on this thread, so that a picture takes one core, and leaves no files behind.
-  SetDefault("LP_NUM_THREADS", "0");
-  SetDefault("MESA_SHADER_CACHE_DISABLE", "true");
+  // Mesa rasterises on this thread, so that a picture takes one core; the user's choice counts.
+  setenv("LP_NUM_THREADS", "0", 0);
 }
 
 }  // namespace

@@ -5,7 +5,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
 #include <vector>
+
+#include "proto/base/child_program.h"
 
 namespace b4mrl {
 namespace {
@@ -68,6 +73,17 @@ class SceneRenderer::OffscreenContext {
   OSMesaContext context_ = nullptr;
 };
 
+void SceneRenderer::KeepShaders() {
+  const Result<std::string> folder = MakeTemporaryFolder("b4mrl-painter");
+  // What the user has set counts.
+  if (!folder.ok()) return (void)setenv("MESA_SHADER_CACHE_DISABLE", "true", 0);
+  setenv("MESA_SHADER_CACHE_DIR", folder->c_str(), 0);
+  setenv("MESA_DISK_CACHE_SINGLE_FILE", "true", 0);
+  OffscreenContext().MakeCurrent();  // opens the files
+  std::error_code ignored;
+  std::filesystem::remove_all(*folder, ignored);
+}
+
 SceneRenderer::SceneRenderer(uint32_t width, uint32_t height)
     : opengl_(std::make_unique<OffscreenContext>()),
       viewport_{0, 0, static_cast<int>(width), static_cast<int>(height)} {
@@ -82,6 +98,7 @@ SceneRenderer::~SceneRenderer() {
 
 Result<std::unique_ptr<SceneRenderer>> SceneRenderer::Create(const mjModel& model, uint32_t width,
                                                              uint32_t height) {
+  [[maybe_unused]] static const bool shaders_are_kept = (KeepShaders(), true);
   // The frame's size and quality are properties of the model. Its arrays are shared, not copied.
   mjModel sized = model;
   sized.vis.global.offwidth = static_cast<int>(width);

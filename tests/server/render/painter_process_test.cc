@@ -5,6 +5,7 @@
 
 #include <catch2/catch.hpp>
 #include <csignal>
+#include <ctime>
 #include <filesystem>
 #include <set>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "proto/base/rng.h"
 #include "server/simulator/simulator.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 
 namespace b4mrl {
 namespace {
@@ -121,6 +123,26 @@ TEST_CASE("A painter draws many kinds of picture in turn") {
   for (size_t i = 0; i < pictures.size() / 2; ++i) {
     CHECK(pictures[i] == pictures[i + pictures.size() / 2]);
   }
+}
+
+double ProcessorSeconds(const PainterProcess& painter) {
+  clockid_t clock{};
+  REQUIRE(clock_getcpuclockid(painter.process_id(), &clock) == 0);
+  timespec used{};
+  REQUIRE(clock_gettime(clock, &used) == 0);
+  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
+}
+
+TEST_CASE("A painter compiles shaders for its first kind of picture alone, and leaves no file") {
+  const TemporaryFolder folder;
+  const EnvironmentVariable temporary("TMPDIR", folder.path());
+  PainterProcess painter;
+  Paint(painter, RequestFor("HalfCheetah"));
+  const double first = ProcessorSeconds(painter);
+  Paint(painter, RequestFor("Hopper"));
+  // It takes two fifths of the first one's time, and nine tenths if shaders are compiled again.
+  CHECK(ProcessorSeconds(painter) - first < first * 2 / 3);
+  CHECK(std::filesystem::is_empty(folder.path()));
 }
 
 TEST_CASE("What a painter refuses is the request's error and no more") {
