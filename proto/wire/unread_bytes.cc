@@ -10,6 +10,13 @@
 #include "proto/base/limits.h"
 
 namespace b4mrl {
+namespace {
+
+size_t CountedBytes(const Frame& frame) {
+  return frame.size() < limits::kCountedFrameBytes ? 0 : frame.size();
+}
+
+}  // namespace
 
 struct UnreadBytes::Counted {
   Frame bytes;
@@ -26,20 +33,18 @@ UnreadBytes UnreadBytes::Beside() const {
 Status UnreadBytes::Count(const std::string& receiver, Message* message) {
   Frame* const frames[] = {&message->envelope, &message->payload};
   size_t bytes = 0;
-  for (const Frame* frame : frames) {
-    if (frame->size() >= limits::kCountedFrameBytes) bytes += frame->size();
-  }
+  for (const Frame* frame : frames) bytes += CountedBytes(*frame);
   if (bytes == 0) return Status();
-  B4MRL_RETURN_IF_ERROR(Admit(receiver, bytes));
-  const std::shared_ptr<Counter> of_receiver = CounterOf(receiver);
+  const std::shared_ptr<Counter>& of_receiver = CounterOf(receiver);
+  B4MRL_RETURN_IF_ERROR(Admit(*of_receiver, bytes));
   for (Frame* frame : frames) {
-    if (frame->size() >= limits::kCountedFrameBytes) *frame = Wrap(of_receiver, std::move(*frame));
+    if (CountedBytes(*frame) > 0) *frame = Wrap(of_receiver, std::move(*frame));
   }
   return Status();
 }
 
-Status UnreadBytes::Admit(const std::string& receiver, size_t bytes) {
-  const size_t of_one = of(receiver), of_all = *all_;
+Status UnreadBytes::Admit(size_t of_one, size_t bytes) const {
+  const size_t of_all = *all_;
   const size_t then = of_all + bytes;
   const size_t left = then < limits_.of_all ? limits_.of_all - then : 0;
   const size_t most = std::max(std::min(limits_.of_one, left), limits::kReservedUnreadBytes);

@@ -45,8 +45,8 @@ class UnreadBytes {
  private:
   using Counter = std::atomic<size_t>;
   struct Counted;  // kept by a counted frame: its bytes, and the counters to decrease
-  // kLimitExceeded if the receiver's count must not grow by `bytes`.
-  Status Admit(const std::string& receiver, size_t bytes);
+  // kLimitExceeded if a receiver that has `of_one` bytes to read must not get `bytes` more.
+  Status Admit(size_t of_one, size_t bytes) const;
   // A frame with the bytes of `given`, which are counted until it is destroyed.
   Frame Wrap(const std::shared_ptr<Counter>& of_receiver, Frame given);
   static void Release(void* data, void* counted);

@@ -63,10 +63,9 @@ size_t PlacesIn(size_t bytes, size_t each) { return std::max<size_t>(1, bytes / 
 
 }  // namespace
 
-BatchTurns::BatchTurns(Hooks hooks, Room room)
+BatchTurns::BatchTurns(Hooks hooks, size_t bytes)
     : hooks_(std::move(hooks)),
-      places_{{PlacesIn(room.small, kLargeBytes)},
-              {PlacesIn(room.large, limits::kMaxPayloadBytes)}} {}
+      places_{{PlacesIn(bytes, kLargeBytes)}, {PlacesIn(bytes, limits::kMaxPayloadBytes)}} {}
 
 BatchTurns::Size BatchTurns::SizeOf(const BatchJob& job) {
   return job.reply.payload_bytes() > kLargeBytes ? kLarge : kSmall;

@@ -19,7 +19,6 @@
 #include <utility>
 
 #include "proto/base/clock.h"
-#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/wire/socket.h"
 #include "server/batches/batch_reply.h"
@@ -41,13 +40,9 @@ class BatchTurns {
     // Takes a request without a reply: kDeadlineExceeded, or kLimitExceeded when too many wait.
     std::function<void(const Asker& from, const Status& status)> refuse;
   };
-  // Bytes that the replies under way may take, of each size; of each size one may be under way
-  // whatever it takes.
-  struct Room {
-    size_t small = limits::kMaxFilledBytes;
-    size_t large = limits::kMaxFilledBytes;
-  };
-  BatchTurns(Hooks hooks, Room room);
+  // `bytes`: what the small replies under way may take, and the large ones as much again; one of
+  // each size may be under way whatever it takes.
+  BatchTurns(Hooks hooks, size_t bytes);
 
   // Fills a reply for a slice if it may begin, else it waits. A copy of a request that waits or is
   // under way gives that one the copy's deadline instead.

@@ -70,7 +70,7 @@ class DatasetWorker {
                .answer = [this](BatchJob job) { Answer(std::move(job)); },
                .refuse = [this](const Asker& from,
                                 const Status& status) { replies_.Reply(from, status); }},
-              {.small = memory.small_batches, .large = memory.large_batches}) {}
+              memory.filled) {}
 
   void Run();
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "proto/base/limits.h"
+#include "server/process/memory_shares.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
 
@@ -137,8 +138,8 @@ Status Relay::Admit(const Route& route, size_t bytes) const {
                   fmt::format("{} requests of this connection are being relayed, at most {}", count,
                               limits::kMaxRequestsInFlight));
   }
-  const bool fits = bytes_ == 0 || bytes_ + bytes <= limits_.bytes;
-  if (route.bytes + bytes > limits::kMaxRelayRouteBytes || !fits) {
+  if (route.bytes + bytes > limits::kMaxRelayRouteBytes ||
+      !FitsShare(bytes_, bytes, limits_.bytes)) {
     return Status(
         StatusCode::kLimitExceeded,
         fmt::format("{} bytes of this connection and {} of all are being relayed, at "

@@ -32,8 +32,7 @@ GatewayShares GatewaySharesOf(uint64_t allowed_bytes) {
 
 DatasetWorkerShares DatasetWorkerSharesOf(uint64_t allowed_bytes) {
   return {.unread = UnreadOf(allowed_bytes / 2),
-          .small_batches = AtMost(limits::kMaxFilledBytes, allowed_bytes / 8),
-          .large_batches = AtMost(limits::kMaxFilledBytes, allowed_bytes / 8)};
+          .filled = AtMost(limits::kMaxFilledBytes, allowed_bytes / 8)};
 }
 
 }  // namespace b4mrl

@@ -29,8 +29,14 @@ GatewayShares GatewaySharesOf(uint64_t allowed_bytes);
 
 struct DatasetWorkerShares {
   UnreadLimits unread;
-  size_t small_batches, large_batches;  // replies with rows that are being filled
+  size_t filled;  // replies with rows that are being filled: small ones, and as much of large ones
 };
 DatasetWorkerShares DatasetWorkerSharesOf(uint64_t allowed_bytes);
+
+// Whether `more` bytes may be taken beside those `held` of a share. While none are held everything
+// fits, else what is larger than a small share could never be taken.
+inline bool FitsShare(size_t held, size_t more, size_t share) {
+  return held == 0 || held + more <= share;
+}
 
 }  // namespace b4mrl

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "proto/base/limits.h"
+#include "server/process/memory_shares.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/request_job.h"
 
@@ -17,7 +18,7 @@ uint64_t Mib(uint64_t bytes) { return (bytes + (1 << 20) - 1) >> 20; }
 }  // namespace
 
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
-                    const WorkUnderWay& all) {
+                    const WorkUnderWay& all, size_t payload_share) {
   if (RequestIsRefused(session.record(), request.request_id())) {
     return Status(StatusCode::kInternal,
                   "this request ended its worker again and again, and is not repeated");
@@ -41,13 +42,12 @@ Status CheckRequest(const Session& session, const pb::Request& request, const Fr
                               bytes, renders + (request.has_render() ? 1 : 0),
                               limits::kMaxSessionBytes, limits::kMaxSessionRenders));
   }
-  const bool payload_fits =
-      all.payload_bytes == 0 || all.payload_bytes + payload.size() <= all.most_payload_bytes;
-  if (all.requests >= limits::kMaxQueuedRequests || !payload_fits) {
+  if (all.requests >= limits::kMaxQueuedRequests ||
+      !FitsShare(all.payload_bytes, payload.size(), payload_share)) {
     return Status(StatusCode::kLimitExceeded,
                   fmt::format("the worker has {} requests of {} bytes waiting, at most {} and {}",
                               all.requests, all.payload_bytes, limits::kMaxQueuedRequests,
-                              all.most_payload_bytes));
+                              payload_share));
   }
   if (request.has_render() && all.renders >= limits::kMaxRenderRequests) {
     return Status(StatusCode::kLimitExceeded,

@@ -8,7 +8,6 @@
 #include <set>
 
 #include "proto/b4mrl.pb.h"
-#include "proto/base/limits.h"
 #include "proto/base/status.h"
 #include "proto/wire/frame.h"
 #include "server/worker/session.h"
@@ -20,13 +19,13 @@ struct WorkUnderWay {
   size_t requests = 0;
   size_t payload_bytes = 0;
   uint32_t renders = 0;
-  size_t most_payload_bytes = limits::kMaxQueuedBytes;  // of more than one request
 };
 
-// OK if `request` of the session may proceed. Else the error: the request has ended its worker too
+// OK if `request` of the session may proceed; payloads of all requests may take `payload_share`
+// bytes. Else the error: the request has ended its worker too
 // often, or a limit on requests is reached.
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
-                    const WorkUnderWay& all);
+                    const WorkUnderWay& all, size_t payload_share);
 
 // Whether a worker may take `added`, after which it has the simulators `all`, each of them stepped
 // by `threads` threads. kLimitExceeded if they could come to take more than `allowed_bytes`;

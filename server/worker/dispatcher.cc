@@ -282,7 +282,7 @@ Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
   return CheckRequest(session, request, payload,
-                      {jobs_.size(), queued_bytes_, painter_jobs_, memory_.requests});
+                      {jobs_.size(), queued_bytes_, painter_jobs_}, memory_.requests);
 }
 
 void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {

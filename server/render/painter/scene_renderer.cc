@@ -75,8 +75,11 @@ class SceneRenderer::OffscreenContext {
 
 void SceneRenderer::KeepShaders() {
   const Result<std::string> folder = MakeTemporaryFolder("b4mrl-painter");
-  // What the user has set counts.
-  if (!folder.ok()) return (void)setenv("MESA_SHADER_CACHE_DISABLE", "true", 0);
+  // Each of these counts only where the user has not set it.
+  if (!folder.ok()) {
+    setenv("MESA_SHADER_CACHE_DISABLE", "true", 0);
+    return;
+  }
   setenv("MESA_SHADER_CACHE_DIR", folder->c_str(), 0);
   setenv("MESA_DISK_CACHE_SINGLE_FILE", "true", 0);
   OffscreenContext().MakeCurrent();  // opens the files

@@ -18,9 +18,9 @@ constexpr uint32_t kPlacesForLarge = 8;
 // Requests for a dataset, as a worker has them, and what became of them: "a1" is the request 1 of
 // the connection a.
 struct Asked {
-  explicit Asked(BatchTurns::Room given = {}) : room(given) {}
+  explicit Asked(size_t given = limits::kMaxFilledBytes) : bytes(given) {}
 
-  BatchTurns::Room room;
+  size_t bytes;
   StoreFixture files;
   std::shared_ptr<const Dataset> dataset = files.OpenMade("").value().dataset;
   int beats = 0;
@@ -36,7 +36,7 @@ struct Asked {
                         [this](const Asker& from, const Status& status) {
                           refused.emplace_back(NameOf(from), status.code());
                         }},
-                   room};
+                   bytes};
 
   static std::string NameOf(const Asker& from) {
     return from.peer + std::to_string(from.request_id);
@@ -193,7 +193,7 @@ TEST_CASE("when too many requests wait, the connection that has the most gives w
 }
 
 TEST_CASE("with little room one reply of each size is under way") {
-  Asked asked({.small = 1, .large = 1});
+  Asked asked(1);
   asked.AddLarge("a", 1);
   asked.AddLarge("b", 1);
   asked.AddSmall("c", 1);

@@ -15,15 +15,16 @@
 namespace b4mrl {
 namespace {
 
-// A client that has sent a message and reads no reply.
-struct Reluctant {
+// A client that has sent a message, and reads no reply unless it is told to.
+struct Asking {
   const std::string name = NewName();
   const UniqueFd listener = Listen(name);
-  Doors doors{listener.get(), 0};
+  Doors doors;
   RawClient client{name, doors};
   RoutingId id;
 
-  Reluctant() {
+  explicit Asking(UnreadBytes unread = UnreadBytes())
+      : doors(listener.get(), 0, std::move(unread)) {
     client.Publish(MessageOf(0, 'q'));
     const std::optional<IncomingMessage> request = doors.TryReceive();
     REQUIRE(request);
@@ -32,7 +33,7 @@ struct Reluctant {
 };
 
 TEST_CASE("A client that does not read is sent no more replies than the limit of bytes") {
-  Reluctant it;
+  Asking it;
   Frame payload = Frame::OfSize(limits::kMaxPayloadBytes);  // few of its pages are touched
   const auto send = [&] { return it.doors.Send(it.id, {Frame(), payload.Share()}).code(); };
   for (size_t i = 0; i < limits::kMaxUnreadBytes / limits::kMaxPayloadBytes; ++i) {
@@ -42,7 +43,7 @@ TEST_CASE("A client that does not read is sent no more replies than the limit of
 }
 
 TEST_CASE("A client that does not read is sent no more replies than the limit of messages") {
-  Reluctant it;
+  Asking it;
   const auto send = [&] { return it.doors.Send(it.id, MessageOf(1, 'r')).code(); };
   // Those that find room in the ring do not wait; each takes a line of it or more.
   constexpr int kMost = limits::kHighWaterMark + limits::kRingBytes / kRingLine;
@@ -59,14 +60,8 @@ TEST_CASE("A client that does not read is sent no more replies than the limit of
 TEST_CASE("Replies over the socket count among those that a worker's clients have not read") {
   constexpr size_t kBytes = 300'000;  // more than a ring, so that a part waits
   UnreadBytes of_the_socket({.of_one = 4 * kBytes, .of_all = 4 * kBytes});
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors(listener.get(), 0, of_the_socket.Beside());
-  RawClient client(name, doors);
-  client.Publish(MessageOf(0, 'q'));
-  const std::optional<IncomingMessage> request = doors.TryReceive();
-  REQUIRE(request);
-  const auto send = [&] { return doors.Send(request->sender, MessageOf(kBytes, 'r')).code(); };
+  Asking it(of_the_socket.Beside());
+  const auto send = [&] { return it.doors.Send(it.id, MessageOf(kBytes, 'r')).code(); };
   Message elsewhere = MessageOf(2 * kBytes, 'e');
   REQUIRE(of_the_socket.Count("peer", &elsewhere).ok());
   CHECK(send() == StatusCode::kOk);
@@ -93,21 +88,15 @@ TEST_CASE("A client that rings without end is dropped") {
 }
 
 TEST_CASE("Bells of a client that reads long replies are not counted as rung without end") {
-  const std::string name = NewName();
-  const UniqueFd listener = Listen(name);
-  Doors doors(listener.get(), 0);
-  RawClient client(name, doors);
-  client.Publish(MessageOf(0, 'q'));
-  const std::optional<IncomingMessage> request = doors.TryReceive();
-  REQUIRE(request);
+  Asking it;
   // As many bells as a client may ring in vain, each after bytes that it has taken.
   for (uint32_t i = 0; i <= limits::kMaxDoorBells; ++i) {
-    REQUIRE(doors.Send(request->sender, MessageOf(10, 'r')).ok());
-    REQUIRE(client.Take() == RingResult::kMoved);
-    client.Ring();
-    doors.Attend();
+    REQUIRE(it.doors.Send(it.id, MessageOf(10, 'r')).ok());
+    REQUIRE(it.client.Take() == RingResult::kMoved);
+    it.client.Ring();
+    it.doors.Attend();
   }
-  CHECK(doors.any());
+  CHECK(it.doors.any());
 }
 
 TEST_CASE("Long messages that are begun and never ended keep no other client's message away") {

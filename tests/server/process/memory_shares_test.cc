@@ -17,7 +17,7 @@ TEST_CASE("The shares of a process are no more than the memory that it is allowe
     const GatewayShares gateway = GatewaySharesOf(mib * kMib);
     CHECK(gateway.unread.of_all + gateway.relayed < mib * kMib);
     const DatasetWorkerShares datasets = DatasetWorkerSharesOf(mib * kMib);
-    CHECK(datasets.unread.of_all + datasets.small_batches + datasets.large_batches < mib * kMib);
+    CHECK(datasets.unread.of_all + 2 * datasets.filled < mib * kMib);
   }
 }
 
@@ -28,8 +28,7 @@ TEST_CASE("Much memory raises no limit") {
   const GatewayShares gateway = GatewaySharesOf(kMib * kMib);
   CHECK(gateway.relayed == limits::kMaxRelayBytes);
   const DatasetWorkerShares datasets = DatasetWorkerSharesOf(kMib * kMib);
-  CHECK(datasets.small_batches == limits::kMaxFilledBytes);
-  CHECK(datasets.large_batches == limits::kMaxFilledBytes);
+  CHECK(datasets.filled == limits::kMaxFilledBytes);
   for (const UnreadLimits& unread : {worker.unread, gateway.unread, datasets.unread}) {
     CHECK(unread.of_one == limits::kMaxUnreadBytes);
     CHECK(unread.of_all == limits::kMaxUnreadBytesOfAll);
@@ -47,7 +46,7 @@ TEST_CASE("Little memory lowers all limits") {
   CHECK(GatewaySharesOf(64 * kMib).unread.of_all == 32 * kMib);
   const DatasetWorkerShares datasets = DatasetWorkerSharesOf(64 * kMib);
   CHECK(datasets.unread.of_one == 16 * kMib);
-  CHECK(datasets.large_batches == 8 * kMib);
+  CHECK(datasets.filled == 8 * kMib);
 }
 
 }  // namespace
