@@ -12,6 +12,7 @@
 
 #include "proto/base/clock.h"
 #include "tests/data/temporary_folder.h"
+#include "tests/environment_variable.h"
 
 namespace b4mrl {
 namespace {
@@ -113,6 +114,8 @@ TEST_CASE("a server that cannot use what it was given is no server that cannot b
 
 TEST_CASE("a daemon does not outlive a client that dies") {
   const TemporaryFolder folder;
+  // Nobody is left to remove the daemon's own folder: the real one does it itself.
+  const EnvironmentVariable temporary("TMPDIR", folder.path());
   const PrivateDaemonOptions options = Running(folder, kWaits);
   // The orphan becomes this process's child, so that its end can be waited for.
   REQUIRE(prctl(PR_SET_CHILD_SUBREAPER, 1) == 0);
