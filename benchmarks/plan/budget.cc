@@ -14,12 +14,24 @@ namespace {
 
 constexpr uint64_t kMostSeeds = 10'000;  // of a cell
 
+// "medium-expert" of "medium-expert", "HalfCheetah/medium-expert", "HalfCheetah/medium-expert-v0"
+// and "d4rl/halfcheetah-medium-expert-v2".
+std::string LevelOfDataset(const std::string& dataset) {
+  std::string name = dataset.substr(dataset.find('/') + 1);
+  const size_t version = name.rfind("-v");
+  const bool has_version = version != name.npos && version + 2 < name.size() &&
+                           name.find_first_not_of("0123456789", version + 2) == name.npos;
+  if (has_version) name.erase(version);
+  return dataset.starts_with("d4rl/") ? name.substr(name.find('-') + 1) : name;
+}
+
 Result<BudgetException> ReadException(const toml::table& table, const std::string& where) {
   TomlKeys keys(table, where);
   BudgetException exception;
   B4MRL_ASSIGN_OR_RETURN(exception.algorithms, keys.Texts("algorithms"));
   B4MRL_ASSIGN_OR_RETURN(exception.simulators, keys.Texts("simulators"));
   B4MRL_ASSIGN_OR_RETURN(exception.datasets, keys.Texts("datasets"));
+  for (std::string& dataset : exception.datasets) dataset = LevelOfDataset(dataset);
   B4MRL_ASSIGN_OR_RETURN(exception.updates, keys.Count("updates"));
   B4MRL_ASSIGN_OR_RETURN(exception.hyperparameters, keys.NamedValues("hyperparameters"));
   B4MRL_RETURN_IF_ERROR(keys.Finish());
@@ -81,14 +93,6 @@ Result<Budget> ReadTable(const toml::table& table, const std::string& where) {
                 fmt::format("{}: 'updates' must be a table with an algorithm or more, or "
                             "'learner-updates' a number",
                             where));
-}
-
-// "medium-expert" of "HalfCheetah/medium-expert" and of "d4rl/halfcheetah-medium-expert-v2".
-std::string LevelOfDataset(const std::string& dataset) {
-  const std::string name = dataset.substr(dataset.find('/') + 1);
-  if (!dataset.starts_with("d4rl/")) return name;
-  const size_t begin = name.find('-') + 1;
-  return name.substr(begin, name.rfind('-') - begin);
 }
 
 // The budget `name` of a file that was read.

@@ -10,6 +10,7 @@
 
 #include "algorithms/base/hyperparameters.h"
 #include "algorithms/run/run_record.h"
+#include "benchmarks/plan/perturbation_names.h"
 #include "data/files/file_hash.h"
 
 namespace b4mrl {
@@ -52,7 +53,7 @@ class Planner {
   Result<PlannedRun> RunOf(const Benchmark& benchmark, const Algorithm& algorithm, uint64_t seed);
   // What the run sees and where it is scored, spelled out; sets what follows from it.
   Result<Json> Describe(bool is_users, PlannedRun* run);
-  void SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
+  Status SetBudget(const Benchmark& benchmark, PlannedRun* run) const;
   Status SetScorings(const Json& conditions, bool is_users, PlannedRun* run) const;
   Result<Json> DescribeDataset(const std::string& name);
 
@@ -137,16 +138,20 @@ Result<PlannedRun> Planner::RunOf(const Benchmark& benchmark, const Algorithm& a
   for (std::string* text : {&run.simulator, &run.corruption, &run.world}) {
     B4MRL_ASSIGN_OR_RETURN(*text, ByPresets(*text, run.environment, *sources_.catalogue));
   }
-  SetBudget(benchmark, &run);
+  B4MRL_RETURN_IF_ERROR(SetBudget(benchmark, &run));
   B4MRL_RETURN_IF_ERROR(SetIds(algorithm, &run).WithContext(benchmark.name));
   return run;
 }
 
-void Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
+Status Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
   run->updates = budget_.updates.at(run->algorithm);
   const auto found = budget_.hyperparameters.find(run->algorithm);
   if (found != budget_.hyperparameters.end()) run->hyperparameters = found->second;
-  for (const BudgetException& exception : budget_.exceptions) {
+  for (BudgetException exception : budget_.exceptions) {
+    for (std::string& simulator : exception.simulators) {
+      B4MRL_ASSIGN_OR_RETURN(simulator,
+                             ByPresets(simulator, run->environment, *sources_.catalogue));
+    }
     if (!exception.Fits(run->algorithm, run->simulator, run->dataset)) continue;
     run->updates = exception.updates.value_or(run->updates);
     for (const auto& [name, value] : exception.hyperparameters) {
@@ -156,6 +161,7 @@ void Planner::SetBudget(const Benchmark& benchmark, PlannedRun* run) const {
   for (const auto& [name, value] : benchmark.hyperparameters) {
     run->hyperparameters[name] = fmt::format("{}", value);
   }
+  return Status();
 }
 
 Result<Json> Planner::DescribeDataset(const std::string& name) {
@@ -259,6 +265,17 @@ Status CheckNamesOf(const Budget& budget, const std::vector<std::string>& names)
   return Status();
 }
 
+// Whether the simulators of a budget's exceptions exist: one that fits none would say nothing.
+Status CheckSimulatorsOf(const Budget& budget, const pb::CatalogueReply& catalogue) {
+  for (const BudgetException& exception : budget.exceptions) {
+    for (const std::string& simulator : exception.simulators) {
+      B4MRL_RETURN_IF_ERROR(OfFile(CheckPerturbations(simulator, catalogue))
+                                .WithContext(fmt::format("exception of the budget {}", budget.name)));
+    }
+  }
+  return Status();
+}
+
 // The algorithms that the budget gives updates, of those that were chosen, in the list's order.
 Result<std::vector<const Algorithm*>> ChosenAlgorithms(const Budget& budget,
                                                        const PlanChoice& choice,
@@ -311,44 +328,12 @@ Status CheckLearner(const UsersLearner& learner, const Budget& budget,
 
 }  // namespace
 
-Result<std::string> Parametric(const std::string& text, const std::string& environment,
-                               const pb::CatalogueReply& catalogue) {
-  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(text));
-  for (NamedArgument& item : items) {
-    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
-      for (const pb::PresetInfo& preset : info.presets()) {
-        const bool is_meant = item.argument.empty() && preset.name() == item.name &&
-                              preset.environment() == environment;
-        if (is_meant) item = {info.name(), preset.argument()};
-      }
-    }
-  }
-  return FormatNamedArguments(items);
-}
-
-Result<std::string> ByPresets(const std::string& text, const std::string& environment,
-                              const pb::CatalogueReply& catalogue) {
-  B4MRL_ASSIGN_OR_RETURN(const std::string parametric, Parametric(text, environment, catalogue));
-  B4MRL_ASSIGN_OR_RETURN(std::vector<NamedArgument> items, ParseNamedArguments(parametric));
-  for (NamedArgument& item : items) {
-    for (const pb::PerturbationInfo& info : catalogue.perturbations()) {
-      if (info.name() != item.name) continue;
-      const auto preset = std::ranges::find_if(info.presets(), [&](const pb::PresetInfo& each) {
-        return each.environment() == environment && each.argument() == item.argument;
-      });
-      if (preset == info.presets().end()) continue;
-      item = {preset->name(), ""};
-      break;
-    }
-  }
-  return FormatNamedArguments(items);
-}
-
 Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
                                          const Budget& budget, const PlanChoice& choice,
                                          const PlanSources& sources) {
   B4MRL_ASSIGN_OR_RETURN(const auto algorithms,
                          ChosenAlgorithms(budget, choice, sources.algorithms));
+  B4MRL_RETURN_IF_ERROR(CheckSimulatorsOf(budget, *sources.catalogue));
   Planner planner(budget, sources);
   if (choice.learner) {
     B4MRL_RETURN_IF_ERROR(CheckLearner(*choice.learner, budget, sources.algorithms));

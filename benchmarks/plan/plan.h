@@ -98,15 +98,6 @@ Result<std::vector<PlannedRun>> MakePlan(std::span<const Benchmark> benchmarks,
 // do not have is a learner of the user's own, of the run's only benchmark. Errors: as above.
 Status IdentifyRun(PlannedRun* run, std::optional<uint64_t> rows, const PlanSources& sources);
 
-// Perturbations in parametric form: "hidden-high" of HalfCheetah is "hidden=9".
-Result<std::string> Parametric(const std::string& text, const std::string& environment,
-                               const pb::CatalogueReply& catalogue);
-
-// The same with the names of the environment's presets, where they say it: "hidden=9" of
-// HalfCheetah is "hidden-high".
-Result<std::string> ByPresets(const std::string& text, const std::string& environment,
-                              const pb::CatalogueReply& catalogue);
-
 // Whether a benchmark's name fits a pattern, in which '*' stands for any text and '?' for any
 // character.
 bool FitsPattern(const std::string& name, const std::string& pattern);

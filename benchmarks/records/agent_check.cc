@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "algorithms/policy/observation_mask.h"
+#include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/records/json_file.h"
 #include "proto/b4mrl.pb.h"
 #include "proto/base/mean_and_std.h"

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "algorithms/run/check_training.h"
+#include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/plan/suite_plan.h"
 #include "benchmarks/records/budget_check.h"
 #include "benchmarks/records/curve.h"

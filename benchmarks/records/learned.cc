@@ -124,7 +124,8 @@ std::string LearnerHash(const PlannedRun& run) { return Sha256OfText(run.learner
 bool HasLearned(const PlannedRun& run, const std::string& folder) {
   const auto learned = ReadJsonObject(LearnedPath(folder), kMaxOwnFileBytes);
   return learned.ok() && TextOf(*learned, "learner_sha256") == LearnerHash(run) &&
-         CountOf(*learned, "planned_updates") >= run.updates;
+         CountOf(*learned, "planned_updates") >= run.updates &&
+         (TextOf(*learned, "source") != "user" || HasAgent(folder));
 }
 
 void RemoveLearned(const std::string& folder) {
@@ -135,8 +136,8 @@ void RemoveLearned(const std::string& folder) {
   }
 }
 
-Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
-                   const Json& ledger, const EnvironmentSpec& environment) {
+Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
+                                const Json& ledger, const EnvironmentSpec& environment) {
   Json learned = {{"learner_sha256", LearnerHash(run)},
                   {"planned_updates", run.updates},
                   {"updates", run.updates},
@@ -154,10 +155,10 @@ Status KeepLearned(const PlannedRun& run, const std::string& folder, double seco
     return Status(StatusCode::kFailedPrecondition,
                   fmt::format("left neither agent.h5 nor returns.json in {}", folder));
   }
-  if (Exists(CurvePath(folder))) {
-    B4MRL_RETURN_IF_ERROR(AddOwnCurve(CurvePath(folder), environment, &learned));
-  }
-  return WriteSmallFile(LearnedPath(folder), learned.dump() + "\n");
+  Status curve;
+  if (Exists(CurvePath(folder))) curve = AddOwnCurve(CurvePath(folder), environment, &learned);
+  B4MRL_RETURN_IF_ERROR(WriteSmallFile(LearnedPath(folder), learned.dump() + "\n"));
+  return curve.ok() ? std::string() : std::string(curve.message());
 }
 
 Result<RunOutcome> OutcomeOfLearner(const std::string& folder) {

@@ -15,13 +15,14 @@
 namespace b4mrl {
 
 // Keeps what a learner that ended with code 0 has left, the seconds that it took, and what it used
-// (the entry "ledger" of a result).
-// kFailedPrecondition if it has left nothing, kDataLoss if that cannot be understood or is an agent
+// (the entry "ledger" of a result). Returns why its curve was left out, which is only to be looked
+// at and not worth the training; "" where it was not. kFailedPrecondition if it has left nothing, kDataLoss if that cannot be understood or is an agent
 // of another environment.
-Status KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
-                   const nlohmann::ordered_json& ledger, const EnvironmentSpec& environment);
+Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
+                                const nlohmann::ordered_json& ledger,
+                                const EnvironmentSpec& environment);
 // Whether KeepLearned has succeeded there for the run's command and for as many updates as it is
-// to do, and whether the learner has left an agent.
+// to do, and the agent that it kept, if any, is still there; whether the learner has left an agent.
 bool HasLearned(const PlannedRun& run, const std::string& folder);
 bool HasAgent(const std::string& folder);
 // Removes what an earlier attempt has left of these files, but nothing else that a learner may keep

@@ -15,6 +15,7 @@
 #include "data/files/atomic_file.h"
 #include "data/files/csv_lines.h"
 #include "data/files/file_hash.h"
+#include "data/files/folder_listing.h"
 #include "proto/base/version.h"
 
 namespace b4mrl {
@@ -190,7 +191,14 @@ std::string ScoringPath(const std::string& run_folder, const Scoring& scoring) {
 std::string FolderOfResults(const std::string& folder) {
   std::error_code error;
   const std::string inside = folder + "/results";
-  return std::filesystem::is_directory(inside, error) ? inside : folder;
+  if (!std::filesystem::is_directory(inside, error)) return folder;
+  // A copy of a folder of results into another one lies inside it under that name.
+  const auto own = FilesIn(folder, ".json");
+  const bool holds_results = own.ok() && std::ranges::any_of(*own, [](const std::string& path) {
+    const auto read = ReadJsonObject(path);
+    return read.ok() && EntryOf(*read, "benchmarks").is_array() && read->contains("curve");
+  });
+  return holds_results ? folder : inside;
 }
 
 std::string ResultPath(const std::string& results_folder, const PlannedRun& run) {

@@ -67,8 +67,8 @@ struct RunResult {
   bool IsDone(const PlannedRun& run, uint64_t target) const;
 };
 
-// Where the results of a folder lie: in its folder "results" if it has one, as the folder of a
-// suite's runs does, else in itself.
+// Where the results of a folder lie: in its folder "results" if it has one and holds no results
+// itself, as the folder of a suite's runs does, else in itself.
 std::string FolderOfResults(const std::string& folder);
 // DIR/<name>-<id>.json.
 std::string ResultPath(const std::string& results_folder, const PlannedRun& run);

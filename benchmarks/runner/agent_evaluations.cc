@@ -17,6 +17,7 @@
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
 #include "data/files/file_hash.h"
+#include "data/files/folder_listing.h"
 #include "data/files/make_folder.h"
 
 namespace b4mrl {
@@ -28,18 +29,11 @@ constexpr size_t kHashDigits = 16;
 
 // Paths of the agents of a folder.
 Result<std::vector<std::string>> AgentsIn(const std::string& folder) {
-  std::vector<std::string> paths;
-  std::error_code error;
-  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
-    const fs::path& path = entry->path();
-    const bool is_agent =
-        path.filename() == "agent.h5" || (entry.depth() == 0 && path.extension() == ".h5");
-    std::error_code unknown;  // of a link to nothing
-    if (is_agent && entry->is_regular_file(unknown)) paths.push_back(path);
-  }
-  if (error) return IoError("list", folder, error.value());
-  std::ranges::sort(paths);
+  B4MRL_ASSIGN_OR_RETURN(std::vector<std::string> paths, FilesBelow(folder, ".h5"));
+  const fs::path here = (fs::path(folder) / "agent.h5").parent_path();
+  std::erase_if(paths, [&](const fs::path& path) {
+    return path.filename() != "agent.h5" && path.parent_path() != here;
+  });
   return paths;
 }
 
@@ -127,6 +121,7 @@ Result<bool> Evaluations::TryToBegin(const Agent& agent) {
   if (!options_.endpoint.empty()) daemon_words = {"--endpoint", options_.endpoint};
   const EvaluationOrder order = {.agent = agent.path,
                                  .environment = read->provenance.environment,
+                                 .simulator = read->provenance.world,
                                  .episodes = options_.episodes,
                                  .daemon_words = daemon_words,
                                  .seed = options_.seed};

@@ -1,4 +1,5 @@
-// Evaluates all agents of a folder, each once, by several processes at a time.
+// Evaluates all agents of a folder, each once and in the world that it was trained for, by several
+// processes at a time.
 //
 // An evaluation is the file DIR/evaluations/<first 16 digits of the agent's SHA-256>-e<episodes>-
 // s<seed>.json, what `b4mrl evaluate --json` prints; a file of that name with ".claim" is locked by

@@ -66,7 +66,8 @@ Result<std::vector<uint64_t>> IndicesOf(const std::vector<PlannedRun>& plan,
       return Status(
           StatusCode::kFailedPrecondition,
           fmt::format("plan.json, in --out, lacks the run {}: the list belongs to another "
-                      "command; choose another folder for --out (--results may stay)",
+                      "command; once that one's jobs have ended, choose another folder for --out "
+                      "(--results may stay)",
                       run.name));
     }
     indices.push_back(static_cast<uint64_t>(found - frozen.begin()));

@@ -45,18 +45,17 @@ Result<std::map<std::string, std::string>> AgentsBeside(const std::string& path,
   const std::string folder =
       fs::is_directory(path, error) ? path : fs::absolute(path, error).parent_path().string();
   std::map<std::string, std::string> agents;
-  for (fs::recursive_directory_iterator entry(folder, error), end;
-       !error && entry != end && !wanted.empty(); entry.increment(error)) {
-    std::error_code unknown;  // of a link to nothing, and of a file that is removed meanwhile
-    if (entry->path().extension() != ".h5" || !entry->is_regular_file(unknown)) continue;
-    auto hash = Sha256OfFile(entry->path(), kMaxAgentFileBytes, UnlessInterrupted);
+  if (wanted.empty()) return agents;
+  B4MRL_ASSIGN_OR_RETURN(const auto paths, FilesBelow(folder, ".h5"));
+  for (const std::string& file : paths) {
+    if (wanted.empty()) break;
+    auto hash = Sha256OfFile(file, kMaxAgentFileBytes, UnlessInterrupted);
     if (hash.status().code() == StatusCode::kLimitExceeded) continue;  // is no agent
     // A run that goes on there removes its old checkpoints.
-    if (!hash.ok() && !fs::exists(entry->path(), unknown)) continue;
+    if (!hash.ok() && !fs::exists(file, error)) continue;
     if (!hash.ok()) return hash.status();
-    if (wanted.erase(*hash) > 0) agents.emplace(*std::move(hash), entry->path());
+    if (wanted.erase(*hash) > 0) agents.emplace(*std::move(hash), file);
   }
-  if (error) return IoError("list", folder, error.value());
   return agents;
 }
 

@@ -55,6 +55,12 @@ void RemoveTraining(const std::string& folder) {
   });
 }
 
+void RemoveProgress(const std::string& folder) {
+  RemoveFrom(folder, [](std::string_view name) {
+    return name == "result.json" || name == "progress.csv" || name == "metrics.jsonl";
+  });
+}
+
 void RemoveScorings(const PlannedRun& run, const std::string& folder) {
   std::error_code ignored;
   for (const Scoring& scoring : run.scorings) fs::remove(ScoringPath(folder, scoring), ignored);

@@ -183,6 +183,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
     B4MRL_ASSIGN_OR_RETURN(const auto checkpoints, ListCheckpoints(task.folder));
     // A run that was stopped on its way to more updates ends where it is: it goes nowhere back.
     const uint64_t begun = checkpoints.empty() ? 0 : checkpoints.front();
+    if (checkpoints.empty()) RemoveProgress(task.folder);
     const JobOrder order =
         TrainingOrder(run, budget_, std::max(task.target, begun), task.folder, DaemonWords());
     B4MRL_ASSIGN_OR_RETURN(Job job, Job::Start(order, std::move(claim)));
@@ -326,7 +327,11 @@ Status Runner::KeepUsersWork(Active& active) {
   }
   B4MRL_ASSIGN_OR_RETURN(const EnvironmentSpec spec,
                          client_.FindEnvironment(task.run->environment));
-  return KeepLearned(*task.run, task.folder, SecondsSince(active.start), used, spec);
+  B4MRL_ASSIGN_OR_RETURN(
+      const std::string left_out,
+      KeepLearned(*task.run, task.folder, SecondsSince(active.start), used, spec));
+  if (!left_out.empty()) Say(fmt::format("{} has no curve: {}", task.run->name, left_out));
+  return Status();
 }
 
 void Runner::WriteResults() {

@@ -56,6 +56,21 @@ TEST_CASE("Hyperparameters are numbers, true or false, and names of choices") {
         HyperparameterValues{{"batch-size", "1000000"}, {"normalise", "true"}});
 }
 
+TEST_CASE("A dataset of an exception may be named with its environment and version") {
+  const TemporaryFolder folder;
+  for (const char* name : {"medium-expert", "HalfCheetah/medium-expert",
+                           "HalfCheetah/medium-expert-v0", "d4rl/halfcheetah-medium-expert-v2"}) {
+    CAPTURE(name);
+    WriteBytes(folder.File("mine.toml"),
+               "[mine]\nupdates = { bc = 5 }\n[[mine.exception]]\nupdates = 7\ndatasets = [\"" +
+                   std::string(name) + "\"]\n");
+    const Budget mine = Take(ReadBudget(folder.File("mine.toml"), "mine"));
+    CHECK(mine.UpdatesOf("bc", "", "HalfCheetah/medium-expert") == 7);
+    CHECK(mine.UpdatesOf("bc", "", "d4rl/halfcheetah-medium-expert-v2") == 7);
+    CHECK(mine.UpdatesOf("bc", "", "HalfCheetah/medium") == 5);
+  }
+}
+
 TEST_CASE("Mistakes in a budget are refused by name") {
   const TemporaryFolder folder;
   const auto refusal = [&](const std::string& text) {

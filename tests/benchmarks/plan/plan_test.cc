@@ -1,5 +1,6 @@
 // Plans: which distinct runs fill the cells of the project's benchmarks, and what their ids depend
 // on.
+#include "benchmarks/plan/perturbation_names.h"
 #include "benchmarks/plan/plan.h"
 
 #include <algorithm>
@@ -185,6 +186,24 @@ TEST_CASE("A budget's exceptions fit what is left of a cell") {
        Take(Plan(OwnBenchmarks("HalfCheetah/modelling-error/*"), small, {{}, {0}}))) {
     CHECK(run.algorithm != "h2o");
   }
+}
+
+TEST_CASE("A budget's exceptions fit, however they spell what is wrong, and none for nothing") {
+  const auto benchmarks = OwnBenchmarks("HalfCheetah/confounding/hidden-high+medium");
+  const auto updates_with = [&](const BudgetException& exception) {
+    Budget budget = PaperBudget();
+    budget.exceptions = {exception};
+    budget.exceptions.front().updates = 9;
+    return Take(Plan(benchmarks, budget, {{"hymopo"}, {0}})).front().updates;
+  };
+  CHECK(updates_with({.simulators = {"gravity"}}) == 9);
+  CHECK(updates_with({.simulators = {"gravity=2"}}) == 9);
+  CHECK(updates_with({.simulators = {"gravity=3"}}) != 9);
+  Budget budget = PaperBudget();
+  budget.exceptions = {{.simulators = {"gravty"}}};
+  const Status refused = Plan(benchmarks, budget, {{"hymopo"}, {0}}).status();
+  CHECK(refused.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(refused.message(), Catch::Contains("gravty") && Catch::Contains("gravity"));
 }
 
 TEST_CASE("A learner of the user's own has one run for each benchmark that is defined for it") {

@@ -134,6 +134,18 @@ TEST_CASE("Results on other rows are a row of their own") {
   CHECK(rows[1].starts_with("E/a,mine,,own,E/data-v0,9,aa,10.00,,100.0,,1,"));
 }
 
+TEST_CASE("Results of a benchmark that meant another world before are a row of their own") {
+  for (const char* key : {"simulator", "corruption", "world"}) {
+    CAPTURE(key);
+    Results results;
+    results.Add(ResultOf("mine", 0, 10));
+    Json other = ResultOf("mine", 1, 20);
+    other[key] = "friction=2";
+    results.Add(other);
+    CHECK(results.Rows().size() == 4);
+  }
+}
+
 TEST_CASE("Three seeds on other data than the published ones are no entry") {
   const auto entry = [](const Json& dataset) {
     Results results;

@@ -206,5 +206,16 @@ TEST_CASE("A run of a user's learner that was asked for as much is done when the
       RunResult{.finished = false, .updates = 200, .planned_updates = 200}.IsDone(run, 100));
 }
 
+TEST_CASE("A copy of results inside a folder of results hides none of these") {
+  const TemporaryFolder folder;
+  const std::string inside = folder.File("results");
+  CHECK(FolderOfResults(folder.path()) == folder.path());
+  fs::create_directories(inside);
+  WriteBytes(folder.File("plan.json"), R"({"runs": ["0123456789abcdef"]})");
+  CHECK(FolderOfResults(folder.path()) == inside);
+  WriteBytes(folder.File("one.json"), R"({"benchmarks": ["E/a"], "curve": []})");
+  CHECK(FolderOfResults(folder.path()) == folder.path());
+}
+
 }  // namespace
 }  // namespace b4mrl

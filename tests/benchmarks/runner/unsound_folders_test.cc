@@ -212,5 +212,19 @@ TEST_CASE("A run that goes on is scored anew") {
   CHECK(full() != before);
 }
 
+TEST_CASE("A result that its user has removed is not written of the training before") {
+  const Suite suite("td3-bc = 60");
+  REQUIRE(Run(suite.Command()).exit_code == 0);
+  std::filesystem::remove_all(suite.File("suite/results"));
+  // The first evaluation of the new training is not reached.
+  WriteBytes(suite.File("budget.toml"),
+             "[tiny]\nevaluations = 1\nepisodes = 1\nrows = 2_000\n"
+             "updates = { td3-bc = 1_000_000 }\n");
+  const Outcome stopped = Run(suite.Command({"--hours", "0.001"}));
+  INFO(stopped.out << stopped.err);
+  CHECK(stopped.err.find("start ") != std::string::npos);
+  CHECK(suite.Results().empty());
+}
+
 }  // namespace
 }  // namespace b4mrl

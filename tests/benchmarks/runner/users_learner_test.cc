@@ -265,7 +265,7 @@ TEST_CASE("A learner that leaves its curve has settled once the last two fifths 
   CHECK(checked.exit_code == 0);
 }
 
-TEST_CASE("A learner whose agent is gone before it was scored begins anew") {
+TEST_CASE("A learner whose agent is gone begins anew, whether or not it was scored") {
   const UsersSuite suite;
   const std::string seen = suite.File("seen");
   const std::string learner =
@@ -288,6 +288,12 @@ TEST_CASE("A learner whose agent is gone before it was scored begins anew") {
   CHECK(again.exit_code == 0);
   CHECK(suite.Results().size() == 2);
   CHECK(ReadBytes(seen) == "begun\nbegun\nbegun\nbegun\n");
+  // An agent that its user has removed, with its result: its score is no reason to keep it.
+  std::filesystem::remove_all(suite.File("suite/results"));
+  for (const auto& run : runs) std::filesystem::remove(run / "agent.h5");
+  REQUIRE(suite.Train(learner).exit_code == 0);
+  CHECK(suite.Results().size() == 2);
+  CHECK(ReadBytes(seen) == "begun\nbegun\nbegun\nbegun\nbegun\nbegun\n");
 }
 
 TEST_CASE("A learner that was told to stop has not finished, whatever it leaves and returns") {
@@ -301,14 +307,17 @@ TEST_CASE("A learner that was told to stop has not finished, whatever it leaves 
   CHECK(stopped.err.find("start ") != std::string::npos);
 }
 
-TEST_CASE("A curve that cannot be understood fails its learner's run") {
-  const UsersSuite suite;
-  const auto says = [&](const std::string& curve) {
-    return suite
-        .Train("echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"; echo '" + curve +
-               "' > \"$B4MRL_OUT/curve.json\"")
-        .out;
+TEST_CASE("A curve that cannot be understood is left out, and the training counts") {
+  const auto says = [](const std::string& curve) {
+    const UsersSuite suite;
+    const Outcome outcome =
+        suite.Train("echo '{\"returns\": [1]}' > \"$B4MRL_OUT/returns.json\"; echo '" + curve +
+                    "' > \"$B4MRL_OUT/curve.json\"");
+    CHECK(outcome.exit_code == 0);
+    CHECK(suite.Results(false).size() == 2);
+    return outcome.err;
   };
+  CHECK_THAT(says(R"({"curve": [{"updates": 2, "returns": [NaN]}]})"), Catch::Contains("NaN"));
   CHECK_THAT(says("{}"), Catch::Contains("a list of up to 10000 points as \"curve\""));
   CHECK_THAT(says(R"({"curve": [{"updates": 2, "returns": [1]}, {"updates": 1, "returns": [1]}]})"),
              Catch::Contains("ascending whole numbers"));
