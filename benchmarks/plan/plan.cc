@@ -269,8 +269,8 @@ Status CheckNamesOf(const Budget& budget, const std::vector<std::string>& names)
 Status CheckSimulatorsOf(const Budget& budget, const pb::CatalogueReply& catalogue) {
   for (const BudgetException& exception : budget.exceptions) {
     for (const std::string& simulator : exception.simulators) {
-      B4MRL_RETURN_IF_ERROR(OfFile(CheckPerturbations(simulator, catalogue))
-                                .WithContext(fmt::format("exception of the budget {}", budget.name)));
+      const std::string context = fmt::format("exception of the budget {}", budget.name);
+      B4MRL_RETURN_IF_ERROR(OfFile(CheckPerturbations(simulator, catalogue)).WithContext(context));
     }
   }
   return Status();

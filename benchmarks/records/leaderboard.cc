@@ -225,8 +225,8 @@ Result<std::string> Leaderboard(const std::string& results_folder,
   for (size_t i = 0; i < results.size(); ++i) {
     if (!copies[i].empty()) copied.insert(&results[i]);
   }
-  // By benchmark, then by cell and by the data, as other rows are another cell. The cell of a user's
-  // learner hangs on its benchmark's name, which may have meant another world before.
+  // By benchmark, then by cell and by the data, as other rows are another cell. The cell of a
+  // user's learner hangs on its benchmark's name, which may have meant another world before.
   std::map<std::string, std::map<std::string, Cell>> cells;
   for (const Json& result : results) {
     const std::string data = TextOf(EntryOf(result, "dataset"), "columns_sha256");

@@ -16,8 +16,8 @@ namespace b4mrl {
 
 // Keeps what a learner that ended with code 0 has left, the seconds that it took, and what it used
 // (the entry "ledger" of a result). Returns why its curve was left out, which is only to be looked
-// at and not worth the training; "" where it was not. kFailedPrecondition if it has left nothing, kDataLoss if that cannot be understood or is an agent
-// of another environment.
+// at and not worth the training; "" where it was not. kFailedPrecondition if the learner has left
+// nothing, kDataLoss if that cannot be understood or is an agent of another environment.
 Result<std::string> KeepLearned(const PlannedRun& run, const std::string& folder, double seconds,
                                 const nlohmann::ordered_json& ledger,
                                 const EnvironmentSpec& environment);

@@ -19,8 +19,8 @@ std::string DatasetStem(const std::string& folder, std::string dataset);
 // Removes what only a run that goes on needs: replay memory, ensemble, checkpoints. Leaves it where
 // `b4mrl train` was stopped, on its way to more updates than the run's result has.
 void RemoveTraining(const std::string& folder);
-// Removes what says how far a training has come, before another one begins from its first update: no
-// result may be written of it any more.
+// Removes what says how far a training has come, before another one begins from its first update:
+// no result may be written of it any more.
 void RemoveProgress(const std::string& folder);
 // Removes the scorings of the agent that is about to be trained further, or anew.
 void RemoveScorings(const PlannedRun& run, const std::string& folder);
