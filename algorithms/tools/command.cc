@@ -96,7 +96,7 @@ void DaemonOptions::AddTo(CLI::App& app) {
       "address of a running daemon, tcp://HOST:PORT or ipc://PATH [a private daemon is started for "
       "this command]");
   app.add_option("--data", data_folder,
-                 "folder of datasets for the private daemon [$B4MRL_DATA or ~/.local/share/b4mrl]; "
+                 "folder of datasets for the private daemon [that of `b4mrl serve --data`]; "
                  "a running daemon has its own");
   app.parse_complete_callback([this, option] {
     CheckEndpoint(*option, endpoint);

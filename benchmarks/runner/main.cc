@@ -103,7 +103,7 @@ void BenchmarkCommand::AddTo(CLI::App& app) {
   app.add_option("--out", options.folder, "folder of the runs [runs/benchmark]");
   app.add_option("--results", options.results, "folder of the results [results, in --out]");
   app.add_option("--data-folder", options.data_folder,
-                 "folder of the datasets [$B4MRL_DATA or ~/.local/share/b4mrl; with a budget that "
+                 "folder of the datasets [that of `b4mrl serve --data`; with a budget that "
                  "limits rows: data, in --out]");
   app.add_option("--endpoint", options.endpoint,
                  "address of a daemon that all processes are to use, with its datasets "

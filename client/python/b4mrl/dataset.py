@@ -181,6 +181,11 @@ class Dataset(Shown):
         rule = checks.text("transitions", transitions)
         arguments = {**self._origin.arguments, "transition_rule": rule}
         with replace(self._origin, arguments=arguments).open_again() as other:
+            hashes = {each.in_force.info.columns_sha256 for each in (self, other)}
+            if len(hashes - {""}) > 1:
+                raise errors.FailedPreconditionError(
+                    f"{self.in_force.info.name} has other rows now than this object's; open it again"
+                )
             rows: Batch = other.load()
         return rows
 

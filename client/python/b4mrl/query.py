@@ -134,6 +134,7 @@ class PendingQuery:
     ) -> None:
         seed = checks.unsigned("seed", seed)
         first_row = checks.unsigned("first_row", first_row)
+        is_next = draw is None
         if draw is None:
             draw = sessions.next_draw(opening)
         self._ask = functools.partial(begin, rows=rows, seed=seed, draw=draw, first_row=first_row)
@@ -142,6 +143,8 @@ class PendingQuery:
         self._session = sessions.find(opening)
         # None once it was called: after a failure it would have nothing left to receive.
         self._gather: Callable[[], QueryAnswer] | None = self._ask(self._session)
+        if is_next:
+            sessions.count_draw(opening)  # a query that was refused takes none
         self._answer: QueryAnswer | None = None
 
     def result(self) -> QueryAnswer:
@@ -185,9 +188,11 @@ class QuerySessions:
 
     def next_draw(self, opening: Opening) -> int:
         """0, 1, 2, ... for each simulator, whatever the dtype and the ledger."""
-        simulator = _simulator_of(opening)
-        self._draws[simulator] += 1
-        return self._draws[simulator] - 1
+        return self._draws[_simulator_of(opening)]
+
+    def count_draw(self, opening: Opening) -> None:
+        """The next draw has been taken."""
+        self._draws[_simulator_of(opening)] += 1
 
     def forget(self, opening: Opening, session: Session) -> None:
         """Does not find `session` any more, which the daemon has closed."""

@@ -8,9 +8,10 @@ import b4mrl
 import h5py
 import numpy as np
 import pytest
+from b4mrl import errors
 
 from equality import assert_same
-from made_dataset import NAME, ROWS, make_dataset
+from made_dataset import NAME, ROWS, make_dataset, run_dataset
 
 
 # The program, in 20 lines: all arrays of a file, and the transitions that D4RL's learners use.
@@ -66,3 +67,14 @@ def test_the_programs_transitions_are_those_that_the_daemon_serves(data: Path) -
         with client.dataset(NAME, transition_rule="d4rl") as dataset:
             served = dataset.read(0, dataset.rows)
     assert_same(rows, {name: served[name].astype(rows[name].dtype) for name in rows})
+
+
+def test_rows_under_the_other_rule_are_those_of_the_object_or_none(tmp_path: Path) -> None:
+    run_dataset(tmp_path, "make", NAME, "--rows", "2000")
+    with b4mrl.serve(data=tmp_path) as endpoint, b4mrl.connect(endpoint) as client:
+        dataset = client.dataset(NAME)
+        assert len(dataset.load("d4rl")["rewards"]) < 2_000
+        run_dataset(tmp_path, "make", NAME, "--rows", "3000", "--replace")
+        assert len(dataset.load()["rewards"]) == 2_000
+        with pytest.raises(errors.FailedPreconditionError, match="other rows now"):
+            dataset.load("d4rl")

@@ -56,6 +56,18 @@ def test_another_seed_or_draw_gives_other_noise(client: b4mrl.Client) -> None:
     np.testing.assert_array_equal(draws[0][1:], shifted)
 
 
+def test_a_refused_query_takes_no_draw(client: b4mrl.Client) -> None:
+    given = rows(client, "HalfCheetah", 2)
+    noise = "obs-noise=0.1234"  # of no other query
+    first = client.query("HalfCheetah", *given, noise)[0]
+    for wrong in ((given[0][:, 1:], given[1]), (given[0], given[1][:1])):
+        with pytest.raises(errors.InvalidArgumentError):
+            client.query("HalfCheetah", *wrong, noise)
+    second = client.query("HalfCheetah", *given, noise)[0]
+    assert_same(first, client.query("HalfCheetah", *given, noise, draw=0)[0])
+    assert_same(second, client.query("HalfCheetah", *given, noise, draw=1)[0])
+
+
 def test_queries_without_a_draw_have_the_next_one_of_their_simulator(client: b4mrl.Client) -> None:
     observations, actions = rows(client, "HalfCheetah", 3)
     noisy, noisier = ((observations, actions, f"obs-noise={level}") for level in (0.1, 0.2))

@@ -83,6 +83,8 @@ class Benchmark(Shown):
         self.updates = updates
         self.out = out
         self._usage = Usage(client, ledger)
+        # The dataset, with the generation of the ledger that counts its rows.
+        self._opened: tuple[int, Dataset | None] | None = None
         self._next_draw = 0  # of queries without a draw of their own
         self._curves: dict[int, Curve] = {}  # by seed, since its last result
 
@@ -95,13 +97,20 @@ class Benchmark(Shown):
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
-        FailedPreconditionError: it is to be made here, but no recipe can make it.
+        FailedPreconditionError: it is to be made here, but no recipe can make it, or another
+        program makes it at the moment and this one may try again.
         """
         self._usage.begin()
         return self._dataset
 
-    @functools.cached_property
+    @property
     def _dataset(self) -> Dataset | None:
+        generation = self._usage.generation
+        if self._opened is None or self._opened[0] != generation:
+            self._opened = generation, self._find_dataset()
+        return self._opened[1]
+
+    def _find_dataset(self) -> Dataset | None:
         if not self.info.dataset:
             return None
         try:
@@ -307,7 +316,7 @@ class Benchmark(Shown):
         self._append(seed, updates, reached)
         used = self._usage.counts() | {"evaluation_episodes": self._curves[seed].episodes}
         curve = self._curves[seed].points
-        if earlier is not None and earlier.repeats(updates, curve) and not is_learning(used):
+        if earlier is not None and earlier.repeats(updates, curve) and not is_learning(used) and not self._usage.is_partial:
             curve = earlier.with_end(curve[-1])
         else:
             earlier = None

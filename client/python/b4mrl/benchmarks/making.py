@@ -13,7 +13,10 @@ from b4mrl.serve import find_server
 _BAD_USAGE, _BAD_INPUT = 2, 3
 _ERRORS: dict[int, tuple[type[errors.B4mrlError], str]] = {
     _BAD_USAGE: (errors.InvalidArgumentError, "refused one of its options"),
-    _BAD_INPUT: (errors.FailedPreconditionError, "cannot make the dataset"),
+    _BAD_INPUT: (
+        errors.FailedPreconditionError,
+        "cannot make the dataset, or another program makes it at the moment",
+    ),
 }
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
+import os
 import time
+import warnings
 from typing import TYPE_CHECKING
 
 from b4mrl.benchmarks.ledger import Ledger
@@ -26,27 +26,48 @@ def is_learning(counts: dict[str, int]) -> bool:
 class Usage:
     """The use of a benchmark's simulator and dataset.
 
-    It is counted by a ledger of the daemon, which is opened at the first use.
+    It is counted by a ledger of the daemon, which is opened at the first use. A process that was
+    forked has a ledger of its own, unless a number was given.
 
     Args:
         client: whose daemon counts.
         ledger: number of the ledger for what learning uses; 0 opens a new one.
+
+    Attributes:
+        is_partial: whether `counts` lacks something, as the daemon has lost the ledger.
+        generation: grows with each ledger; what was opened for an earlier one is counted nowhere.
     """
 
     def __init__(self, client: Client, ledger: int = 0) -> None:
         self._client = client
-        self._number = ledger
-        self._began: float | None = None
-        self._last = dict.fromkeys(_COUNTS, 0)
-        self._before = self._last
+        self._given = ledger
+        self.generation = 0
+        self._begin_anew()
 
-    @functools.cached_property
+    def _begin_anew(self) -> None:
+        self._process = os.getpid()
+        self._ledger: Ledger | None = None
+        self._began: float | None = None
+        self._lost = dict.fromkeys(_COUNTS, 0)  # totals of ledgers that were lost
+        self._last = self._before = self._lost
+        self.is_partial = False
+        self.generation += 1
+
+    def _leave_parent(self) -> None:
+        if self._process != os.getpid():
+            self._begin_anew()
+
+    @property
     def learning(self) -> Ledger:
         """The ledger of what learning uses."""
-        return self._client.ledger(self._number)
+        self._leave_parent()
+        if self._ledger is None:
+            self._ledger = self._client.ledger(self._given)
+        return self._ledger
 
     def begin(self) -> None:
         """Lets the time of the first result begin, unless it has."""
+        self._leave_parent()
         if self._began is None:
             self._began = time.monotonic()
 
@@ -57,17 +78,41 @@ class Usage:
 
     def seconds(self) -> float:
         """Time since the last result, or since learning began."""
+        self._leave_parent()
         return 0.0 if self._began is None else time.monotonic() - self._began
 
     def restart(self) -> None:
         """Begins anew, for the next result."""
         self._before = self._totals()
         self._began = time.monotonic()
+        self.is_partial = False
 
     def _totals(self) -> dict[str, int]:
-        """The ledger's totals; the last ones where the daemon has lost the ledger."""
-        with contextlib.suppress(UnknownNameError):
+        """The totals of all ledgers, as far as they are known."""
+        self._leave_parent()
+        if self._ledger is None and self._given == 0:
+            return self._last  # nothing was used since the last one
+        try:
             learning = self.learning.counts()
-            counts = (learning.steps, learning.query_rows, learning.dataset_rows)
-            self._last = dict(zip(_COUNTS, counts))
+        except UnknownNameError:
+            self._forget()
+            return self._last
+        counts = (learning.steps, learning.query_rows, learning.dataset_rows)
+        self._last = {
+            name: self._lost[name] + count for name, count in zip(_COUNTS, counts, strict=True)
+        }
         return self._last
+
+    def _forget(self) -> None:
+        """Goes on with another ledger: a daemon that was restarted has none of the old ones."""
+        warnings.warn(
+            "the daemon has lost the ledger of what learning used, as one that was restarted has: "
+            "the next result counts less than was used",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+        self._ledger = None
+        self._given = 0
+        self._lost = self._last
+        self.is_partial = True
+        self.generation += 1

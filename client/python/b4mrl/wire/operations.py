@@ -131,7 +131,12 @@ class Operations:
 
     def _require_alone(self) -> int:
         user = threading.get_ident()
-        if self._inside not in (0, user):
+        if self._inside == user:
+            raise errors.FailedPreconditionError(
+                "a call of this environment is under way in this thread; allowed: one at a time, so "
+                "a signal handler uses the environment once the call has returned, or closes it"
+            )
+        if self._inside:
             raise errors.another_thread()
         return user
 

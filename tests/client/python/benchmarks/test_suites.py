@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import re
 import subprocess
@@ -299,6 +300,45 @@ def test_a_benchmark_goes_on_counting_without_its_ledger(
     def lost() -> None:
         raise errors.UnknownNameError("unknown ledger")
 
+    data = bench.dataset
+    assert data is not None
+    data.sample(256)
     monkeypatch.setattr(bench._usage.learning, "counts", lost)
-    path = bench.record(returns=[1.0], algorithm="mine", seed=0, updates=2, folder=tmp_path)
+    with pytest.warns(RuntimeWarning, match="lost the ledger"):
+        path = bench.record(returns=[1.0], algorithm="mine", seed=0, updates=2, folder=tmp_path)
     assert json.loads(path.read_text())["ledger"]["evaluation_episodes"] == 3 + 1
+    # What is opened from now on counts in another ledger, and a training that lost its counts is
+    # no cell that was executed once more.
+    assert bench.dataset is not data
+    bench.dataset.sample(256)
+    monkeypatch.setattr(bench._usage.learning, "counts", lost)
+    with pytest.warns(RuntimeWarning, match="lost the ledger"):
+        path = bench.record(returns=[2.0], algorithm="mine", seed=0, updates=2, folder=tmp_path)
+    assert json.loads(path.read_text())["seconds"] < 10
+    bench.dataset.sample(256)
+    path = bench.record(returns=[3.0], algorithm="mine", seed=1, updates=2, folder=tmp_path)
+    assert json.loads(path.read_text())["ledger"]["dataset_rows"] == 256
+
+
+def test_each_forked_process_counts_its_own_use(own: b4mrl.Client, tmp_path: Path) -> None:
+    bench = own.benchmark(HIDDEN)
+    bench.dataset.sample(256)
+
+    def train(seed: int) -> None:
+        for _ in range(seed):
+            bench.dataset.sample(256)
+        bench.record(returns=[1.0], algorithm="mine", seed=seed, updates=2, folder=tmp_path)
+
+    fork = multiprocessing.get_context("fork")
+    children = [fork.Process(target=train, args=(seed,)) for seed in (1, 2)]
+    for child in children:
+        child.start()
+    for child in children:
+        child.join(60)
+        assert child.exitcode == 0
+    train(3)
+    used = {
+        entries["seed"]: entries["ledger"]["dataset_rows"]
+        for entries in (json.loads(path.read_text()) for path in tmp_path.glob("*.json"))
+    }
+    assert used == {1: 256, 2: 512, 3: 256 + 3 * 256}

@@ -317,6 +317,40 @@ def test_interrupts_at_any_moment_of_waiting_change_nothing(
         assert caught == hits
 
 
+def test_a_signal_handler_is_refused_the_environment_that_waits(client: b4mrl.Client) -> None:
+    """A batch system's warning, whose handler saves the state: the step under way is not hurt."""
+    draws = random.Random(5)
+    saved = refused = 0
+
+    def save(*_: object) -> None:
+        nonlocal saved, refused
+        try:
+            env.get_state()
+            saved += 1
+        except errors.FailedPreconditionError as error:
+            assert "signal handler" in str(error)
+            refused += 1
+
+    before = signal.signal(signal.SIGALRM, save)
+    try:
+        with client.make("Hopper") as env, client.make("Hopper") as twin:
+            env.reset(seed=3)
+            twin.reset(seed=3)
+            env.action_space.seed(3)
+            for _ in range(300):
+                action = env.action_space.sample()
+                signal.setitimer(signal.ITIMER_REAL, draws.uniform(20e-6, 200e-6))
+                step = env.step(action)
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                assert_same(step, twin.step(action))
+                if step[2]:
+                    assert_same(env.reset(), twin.reset())
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert refused > 10
+
+
 def test_a_signal_reaches_a_call_that_waits() -> None:
     with b4mrl.serve(tcp=True, workers=1) as endpoint, b4mrl.connect(endpoint) as client:
         env = client.make("HalfCheetah")
