@@ -316,7 +316,8 @@ class Benchmark(Shown):
         self._append(seed, updates, reached)
         used = self._usage.counts() | {"evaluation_episodes": self._curves[seed].episodes}
         curve = self._curves[seed].points
-        if earlier is not None and earlier.repeats(updates, curve) and not is_learning(used) and not self._usage.is_partial:
+        has_learned = is_learning(used) or self._usage.is_partial
+        if earlier is not None and earlier.repeats(updates, curve) and not has_learned:
             curve = earlier.with_end(curve[-1])
         else:
             earlier = None
