@@ -184,7 +184,7 @@ class Dataset(Shown):
             hashes = {each.in_force.info.columns_sha256 for each in (self, other)}
             if len(hashes - {""}) > 1:
                 raise errors.FailedPreconditionError(
-                    f"{self.in_force.info.name} has other rows now than this object's; open it again"
+                    f"{self.in_force.info.name} has other rows now than this object; open it again"
                 )
             rows: Batch = other.load()
         return rows

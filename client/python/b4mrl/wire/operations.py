@@ -133,8 +133,8 @@ class Operations:
         user = threading.get_ident()
         if self._inside == user:
             raise errors.FailedPreconditionError(
-                "a call of this environment is under way in this thread; allowed: one at a time, so "
-                "a signal handler uses the environment once the call has returned, or closes it"
+                "a call of this environment is under way in this thread; allowed: one at a time, "
+                "so a signal handler uses the environment once the call has returned, or closes it"
             )
         if self._inside:
             raise errors.another_thread()
