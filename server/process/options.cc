@@ -279,7 +279,8 @@ std::optional<CommandLine> ParseCommandLine(int argc, char** argv, int* exit_cod
       "--pin", serve.pin,
       "keep each of these threads on one core: faster where the daemon has them to itself");
   app.add_option("--data", serve.data_folder,
-                 "folder of the datasets (default $B4MRL_DATA, else $XDG_DATA_HOME/b4mrl, else ~/.local/share/b4mrl)");
+                 "folder of the datasets (default $B4MRL_DATA, else $XDG_DATA_HOME/b4mrl, else "
+                 "~/.local/share/b4mrl)");
   app.add_option("--models", serve.models_folder,
                  "folder of MJCF models for model=FILE.xml (default: data/models)");
   app.add_option("--suites", serve.suites_folder,
