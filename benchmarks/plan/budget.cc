@@ -8,6 +8,7 @@
 #include "data/files/toml_keys.h"
 #include "proto/base/folders.h"
 #include "proto/base/limits.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
@@ -17,11 +18,7 @@ constexpr uint64_t kMostSeeds = 10'000;  // of a cell
 // "medium-expert" of "medium-expert", "HalfCheetah/medium-expert", "HalfCheetah/medium-expert-v0"
 // and "d4rl/halfcheetah-medium-expert-v2".
 std::string LevelOfDataset(const std::string& dataset) {
-  std::string name = dataset.substr(dataset.find('/') + 1);
-  const size_t version = name.rfind("-v");
-  const bool has_version = version != name.npos && version + 2 < name.size() &&
-                           name.find_first_not_of("0123456789", version + 2) == name.npos;
-  if (has_version) name.erase(version);
+  const std::string name(WithoutVersion(dataset.substr(dataset.find('/') + 1)));
   return dataset.starts_with("d4rl/") ? name.substr(name.find('-') + 1) : name;
 }
 

@@ -50,7 +50,7 @@ Status CheckPerturbations(const std::string& text, const pb::CatalogueReply& cat
   B4MRL_ASSIGN_OR_RETURN(const auto items, ParseNamedArguments(text));
   for (const NamedArgument& item : items) {
     if (names.contains(item.name)) continue;
-    return UnknownName("perturbation", item.name, std::vector(names.begin(), names.end()));
+    return UnknownName("perturbation", item.name, names);
   }
   return Status();
 }

@@ -56,9 +56,8 @@ void RemoveTraining(const std::string& folder) {
 }
 
 void RemoveProgress(const std::string& folder) {
-  RemoveFrom(folder, [](std::string_view name) {
-    return name == "result.json" || name == "progress.csv" || name == "metrics.jsonl";
-  });
+  std::error_code ignored;
+  for (const char* name : {"/result.json", "/progress.csv"}) fs::remove(folder + name, ignored);
 }
 
 void RemoveScorings(const PlannedRun& run, const std::string& folder) {

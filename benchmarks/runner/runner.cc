@@ -195,7 +195,7 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       return true;
     }
     if (HasAgent(task.folder)) return BeginMissingScoring(number, {}, claim);
-    if (!FinishedResult(task)) RemoveLearned(task.folder);  // its agent is gone: it begins anew
+    if (!FinishedResult(task)) RemoveLearned(task.folder);  // it is to do more: it begins anew
     return false;
   } else {
     RemoveLearned(task.folder);  // of an attempt that failed, or of another command

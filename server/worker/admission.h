@@ -22,8 +22,8 @@ struct WorkUnderWay {
 };
 
 // OK if `request` of the session may proceed; payloads of all requests may take `payload_share`
-// bytes. Else the error: the request has ended its worker too
-// often, or a limit on requests is reached.
+// bytes. Else the error: the request has ended its worker too often, or a limit on requests is
+// reached.
 Status CheckRequest(const Session& session, const pb::Request& request, const Frame& payload,
                     const WorkUnderWay& all, size_t payload_share);
 

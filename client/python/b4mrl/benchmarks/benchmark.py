@@ -15,6 +15,7 @@ from b4mrl import simulators
 from b4mrl.benchmarks import evaluation, making, result_file
 from b4mrl.benchmarks.curve import Curve
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
+from b4mrl.benchmarks.ledger import Ledger
 from b4mrl.benchmarks.result_file import Result
 from b4mrl.benchmarks.usage import Usage, is_learning
 from b4mrl.dataset import Dataset
@@ -83,8 +84,7 @@ class Benchmark(Shown):
         self.updates = updates
         self.out = out
         self._usage = Usage(client, ledger)
-        # The dataset, with the generation of the ledger that counts its rows.
-        self._opened: tuple[int, Dataset | None] | None = None
+        self._opened: tuple[Ledger, Dataset] | None = None  # the dataset, and who counts its rows
         self._next_draw = 0  # of queries without a draw of their own
         self._curves: dict[int, Curve] = {}  # by seed, since its last result
 
@@ -105,14 +105,14 @@ class Benchmark(Shown):
 
     @property
     def _dataset(self) -> Dataset | None:
-        generation = self._usage.generation
-        if self._opened is None or self._opened[0] != generation:
-            self._opened = generation, self._find_dataset()
-        return self._opened[1]
-
-    def _find_dataset(self) -> Dataset | None:
         if not self.info.dataset:
             return None
+        ledger = self._usage.learning
+        if self._opened is None or self._opened[0] is not ledger:
+            self._opened = ledger, self._find_dataset()
+        return self._opened[1]
+
+    def _find_dataset(self) -> Dataset:
         try:
             return self._open_dataset()
         except UnknownNameError:

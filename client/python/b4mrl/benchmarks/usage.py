@@ -35,23 +35,20 @@ class Usage:
 
     Attributes:
         is_partial: whether `counts` lacks something, as the daemon has lost the ledger.
-        generation: grows with each ledger; what was opened for an earlier one is counted nowhere.
     """
 
     def __init__(self, client: Client, ledger: int = 0) -> None:
         self._client = client
         self._given = ledger
-        self.generation = 0
         self._begin_anew()
 
     def _begin_anew(self) -> None:
         self._process = os.getpid()
         self._ledger: Ledger | None = None
         self._began: float | None = None
-        self._lost = dict.fromkeys(_COUNTS, 0)  # totals of ledgers that were lost
-        self._last = self._before = self._lost
+        self._last = dict.fromkeys(_COUNTS, 0)  # the ledger's totals when they were last read
+        self._before = self._last  # and at the last result; below 0 for what a lost ledger had
         self.is_partial = False
-        self.generation += 1
 
     def _leave_parent(self) -> None:
         if self._process != os.getpid():
@@ -59,7 +56,7 @@ class Usage:
 
     @property
     def learning(self) -> Ledger:
-        """The ledger of what learning uses."""
+        """The ledger of what learning uses; what was opened for an earlier one counts nowhere."""
         self._leave_parent()
         if self._ledger is None:
             self._ledger = self._client.ledger(self._given)
@@ -88,7 +85,7 @@ class Usage:
         self.is_partial = False
 
     def _totals(self) -> dict[str, int]:
-        """The totals of all ledgers, as far as they are known."""
+        """The ledger's totals, as far as they are known."""
         self._leave_parent()
         if self._ledger is None and self._given == 0:
             return self._last  # nothing was used since the last one
@@ -98,9 +95,7 @@ class Usage:
             self._forget()
             return self._last
         counts = (learning.steps, learning.query_rows, learning.dataset_rows)
-        self._last = {
-            name: self._lost[name] + count for name, count in zip(_COUNTS, counts, strict=True)
-        }
+        self._last = dict(zip(_COUNTS, counts, strict=True))
         return self._last
 
     def _forget(self) -> None:
@@ -113,6 +108,6 @@ class Usage:
         )
         self._ledger = None
         self._given = 0
-        self._lost = self._last
+        self._before = {name: self._before[name] - self._last[name] for name in _COUNTS}
+        self._last = dict.fromkeys(_COUNTS, 0)
         self.is_partial = True
-        self.generation += 1
