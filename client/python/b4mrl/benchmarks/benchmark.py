@@ -17,7 +17,7 @@ from b4mrl.benchmarks.curve import Curve
 from b4mrl.benchmarks.evaluation import Evaluation, PolicyLike
 from b4mrl.benchmarks.ledger import Ledger
 from b4mrl.benchmarks.result_file import Result
-from b4mrl.benchmarks.usage import Usage, is_learning
+from b4mrl.benchmarks.usage import Usage
 from b4mrl.dataset import Dataset
 from b4mrl.descriptions import BenchmarkInfo
 from b4mrl.display import Shown
@@ -97,8 +97,7 @@ class Benchmark(Shown):
         """The corrupted dataset, opened at the first use; None for a benchmark without one.
 
         UnknownNameError: the daemon's data folder lacks it; `b4mrl dataset make` makes it.
-        FailedPreconditionError: it is to be made here, but no recipe can make it, or another
-        program makes it at the moment and this one may try again.
+        FailedPreconditionError: it is to be made here, but no recipe can, or another program does.
         """
         self._usage.begin()
         return self._dataset
@@ -113,13 +112,16 @@ class Benchmark(Shown):
         return self._opened[1]
 
     def _find_dataset(self) -> Dataset:
+        names = self.info.dataset, self.info.corruption
+        options: dict[str, Any] = {"environment": self.environment, "ledger": self._usage.learning}
+        open_it = functools.partial(self._client.dataset, *names, **options)
         try:
-            return self._open_dataset()
+            return open_it()
         except UnknownNameError:
             if self._make_rows is None:
                 raise
         making.make_dataset(self.info.dataset, self._client.endpoint, self._make_rows)
-        return self._open_dataset()
+        return open_it()
 
     def make_simulator(self, num_envs: int = 1, **options: Any) -> VectorEnvironment:
         """`num_envs` environments of the flawed simulator; `options` are those of make_vec."""
@@ -316,7 +318,7 @@ class Benchmark(Shown):
         self._append(seed, updates, reached)
         used = self._usage.counts() | {"evaluation_episodes": self._curves[seed].episodes}
         curve = self._curves[seed].points
-        has_learned = is_learning(used) or self._usage.is_partial
+        has_learned = self._usage.has_learned(used)
         if earlier is not None and earlier.repeats(updates, curve) and not has_learned:
             curve = earlier.with_end(curve[-1])
         else:
@@ -364,14 +366,6 @@ class Benchmark(Shown):
         score = self._spec.normalised_score(mean)
         point = (updates, steps, mean, float(returns.std()), score)
         self._curves.setdefault(seed, Curve()).append(point, len(returns))
-
-    def _open_dataset(self) -> Dataset:
-        return self._client.dataset(
-            self.info.dataset,
-            self.info.corruption,
-            environment=self.environment,
-            ledger=self._usage.learning,
-        )
 
     def _world(self, observe: str) -> str:
         """The perturbations of an evaluation's environment."""

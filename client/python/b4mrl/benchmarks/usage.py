@@ -18,11 +18,6 @@ if TYPE_CHECKING:
 _COUNTS = ("simulator_steps", "query_rows", "dataset_rows")
 
 
-def is_learning(counts: dict[str, int]) -> bool:
-    """Whether a learner has used anything by these counts; evaluations are none of its use."""
-    return any(counts[name] for name in _COUNTS)
-
-
 class Usage:
     """The use of a benchmark's simulator and dataset.
 
@@ -32,9 +27,6 @@ class Usage:
     Args:
         client: whose daemon counts.
         ledger: number of the ledger for what learning uses; 0 opens a new one.
-
-    Attributes:
-        is_partial: whether `counts` lacks something, as the daemon has lost the ledger.
     """
 
     def __init__(self, client: Client, ledger: int = 0) -> None:
@@ -48,7 +40,7 @@ class Usage:
         self._began: float | None = None
         self._last = dict.fromkeys(_COUNTS, 0)  # the ledger's totals when they were last read
         self._before = self._last  # and at the last result; below 0 for what a lost ledger had
-        self.is_partial = False
+        self._is_partial = False  # whether counts lack what a lost ledger had
 
     def _leave_parent(self) -> None:
         if self._process != os.getpid():
@@ -73,6 +65,10 @@ class Usage:
         now = self._totals()
         return {name: count - self._before[name] for name, count in now.items()}
 
+    def has_learned(self, counts: dict[str, int]) -> bool:
+        """Whether anything was used by these `counts`, or may have been; evaluations are no use."""
+        return self._is_partial or any(counts[name] for name in _COUNTS)
+
     def seconds(self) -> float:
         """Time since the last result, or since learning began."""
         self._leave_parent()
@@ -82,7 +78,7 @@ class Usage:
         """Begins anew, for the next result."""
         self._before = self._totals()
         self._began = time.monotonic()
-        self.is_partial = False
+        self._is_partial = False
 
     def _totals(self) -> dict[str, int]:
         """The ledger's totals, as far as they are known."""
@@ -110,4 +106,4 @@ class Usage:
         self._given = 0
         self._before = {name: self._before[name] - self._last[name] for name in _COUNTS}
         self._last = dict.fromkeys(_COUNTS, 0)
-        self.is_partial = True
+        self._is_partial = True
