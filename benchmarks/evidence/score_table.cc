@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
-#include <iterator>
 #include <memory>
 #include <set>
 #include <tuple>
@@ -20,106 +19,9 @@
 namespace b4mrl {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-// No score or return is as large: figures would have no scale, and sums would be infinite.
-constexpr double kLargestScore = 1e9;
-
-struct Name {
-  std::string_view algorithm, shown;
-};
-constexpr Name kNames[] = {{"td3", "TD3"},   {"sac", "SAC"},       {"bc", "BC"},
-                           {"mopo", "MOPO"}, {"td3-bc", "TD3-BC"}, {"iql", "IQL"},
-                           {"h2o", "H2O"},   {"hymopo", "HyMOPO"}};
-
-void ReadScorings(const Json& scorings, ScoredRun* run) {
-  if (!scorings.is_object()) return;
-  for (const auto& [name, entry] : scorings.items()) {
-    const auto score = NumberOf(entry, run->is_return ? "return" : "score");
-    if (score && std::abs(*score) <= kLargestScore) run->further[name] = *score;
-  }
-}
-
-void ReadOrigin(const Json& json, ScoredRun* run) {
-  const Json& ledger = EntryOf(json, "ledger");
-  run->simulator_steps = CountOf(ledger, "simulator_steps");
-  run->query_rows = CountOf(ledger, "query_rows");
-  run->dataset_rows = CountOf(ledger, "dataset_rows");
-  run->core_hours = NumberOf(json, "seconds").value_or(0) / 3600;
-  run->budget = TextOf(json, "budget");
-  run->precision = TextOf(json, "precision");
-  run->source = TextOf(json, "source");
-  run->version = TextOf(json, "version");
-  run->commit = TextOf(json, "commit");
-  run->processor = TextOf(json, "processor");
-  const Json& dataset = EntryOf(json, "dataset");
-  run->dataset_file = TextOf(dataset, "name");
-  run->rows = CountOf(dataset, "rows").value_or(0);
-  run->columns_sha256 = TextOf(dataset, "columns_sha256");
-  std::set<std::string> kernels;
-  for (const Json& session : EntryOf(json, "sessions")) {
-    kernels.insert(TextOf(session, "blas_kernel"));
-  }
-  run->kernel = fmt::format("{}", fmt::join(kernels, "+"));
-}
-
-bool HasScale(const CurvePoint& point) {
-  return std::abs(point.mean_return) <= kLargestScore &&
-         std::abs(point.score.value_or(0)) <= kLargestScore;
-}
-
-// The run of a result. The error says why the JSON is none that counts.
-Result<ScoredRun> RunOf(const Json& json, const ReadingLimit& limit) {
-  ScoredRun run;
-  run.id = TextOf(json, "id");
-  run.cell_id = TextOf(json, "cell");
-  run.series = {TextOf(json, "algorithm"), TextOf(json, "recipe")};
-  run.seed = CountOf(json, "seed").value_or(0);
-  run.simulator = TextOf(json, "simulator");
-  run.dataset = TextOf(EntryOf(json, "dataset"), "name");
-  // "HalfCheetah/medium-v0" is the dataset "HalfCheetah/medium" of its suite.
-  const std::string version = "-" + TextOf(json, "suite");
-  if (run.dataset.ends_with(version)) run.dataset.resize(run.dataset.size() - version.size());
-  for (const Json& name : EntryOf(json, "benchmarks")) {
-    if (name.is_string()) run.benchmarks.push_back(name.get<std::string>());
-  }
-  ReadOrigin(json, &run);
-  auto curve = ReadCurve(EntryOf(json, "curve"));
-  if (run.id.empty() || run.series.algorithm.empty() || !curve) {
-    return Status(StatusCode::kDataLoss, "it is no result of a run");
-  }
-  if (!std::ranges::all_of(*curve, HasScale)) {
-    return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kLargestScore));
-  }
-  run.curve = *std::move(curve);
-  run.updates = CountOf(json, "updates").value_or(0);
-  run.ended = IsTrue(json, "finished");
-  run.is_return = !run.curve.empty() && !run.curve.back().score;
-  ReadScorings(EntryOf(json, "scorings"), &run);
-  const uint64_t end = limit ? limit(run).value_or(run.updates) : run.updates;
-  std::optional<ScoredRun> counting = run.At(end);
-  if (counting) return *std::move(counting);
-  return Status(StatusCode::kDataLoss, fmt::format("it has no evaluation within {} updates", end));
-}
-
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
 
 }  // namespace
-
-std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
-  ScoredRun run = *this;
-  std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
-  if (run.curve.empty()) return std::nullopt;
-  const CurvePoint& last = run.curve.back();
-  run.ended |= end < updates;
-  // The agent's scores seen otherwise belong to the end of the run.
-  if (last.updates != updates) run.further.clear();
-  run.updates = last.updates;
-  run.score = last.score.value_or(last.mean_return);
-  run.is_return = !last.score;
-  run.fifths = FifthsOf(run.curve);
-  return run;
-}
 
 std::vector<double> Cell::Scores() const {
   std::vector<double> scores;
@@ -178,7 +80,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
       table.notes_.push_back(fmt::format("{} was left out: no JSON object can be read", file));
       continue;
     }
-    auto run = RunOf(*json, limit);
+    auto run = ReadScoredRun(*json, limit);
     if (!run.ok()) {
       table.notes_.push_back(fmt::format("{} was left out: {}", file, run.status().message()));
       continue;
@@ -340,21 +242,6 @@ std::optional<Series> ScoreTable::MainSeries(const std::string& algorithm) const
     most = std::max(most, cells);
   }
   return best;
-}
-
-std::string DisplayName(const std::string& algorithm) {
-  const auto* found = std::ranges::find(kNames, std::string_view(algorithm), &Name::algorithm);
-  return found == std::end(kNames) ? algorithm : std::string(found->shown);
-}
-
-std::string DisplayName(const Series& series) {
-  const std::string name = DisplayName(series.algorithm);
-  return series.recipe.empty() ? name : fmt::format("{} ({})", name, series.recipe);
-}
-
-size_t OrderOf(const std::string& algorithm) {
-  return static_cast<size_t>(
-      std::ranges::find(kNames, std::string_view(algorithm), &Name::algorithm) - kNames);
 }
 
 }  // namespace b4mrl

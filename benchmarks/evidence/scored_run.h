@@ -1,0 +1,62 @@
+// A run as its result tells of it: what it scored, after how many updates, and where it came from.
+// Value types; any thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "benchmarks/records/curve.h"
+#include "proto/base/status.h"
+
+namespace b4mrl {
+
+struct Series {
+  std::string algorithm;  // "hymopo", or the name of a user's own learner
+  std::string recipe;     // "" for algorithms with a single one
+  auto operator<=>(const Series&) const = default;
+};
+
+// A run as its result tells of it, at its last evaluation that counts (see ReadingLimit).
+struct ScoredRun {
+  std::string id, cell_id, file;  // `file` without its folder
+  Series series;
+  std::string simulator, dataset;  // "": none
+  std::string dataset_file;        // with its version: "HalfCheetah/medium-v0"
+  uint64_t rows = 0;               // of that
+  std::vector<std::string> benchmarks;
+  uint64_t seed = 0;
+  double score = 0;        // normalised; the return where the task has no reference returns
+  bool is_return = false;  // `score` is a return
+  uint64_t updates = 0;
+  bool ended = false;                     // its training is over, or goes on beyond what counts
+  Fifths fifths;                          // of the curve
+  Curve curve;                            // until then
+  bool fills_a_cell = false;              // of a benchmark that the table knows
+  std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
+  double core_hours = 0;                  // of the whole run
+  std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
+  std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
+
+  // The run as it was at its last evaluation within so many updates; nothing if it had none.
+  std::optional<ScoredRun> At(uint64_t end) const;
+};
+
+// Until which update a run counts; nothing: all of it.
+using ReadingLimit = std::function<std::optional<uint64_t>(const ScoredRun& run)>;
+
+// The run of a result. The error says why the JSON is none that counts.
+Result<ScoredRun> ReadScoredRun(const nlohmann::ordered_json& json, const ReadingLimit& limit);
+
+// "TD3", "HyMOPO"; a user's own name as it is.
+std::string DisplayName(const std::string& algorithm);
+// "HyMOPO (short)".
+std::string DisplayName(const Series& series);
+// The place of an algorithm in the field's order; users' own come last.
+size_t OrderOf(const std::string& algorithm);
+
+}  // namespace b4mrl
