@@ -43,7 +43,7 @@ struct PaperAgreement {
   Agreement scores;  // Spearman
   // Spearman of what a flaw changes: the score minus that of the same algorithm and dataset where
   // nothing else is wrong: with clean data, and in the simulator with the gravity error. Ours are
-  // read after equally many updates, and both must have settled there.
+  // of one recipe and read after equally many updates, and both must have settled there.
   Agreement effects;
   // Mean over benchmarks of Kendall's tau of the algorithms inside one. Of benchmarks that rank the
   // same runs, or some of another's, one counts.

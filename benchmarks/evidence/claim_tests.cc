@@ -22,9 +22,15 @@ struct Comparison {
   std::string algorithm;  // of the first
 
   bool IsThere() const { return higher && lower; }
-  // Of one algorithm with itself: else a longer training would count as what is compared.
-  void ReadAtEqualUpdates() {
-    if (IsThere()) std::tie(higher, lower) = AtEqualUpdates(*higher, *lower);
+  // Of one algorithm with itself: else a longer training, or another recipe, would count as what is
+  // compared.
+  void CompareAlike() {
+    if (!IsThere()) return;
+    if (higher->recipe == lower->recipe) {
+      std::tie(higher, lower) = AtEqualUpdates(*higher, *lower);
+    } else {
+      lower.reset();
+    }
   }
   bool IsSettled() const { return higher->settled && lower->settled; }
   double Difference() const { return higher->mean - lower->mean; }
@@ -102,7 +108,7 @@ Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
       if (unit.lacking.contains(one) || unit.lacking.contains(other)) continue;
       unit.comparisons.push_back({ScoreIn(scores, claim.higher.benchmarks[benchmark], one),
                                   ScoreIn(scores, claim.lower.benchmarks[benchmark], other), one});
-      if (one == other) unit.comparisons.back().ReadAtEqualUpdates();
+      if (one == other) unit.comparisons.back().CompareAlike();
     }
   }
   return unit;
@@ -113,8 +119,8 @@ Unit UnitOf(const Claim& claim, const CellScores& scores, size_t benchmark) {
 double ChanceAbove(const Comparison& comparison, double truth) {
   const double one = std::pow(comparison.higher->standard_error, 2);
   const double other = std::pow(comparison.lower->standard_error, 2);
-  if (std::isinf(one + other)) return 1;  // unknown errors decide nothing, in either direction
-  if (one + other == 0) return comparison.Difference() > truth ? 0 : 1;
+  // Errors that are unknown, or that cannot be, decide nothing, in either direction.
+  if (std::isinf(one + other) || one + other == 0) return 1;
   // Welch and Satterthwaite's degrees of freedom.
   const double degrees =
       (one + other) * (one + other) /

@@ -11,6 +11,7 @@
 #include <tuple>
 #include <utility>
 
+#include "benchmarks/records/copied_seeds.h"
 #include "benchmarks/records/json_file.h"
 #include "benchmarks/records/result_file.h"
 #include "data/files/folder_listing.h"
@@ -18,6 +19,38 @@
 
 namespace b4mrl {
 namespace {
+
+// Leaves out results that are another seed's under another number: a mean over them would be a mean
+// over fewer seeds than it says, without an error.
+void LeaveOutCopies(const std::vector<nlohmann::ordered_json>& marks, std::vector<ScoredRun>* runs,
+                    std::vector<std::string>* notes) {
+  std::vector<std::string> files;
+  for (const ScoredRun& run : *runs) files.push_back(run.file);
+  const auto faults = CopiedSeeds(marks, files);
+  std::set<std::string> copies;
+  for (size_t i = 0; i < files.size(); ++i) {
+    if (faults[i].empty()) continue;
+    copies.insert(files[i]);
+    notes->push_back(fmt::format("{} was left out: {}", files[i], faults[i].front()));
+  }
+  std::erase_if(*runs, [&](const ScoredRun& run) { return copies.contains(run.file); });
+}
+
+// The most updates within which all of the cell's runs that were evaluated by then were evaluated
+// last after equally many.
+uint64_t EqualUpdates(const Cell& cell) {
+  uint64_t end = cell.LeastUpdates();
+  for (bool falls = true; falls;) {
+    falls = false;
+    for (const ScoredRun* run : cell.runs) {
+      const auto last = run->LastEvaluation(end);
+      if (!last || *last == end) continue;
+      end = *last;
+      falls = true;
+    }
+  }
+  return end;
+}
 
 std::optional<double> MovementOf(const ScoredRun& run) { return run.fifths.Movement(); }
 
@@ -73,6 +106,7 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
   table.main_recipes_ = main_recipes;
   table.runs_ = std::make_shared<std::vector<ScoredRun>>();
   table.earlier_ = std::make_shared<std::deque<ScoredRun>>();
+  std::vector<nlohmann::ordered_json> marks;  // of the runs
   for (const std::string& path : files) {
     const std::string file = std::filesystem::path(path).filename();
     const auto json = ReadJsonObject(path);
@@ -87,7 +121,9 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
     }
     run->file = file;
     table.runs_->push_back(*std::move(run));
+    marks.push_back(SeedMarks(*json));
   }
+  LeaveOutCopies(marks, table.runs_.get(), &table.notes_);
   table.SortRuns();
   table.AddCells(benchmarks);
   table.LeaveOutUnfinishedSeeds();
@@ -98,12 +134,24 @@ Result<ScoreTable> ScoreTable::Read(const std::string& folder,
 }
 
 void ScoreTable::SortRuns() {
-  std::map<std::pair<std::string, std::string>, size_t> sizes;
-  for (const ScoredRun& run : *runs_) ++sizes[{run.cell_id, run.columns_sha256}];
+  struct Group {
+    size_t runs = 0;
+    bool has_ended = false;
+    uint64_t updates = 0, rows = 0;
+  };
+  std::map<std::pair<std::string, std::string>, Group> groups;
+  for (const ScoredRun& run : *runs_) {
+    Group& group = groups[{run.cell_id, run.columns_sha256}];
+    ++group.runs;
+    group.has_ended |= run.ended;
+    group.updates = std::max(group.updates, run.updates);
+    group.rows = std::max(group.rows, run.rows);
+  }
   std::ranges::stable_sort(*runs_, {}, [&](const ScoredRun& run) {
-    const size_t others = runs_->size() - sizes.at({run.cell_id, run.columns_sha256});
-    return std::tuple(others, run.cell_id, run.columns_sha256, run.seed, !run.ended,
-                      UINT64_MAX - run.updates, run.precision);
+    const Group& group = groups.at({run.cell_id, run.columns_sha256});
+    return std::tuple(runs_->size() - group.runs, !group.has_ended, UINT64_MAX - group.updates,
+                      UINT64_MAX - group.rows, run.cell_id, run.columns_sha256, run.seed,
+                      !run.ended, UINT64_MAX - run.updates, run.precision);
   });
 }
 
@@ -125,6 +173,10 @@ void ScoreTable::AddCells(const std::vector<Benchmark>& benchmarks) {
         left_out.insert(fmt::format(
             "{} was left out: {} fills its cell with other hyperparameters or rows of the dataset",
             run.file, other->file));
+      } else if (other->is_return != run.is_return) {
+        left_out.insert(
+            fmt::format("{} was left out: of it and {} one has scores, the other returns", run.file,
+                        other->file));
       } else if (other->seed == run.seed) {
         left_out.insert(
             fmt::format("{} was left out: {} is of the same cell and seed", run.file, other->file));
@@ -178,7 +230,7 @@ void ScoreTable::ReadSeedsAtEqualUpdates() {
   std::map<std::pair<const ScoredRun*, uint64_t>, const ScoredRun*> known;
   for (auto& [benchmark, row] : cells_) {
     for (auto& [series, cell] : row) {
-      const uint64_t least = cell.LeastUpdates();
+      const uint64_t least = EqualUpdates(cell);
       for (const ScoredRun*& run : cell.runs) {
         if (run->updates == least) continue;
         const auto [entry, is_new] = known.emplace(std::pair(run, least), run);

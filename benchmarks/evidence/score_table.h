@@ -70,13 +70,14 @@ class ScoreTable {
 
  private:
   // Where results compete for a cell, the first counts: of hyperparameters and rows those with the
-  // most runs, of one seed's results a finished one, then that with the most updates.
+  // most runs, then those with a finished one, with the most updates and with the most rows; of one
+  // seed's results a finished one, then that with the most updates.
   void SortRuns();
   // A seed that is still being trained is left out of a cell that has one which has ended: the mean
   // would be neither's.
   void LeaveOutUnfinishedSeeds();
-  // Seeds that went on are read at the updates that all seeds of their cell have. From then on
-  // cells no longer point at whole runs alone.
+  // Seeds that went on are read at the last evaluation that all seeds of their cell have. From then
+  // on cells no longer point at whole runs alone.
   void ReadSeedsAtEqualUpdates();
   // Sets fills_a_cell, and notes the runs whose benchmarks nobody knows.
   void MarkRunsInCells();
@@ -85,7 +86,7 @@ class ScoreTable {
 
   std::vector<const Benchmark*> benchmarks_;
   std::vector<Series> series_;
-  std::shared_ptr<std::vector<ScoredRun>> runs_;  // cells point at them, also after a move,
+  std::shared_ptr<std::vector<ScoredRun>> runs_;    // cells point at them, also after a move,
   std::shared_ptr<std::deque<ScoredRun>> earlier_;  // and at these, which are parts of them
   std::map<std::string, std::map<Series, Cell>> cells_;
   std::map<std::string, std::string> main_recipes_;  // by algorithm

@@ -64,12 +64,20 @@ bool HasScale(const CurvePoint& point) {
 
 }  // namespace
 
+std::optional<uint64_t> ScoredRun::LastEvaluation(uint64_t end) const {
+  const auto after =
+      std::ranges::upper_bound(curve, std::min(end, updates), {}, &CurvePoint::updates);
+  return after == curve.begin() ? std::nullopt : std::optional(std::prev(after)->updates);
+}
+
 std::optional<ScoredRun> ScoredRun::At(uint64_t end) const {
+  const auto count = LastEvaluation(end);
+  if (!count) return std::nullopt;
   ScoredRun run = *this;
-  std::erase_if(run.curve, [end](const CurvePoint& point) { return point.updates > end; });
-  if (run.curve.empty()) return std::nullopt;
+  std::erase_if(run.curve, [&](const CurvePoint& point) { return point.updates > *count; });
   const CurvePoint& last = run.curve.back();
-  run.ended |= end < updates;
+  run.ended |= end <= updates;
+  run.is_part |= last.updates < updates;
   // The agent's scores seen otherwise belong to the end of the run.
   if (last.updates != updates) run.further.clear();
   run.updates = last.updates;
@@ -95,21 +103,26 @@ Result<ScoredRun> ReadScoredRun(const Json& json, const ReadingLimit& limit) {
   }
   ReadOrigin(json, &run);
   auto curve = ReadCurve(EntryOf(json, "curve"));
-  if (run.id.empty() || run.series.algorithm.empty() || !curve) {
+  if (run.id.empty() || run.cell_id.empty() || run.series.algorithm.empty() || !curve) {
     return Status(StatusCode::kDataLoss, "it is no result of a run");
   }
   if (!std::ranges::all_of(*curve, HasScale)) {
     return Status(StatusCode::kDataLoss, fmt::format("it has scores beyond {:g}", kLargestScore));
+  }
+  const auto has_score = [](const CurvePoint& point) { return point.score.has_value(); };
+  if (std::ranges::any_of(*curve, has_score) && !std::ranges::all_of(*curve, has_score)) {
+    return Status(StatusCode::kDataLoss, "some of its evaluations have a score, and others none");
   }
   run.curve = *std::move(curve);
   run.updates = CountOf(json, "updates").value_or(0);
   run.ended = IsTrue(json, "finished");
   run.is_return = !run.curve.empty() && !run.curve.back().score;
   ReadScorings(EntryOf(json, "scorings"), &run);
-  const uint64_t end = limit ? limit(run).value_or(run.updates) : run.updates;
-  std::optional<ScoredRun> counting = run.At(end);
+  const std::optional<uint64_t> end = limit ? limit(run) : std::nullopt;
+  std::optional<ScoredRun> counting = run.At(end.value_or(UINT64_MAX));
   if (counting) return *std::move(counting);
-  return Status(StatusCode::kDataLoss, fmt::format("it has no evaluation within {} updates", end));
+  return Status(StatusCode::kDataLoss,
+                fmt::format("it has no evaluation within {} updates", end.value_or(run.updates)));
 }
 
 std::string DisplayName(const std::string& algorithm) {

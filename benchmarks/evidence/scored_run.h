@@ -33,16 +33,20 @@ struct ScoredRun {
   double score = 0;        // normalised; the return where the task has no reference returns
   bool is_return = false;  // `score` is a return
   uint64_t updates = 0;
-  bool ended = false;                     // its training is over, or goes on beyond what counts
+  bool ended = false;                     // its training is over, or has come to all that counts
   Fifths fifths;                          // of the curve
   Curve curve;                            // until then
   bool fills_a_cell = false;              // of a benchmark that the table knows
   std::map<std::string, double> further;  // "full", "served": the agent's scores seen otherwise
-  double core_hours = 0;                  // of the whole run
+  // Of the whole run, of which a part may count here.
+  double core_hours = 0;
   std::optional<uint64_t> simulator_steps, query_rows, dataset_rows;
+  bool is_part = false;
   std::string budget, precision, source, version, commit, processor, kernel, columns_sha256;
 
-  // The run as it was at its last evaluation within so many updates; nothing if it had none.
+  // The updates of its last evaluation within so many; nothing if it had none.
+  std::optional<uint64_t> LastEvaluation(uint64_t end) const;
+  // The run as it was at that evaluation.
   std::optional<ScoredRun> At(uint64_t end) const;
 };
 

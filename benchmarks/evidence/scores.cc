@@ -147,7 +147,7 @@ std::optional<double> BorrowedDeviations::Of(const std::string& environment,
 // Whether the run is known to have used one source alone.
 bool HasOneSource(const ScoredRun* run) {
   if (!run->simulator_steps || !run->query_rows || !run->dataset_rows) return false;
-  return (*run->simulator_steps + *run->query_rows == 0) || *run->dataset_rows == 0;
+  return (*run->simulator_steps == 0 && *run->query_rows == 0) || *run->dataset_rows == 0;
 }
 
 CellScore ScoreOf(const Benchmark& benchmark, const Cell& cell,

@@ -37,13 +37,23 @@ CellScores WithThePapers(const Evidence& evidence, const std::string& algorithm)
   CellScores scores = evidence.ours;
   for (auto& [name, score] : scores) {
     const CellScore* theirs = Find(evidence.paper, name.first, name.second);
-    if (name.second == algorithm && theirs != nullptr) score.mean = theirs->mean;
+    if (name.second != algorithm || theirs == nullptr) continue;
+    score.mean = theirs->mean;
+    score.standard_error = theirs->standard_error;
+    score.degrees = theirs->degrees;
+    score.earlier.clear();  // the paper has no scores after fewer updates
   }
   return scores;
 }
 
+CellScore ByLastFifth(CellScore score) {
+  score.mean = score.last_fifth.value_or(score.mean);
+  std::ranges::transform(score.earlier, score.earlier.begin(), ByLastFifth);
+  return score;
+}
+
 CellScores ByLastFifths(CellScores scores) {
-  for (auto& [name, score] : scores) score.mean = score.last_fifth.value_or(score.mean);
+  for (auto& [name, score] : scores) score = ByLastFifth(std::move(score));
   return scores;
 }
 
@@ -66,7 +76,8 @@ Table RanksTable(const PaperAgreement& settled) {
       "inside a benchmark: of benchmarks that hold the same runs, or some of another's, one "
       "counts, but a run without a dataset, or without a simulator, still stands in many. Pairs of "
       "runs: of all these rankings, each pair once. An effect is the score minus that of the same "
-      "algorithm and dataset with clean data and the gravity error alone, of ours after equally "
+      "algorithm, recipe and dataset with clean data and the gravity error alone, of ours after "
+      "equally "
       "many updates. Separated: the paper's "
       "means are more than two standard errors of their difference apart. Apart in both: the "
       "paper's "
@@ -216,10 +227,11 @@ Table DeviationsTable(const Evidence& evidence, const std::vector<Deviation>& de
                    {"Why"}};
   for (const Deviation& each : deviations) {
     const auto reason = evidence.explanations.find({each.benchmark, each.algorithm});
-    const bool is_known = reason != evidence.explanations.end();
+    const bool is_known =
+        reason != evidence.explanations.end() && reason->second.score == PlainScoreEntry(each.ours);
     table.rows.push_back({each.benchmark, DisplayName(each.algorithm), ScoreEntry(each.ours),
                           Fixed(each.ours.last_fifth, 1), GainEntry(each.ours),
-                          Fixed(each.paper, 1), is_known ? reason->second : "unexplained"});
+                          Fixed(each.paper, 1), is_known ? reason->second.why : "unexplained"});
   }
   return table;
 }

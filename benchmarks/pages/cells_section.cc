@@ -13,19 +13,17 @@ namespace {
 // For programs: more digits than any score has, fewer than processors could differ in.
 std::string Digits(double value) { return fmt::format("{:.6g}", value); }
 
-double CoreHours(const Cell& cell) {
-  double hours = 0;
-  for (const ScoredRun* run : cell.runs) hours += run->core_hours;
-  return hours / static_cast<double>(cell.runs.size());
+// Means over the runs. Nothing if one is read before its end: results say what the whole run cost.
+std::optional<double> CoreHours(const Cell& cell) {
+  return cell.MeanOf([](const ScoredRun& run) {
+    return run.is_part ? std::nullopt : std::optional(run.core_hours);
+  });
 }
-
-std::optional<uint64_t> MeanOf(const Cell& cell, std::optional<uint64_t> ScoredRun::*member) {
-  uint64_t sum = 0;
-  for (const ScoredRun* run : cell.runs) {
-    if (!(run->*member)) return std::nullopt;
-    sum += *(run->*member);
-  }
-  return sum / cell.runs.size();
+std::optional<double> CountPerRun(const Cell& cell, std::optional<uint64_t> ScoredRun::*member) {
+  return cell.MeanOf([member](const ScoredRun& run) -> std::optional<double> {
+    if (run.is_part || !(run.*member)) return std::nullopt;
+    return static_cast<double>(*(run.*member));
+  });
 }
 
 // Calls use(benchmark, series, cell) for every cell, benchmark by benchmark.
@@ -77,7 +75,7 @@ Section CellsSection(const Evidence& evidence) {
   Table table;
   table.id = "cells";
   table.title = "Scores beside what they cost.";
-  table.caption =
+  table.caption = fmt::format(
       "A run that fills the cells of several benchmarks stands once, at the first of them. Last "
       "fifth: the mean score over the last fifth of the run; a doubling adds: the points by "
       "which each doubling of the updates raises the score, in the second half of the run. "
@@ -86,10 +84,14 @@ Section CellsSection(const Evidence& evidence) {
       "while there are fewer than ten of those, over the paper's (of BC, which the paper has "
       "not, TD3-BC's). The paper's deviations stand as it prints them; it does not say by what "
       "they are divided, and if that is the number of its seeds, three, these intervals should "
-      "be 1.22 times as wide. An interval is about other seeds, around the last evaluation: a "
+      "be 1.22 times as wide; a borrowed deviation is taken for exact. An interval is about other "
+      "seeds, around the last evaluation: a "
       "last fifth outside of it shows that the evaluations of one run vary more. Core-hours are "
       "those of one run, evaluations included, but without the training of an ensemble that an "
-      "earlier run on the same machine had kept; interactions are counted by the daemon.";
+      "earlier run on the same machine had kept; interactions are counted by the daemon; {} where "
+      "a "
+      "run is read before its end.",
+      kMissing);
   table.columns = {{"Benchmark"},        {"Algorithm"},
                    {"Score", true},      {"95% interval", true},
                    {"Last fifth", true}, {"A doubling adds", true},
@@ -105,9 +107,9 @@ Section CellsSection(const Evidence& evidence) {
                                       IntervalEntry(score), Fixed(score.last_fifth, 1),
                                       GainEntry(score), fmt::format("{}", score.seeds),
                                       UpdatesEntry(cell), Fixed(CoreHours(cell), 2),
-                                      Amount(MeanOf(cell, &ScoredRun::simulator_steps)),
-                                      Amount(MeanOf(cell, &ScoredRun::query_rows)),
-                                      Amount(MeanOf(cell, &ScoredRun::dataset_rows))});
+                                      Amount(CountPerRun(cell, &ScoredRun::simulator_steps)),
+                                      Amount(CountPerRun(cell, &ScoredRun::query_rows)),
+                                      Amount(CountPerRun(cell, &ScoredRun::dataset_rows))});
               });
   section.blocks.emplace_back(std::move(table));
   return section;
@@ -122,13 +124,14 @@ Table CellsAsNumbers(const Evidence& evidence) {
         "query_rows", "dataset_rows"}) {
     table.columns.push_back({name});
   }
-  const auto count = [](const std::optional<uint64_t>& number) {
-    return number ? fmt::format("{}", *number) : std::string();
+  const auto count = [](const std::optional<double>& number) {
+    return number ? fmt::format("{:.0f}", *number) : std::string();
   };
   ForEachCell(evidence.table,
               [&](const Benchmark& benchmark, const Series& series, const Cell& cell) {
                 const CellScore score = ScoreOf(benchmark, cell, evidence.deviations);
                 const auto interval = score.Interval95();
+                const auto hours = CoreHours(cell);
                 const CellScore* paper = Find(evidence.paper, benchmark.name, series.algorithm);
                 table.rows.push_back(
                     {benchmark.name, series.algorithm, series.recipe, Digits(score.mean),
@@ -136,10 +139,10 @@ Table CellsAsNumbers(const Evidence& evidence) {
                      fmt::format("{}", cell.LeastUpdates()), score.settled ? "yes" : "no",
                      interval ? Digits(interval->low) : "", interval ? Digits(interval->high) : "",
                      score.is_borrowed ? "yes" : "no", paper != nullptr ? Digits(paper->mean) : "",
-                     paper != nullptr ? Digits(paper->std) : "", Digits(CoreHours(cell)),
-                     count(MeanOf(cell, &ScoredRun::simulator_steps)),
-                     count(MeanOf(cell, &ScoredRun::query_rows)),
-                     count(MeanOf(cell, &ScoredRun::dataset_rows))});
+                     paper != nullptr ? Digits(paper->std) : "", hours ? Digits(*hours) : "",
+                     count(CountPerRun(cell, &ScoredRun::simulator_steps)),
+                     count(CountPerRun(cell, &ScoredRun::query_rows)),
+                     count(CountPerRun(cell, &ScoredRun::dataset_rows))});
               });
   return table;
 }
@@ -160,11 +163,10 @@ Table CellsAsThePaper(const Evidence& evidence) {
     for (auto entry = evidence.ours.lower_bound({benchmark.name, ""});
          entry != evidence.ours.end() && entry->first.first == benchmark.name; ++entry) {
       const CellScore& score = entry->second;
-      table.rows.push_back({of_paper, benchmark.challenge,
-                            PaperWordOf(benchmark.challenge, LevelOf(benchmark)),
-                            PaperWordOf(benchmark.challenge, flaw),
-                            DisplayName(entry->first.second), fmt::format("{:.1f}", score.mean),
-                            score.seeds > 1 ? fmt::format("{:.1f}", score.std) : ""});
+      table.rows.push_back(
+          {of_paper, benchmark.challenge, PaperWordOf(benchmark.challenge, LevelOf(benchmark)),
+           PaperWordOf(benchmark.challenge, flaw), DisplayName(entry->first.second),
+           Fixed(score.mean, 1), score.seeds > 1 ? fmt::format("{:.1f}", score.std) : ""});
     }
   }
   return table;

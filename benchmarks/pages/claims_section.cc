@@ -30,8 +30,8 @@ std::string VerdictEntry(const ClaimResult& result) {
 }
 
 std::string ChanceEntry(const ClaimResult& result) {
-  // What is missing may fail, so a claim about all of some cells has no p before all are there,
-  // unless those that are there contradict it.
+  // What is missing may fail: a claim of which some comparisons are missing has no p where those
+  // that are there say nothing by themselves.
   const bool says_nothing = result.p >= 1 && result.decided < result.comparisons;
   if (result.decided == 0 || says_nothing) return kMissing;
   const auto shown = [](double p) { return p < 0.001 ? "<0.001" : fmt::format("{:.3f}", p); };
@@ -69,8 +69,9 @@ Section ClaimsSection(const Evidence& evidence) {
       "Differences: the least and the greatest, in points, of the claimed direction. Too few "
       "benchmarks: even if all of the claim's pointed in one direction, beside so many "
       "undecided claims they would be no proof; more seeds would change nothing. So undecided "
-      "says little against a claim; look at Holds. A claim about cells of which some are "
-      "missing has a p only if the others contradict it. A single seed's error is borrowed from "
+      "says little against a claim; look at Holds. A claim of which some comparisons are "
+      "missing has no p where the others would have one of 1. A single seed's error is borrowed "
+      "from "
       "the deviations that the paper prints, which seem to be divided by the number of seeds "
       "and would then be 1.22 times too small.";
   table.columns = {

@@ -14,7 +14,7 @@
 namespace b4mrl {
 namespace {
 
-constexpr char kReturn[] = "return";      // the axis of tasks without scores
+constexpr char kReturn[] = "return";  // the axis of tasks without scores
 constexpr double kThousand = 1000;
 constexpr double kLongestToShortest = 4;  // of the curves in one panel
 constexpr size_t kPanelsOfAPicture = 6;   // which a printed page has room for
@@ -218,8 +218,11 @@ Picture ProfilesPicture(const Evidence& evidence, const Aggregates& aggregates) 
     if (!band.low.empty()) panel.marks.emplace_back(std::move(band));
     panel.marks.emplace_back(Line{number, false, aggregates.thresholds, each.profile});
   }
-  figure.sentences = {fmt::format("Over {} benchmarks{}.", aggregates.benchmarks.size(),
-                                  has_bands ? "; bands are intervals of 95%" : "")};
+  figure.sentences = {fmt::format(
+      "Over {} benchmarks, of which one run may fill several and counts once{}.",
+      aggregates.benchmarks.size(),
+      has_bands ? fmt::format("; bands, from {} cells on, are intervals of 95%", kLeastBenchmarks)
+                : std::string())};
   figure.panels = {std::move(panel)};
   FitX(figure.panels);
   FitY(figure.panels);

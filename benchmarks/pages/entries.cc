@@ -11,21 +11,23 @@
 namespace b4mrl {
 namespace {
 
-// Where the paper has a challenge: the label of its table, if any, and what is to be said of it.
+// Where the paper has a challenge: the label of its table, if any, and what is to be said of it, in
+// these environments (""; in all).
 struct PaperPlace {
-  std::string_view challenge, label, note;
+  std::string_view challenge, label, note, environments;
 };
 constexpr PaperPlace kPaperPlaces[] = {
-    {"modelling-error", "trans_error", ""},
-    {"partial-observability-simulator", "obs_error", ""},
-    {"partial-observability-dataset", "partial_obs_new_ds", ""},
-    {"action-discrepancy", "action_error", ""},
+    {"modelling-error", "trans_error", "", ""},
+    {"partial-observability-simulator", "obs_error", "", ""},
+    {"partial-observability-dataset", "partial_obs_new_ds", "", ""},
+    {"action-discrepancy", "action_error", "", ""},
     {"confounding", "conf_error_full",
-     "Its table conf_error, of the main text, has the rows with hidden dimensions."},
-    {"dimensions", "", "The paper's figure conf, of which it prints no numbers."},
+     "Its table conf_error, of the main text, has the rows with hidden dimensions.", ""},
+    {"dimensions", "", "The paper's figure conf, of which it prints no numbers.", ""},
     {"simulators", "sim2real_res",
-     "Of Hopper and Walker2d it prints two rows without saying which is gravity and which "
-     "friction: these 4 of its 395 scores are compared with nothing."},
+     "Of Hopper and Walker2d it prints two rows each without saying which is of which error: these "
+     "4 of its 395 scores are compared with nothing.",
+     "Hopper Walker2d"},
 };
 
 const PaperPlace* PlaceOf(const std::string& challenge) {
@@ -50,10 +52,14 @@ std::string MarkOf(Course course) {
 
 }  // namespace
 
-std::string ScoreEntry(const CellScore& score) {
-  std::string text = fmt::format("{:.1f}", score.mean);
+std::string PlainScoreEntry(const CellScore& score) {
+  std::string text = Fixed(score.mean, 1);
   if (score.seeds > 1) text += fmt::format(" ± {:.1f}", score.std);
-  return text + MarkOf(score.course);
+  return text;
+}
+
+std::string ScoreEntry(const CellScore& score) {
+  return PlainScoreEntry(score) + MarkOf(score.course);
 }
 
 std::string UpdatesEntry(const Cell& cell) {
@@ -65,7 +71,7 @@ std::string RangeOf(const std::string& least, const std::string& most) {
 }
 
 std::string CellEntry(const Cell& cell) {
-  std::string text = fmt::format("{:.1f}", cell.Mean());
+  std::string text = Fixed(cell.Mean(), 1);
   if (cell.runs.size() > 1) text += fmt::format(" ± {:.1f}", cell.Deviation());
   text += MarkOf(cell.CourseOfScore());
   return fmt::format("{} ({}×{})", text, cell.runs.size(), UpdatesEntry(cell));
@@ -77,11 +83,14 @@ std::string Amount(uint64_t count) {
   return FormatFixed(static_cast<double>(count), 0);
 }
 
-std::string Amount(const std::optional<uint64_t>& count) {
-  return count ? FormatFixed(static_cast<double>(*count), 0) : kMissing;
+std::string Amount(const std::optional<double>& count) {
+  return count ? FormatFixed(*count, 0) : kMissing;
 }
 
-std::string Signed(double points) { return fmt::format("{:+.1f}", points); }
+std::string Signed(double points) {
+  const std::string text = fmt::format("{:+.1f}", points);
+  return text == "-0.0" ? "+0.0" : text;
+}
 
 std::string Fixed(const std::optional<double>& value, int digits) {
   if (!value) return kMissing;
@@ -97,10 +106,7 @@ std::string IntervalEntry(const std::optional<Interval>& interval, int digits) {
 }
 
 std::string IntervalEntry(const CellScore& score) {
-  const auto interval = score.Interval95();
-  if (!interval) return kMissing;
-  return fmt::format("[{:.1f}, {:.1f}]{}", interval->low, interval->high,
-                     score.is_borrowed ? "*" : "");
+  return IntervalEntry(score.Interval95(), 1) + (score.is_borrowed ? "*" : "");
 }
 
 std::string PaperTableOf(const std::string& challenge) {
@@ -112,12 +118,15 @@ std::string GainEntry(const CellScore& score) {
   return score.gain_per_doubling ? Signed(*score.gain_per_doubling) : kMissing;
 }
 
-std::string OriginOf(const std::string& challenge) {
-  const PaperPlace* place = PlaceOf(challenge);
+std::string OriginOf(const Benchmark& benchmark) {
+  const PaperPlace* place = PlaceOf(benchmark.challenge);
   if (place == nullptr) return "Not in the paper.";
   if (place->label.empty()) return std::string(place->note);
   const std::string table = fmt::format("The paper's table {}.", place->label);
-  return place->note.empty() ? table : fmt::format("{} {}", table, place->note);
+  const bool has_note = !place->note.empty() &&
+                        (place->environments.empty() ||
+                         place->environments.find(benchmark.environment) != std::string_view::npos);
+  return has_note ? fmt::format("{} {}", table, place->note) : table;
 }
 
 std::string LevelOf(const Benchmark& benchmark) {

@@ -25,20 +25,22 @@ std::string OwnFile(const std::string& name) {
   return SharedFolder("", B4MRL_BENCHMARKS_FOLDER) + "/" + name;
 }
 
-// [[explanation]] benchmark, algorithm, why: of scores that are far from the paper's.
-Result<std::map<CellName, std::string>> ReadExplanations(const std::string& path) {
+// [[explanation]] benchmark, algorithm, score, why: of scores that are far from the paper's.
+Result<std::map<CellName, Explanation>> ReadExplanations(const std::string& path) {
   B4MRL_ASSIGN_OR_RETURN(const toml::table file, ReadTomlFile(path));
   TomlKeys keys(file, path);
   B4MRL_ASSIGN_OR_RETURN(const auto tables, keys.Tables("explanation"));
   B4MRL_RETURN_IF_ERROR(keys.Finish());
-  std::map<CellName, std::string> explanations;
-  for (const toml::table* table : tables) {
-    TomlKeys entry(*table, fmt::format("{}, explanation {}", path, explanations.size() + 1));
+  std::map<CellName, Explanation> explanations;
+  for (size_t i = 0; i < tables.size(); ++i) {
+    TomlKeys entry(*tables[i], fmt::format("{}, explanation {}", path, i + 1));
     B4MRL_ASSIGN_OR_RETURN(const std::string benchmark, entry.Text("benchmark", true));
     B4MRL_ASSIGN_OR_RETURN(const std::string algorithm, entry.Text("algorithm", true));
-    B4MRL_ASSIGN_OR_RETURN(const std::string why, entry.Text("why", true));
+    Explanation explanation;
+    B4MRL_ASSIGN_OR_RETURN(explanation.score, entry.Text("score", true));
+    B4MRL_ASSIGN_OR_RETURN(explanation.why, entry.Text("why", true));
     B4MRL_RETURN_IF_ERROR(entry.Finish());
-    explanations[CellName(benchmark, algorithm)] = why;
+    explanations[CellName(benchmark, algorithm)] = std::move(explanation);
   }
   return explanations;
 }

@@ -142,19 +142,22 @@ Panel ConditionsPanel(const std::string& title, const std::string& flaw,
     Dots dots = {.series = i, .dots = {}};
     const auto conditions = ConditionsOf(flaw, each.level);
     const uint64_t updates = SharedUpdates(scores, each.algorithm, conditions);
+    std::string recipe;  // of the last dot
     for (size_t place = 0; place < conditions.size(); ++place) {
       const CellScore* found = Find(scores, conditions[place], each.algorithm);
       if (found == nullptr) continue;
       const CellScore* score = &ScoreAt(*found, updates);
       const auto x = static_cast<double>(place);
       // Neighbours alone are joined: a line over a missing one would show a score that nobody has.
-      if (!dots.dots.empty() && dots.dots.back().x == x - 1) {
+      // And of one recipe: else it would show what the recipe changes.
+      if (!dots.dots.empty() && dots.dots.back().x == x - 1 && recipe == score->recipe) {
         panel.marks.emplace_back(Line{i, true, {x - 1, x}, {dots.dots.back().y, score->mean}});
       }
       dots.dots.push_back({.x = x,
                            .y = score->mean,
                            .open = !score->settled,
                            .hint = HintOf(conditions[place], each.algorithm, *score)});
+      recipe = score->recipe;
     }
     if (!dots.dots.empty()) panel.marks.emplace_back(std::move(dots));
   }
@@ -171,9 +174,12 @@ Dots DimensionDots(size_t series, const CellScores& scores, const std::string& a
   }
   benchmarks.push_back(clean);
   const uint64_t updates = SharedUpdates(scores, algorithm, benchmarks);
+  const CellScore* unhidden = Find(scores, clean, algorithm);
   for (size_t place = 0; place < benchmarks.size(); ++place) {
     const CellScore* found = Find(scores, benchmarks[place], algorithm);
-    if (found == nullptr) continue;
+    const bool is_other =
+        found != nullptr && unhidden != nullptr && found->recipe != unhidden->recipe;
+    if (found == nullptr || is_other) continue;
     const CellScore& score = ScoreAt(*found, updates);
     dots.dots.push_back({.x = score.mean,
                          .y = static_cast<double>(place) + Dodge(series, 2, 0.4),

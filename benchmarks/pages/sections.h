@@ -15,6 +15,12 @@
 
 namespace b4mrl {
 
+// Why a score is far from the paper's.
+struct Explanation {
+  std::string score;  // as tables show it without its mark, "30.8 ± 5.2": it explains no other
+  std::string why;
+};
+
 // What a report tells of. The table refers to the benchmarks, so evidence is moved, not copied.
 struct Evidence {
   Evidence() = default;
@@ -28,7 +34,7 @@ struct Evidence {
   CellScores ours;  // each algorithm by its main series
   std::optional<OtherRows> other_rows;
   std::vector<Claim> claims;
-  std::map<CellName, std::string> explanations;  // why a score is far from the paper's
+  std::map<CellName, Explanation> explanations;
   // The paper's table of errors: environment, error, our perturbation, its parameter, its value.
   std::vector<std::vector<std::string>> parameters;
 };

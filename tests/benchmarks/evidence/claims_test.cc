@@ -40,6 +40,25 @@ Claim CellsClaim() {
   return claim;
 }
 
+TEST_CASE("An algorithm is not compared with itself by another recipe") {
+  Claim claim;
+  claim.higher = {{"mopo"}, {kA}};
+  claim.lower = {{"mopo"}, {kB}};
+  CellScores scores = {{{kA, "mopo"}, Score(60, 1, "a")}, {{kB, "mopo"}, Score(20, 1, "b")}};
+  CHECK(Test(claim, scores).decided == 1);
+  scores[{kB, "mopo"}].recipe = "short";
+  CHECK(Test(claim, scores).verdict == Verdict::kNotRun);
+}
+
+TEST_CASE("Scores without an error decide nothing") {
+  Claim claim;
+  claim.higher = {{"hymopo"}, {kA}};
+  claim.lower = {{"sac"}, {kA}};
+  const CellScores scores = {{{kA, "hymopo"}, Score(60, 0, "a")}, {{kA, "sac"}, Score(20, 0, "b")}};
+  CHECK(Test(claim, scores).verdict == Verdict::kUndecided);
+  CHECK(Test(claim, scores).p == 1);
+}
+
 TEST_CASE("Every claim of the project compares benchmarks and algorithms that exist") {
   const auto claims = Take(ReadClaims(B4MRL_SOURCE_DIR "/benchmarks/claims.toml", OwnBenchmarks()));
   std::set<std::string> names;

@@ -93,9 +93,39 @@ TEST_CASE("A file that is no result is named and the others are read") {
   results.Add("no JSON");
   results.Add("{}");
   results.Add(R"({"id": 1, "curve": [[1, 2]], "benchmarks": {}, "sessions": 5, "algorithm": "x"})");
+  auto without_cell = JsonOf({.algorithm = "iql", .benchmarks = {kClean}, .score = 50, .seed = 1});
+  without_cell.erase("cell");
+  results.Add(without_cell.dump());
+  auto without_score = JsonOf({.algorithm = "iql", .benchmarks = {kClean}, .score = 60, .seed = 2});
+  without_score["curve"][9][4] = nullptr;
+  results.Add(without_score.dump());
   const ScoreTable table = results.Read(OwnBenchmarks());
   CHECK(table.runs().size() == 1);
-  CHECK(table.notes().size() == 3);
+  REQUIRE(table.notes().size() == 5);
+  CHECK_THAT(table.notes()[3], Catch::Contains("no result of a run"));
+  CHECK_THAT(table.notes()[4], Catch::Contains("some of its evaluations have a score"));
+}
+
+TEST_CASE("A result that is another seed's under another number is no second seed") {
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
+                             {.algorithm = "iql", .benchmarks = {kClean}, .score = 42, .seed = 1},
+                             {.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .seed = 2}});
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Scores() == std::vector<double>{40, 42});
+  REQUIRE(table.notes().size() == 1);
+  CHECK_THAT(table.notes()[0], Catch::Contains("result-2.json was left out: its curve is that of "
+                                               "seed 0 in result-0.json"));
+}
+
+TEST_CASE("Scores and returns of one cell are not averaged") {
+  MadeResults results({{.algorithm = "iql", .benchmarks = {kClean}, .score = 40}});
+  auto returns = JsonOf({.algorithm = "iql", .benchmarks = {kClean}, .score = 50, .seed = 1});
+  for (auto& point : returns["curve"]) point[4] = nullptr;
+  results.Add(returns.dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Scores() == std::vector<double>{40});
+  REQUIRE(table.notes().size() == 1);
+  CHECK_THAT(table.notes()[0], Catch::Contains("one has scores, the other returns"));
 }
 
 // A result whose training goes on, at 400 of its 1,000 updates.
@@ -105,6 +135,29 @@ std::string Unfinished(const MadeResult& made) {
   json["updates"] = 400;
   json["curve"].erase(json["curve"].begin() + 4, json["curve"].end());
   return json.dump();
+}
+
+TEST_CASE("Of two sets of hyperparameters with as many runs, that with a finished one counts") {
+  MadeResults results({});
+  results.Add(Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .cell = "a"}));
+  results.Add(
+      JsonOf(MadeResult{.algorithm = "iql", .benchmarks = {kClean}, .score = 40, .cell = "b"})
+          .dump());
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->Mean() == 40);
+}
+
+TEST_CASE("A run that still goes on has ended where all that counts of it is there") {
+  MadeResults results({});
+  results.Add(Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10}));
+  const auto ended_within = [&](uint64_t updates) {
+    return results.Read(OwnBenchmarks(), [&](const ScoredRun&) { return std::optional(updates); })
+        .runs()
+        .at(0)
+        .ended;
+  };
+  CHECK(ended_within(400));
+  CHECK_FALSE(ended_within(401));
 }
 
 TEST_CASE("A seed that is still being trained waits outside of a cell that has a finished one") {
@@ -123,8 +176,10 @@ TEST_CASE("A seed that is still being trained waits outside of a cell that has a
 TEST_CASE("Seeds that are all still being trained fill their cell, which has not settled") {
   MadeResults results({});
   for (const uint64_t seed : {0, 1}) {
-    results.Add(
-        Unfinished({.algorithm = "iql", .benchmarks = {kClean}, .score = 10, .seed = seed}));
+    results.Add(Unfinished({.algorithm = "iql",
+                            .benchmarks = {kClean},
+                            .score = 10.0 + static_cast<double>(seed),
+                            .seed = seed}));
   }
   const ScoreTable table = results.Read(OwnBenchmarks());
   const Cell& cell = *table.Find(kClean, table.series()[0]);
@@ -150,8 +205,8 @@ TEST_CASE("A cell has settled when the mean over its seeds has, though one of th
   const MadeResults moving(
       {{.algorithm = "iql", .benchmarks = {kClean}, .score = 40},
        {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 1, .settled = false},
-       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 2, .settled = false},
-       {.algorithm = "iql", .benchmarks = {kClean}, .score = 41, .seed = 3, .settled = false}});
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 42, .seed = 2, .settled = false},
+       {.algorithm = "iql", .benchmarks = {kClean}, .score = 43, .seed = 3, .settled = false}});
   const ScoreTable other = moving.Read(OwnBenchmarks());
   CHECK(other.Find(kClean, other.series()[0])->IsSettled());  // by 1.5 points exactly
 }
@@ -206,6 +261,22 @@ TEST_CASE("A seed that went on is read at the updates that all seeds of its cell
   // The run itself stays whole, for curves and core-hours.
   CHECK(table.runs()[0].updates == 2000);
   CHECK(table.runs()[0].fills_a_cell);
+}
+
+TEST_CASE("Seeds with other evaluations are read at the last that all of them have") {
+  const std::string cell = "iql" + std::string(kClean);
+  const MadeResults results(
+      {{.algorithm = "iql", .benchmarks = {kClean}, .score = 50, .cell = cell},  // at 100, 200, ...
+       {.algorithm = "iql",
+        .benchmarks = {kClean},
+        .score = 40,
+        .seed = 1,
+        .cell = cell,
+        .updates = 750}});  // at 75, 150, ...
+  const ScoreTable table = results.Read(OwnBenchmarks());
+  CHECK(table.Find(kClean, {"iql", ""})->LeastUpdates() == 600);
+  CHECK(table.Find(kClean, {"iql", ""})->MostUpdates() == 600);
+  CHECK(table.Find(kClean, {"iql", ""})->runs.front()->is_part);
 }
 
 TEST_CASE("A score that gets worse is falling, not rising") {

@@ -132,6 +132,33 @@ TEST_CASE("Scores at a budget are those that the runs had then") {
   CHECK_THAT(unknown.status().message(), Catch::Contains("smalll"));
 }
 
+TEST_CASE("Where a run is read before its end, what all of it cost does not stand beside") {
+  const MadeResults results({{.algorithm = "iql", .benchmarks = {kConfounded}, .score = 40}});
+  const auto row_at = [&](const std::string& at) {
+    const Document report = MakeReport(Take(GatherEvidence({.folder = results.path(), .at = at})));
+    const auto tables = report.All<Table>();
+    return (*std::ranges::find(tables, std::string("cells"), &Table::id))->rows.at(0);
+  };
+  const std::vector<std::string> whole = row_at(""), part = row_at("500");
+  const auto costs = [](const std::vector<std::string>& row) {
+    return std::vector(row.end() - 4, row.end());
+  };
+  CHECK(costs(whole) == std::vector<std::string>{"0.50", "1", "2", "3"});
+  CHECK(costs(part) == std::vector<std::string>{"-", "-", "-", "-"});
+}
+
+TEST_CASE("An explanation is printed for the score that it is about, and for no other") {
+  const std::string benchmark = "HalfCheetah/modelling-error/gravity+medium-expert";
+  const auto is_explained = [&](double score) {
+    const MadeResults results({{.algorithm = "iql", .benchmarks = {benchmark}, .score = score}});
+    Evidence evidence = Take(GatherEvidence({.folder = results.path()}));
+    evidence.explanations = {{{benchmark, "iql"}, {"30.0", "its brakes are on"}}};
+    return ToMarkdown(MakeReport(evidence)).find("its brakes are on") != std::string::npos;
+  };
+  CHECK(is_explained(30));
+  CHECK_FALSE(is_explained(31));
+}
+
 TEST_CASE("A user's benchmarks join the table of their challenge and change no claim") {
   const TemporaryFolder suites;
   WriteBytes(suites.File("mine.toml"),
