@@ -1,6 +1,7 @@
 // The layout of replay.bin, the file of a learner's experience (experience/replay_buffer.h): a
 // header, filled up with zeros to kReplayHeaderBytes, then a record of float32 for each transition:
-// observation, action, next observation, reward, and 1 or, after a terminal transition, 0.
+// observation, action, next observation, reward, and 1 or, after a terminal transition, 0. Space
+// that was reserved for further ones follows; the run's checkpoints say how many records count.
 #pragma once
 
 #include <array>

@@ -99,6 +99,10 @@ Status ReplayBuffer::Reserve(uint64_t records) {
   mapping_ = nullptr;
   const int flags = fd_.valid() ? MAP_SHARED : MAP_PRIVATE | MAP_ANONYMOUS;
   void* mapping = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, flags, fd_.get(), 0);
+  if (mapping == MAP_FAILED && !fd_.valid()) {
+    return Status(StatusCode::kFailedPrecondition,
+                  fmt::format("not enough memory for a pool of {} transitions", records));
+  }
   if (mapping == MAP_FAILED) return IoError("map", path_, errno);
   mapping_ = static_cast<std::byte*>(mapping);
   mapping_bytes_ = bytes;

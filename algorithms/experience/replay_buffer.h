@@ -6,11 +6,11 @@
 // window of at most `capacity` newest records.
 //   In a file: append-only behind a 64-byte header, mapped into memory. Older records stay in the
 //     file, so the whole experience can become a dataset later, and a checkpoint need only store
-//     length(): later records are cut off when a run resumes. Disk space is reserved before it is
-//     mapped, so a full disk is an error and not a signal.
+//     length(): a run that resumes writes over later records. Disk space is reserved before it is
+//     mapped, so a full disk is an error and not a signal; the file ends with such space.
 //   In memory: a ring.
 // Thread rule: one thread. Errors: kIoError (disk, permissions), kDataLoss (a file that is shorter
-// than the checkpoint says, or of other sizes).
+// than the checkpoint says, or of other sizes), kFailedPrecondition (a ring too large to map).
 #pragma once
 
 #include <cstdint>

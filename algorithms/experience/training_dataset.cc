@@ -76,6 +76,27 @@ Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext&
   return dataset;
 }
 
+Status CheckFiniteRows(const RemoteDataset& dataset, const TransitionRows& rows,
+                       uint64_t first_row) {
+  struct Column {
+    std::string_view name;
+    std::span<const float> values;
+  };
+  for (const auto& [name, values] :
+       {Column{"observation", rows.observations}, Column{"action", rows.actions},
+        Column{"reward", rows.rewards}, Column{"next observation", rows.next_observations}}) {
+    if (AllFiniteFast(values)) continue;
+    const auto found = std::ranges::find_if_not(values, [](float x) { return std::isfinite(x); });
+    const size_t place = found - values.begin(), width = values.size() / rows.rows;
+    const size_t row = place / width;
+    return NotFinite(dataset,
+                     fmt::format("dimension {} of the {} in row {}", place % width, name,
+                                 rows.indices.empty() ? first_row + row : rows.indices[row]),
+                     *found);
+  }
+  return Status();
+}
+
 int RealRows(const Hyperparameters& values) {
   return static_cast<int>(values.Number("real-ratio") * values.Number("batch-size"));
 }
@@ -129,32 +150,12 @@ Result<TransitionRows> TrainingDataset::Next() {
       AllFiniteFast(rows.next_observations)) {
     return rows;
   }
-  return NotFiniteIn(rows);
-}
-
-Status TrainingDataset::NotFiniteIn(const TransitionRows& rows) {
-  struct Column {
-    std::string_view name;
-    std::span<const float> values;
-  };
-  for (const auto& [name, values] : {Column{"action", rows.actions}, Column{"reward", rows.rewards},
-                                     Column{"next observation", rows.next_observations}}) {
-    const size_t width = values.size() / rows.rows;
-    for (size_t i = 0; i < values.size(); ++i) {
-      if (std::isfinite(values[i])) continue;
-      // Batches come without their rows' numbers: ask for the same batch again, with them.
-      const uint64_t batch = rows.first_batch;
-      const float value = values[i];
-      B4MRL_ASSIGN_OR_RETURN(const TransitionRows again,
-                             remote_->Sample(static_cast<uint32_t>(rows_), seed_, batch, 1,
-                                             /*with_indices=*/true));
-      return NotFinite(*remote_,
-                       fmt::format("dimension {} of the {} in row {}", i % width, name,
-                                   again.indices[i / width]),
-                       value);
-    }
-  }
-  return Status();
+  // Batches come without their rows' numbers: ask for the same batch again, with them.
+  B4MRL_ASSIGN_OR_RETURN(const TransitionRows again,
+                         remote_->Sample(static_cast<uint32_t>(rows_), seed_, rows.first_batch, 1,
+                                         /*with_indices=*/true));
+  B4MRL_RETURN_IF_ERROR(CheckFiniteRows(*remote_, again));
+  return rows;
 }
 
 Status TrainingDataset::Load(CheckpointReader& reader, uint64_t update) {

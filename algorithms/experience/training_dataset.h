@@ -27,6 +27,11 @@ namespace b4mrl {
 // is.
 Result<std::unique_ptr<RemoteDataset>> OpenTrainingDataset(const LearnerContext& context);
 
+// kDataLoss, naming dimension and row, for the first number of the rows that is not finite, which
+// the dataset has from `first_row` on or, where they have them, at their indices.
+Status CheckFiniteRows(const RemoteDataset& dataset, const TransitionRows& rows,
+                       uint64_t first_row = 0);
+
 class TrainingDataset {
  public:
   // `rows`: how many rows each update takes from the dataset; may be 0.
@@ -56,8 +61,6 @@ class TrainingDataset {
  private:
   TrainingDataset(std::unique_ptr<RemoteDataset> remote, int rows, uint64_t seed,
                   std::vector<float> mask);
-  // Names the first number of a batch that is not finite.
-  Status NotFiniteIn(const TransitionRows& rows);
 
   std::unique_ptr<RemoteDataset> remote_;  // stream_ points at the dataset
   int rows_;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "algorithms/experience/training_dataset.h"
 #include "proto/base/finite.h"
 #include "proto/base/limits.h"
 
@@ -38,6 +39,7 @@ class Columns {
     if (rows.rows == 0) {
       return Status(StatusCode::kDataLoss, "the dataset ended before its last row");
     }
+    B4MRL_RETURN_IF_ERROR(CheckFiniteRows(dataset_, rows, first_row));
     for (size_t i = 0; i < rows.rows; ++i) {
       StoreRow(rows, i, static_cast<int>(first_row + i));
     }
@@ -87,8 +89,7 @@ class Columns {
     const auto finite = [row](const MatrixBuffer<float>& columns) {
       return AllFinite(std::span(columns.view().column(row), static_cast<size_t>(columns.rows())));
     };
-    return valid_[row] != 0 && has_target_[row] != 0 && finite(data_.actions) &&
-           finite(data_.targets);
+    return valid_[row] != 0 && has_target_[row] != 0 && finite(data_.targets);
   }
 
   void DropInvalid() {

@@ -6,9 +6,10 @@
 //                             for each row, with noise addressed by draw 0 and the row's number
 // The daemon serves both o and o', so nothing that a corruption hides can enter. o' is the stored
 // next observation, which at the end of an episode is not the next row; under the rule d4rl
-// (data/columns/episodes.h) terminal rows have none. Rows without o', those whose action or target
-// is not finite and those whose simulation fails are dropped and counted; if no row is left, the
-// error is kFailedPrecondition.
+// (data/columns/episodes.h) terminal rows have none. Rows without o', those whose simulation fails
+// and those whose target is not finite are dropped and counted; if no row is left, the error is
+// kFailedPrecondition. Numbers of the dataset that are not finite are kDataLoss, as in batches: a
+// learner would meet them after hours.
 #pragma once
 
 #include <cstdint>

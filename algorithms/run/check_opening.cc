@@ -13,9 +13,13 @@ Status CheckOpening(const TrainOptions& options, Client& client) {
     B4MRL_ASSIGN_OR_RETURN(session.simulator, ParseNamedArguments(text));
     B4MRL_RETURN_IF_ERROR(client.Make(options.environment, session).status());
   }
-  if (options.corruption.empty()) return Status();
+  if (options.dataset.empty()) return Status();
   DatasetOptions dataset;
   B4MRL_ASSIGN_OR_RETURN(dataset.corruption, ParseNamedArguments(options.corruption));
+  // As the learner will: else the daemon would prepare other rows than the run's.
+  dataset.seed = options.corruption_seed;
+  dataset.transition_rule = options.transitions;
+  dataset.environment = options.environment;
   return client.OpenDataset(options.dataset, dataset).status();
 }
 

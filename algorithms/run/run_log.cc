@@ -44,9 +44,23 @@ Status RunLog::Write(MetricRow row, EvaluationResult result, const RunUse& use) 
   row.push_back({"evaluation_score", result.score.value_or(std::nan(""))});
   B4MRL_RETURN_IF_ERROR(log_->Write(row));
   Show(row.front().value, result);
+  last_updates_ = static_cast<uint64_t>(row.front().value);
+  has_evaluated_ = true;
   evaluations_.push_back(std::move(result));
   if (evaluations_.size() > kEvaluationsKept) evaluations_.erase(evaluations_.begin());
   return Status();
+}
+
+void RunLog::Summarise(const EnvironmentSpec& environment, TrainSummary* summary) const {
+  summary->agent_path = AgentPath();
+  summary->has_evaluated = has_evaluated_;
+  if (evaluations_.empty()) return;
+  summary->last = evaluations_.back();
+  summary->last_updates = last_updates_;
+  double sum = 0;
+  for (const EvaluationResult& result : evaluations_) sum += result.mean_return;
+  summary->mean_return_of_last_ten = sum / static_cast<double>(evaluations_.size());
+  summary->mean_score_of_last_ten = environment.NormalisedScore(summary->mean_return_of_last_ten);
 }
 
 void RunLog::Show(double update, const EvaluationResult& result) {
@@ -66,6 +80,7 @@ Status RunLog::Save(CheckpointWriter& writer) {
   writer.Unsigned("run/json_bytes", log_->offsets().json_bytes);
   writer.Unsigned("run/event_bytes", log_->offsets().event_bytes);
   writer.Unsigned("run/evaluations", evaluations_.size());
+  writer.Unsigned("run/last_evaluation", last_updates_);
   for (size_t i = 0; i < evaluations_.size(); ++i) {
     SaveEvaluation(writer, fmt::format("run/evaluation{}", i), evaluations_[i]);
   }
@@ -82,6 +97,8 @@ Status RunLog::Load(CheckpointReader& reader) {
   const MetricsLog::Offsets offsets = {reader.Unsigned("run/json_bytes"),
                                        reader.Unsigned("run/event_bytes")};
   evaluations_.clear();
+  // Earlier versions did not save it.
+  last_updates_ = reader.Has("run/last_evaluation") ? reader.Unsigned("run/last_evaluation") : 0;
   const uint64_t kept = reader.Unsigned("run/evaluations");
   for (uint64_t i = 0; i < kept && i < kEvaluationsKept; ++i) {
     evaluations_.push_back(LoadEvaluation(reader, fmt::format("run/evaluation{}", i)));

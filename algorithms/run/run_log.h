@@ -17,7 +17,9 @@
 #include "algorithms/run/metrics_log.h"
 #include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_record.h"
+#include "algorithms/run/run_result.h"
 #include "data/d4rl/agent_file.h"
+#include "proto/base/spec.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
@@ -47,6 +49,8 @@ class RunLog {
   std::string AgentPath() const { return options_->folder + "/agent.h5"; }
   // The newest ten evaluations of the run, oldest first.
   const std::vector<EvaluationResult>& evaluations() const { return evaluations_; }
+  // Fills in the last evaluation and the means over these ten, if there are any.
+  void Summarise(const EnvironmentSpec& environment, TrainSummary* summary) const;
 
  private:
   RunLog(const TrainOptions& options, Progress& progress, Evaluator evaluator)
@@ -59,6 +63,8 @@ class RunLog {
   Evaluator evaluator_;
   std::optional<MetricsLog> log_;
   std::vector<EvaluationResult> evaluations_;
+  uint64_t last_updates_ = 0;   // of the agent that the last of them scored
+  bool has_evaluated_ = false;  // since the log was opened
 };
 
 }  // namespace b4mrl

@@ -42,7 +42,7 @@ struct TrainOptions {
 
   std::string folder;
   bool resume = false;
-  std::string command;  // command line that began the run, as typed
+  std::string command;  // command line that began the run, for a shell
 };
 
 // A folder name that distinguishes runs: "HalfCheetah-hymopo-gravity-medium-s0", with the

@@ -73,6 +73,7 @@ Json SummaryObject(const TrainOptions& options, const TrainSummary& summary) {
   json["precision"] = PrecisionName(options.precision);
   if (!summary.last) return json;
   json["agent"] = summary.agent_path;
+  json["evaluation_updates"] = summary.last_updates;
   json["returns"] = summary.last->returns;
   json["mean_return"] = summary.last->mean_return;
   json["std_return"] = summary.last->std_return;
@@ -120,6 +121,30 @@ std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary
 
 Status WriteResult(const TrainOptions& options, const TrainSummary& summary) {
   return WriteSmallFile(ResultPath(options.folder), SummaryJson(options, summary) + "\n");
+}
+
+void TakeEarlierScores(const std::string& folder, TrainSummary* summary) {
+  const Result<Json> json = ReadResult(folder);
+  if (!json.ok()) return;
+  const auto number = [&](const char* name) -> std::optional<double> {
+    const Json value = json->value(name, Json());
+    return value.is_number() ? std::optional(value.get<double>()) : std::nullopt;
+  };
+  const auto updates = static_cast<uint64_t>(number("evaluation_updates").value_or(0));
+  const Json returns = json->value("returns", Json());
+  if (!returns.is_array() || (summary->last && updates <= summary->last_updates)) return;
+  EvaluationResult last;
+  for (const Json& value : returns) {
+    if (value.is_number()) last.returns.push_back(value.get<double>());
+  }
+  last.given_up = static_cast<uint32_t>(number("given_up_episodes").value_or(0));
+  last.mean_return = number("mean_return").value_or(0);
+  last.std_return = number("std_return").value_or(0);
+  last.score = number("score");
+  summary->last = std::move(last);
+  summary->last_updates = updates;
+  summary->mean_return_of_last_ten = number("mean_return_of_last_ten").value_or(0);
+  summary->mean_score_of_last_ten = number("mean_score_of_last_ten");
 }
 
 Status WriteResultState(const TrainOptions& options, RunState state, const std::string& reason) {

@@ -41,6 +41,8 @@ struct TrainSummary {
   uint64_t environment_steps = 0;
   RunUse use;
   std::optional<EvaluationResult> last;  // the last evaluation
+  uint64_t last_updates = 0;             // of the agent that it scored
+  bool has_evaluated = false;            // since the run was begun or resumed
   // Means over the last ten evaluations, or over all evaluations if there are fewer.
   double mean_return_of_last_ten = 0;
   std::optional<double> mean_score_of_last_ten;
@@ -51,6 +53,9 @@ struct TrainSummary {
 std::string SummaryJson(const TrainOptions& options, const TrainSummary& summary);
 // Writes result.json, atomically.
 Status WriteResult(const TrainOptions& options, const TrainSummary& summary);
+// Puts the scores of result.json into the summary if they are of a later evaluation: that of a
+// run's last update is in no checkpoint where a longer run would not evaluate.
+void TakeEarlierScores(const std::string& folder, TrainSummary* summary);
 // Replaces the state and reason in result.json, atomically; scores already there are kept.
 Status WriteResultState(const TrainOptions& options, RunState state, const std::string& reason);
 

@@ -78,6 +78,7 @@ class TrainRun {
   NextRow row_;
   uint64_t update_ = 0;
   std::optional<uint64_t> checkpoint_update_;  // update of the newest checkpoint
+  bool is_prepared_ = false;                   // updates could begin
   bool diverged_ = false;
   double seconds_before_ = 0;               // seconds of earlier sessions of the run
   Clock::time_point start_ = Clock::now();  // start of this session, before its preparation
@@ -190,6 +191,7 @@ Status TrainRun::Run() {
     row_.Begin(0, Seconds());
     B4MRL_RETURN_IF_ERROR(Checkpoint());
   }
+  is_prepared_ = true;
   const Status status = UpdateToTheEnd();
   if (!status.ok()) KeepLastUpdate();
   progress_.Finish();
@@ -240,7 +242,7 @@ Status TrainRun::Diverged(uint64_t update, std::string_view what) {
 
 Status TrainRun::AfterUpdate() {
   const bool last = update_ == options_.updates;
-  // At the last update, Conclude evaluates instead where a longer run would not evaluate.
+  // Conclude evaluates a last update that a longer run would not.
   if (!last || update_ % options_.eval_every == 0) B4MRL_RETURN_IF_ERROR(Record());
   if (last || ReachedScore() || update_ % options_.checkpoint_every == 0) return Checkpoint();
   return Status();
@@ -340,11 +342,11 @@ Agent TrainRun::PresentAgent() const {
 }
 
 TrainSummary TrainRun::Summary(const Status& status) {
-  // The last checkpoint of a run without an error has refreshed the ledger. A daemon that is gone
-  // is not waited for.
+  // The last checkpoint of a run without an error has refreshed the ledger, if there was one. A
+  // daemon that is gone is not waited for.
   const bool lost =
       status.code() == StatusCode::kUnavailable || status.code() == StatusCode::kDeadlineExceeded;
-  if (!status.ok() && !lost) RefreshLedger();
+  if (!lost && !(status.ok() && is_prepared_)) RefreshLedger();
   TrainSummary summary;
   summary.dataset = learner_->dataset_identity();
   summary.updates = update_;
@@ -355,7 +357,7 @@ TrainSummary TrainRun::Summary(const Status& status) {
     summary.state = stop_ && lost ? RunState::kInterrupted : RunState::kFailed;
     if (diverged_) summary.state = RunState::kDiverged;
     summary.reason = status.ToString();
-  } else if (update_ >= options_.updates) {
+  } else if (is_prepared_ && update_ >= options_.updates) {
     summary.state = RunState::kFinished;
   } else if (ReachedScore()) {
     summary.state = RunState::kFinished;
@@ -364,15 +366,8 @@ TrainSummary TrainRun::Summary(const Status& status) {
     summary.state = RunState::kInterrupted;
     summary.reason = "told to stop";
   }
-  summary.agent_path = log_->AgentPath();
-  const std::vector<EvaluationResult>& evaluations = log_->evaluations();
-  if (evaluations.empty()) return summary;
-  summary.last = evaluations.back();
-  double sum = 0;
-  for (const EvaluationResult& result : evaluations) sum += result.mean_return;
-  summary.mean_return_of_last_ten = sum / static_cast<double>(evaluations.size());
-  summary.mean_score_of_last_ten =
-      context_.environment.NormalisedScore(summary.mean_return_of_last_ten);
+  log_->Summarise(context_.environment, &summary);
+  if (!summary.has_evaluated) TakeEarlierScores(options_.folder, &summary);
   return summary;
 }
 

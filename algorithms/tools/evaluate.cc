@@ -75,10 +75,18 @@ Result<std::vector<NamedArgument>> NoiseOfTraining(const AgentProvenance& proven
 }
 
 // Says so where an agent acts in another world than the one it was trained for, whose score it may
-// be taken for.
-void SayWorldOf(const AgentProvenance& provenance, const std::vector<NamedArgument>& simulator) {
+// be taken for. Sessions tell, since one world has several names: a preset's and its numbers.
+void SayWorldOf(const AgentProvenance& provenance, Client& client, const std::string& environment,
+                const std::vector<NamedArgument>& simulator) {
+  if (provenance.world.empty()) return;
+  const auto in_force = [&](const std::vector<NamedArgument>& perturbations) {
+    EnvironmentOptions options;
+    options.simulator = perturbations;
+    const auto session = client.Make(environment, options);
+    return session.ok() ? NamedArgumentsOf(session->in_force().perturbations()) : perturbations;
+  };
   const auto world = ParseNamedArguments(provenance.world);
-  if (provenance.world.empty() || (world.ok() && *world == simulator)) return;
+  if (world.ok() && in_force(*world) == in_force(simulator)) return;
   fmt::print(stderr,
              "b4mrl: the agent was trained for the world {0}, and is scored in {1}; --simulator "
              "\"{0}\" scores it there\n",
@@ -103,7 +111,7 @@ std::optional<Failure> EvaluateCommand::Run() {
   }
   auto perturbations = ParseNamedArguments(simulator);
   if (!perturbations.ok()) return BadUsage(perturbations.status());
-  SayWorldOf(agent->provenance, *perturbations);
+  const std::vector<NamedArgument> acts_in = *perturbations;
   if (observe == "served") {
     const auto noise = NoiseOfTraining(agent->provenance);
     if (!noise.ok()) return BadInput(noise.status());
@@ -112,6 +120,7 @@ std::optional<Failure> EvaluateCommand::Run() {
 
   auto connection = DaemonConnection::Open(daemon);
   if (!connection.ok()) return FromDaemon(connection.status());
+  SayWorldOf(agent->provenance, connection->client(), environment, acts_in);
   auto evaluator =
       Evaluator::Open(connection->client(), environment, *perturbations, episodes, seed);
   if (!evaluator.ok()) return FromDaemon(evaluator.status());

@@ -13,6 +13,7 @@
 #include "client/interrupt.h"
 #include "proto/base/version.h"
 #include "proto/command_line/program.h"
+#include "proto/command_line/shell_word.h"
 #include "proto/command_line/words.h"
 
 namespace b4mrl {
@@ -23,7 +24,7 @@ constexpr const char* kDescription =
 
 std::string CommandLine(int argc, char** argv) {
   std::string line = "b4mrl";
-  for (int i = 1; i < argc; ++i) line += fmt::format(" {}", argv[i]);
+  for (int i = 1; i < argc; ++i) line += " " + ShellWord(argv[i]);
   return line;
 }
 

@@ -16,6 +16,7 @@
 #include "data/d4rl/agent_file.h"
 #include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
+#include "proto/base/names.h"
 
 namespace b4mrl {
 namespace {
@@ -214,7 +215,7 @@ Status TrainCommand::MergeRecord(NamedTexts& hyperparameters) {
   B4MRL_RETURN_IF_ERROR(Merge("simulator", options.simulator, old.simulator));
   B4MRL_RETURN_IF_ERROR(Merge("world", options.world, old.world));
   // The record has the name with its version, which the user need not write.
-  if (old.dataset.starts_with(options.dataset + "-v")) options.dataset = old.dataset;
+  if (WithoutVersion(old.dataset) == options.dataset) options.dataset = old.dataset;
   B4MRL_RETURN_IF_ERROR(Merge("dataset", options.dataset, old.dataset));
   B4MRL_RETURN_IF_ERROR(Merge("corruption", options.corruption, old.corruption));
   B4MRL_RETURN_IF_ERROR(Merge("corruption-seed", options.corruption_seed, old.corruption_seed));
@@ -353,7 +354,7 @@ std::optional<Failure> TrainCommand::Run() {
   if (!connection.ok()) return FromDaemon(connection.status());
   if (auto failure = CheckEnvironment(connection->client())) return failure;
   if (auto failure = CompleteDatasetName(connection->client())) return failure;
-  // From here on an interrupt ends the run with a checkpoint, for which learners ask the daemon.
+  // From here on an interrupt ends the run with a checkpoint, for which the daemon is asked.
   connection->client().DelayCancellation(kInterruptPatience);
   Progress progress(quiet);
   if (Given("eval-inline")) {
@@ -381,7 +382,7 @@ void TrainCommand::PrintSummary(const TrainSummary& summary) const {
   }
   if (!summary.last) return;
   fmt::print("return {:.1f} +- {:.1f} over {} episodes after {} updates", summary.last->mean_return,
-             summary.last->std_return, summary.last->returns.size(), summary.updates);
+             summary.last->std_return, summary.last->returns.size(), summary.last_updates);
   if (summary.last->score) fmt::print(", normalised score {:.2f}", *summary.last->score);
   fmt::print("\nagent {}\n", summary.agent_path);
 }

@@ -85,15 +85,23 @@ TEST_CASE("A batch with an action or a next observation that is not finite names
   }
 }
 
-TEST_CASE("A model learns from no row whose action is not finite") {
+TEST_CASE("A model is not trained on data whose batches will be refused, and names the row") {
   TestDaemon daemon;
-  const LearnerContext context =
-      OddContext(daemon, [](ExampleDataset& data) { data.actions[60 * 6 + 2] = kNan; });
   Progress quiet(true);
-  const auto dataset = Take(OpenTrainingDataset(context));
-  const ModelData changes = Take(ReadChanges(context, *dataset, quiet));
-  CHECK(changes.rows == kRows - 1);
-  CHECK(changes.invalid_rows == 1);
+  const auto refusal = [&](const LearnerContext& context) {
+    return ReadChanges(context, *Take(OpenTrainingDataset(context)), quiet).status();
+  };
+  SECTION("an action") {
+    RequireNamed(refusal(OddContext(
+                     daemon, [](ExampleDataset& data) { data.actions[60 * 6 + 2] = kNan; })),
+                 "dimension 2 of the action in row 60 is nan");
+  }
+  SECTION("a next observation") {
+    RequireNamed(
+        refusal(OddContext(
+            daemon, [](ExampleDataset& data) { data.next_observations[149 * 17 + 5] = kNan; })),
+        "dimension 5 of the next observation in row 149 is nan");
+  }
 }
 
 }  // namespace

@@ -120,6 +120,13 @@ bool IsSampleOf(const pb::Request& request, std::string_view role, uint64_t firs
          request.sample().first_batch() >= first;
 }
 
+// The opening of the dataset for the learner, behind that by which Train asks whether it would open.
+Picks OpeningForTheRun() {
+  return [opened = 0](const pb::Request& request) mutable {
+    return request.has_open_dataset() && opened++ > 0;
+  };
+}
+
 nlohmann::json ResultOf(const TrainOptions& options) {
   return nlohmann::json::parse(ReadBytes(options.folder + "/result.json"));
 }
@@ -251,7 +258,7 @@ TEST_CASE("A run says that it is running, and a continued one no longer that it 
 
 TEST_CASE("A run that cannot be continued says why, and keeps its scores") {
   const TemporaryFolder folder;
-  LosableDaemon daemon([](const pb::Request& request) { return request.has_open_dataset(); });
+  LosableDaemon daemon(OpeningForTheRun());
   Client client = daemon.Connect();
   TrainOptions options = SmallRun("td3-bc", folder.File("run"));
   RequireOk(TryTraining(options, client).status());
@@ -270,7 +277,7 @@ TEST_CASE("A run that cannot be continued says why, and keeps its scores") {
 
 TEST_CASE("A run that could not begin says why") {
   const TemporaryFolder folder;
-  LosableDaemon daemon([](const pb::Request& request) { return request.has_open_dataset(); });
+  LosableDaemon daemon(OpeningForTheRun());
   Client client = daemon.Connect();
   daemon.lost = true;
   const TrainOptions options = SmallRun("td3-bc", folder.File("run"));
