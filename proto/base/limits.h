@@ -1,4 +1,5 @@
-// Every bound of the system in one place. Hello sends clients the bounds that concern them. A
+// The bounds of what clients may ask for, in one place; those of a dataset file's import stand with
+// the importer (server/datasets/importer.cc). Hello sends clients the bounds that concern them. A
 // request that finds the daemon full is answered with kLimitExceeded, a request that is too large
 // by itself with kInvalidArgument; both errors name the limit.
 #pragma once
@@ -138,9 +139,10 @@ inline constexpr uint32_t kMaxActionDimensions = 1024;
 inline constexpr uint32_t kMaxDatasets = 4096;               // files in a data folder
 inline constexpr size_t kMaxNewDatasetNameBytes = 200;       // a file's name has 255 at most
 inline constexpr uint32_t kMaxPendingDatasetRequests = 256;  // waiting for a file or corruption
-inline constexpr size_t kMaxKeptRequestBytes = 32 * 1024;    // of such a request, once parsed
-inline constexpr uint32_t kMaxMappedDatasets = 64;           // others are mapped again when used
-inline constexpr uint32_t kDefaultCacheMib = 64 * 1024;      // of disk, for all of their caches
+inline constexpr uint32_t kMaxPendingDatasetRequestsOfPeer = 64;  // of them, of one connection
+inline constexpr size_t kMaxKeptRequestBytes = 32 * 1024;         // of such a request, once parsed
+inline constexpr uint32_t kMaxMappedDatasets = 64;       // others are mapped again when used
+inline constexpr uint32_t kDefaultCacheMib = 64 * 1024;  // of disk, for all of their caches
 inline constexpr uint32_t kMaxCacheMib = 1u << 30;
 
 }  // namespace b4mrl::limits

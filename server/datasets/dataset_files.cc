@@ -51,7 +51,8 @@ Result<std::vector<DatasetFile>> FindDatasetFiles(const std::string& data_folder
     fs::directory_iterator entries(folders->path(), ignored);
     for (; !ignored && entries != fs::directory_iterator(); entries.increment(ignored)) {
       const fs::path& path = entries->path();
-      if (path.extension() != ExtensionIn(folder)) continue;
+      std::error_code unknown;
+      if (path.extension() != ExtensionIn(folder) || !entries->is_regular_file(unknown)) continue;
       std::string name = folder + "/" + path.stem().string();
       if (!IsPlainName(name)) continue;
       files.push_back({std::move(name), path.string()});

@@ -1,5 +1,6 @@
 // The dataset files of a data folder, and their names: DATA/<Environment>/<level>.h5 is
-// "<Environment>/<level>", DATA/d4rl/<name>.hdf5 is "d4rl/<name>". Any thread.
+// "<Environment>/<level>", DATA/d4rl/<name>.hdf5 is "d4rl/<name>". Links to files count as files;
+// folders, pipes and dangling links do not. Any thread.
 #pragma once
 
 #include <string>

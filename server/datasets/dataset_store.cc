@@ -183,7 +183,9 @@ Result<OpenedDataset> DatasetStore::Import(const std::string& name,
 Result<DatasetStore::DatasetPointer> DatasetStore::Load(const std::string& fingerprint,
                                                         const std::atomic<bool>& cancelled) {
   if (!IsHash128(fingerprint)) {
-    return Status(StatusCode::kUnknownName, "a fingerprint is 32 hexadecimal digits");
+    const Status malformed =
+        InvalidArgument("fingerprint", fingerprint, "32 lower-case hexadecimal digits");
+    return Status(StatusCode::kUnknownName, malformed.message());
   }
   cache_.Touch(fingerprint);
   {
@@ -356,7 +358,11 @@ Result<OpenedDataset> DatasetStore::OpenImported(const DatasetRequest& request,
       const auto go_on = [&] { return cancelled ? Cancelled() : Status(); };
       return AppendUnderD4rl(source->columns(), go_on, builder);
     };
-    B4MRL_RETURN_IF_ERROR(Replace(&dataset, opened.fingerprint, if_missing, cancelled, derive));
+    const Status made = Replace(&dataset, opened.fingerprint, if_missing, cancelled, derive);
+    if (!made.ok()) {
+      return made.WithContext(fmt::format("{} with transition_rule {}", request.name,
+                                          TransitionRuleName(TransitionRule::kD4rl)));
+    }
   }
   if (dataset == nullptr) opened.missing = OpenedDataset::Missing::kDerivation;
   opened.dataset = std::move(dataset);

@@ -42,8 +42,6 @@ constexpr int64_t kShortMs = 2000;  // an import or a derivation that takes long
 // Openings and mappings from the caches take milliseconds, but of a cache that is not mapped yet as
 // long as it takes to read it.
 constexpr size_t kShortReads = 2, kLongReads = 1, kReadsOfClient = 2;
-// Requests of one connection that may wait for datasets.
-constexpr size_t kMaxPendingOfPeer = 64;
 using DatasetPointer = std::shared_ptr<const Dataset>;
 using Loads = PreparationQueue<DatasetPointer>;
 
@@ -224,7 +222,7 @@ uint64_t DatasetWorker::Park(PendingRequest pending) {
   const Status room = CheckWaiting(
       "requests for datasets",
       {std::max(parked_.size(), backlog), std::max(parked_.SizeOf(peer), backlog_of_peer)},
-      {limits::kMaxPendingDatasetRequests, kMaxPendingOfPeer});
+      {limits::kMaxPendingDatasetRequests, limits::kMaxPendingDatasetRequestsOfPeer});
   if (!room.ok()) {
     replies_.Reply(pending.from, room);
     return 0;
@@ -373,9 +371,8 @@ void DatasetWorker::AnswerAll(const Status& status) {
 Status RunDatasetWorker(ChildContext& context, const DatasetWorkerOptions& options) {
   const DatasetWorkerShares memory = DatasetWorkerSharesOf(context.memory_bytes());
   Context sockets;
-  B4MRL_ASSIGN_OR_RETURN(
-      RouterSocket socket,
-      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
   DatasetWorker(context, memory, options, std::move(socket)).Run();
   return Status();
 }

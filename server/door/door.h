@@ -42,7 +42,7 @@ class Door {
   std::optional<Message> Receive();
   // Memory that a message which has not come entirely may take, in bytes.
   size_t unfinished_bytes() const { return is_over() ? 0 : reader_.unfinished_bytes(); }
-  // When bytes were last taken from the ring.
+  // When bytes of a message that had not come entirely were last taken from the ring.
   Clock::time_point last_bytes() const { return last_bytes_; }
 
   // Messages that are not wholly in the ring.

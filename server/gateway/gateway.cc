@@ -213,7 +213,7 @@ void Gateway::Wait() {
 }
 
 bool Gateway::MayLeave() {
-  if (!openings_.empty()) return false;
+  openings_.RefuseAll();  // a worker leaves when it has no work, whatever its socket still holds
   for (uint32_t child = 0; child < kMaxChildren; ++child) {
     if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
   }

@@ -6,6 +6,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <vector>
 
@@ -80,14 +81,22 @@ bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
   return ModelStore::MarkAsUsed(CompiledModelPath(cache_folder, hash));
 }
 
-// Removes the compiled models that were used longest ago.
+// Removes the compiled models that were used longest ago, and trials that are nobody's any more:
+// those of other daemons that share the folder are younger.
 void MakeRoom(const std::string& cache_folder) {
+  const auto oldest_trial =
+      fs::file_time_type::clock::now() - std::chrono::milliseconds(limits::kModelCompilerMs);
   std::vector<std::pair<fs::file_time_type, fs::path>> models;
   std::error_code error;
   for (fs::directory_iterator entry(cache_folder, error), end; !error && entry != end;
        entry.increment(error)) {
     std::error_code ignored;
-    models.emplace_back(entry->last_write_time(ignored), entry->path());
+    const fs::file_time_type used = entry->last_write_time(ignored);
+    if (!entry->path().filename().string().starts_with(kTrialPrefix)) {
+      models.emplace_back(used, entry->path());
+    } else if (!ignored && used < oldest_trial) {
+      fs::remove(entry->path(), ignored);
+    }
   }
   if (models.size() <= limits::kMaxCompiledModels) return;
   std::ranges::sort(models);
@@ -102,7 +111,9 @@ std::string ModelCacheFolder(const std::string& data_folder) {
 }
 
 ModelStore::ModelStore(Options options)
-    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {}
+    : options_(std::move(options)), cache_folder_(ModelCacheFolder(options_.data_folder)) {
+  MakeRoom(cache_folder_);
+}
 
 bool ModelStore::MarkAsUsed(const std::string& path) {
   return utimensat(AT_FDCWD, path.c_str(), nullptr, 0) == 0;

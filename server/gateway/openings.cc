@@ -71,6 +71,12 @@ void Openings::Close(const std::string& token) {
   }
 }
 
+void Openings::RefuseAll() {
+  while (!waiting_.empty()) {
+    Leave(waiting_.begin()->first, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  }
+}
+
 Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const {
   const auto peer = peers_.find(from.peer);
   if (peer == peers_.end()) return false;

@@ -2,12 +2,12 @@
 // (server/gateway/model_store.h), a record allocated, and the record's worker asked to attach
 // itself to the record.
 //
-// Every Open is answered exactly once: with its session, with an error, or at its deadline. A
-// second copy of an Open that waits joins the first. However many Opens of one token wait, the
-// worker is asked once, and asked again when it was replaced. So limits::kMaxSessions bounds the
-// requests to workers, limits::kMaxPendingOpens and kMaxPendingOpensOfPeer the Opens. The
-// replacement of a dead gateway reads the records from shared memory, and clients send their Opens
-// again.
+// Every Open is answered exactly once: with its session, with an error, at its deadline, or, where
+// the daemon stops first, with kUnavailable. A second copy of an Open that waits joins the first.
+// However many Opens of one token wait, the worker is asked once, and asked again when it was
+// replaced. So limits::kMaxSessions bounds the requests to workers, limits::kMaxPendingOpens and
+// kMaxPendingOpensOfPeer the Opens. The replacement of a dead gateway reads the records from shared
+// memory, and clients send their Opens again.
 //
 // Thread rule: the gateway's main thread, which calls Pump in every turn of its loop and at once
 // when one of the sockets or descriptors is readable, and waits no longer than wait_ms().
@@ -52,6 +52,8 @@ class Openings {
   // Ends the Opens of a session that does not exist yet, such as one whose model is compiled: its
   // client does not want it any more.
   void Close(const std::string& token);
+  // Ends all Opens: the daemon stops, so their workers and compilers may not answer any more.
+  void RefuseAll();
   // Goes on with the Opens for which a worker or compiler has answered, and ends those whose
   // deadline has passed.
   void Pump();

@@ -41,6 +41,7 @@ StatusReport::StatusReport(SharedState& shared, const std::string& data_folder)
     : shared_(shared),
       data_folder_(Absolute(data_folder)),
       rates_(kFirstWorkerChild + shared.worker_count()),
+      opened_(limits::kMaxSessions),
       sampled_ms_(MonotonicMs()) {
   for (uint32_t child = 0; child < rates_.size(); ++child) {
     rates_[child].steps = shared_.child(child).steps;
@@ -59,7 +60,7 @@ void StatusReport::Sample() {
   }
 }
 
-void StatusReport::Fill(pb::ServerStatusReply* out) const {
+void StatusReport::Fill(pb::ServerStatusReply* out) {
   out->set_uptime_ms(static_cast<uint64_t>(MonotonicMs() - shared_.header().start_ms));
   for (uint32_t child = 0; child < rates_.size(); ++child) FillChild(child, out->add_workers());
   FillSessions(out);
@@ -80,16 +81,29 @@ void StatusReport::FillChild(uint32_t child, pb::WorkerStatus* out) const {
   out->set_steps_per_second(rates_[child].per_second);
 }
 
-void StatusReport::FillSessions(pb::ServerStatusReply* out) const {
+const StatusReport::Opened& StatusReport::OpenedOf(uint32_t index) {
+  const SessionRecord& record = shared_.session(index);
+  Opened& opened = opened_[index];
+  if (opened.generation == record.generation) return opened;
+  pb::OpenRequest request;
+  opened.generation = record.generation;
+  opened.is_whole = CheckSessionRecord(record).ok() &&
+                    request.ParseFromString(std::string(SessionOpenBytes(record)));
+  opened.environment = request.environment();
+  // A long list is cut, so that 256 sessions fit the envelope.
+  opened.perturbations =
+      AsUtf8(FormatNamedArguments(NamedArgumentsOf(request.perturbations())).substr(0, 96));
+  return opened;
+}
+
+void StatusReport::FillSessions(pb::ServerStatusReply* out) {
   const int64_t now = MonotonicMs();
   uint32_t count = 0;
   for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
     const SessionRecord& record = shared_.session(index);
-    pb::OpenRequest request;
-    if (record.state() != SessionState::kLive || !CheckSessionRecord(record).ok() ||
-        !request.ParseFromString(std::string(SessionOpenBytes(record)))) {
-      continue;
-    }
+    if (record.state() != SessionState::kLive) continue;
+    const Opened& opened = OpenedOf(index);
+    if (!opened.is_whole) continue;
     const uint32_t child = kFirstWorkerChild + record.worker;
     if (child < rates_.size()) {
       pb::WorkerStatus* worker = out->mutable_workers(static_cast<int>(child));
@@ -97,10 +111,8 @@ void StatusReport::FillSessions(pb::ServerStatusReply* out) const {
     }
     if (++count > kMaxListedSessions) continue;
     pb::SessionStatus* session = out->add_sessions();
-    session->set_environment(request.environment());
-    // A long list is cut, so that 256 sessions fit the envelope.
-    session->set_perturbations(
-        AsUtf8(FormatNamedArguments(NamedArgumentsOf(request.perturbations())).substr(0, 96)));
+    session->set_environment(opened.environment);
+    session->set_perturbations(opened.perturbations);
     session->set_num_envs(record.lane_count);
     session->set_worker(record.worker);
     session->set_steps(record.steps);

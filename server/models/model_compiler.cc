@@ -37,7 +37,7 @@ Result<std::string> DrawTrialName() {
   if (getrandom(&random, sizeof(random), 0) != sizeof(random)) {
     return Status(StatusCode::kInternal, "the system gives no random numbers");
   }
-  return fmt::format(".trial-{:016x}.mjb", random);
+  return fmt::format("{}{:016x}.mjb", kTrialPrefix, random);
 }
 
 // Tries a start, and steps with and without motors. Numbers may diverge under random motors, which

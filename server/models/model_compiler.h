@@ -13,12 +13,17 @@
 
 #include <atomic>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "proto/base/clock.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {
+
+// How the names of files begin in which models are tried out. A file stays where the process that
+// waits for the compiler is killed.
+inline constexpr std::string_view kTrialPrefix = ".trial-";
 
 struct ModelCompilerOptions {
   std::string models_folder;

@@ -1,7 +1,8 @@
 // How the daemon's processes divide the memory that `b4mrl serve --memory` allows each of them,
-// beyond which the supervisor replaces it: clients within the limits must not be able to bring that
-// about. All shares are bytes; those of a process are the allowed memory at most, and none exceeds
-// what proto/base/limits.h says. Pure functions; any thread.
+// beyond which the supervisor replaces it: what a process holds for clients must not bring that
+// about. What ZeroMQ is still receiving for it has no share (SECURITY.md). All shares are bytes;
+// those of a process are the allowed memory at most, and none exceeds what proto/base/limits.h
+// says. Pure functions; any thread.
 #pragma once
 
 #include <cstddef>

@@ -146,6 +146,10 @@ Status ApplyConfigValue(const ConfigEntry& entry, ServeOptions* options) {
 }
 
 Status ApplyConfigFile(const std::string& path, ServeOptions* options) {
+  struct stat info {};
+  if (stat(path.c_str(), &info) == 0 && !S_ISREG(info.st_mode)) {  // a pipe would be waited for
+    return InvalidArgument("--config", path, "a regular file");
+  }
   B4MRL_ASSIGN_OR_RETURN(const toml::table table, ReadTomlFile(path));
   for (const auto& [key, node] : table) {
     const Status status = ApplyConfigValue({std::string(key.str()), node}, options);

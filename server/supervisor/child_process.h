@@ -46,7 +46,7 @@ class ChildProcess {
   uint32_t child() const { return child_; }
   bool ready() const { return shared_->child(child_).heartbeat.load() != beat_at_start_; }
   uint32_t deaths_before_ready() const { return deaths_before_ready_; }
-  // The exit code of a process that ended before it was ever ready; -1 if a signal ended it.
+  // The exit code of the last process that has ended; -1 if a signal ended it.
   int last_exit_code() const { return last_exit_code_; }
 
  private:

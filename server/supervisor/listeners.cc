@@ -117,15 +117,19 @@ Result<Plan> ParseBinds(const std::vector<std::string>& binds, bool insecure) {
       if (error) return IoError("resolve", path, error.value());
       continue;
     }
-    B4MRL_ASSIGN_OR_RETURN(const TcpAddress address, ParseTcpAddress(bind));
-    B4MRL_ASSIGN_OR_RETURN(const in_addr host, ResolveHost(address.host));
+    const Result<TcpAddress> address = ParseTcpAddress(bind);
+    if (!address.ok()) {
+      return InvalidArgument("--bind", bind,
+                             "tcp://HOST:PORT with a port in 0..65535 or ipc://PATH");
+    }
+    B4MRL_ASSIGN_OR_RETURN(const in_addr host, ResolveHost(address->host));
     if (!IsLoopback(host) && !insecure) {
       return Status(StatusCode::kFailedPrecondition,
                     fmt::format("--bind {} can be reached from other machines, and nothing "
                                 "authenticates them yet; add --insecure to allow it",
                                 bind));
     }
-    plan.tcp.push_back({host, address.port});
+    plan.tcp.push_back({host, address->port});
   }
   return plan;
 }

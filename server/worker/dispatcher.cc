@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <set>
+#include <algorithm>
 
 #include "proto/base/limits.h"
 #include "server/replies/pending_request.h"
@@ -12,8 +12,6 @@
 #include "server/shared_memory/blame.h"
 #include "server/shared_memory/session_table.h"
 #include "server/worker/admission.h"
-#include "server/worker/describe_session.h"
-#include "server/worker/fault_point.h"
 #include "server/worker/handlers.h"
 
 namespace b4mrl {
@@ -21,14 +19,6 @@ namespace {
 
 // Deadlines are checked at most this often, because each check looks at all requests.
 constexpr std::chrono::milliseconds kDeadlineSweepInterval(20);
-// Session records that AdoptNext looks at in one call. A record has 8 KB, so all of them at once
-// would cost 0.1 ms.
-constexpr uint32_t kAdoptSlice = 64;
-// AdoptNext has looked at all records again by then, however busy the worker is.
-constexpr int64_t kAdoptionRetryMs = 10'000;
-// Bytes of an OpenReply's envelope beside the worker's description of the session.
-constexpr size_t kEnvelopeRest = 1024;
-
 struct Handler {
   pb::Request::PayloadCase payload;
   // Whether the request says more than its arrays do, so that a copy is not told by their bytes
@@ -51,14 +41,9 @@ pb::Reply Closed() {
   return reply;
 }
 
-bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
+Status Stopping() { return Status(StatusCode::kUnavailable, "the daemon is stopping"); }
 
-// Whether a session that cannot be taken over now may be taken over later: a file or memory that
-// is refused for the moment, or an earlier session of the token that still closes.
-bool MayPass(const Status& status) {
-  return status.code() == StatusCode::kBusy || status.code() == StatusCode::kUnavailable ||
-         status.code() == StatusCode::kIoError;
-}
+bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
 }  // namespace
 
@@ -74,63 +59,13 @@ Dispatcher::Dispatcher(SharedState& shared, uint32_t worker, Executor& executor,
 
 Dispatcher::~Dispatcher() = default;
 
-void Dispatcher::AdoptSessions() {
-  // Live sessions first: whatever memory they take, they have been admitted.
-  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) AdoptIfLive(index);
-  for (uint32_t index = 0; index < limits::kMaxSessions; ++index) {
-    SessionRecord& record = shared_.session(index);
-    const uint64_t generation = record.generation;
-    const SessionState state = record.state();
-    // The earlier process may have answered the Attach of a session that is opening, so the gateway
-    // may make the session live at any moment without another message. An error of building it here
-    // is told when the Attach comes again.
-    if (state == SessionState::kOpening && record.worker == worker_ && record.build_deaths == 0) {
-      record.last_activity_ms.store(MonotonicMs());  // so that it is not given up while it is built
-      static_cast<void>(Attach(index, generation));
-      AdoptIfLive(index);
-    }
-  }
-}
-
-void Dispatcher::AdoptNext() {
-  for (uint32_t i = 0; i < kAdoptSlice; ++i) {
-    if (AdoptIfLive(next_record_++ % limits::kMaxSessions)) return;
-  }
-}
-
-bool Dispatcher::AdoptIfLive(uint32_t index) {
-  SessionRecord& record = shared_.session(index);
-  const uint64_t generation = record.generation;
-  if (record.state() != SessionState::kLive || record.worker != worker_) return false;
-  const auto found = sessions_.find(std::string(SessionToken(record)));
-  if (found != sessions_.end() && found->second->generation() == generation) return false;
-  const Status status = Attach(index, generation).status();
-  if (status.ok()) {
-    record.last_activity_ms.store(MonotonicMs());  // its clients could not reach it meanwhile
-  } else if (MayPass(status) && record.last_activity_ms >= MonotonicMs() - LeaseMs()) {
-    adoption_failed_ms_ = MonotonicMs();
-  } else {
-    spdlog::error("session {} is lost: {}", index, status.ToString());
-    record.Close(generation);
-  }
-  return true;
-}
-
-bool Dispatcher::IsToBeAdopted(const std::string& token) const {
-  // Without this, every request with an unknown token would cost a search.
-  if (MonotonicMs() - adoption_failed_ms_ > kAdoptionRetryMs) return false;
-  const std::optional<uint32_t> index = SessionTable(shared_).Find(token);
-  return index && shared_.session(*index).worker == worker_ &&
-         shared_.session(*index).state() == SessionState::kLive;
-}
-
 void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
   const std::optional<Asker> asker = replies_.Read(incoming, &request_);
   if (!asker) return;
   const Asker& from = *asker;
   switch (request_.payload_case()) {
     case pb::Request::kAttach:
-      return replies_.Reply(from, HandleAttach(request_));
+      return HandleAttach(from, request_);
     case pb::Request::kClose:
       return HandleClose(from, request_.session_token(), DeadlineOf(request_));
     default:
@@ -138,70 +73,6 @@ void Dispatcher::Handle(IncomingMessage incoming, bool more_waiting) {
           HandleSessionRequest(from, request_, std::move(incoming.message.payload), more_waiting);
       if (!status.ok()) replies_.Reply(from, status);
   }
-}
-
-Result<pb::Reply> Dispatcher::HandleAttach(const pb::Request& request) {
-  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
-  const uint32_t index = request.attach().session_index();
-  if (index >= limits::kMaxSessions) return InvalidNumber("session_index", index, "a session");
-  SessionRecord& record = shared_.session(index);
-  // A client can guess index and generation, but learns nothing of sessions that are not its own.
-  if (record.generation != request.attach().generation() ||
-      SessionToken(record) != request.session_token()) {
-    return Status(StatusCode::kSessionLost, "the session was given up meanwhile");
-  }
-  record.last_activity_ms.store(
-      MonotonicMs());  // so that the record is not freed while the session is built
-  B4MRL_ASSIGN_OR_RETURN(Session * session, Attach(index, request.attach().generation()));
-  pb::Reply reply;
-  DescribeSession(*session, reply.mutable_attach());
-  const size_t bytes = reply.ByteSizeLong();
-  if (bytes + kEnvelopeRest <= limits::kMaxEnvelopeBytes) return reply;
-  // The session's description does not fit the reply to Open.
-  record.Close(session->generation());
-  sessions_.erase(std::string(session->token()));
-  return Status(StatusCode::kInvalidArgument,
-                fmt::format("the session's description has {} bytes, allowed: {}", bytes,
-                            limits::kMaxEnvelopeBytes - kEnvelopeRest));
-}
-
-bool Dispatcher::ForgetIfDisowned(Session* session) {
-  if (session->owns_record() || !session->in_flight().empty()) return false;
-  sessions_.erase(std::string(session->token()));
-  return true;
-}
-
-Result<Session*> Dispatcher::Attach(uint32_t index, uint64_t generation) {
-  SessionRecord& record = shared_.session(index);
-  const SessionState state = record.state();
-  if ((state != SessionState::kOpening && state != SessionState::kLive) ||
-      record.worker != worker_) {
-    return Status(StatusCode::kSessionLost, "the session was closed, or is not this worker's");
-  }
-  const std::string token(SessionToken(record));
-  const auto found = sessions_.find(token);
-  if (found != sessions_.end()) {
-    if (found->second->generation() == generation) return found->second.get();
-    if (!ForgetIfDisowned(found->second.get())) {
-      return Status(StatusCode::kBusy, "an earlier session of this token is still closing");
-    }
-  }
-  if (SessionIsRefused(record)) {
-    return Status(StatusCode::kInternal, "building this session ended its worker again and again");
-  }
-  const ScopedMark mark = ScopedMark::OfSession(&own_mark(), index, generation);
-  ReachFaultPoint(FaultPoint::kBeforeAttach, record.lane_count, generation);
-  B4MRL_ASSIGN_OR_RETURN(std::unique_ptr<Session> session,
-                         Session::Build(shared_, index, generation));
-  if (state == SessionState::kOpening) {
-    std::set<const Simulator*> simulators = {&session->simulator()};
-    for (const auto& [other_token, other] : sessions_) simulators.insert(&other->simulator());
-    B4MRL_RETURN_IF_ERROR(CheckSimulators(session->simulator(), simulators,
-                                          executor_.thread_count(), memory_.simulators));
-  }
-  record.build_deaths.store(0);
-  executor_.ForgetDebts(index);
-  return (sessions_[token] = std::move(session)).get();
 }
 
 Result<pb::Reply> Dispatcher::CloseUnattached(const std::string& token) {
@@ -227,8 +98,10 @@ void Dispatcher::HandleClose(const Asker& from, const std::string& token,
   }
   Session* session = found->second.get();
   if (!session->AddClose({from, deadline})) {
-    return replies_.Reply(from,
-                          Status(StatusCode::kLimitExceeded, "the session is closing already"));
+    return replies_.Reply(
+        from, Status(StatusCode::kLimitExceeded,
+                     fmt::format("{} Closes of the session wait already, at most {}",
+                                 limits::kMaxRequestsInFlight, limits::kMaxRequestsInFlight)));
   }
   session->closing = true;
   if (session->in_flight().empty()) return EndSession(session);
@@ -280,12 +153,19 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
 
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
-  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
+  if (!accepting_) return Stopping();
   return CheckRequest(session, request, payload,
                       {jobs_.size(), queued_bytes_, painter_jobs_}, memory_.requests);
 }
 
+void Dispatcher::StopAccepting() {
+  accepting_ = false;
+  for (const WaitingAttach& attach : attaches_) replies_.Reply(attach.from, Stopping());
+  attaches_.clear();
+}
+
 void Dispatcher::Start(std::unique_ptr<RequestJob> owned, bool more_waiting) {
+  served_since_build_ = true;
   RequestJob* job = owned.get();
   Session& session = job->owner();
   jobs_[job] = std::move(owned);
@@ -334,9 +214,10 @@ void Dispatcher::EndExpired() {
   next_deadline_sweep_ = std::max(next, now + kDeadlineSweepInterval);
 }
 
-int64_t Dispatcher::MsToNextDeadline() const {
-  if (next_deadline_sweep_ == Clock::time_point::max()) return limits::kMaxDeadlineMs;
-  const auto left = next_deadline_sweep_ - Clock::now();
+int64_t Dispatcher::MsToNextTurn() const {
+  const Clock::time_point next = std::min(next_deadline_sweep_, NextBuild());
+  if (next == Clock::time_point::max()) return limits::kMaxDeadlineMs;
+  const auto left = next - Clock::now();
   return std::max<int64_t>(0, std::chrono::ceil<std::chrono::milliseconds>(left).count());
 }
 

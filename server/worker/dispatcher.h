@@ -4,7 +4,7 @@
 // Thread rule: the socket's thread. Replies leave through a function, so that tests need no socket.
 #pragma once
 
-#include <map>
+#include <deque>
 #include <memory>
 #include <string>
 #include <unordered_map>
@@ -40,20 +40,35 @@ class Dispatcher {
   void Handle(IncomingMessage incoming, bool more_waiting);
   // Ends the requests whose deadline has passed; FinishCompleted answers them.
   void EndExpired();
-  // How long the caller may wait before it calls EndExpired again.
-  int64_t MsToNextDeadline() const;
+  // Builds the session whose Attach has waited for longest, if it is due. To be called in every
+  // turn of the loop.
+  void BuildNext(Clock::time_point now);
+  // How long the caller may wait before it calls EndExpired and BuildNext again.
+  int64_t MsToNextTurn() const;
   // Answers the requests that the pool has finished.
   void FinishCompleted();
   // Ends sessions whose lease has run out.
   void ReapIdleSessions();
 
-  // From now on new work is answered with kUnavailable.
-  void StopAccepting() { accepting_ = false; }
-  bool idle() const { return jobs_.empty(); }
+  // From now on new work is answered with kUnavailable, and so are Attaches that wait.
+  void StopAccepting();
+  bool idle() const { return jobs_.empty() && attaches_.empty(); }
   size_t session_count() const { return sessions_.size(); }
 
  private:
-  Result<pb::Reply> HandleAttach(const pb::Request& request);
+  struct WaitingAttach {
+    Asker from;
+    std::string token;
+    uint32_t index;
+    uint64_t generation;
+  };
+  // Has the session built in its turn. A copy of an Attach that waits takes its place.
+  void HandleAttach(const Asker& from, const pb::Request& request);
+  // OK if the record still is that of the session to be attached.
+  Status CheckAttach(const WaitingAttach& attach) const;
+  // When BuildNext will find something to do.
+  Clock::time_point NextBuild() const;
+  Result<pb::Reply> Build(const WaitingAttach& attach);
   // Takes over the session of record `index`, where it is live and this worker's. Returns whether
   // the session was built now.
   bool AdoptIfLive(uint32_t index);
@@ -96,6 +111,9 @@ class Dispatcher {
   std::unordered_map<RequestJob*, std::unique_ptr<RequestJob>> jobs_;
   size_t queued_bytes_ = 0;
   uint32_t painter_jobs_ = 0;
+  std::deque<WaitingAttach> attaches_;          // at most one for each record
+  Clock::time_point next_build_{};              // not before, while other requests come
+  bool served_since_build_ = false;             // a request of a session
   uint32_t next_record_ = 0;                    // the record that AdoptNext looks at next
   int64_t adoption_failed_ms_ = INT64_MIN / 2;  // when a session could last not be taken over
   // When EndExpired last looked at all jobs, and when it has to look again.

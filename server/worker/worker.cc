@@ -126,7 +126,6 @@ void Worker::ReceiveBurst() {
     const bool goes_on = i + 1 < kReceiveBurst && SecondsSince(start) < kReceiveBurstSeconds;
     next = goes_on ? TryReceive() : std::nullopt;
     dispatcher_.Handle(std::move(current), next.has_value());
-    context_.Beat();  // a burst may build many sessions
   }
 }
 
@@ -142,7 +141,7 @@ void Worker::Sleep() {
   if (executor_.BeginWait() && doors_.BeginSleep()) {
     void* const socket = socket_.handle();
     const int readable[] = {executor_.completion_fd(), doors_.epoll_fd()};
-    WaitAnyReadable({&socket, 1}, std::min(kBeatIntervalMs, dispatcher_.MsToNextDeadline()),
+    WaitAnyReadable({&socket, 1}, std::min(kBeatIntervalMs, dispatcher_.MsToNextTurn()),
                     std::span(readable).first(doors_.epoll_fd() < 0 ? 1 : 2));
   }
   doors_.EndSleep();
@@ -162,6 +161,7 @@ Status Worker::Run() {
     ReceiveBurst();
     dispatcher_.EndExpired();
     dispatcher_.FinishCompleted();
+    dispatcher_.BuildNext(Clock::now());
     context_.Beat();
     if (context_.draining()) {
       dispatcher_.StopAccepting();

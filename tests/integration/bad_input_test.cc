@@ -1,6 +1,7 @@
 // What the daemon says, and ends with, when its command line or a request is wrong.
 #include <fcntl.h>
 #include <spawn.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -124,7 +125,8 @@ TEST_CASE("Addresses that cannot be, and those that others could reach, are refu
   };
   refused("7700", "tcp://HOST:PORT");
   refused("tcp://127.0.0.1", "tcp://HOST:PORT");
-  refused("udp://127.0.0.1:1", "tcp://HOST:PORT");
+  refused("udp://127.0.0.1:1", "or ipc://PATH");
+  refused("tcp://127.0.0.1:70000", "--bind is 'tcp://127.0.0.1:70000', allowed: tcp://HOST:PORT");
   refused("tcp://0.0.0.0:0", "--insecure");
   refused("tcp://*:0", "--insecure");
 }
@@ -146,6 +148,10 @@ TEST_CASE("A configuration file is checked key by key") {
   refused("bind = []\n", {file, "bind is '[]'", "a list of addresses"});
   refused("threads = = 2\n", {file, "line 1"});
   RequireEnd({"--data", data.path(), "--config", data.File("none.toml")}, kBadInput, {"none.toml"});
+  const std::string pipe = data.File("pipe.toml");
+  REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+  RequireEnd({"--data", data.path(), "--config", pipe}, kBadInput,
+             {"--config is '" + pipe + "', allowed: a regular file"});
 }
 
 TEST_CASE("Unknown names are answered with the nearest known one") {

@@ -139,6 +139,31 @@ TEST_CASE("A session that is closed while its model is compiled does not come to
   CHECK(Take(client.ServerStatus()).session_count() == 0);
 }
 
+TEST_CASE("SIGTERM answers the Opens that wait for their workers, and the daemon ends in time") {
+  constexpr int kOpens = 60;
+  PrivateDaemon daemon = Start();
+  Client client = Connect(daemon.endpoint());
+  Context context;
+  RawPeer gateway(context, daemon.endpoint());
+  for (int i = 0; i < kOpens; ++i) {  // each has its own simulator, which takes a while to build
+    pb::Request open = OpenRequest(0);
+    open.mutable_open()->set_environment("Humanoid");
+    pb::NamedArgument* gravity = open.mutable_open()->add_perturbations();
+    gravity->set_name("gravity");
+    gravity->set_argument(fmt::format("{}", 0.5 + 0.01 * i));
+    gateway.Send(open, NextToken());
+  }
+  REQUIRE(client.ServerStatus().ok());  // so at least the first of them were read
+  const Clock::time_point start = Clock::now();
+  daemon.Stop();
+  CHECK(SecondsSince(start) < 4);  // below limits::kDrainMs, which a lost Open would take
+  REQUIRE(gateway.AwaitAll(1'000));
+  for (const auto& [code, count] : gateway.answers()) {
+    INFO(count << " answers with code " << static_cast<int>(code));
+    CHECK((code == StatusCode::kOk || code == StatusCode::kUnavailable));
+  }
+}
+
 bool IsStoppedOrGone(pid_t process) {
   std::string line;
   std::getline(std::ifstream(fmt::format("/proc/{}/stat", process)), line);

@@ -40,6 +40,25 @@ TEST_CASE("A name without a version means the newest version, unless a file has 
   CHECK(store.Open(request).status().code() == StatusCode::kUnknownName);
 }
 
+TEST_CASE("what is no fingerprint, and what a rule leaves no row of, is named in the error") {
+  const StoreFixture fixture;
+  DatasetStore store = fixture.Store();
+  const Status malformed = store.Load("F00").status();
+  CHECK(malformed.code() == StatusCode::kUnknownName);
+  CHECK(malformed.message() == "fingerprint is 'F00', allowed: 32 lower-case hexadecimal digits");
+  // Its one row ended by time-out.
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/short.h5"), MakeExampleDataset({1}, 17, 6))
+              .ok());
+  DatasetRequest request = StoreFixture::Request("");
+  request.name = "HalfCheetah/short";
+  REQUIRE(StoreFixture::OpenMade(store, request).ok());
+  request.rule = TransitionRule::kD4rl;
+  const Status empty = StoreFixture::OpenMade(store, request).status();
+  CHECK(empty.code() == StatusCode::kInvalidArgument);
+  CHECK(empty.message() ==
+        "HalfCheetah/short with transition_rule d4rl: the dataset has no transitions");
+}
+
 TEST_CASE("an unchanged file is imported once, also by another process") {
   const StoreFixture fixture;
   const auto first = fixture.OpenMade("");

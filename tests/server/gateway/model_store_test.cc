@@ -2,7 +2,12 @@
 #include "server/gateway/model_store.h"
 
 #include <catch2/catch.hpp>
+#include <chrono>
+#include <filesystem>
+#include <iterator>
+#include <string>
 
+#include "proto/base/limits.h"
 #include "tests/server/models/compiler_script.h"
 
 namespace b4mrl {
@@ -38,6 +43,32 @@ TEST_CASE("No two compilations try their model out in one file") {
   const std::string first = trials.substr(0, trials.size() / 2);
   CHECK_THAT(first, Catch::StartsWith(".trial-") && Catch::EndsWith(".mjb\n"));
   CHECK(first != trials.substr(trials.size() / 2));
+}
+
+TEST_CASE("Trials that a killed gateway has left are removed, and take no model's place") {
+  namespace fs = std::filesystem;
+  const CompilerScript script;
+  const std::string cache = ModelCacheFolder(script.options().data_folder);
+  fs::create_directories(cache);
+  const auto write = [&](const std::string& name, std::chrono::milliseconds age) {
+    WriteBytes(cache + "/" + name, "model");
+    fs::last_write_time(cache + "/" + name, fs::file_time_type::clock::now() - age);
+  };
+  const std::chrono::milliseconds longest(limits::kModelCompilerMs);
+  write(".trial-0000000000000001.mjb", 2 * longest);
+  write(".trial-0000000000000002.mjb", longest / 2);  // another daemon may be writing it
+  for (uint32_t i = 0; i + 1 < limits::kMaxCompiledModels; ++i) {
+    write(std::to_string(i) + ".mjb", 2 * longest);
+  }
+  ModelStore store(script.options());
+  CHECK_FALSE(fs::exists(cache + "/.trial-0000000000000001.mjb"));
+  CHECK(fs::exists(cache + "/.trial-0000000000000002.mjb"));
+  const std::atomic<bool> never{false};
+  script.Drop("good.xml");
+  REQUIRE(store.Compile("Hopper", "good.xml", never).ok());
+  const auto count =
+      std::distance(fs::directory_iterator(cache), fs::directory_iterator());  // with the trial
+  CHECK(count == limits::kMaxCompiledModels + 1);
 }
 
 TEST_CASE("What a file refers to may have changed, so it counts with its folder") {

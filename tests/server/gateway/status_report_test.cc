@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "proto/wire/frame.h"
 #include "server/shared_memory/session_table.h"
@@ -50,6 +51,41 @@ TEST_CASE("A status of many sessions with long names fits an envelope, and count
   uint32_t of_workers = 0;
   for (const pb::WorkerStatus& worker : status.workers()) of_workers += worker.sessions();
   CHECK(of_workers == kSessions);
+}
+
+TEST_CASE("A session's record is read once, and anew for the next session that has it") {
+  SharedState state = Take(SharedState::Create(1, limits::kLoopbackLeaseMs));
+  SessionTable table(state);
+  StatusReport report(state, "/data");
+  const auto shown = [&] {
+    pb::ServerStatusReply status;
+    report.Fill(&status);
+    std::vector<std::string> environments;
+    for (const pb::SessionStatus& session : status.sessions()) {
+      environments.push_back(session.environment());
+    }
+    CHECK(status.session_count() == environments.size());
+    return environments;
+  };
+  using Names = std::vector<std::string>;
+  for (const std::string environment : {"Hopper", "Walker2d"}) {
+    pb::OpenRequest open;
+    open.set_environment(environment);
+    const std::string token(limits::kTokenBytes, 't');
+    REQUIRE(Take(table.Allocate({token, open.SerializeAsString(), 1, 1})) == 0);
+    CHECK(shown().empty());
+    REQUIRE(table.MakeLive(0));
+    CHECK(shown() == Names{environment});
+    state.session(0).open[0] ^= std::byte{1};  // which would show, were it read again
+    CHECK(shown() == Names{environment});
+    table.Free(0);
+    CHECK(shown().empty());
+  }
+  // A damaged record is not shown.
+  REQUIRE(Take(table.Allocate({std::string(limits::kTokenBytes, 't'), "", 1, 1})) == 0);
+  state.session(0).checksum ^= 1;
+  REQUIRE(table.MakeLive(0));
+  CHECK(shown().empty());
 }
 
 TEST_CASE("A status has question marks where a path or a cut text is not UTF-8") {

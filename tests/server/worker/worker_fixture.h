@@ -79,19 +79,20 @@ class WorkerFixture {
                     const std::string& environment = "HalfCheetah") {
     open.set_environment(environment);
     open.set_num_envs(lanes);
-    open.set_seed(5);
+    if (!open.has_seed()) open.set_seed(5);
     const std::string bytes = open.SerializeAsString();
     const Result<uint32_t> index = SessionTable(*state_).Allocate({token, bytes, 1, lanes});
     REQUIRE(index.ok());
     return *index;
   }
-  StatusCode Attach(uint32_t index) {
+  pb::Request AttachRequest(uint32_t index) const {
     pb::Request attach;
     attach.mutable_attach()->set_session_index(index);
     attach.mutable_attach()->set_generation(state_->session(index).generation);
     *attach.mutable_session_token() = SessionToken(state_->session(index));
-    return Call(attach, {}).code();
+    return attach;
   }
+  StatusCode Attach(uint32_t index) { return Call(AttachRequest(index), {}).code(); }
   uint32_t Open(uint32_t lanes, const std::string& token = kToken,
                 const std::string& environment = "HalfCheetah") {
     const uint32_t index = Allocate(lanes, token, environment);
@@ -134,7 +135,9 @@ class WorkerFixture {
   // Until all is answered; in so many bites.
   int Work() {
     int bites = 0;
-    while (!dispatcher_->idle()) {
+    while (true) {
+      dispatcher_->BuildNext(Clock::time_point::max());
+      if (dispatcher_->idle()) return bites;
       // As the worker's loop does; the thread that waits for pictures must not find us spinning.
       if (Bite()) {
         ++bites;
@@ -145,7 +148,6 @@ class WorkerFixture {
       executor_->EndWait();
       dispatcher_->FinishCompleted();
     }
-    return bites;
   }
   // Looks after deadlines until there is an answer more, and executes nothing meanwhile.
   void AwaitDeadline() {
