@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "data/d4rl/agent_file.h"
 #include "proto/base/limits.h"
@@ -124,8 +125,9 @@ Status ReadHidden(const Hdf5Reader& file, std::vector<uint32_t>* hidden) {
 Status ReadHistory(const Hdf5Reader& file, uint32_t* history_length) {
   if (!file.Exists(RecordingEntry("history"))) return Status();
   B4MRL_ASSIGN_OR_RETURN(const double value, file.ReadNumber(RecordingEntry("history")));
-  if (!(value >= 1 && value <= kMaxAgentHistory)) {
-    return InvalidNumber(RecordingEntry("history"), value, fmt::format("1..{}", kMaxAgentHistory));
+  if (!(value >= 1 && value <= kMaxAgentHistory && value == std::floor(value))) {
+    return InvalidNumber(RecordingEntry("history"), value,
+                         fmt::format("whole numbers in 1..{}", kMaxAgentHistory));
   }
   *history_length = static_cast<uint32_t>(value);
   return Status();

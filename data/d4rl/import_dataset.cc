@@ -26,6 +26,7 @@ struct SourceColumns {
   uint64_t rows = 0;
   uint32_t observation_size = 0;
   uint32_t action_size = 0;
+  std::vector<uint32_t> hidden;  // dimensions of observations that must be 0
 };
 
 // Memory for one block of rows, and the views of that memory.
@@ -127,6 +128,22 @@ uint64_t BlockRows(const SourceColumns& source) {
   return std::min({source.observations.block_rows(), most, source.rows});
 }
 
+// Refuses rows of the array `name` that show a dimension of `hidden`, which learners are told is 0.
+Status CheckHides(std::span<const uint32_t> hidden, std::string_view name, uint64_t first_row,
+                  size_t width, std::span<const float> values) {
+  if (hidden.empty()) return Status();
+  for (size_t row = 0; row < values.size() / width; ++row) {
+    for (const uint32_t dimension : hidden) {
+      const float value = values[row * width + dimension];
+      if (value == 0) continue;
+      const std::string where =
+          fmt::format("dimension {} in row {} of '{}'", dimension, first_row + row, name);
+      return InvalidNumber(where, value, "0, because metadata/recording/hidden has it");
+    }
+  }
+  return Status();
+}
+
 Result<Block> ReadBlock(const SourceColumns& source, uint64_t first_row, uint64_t rows) {
   Block block;
   block.first_row = first_row;
@@ -140,6 +157,11 @@ Result<Block> ReadBlock(const SourceColumns& source, uint64_t first_row, uint64_
     block.next_observations.resize(rows * source.observation_size);
     B4MRL_RETURN_IF_ERROR(source.next_observations->Read(first_row, block.next_observations));
   }
+  const size_t width = source.observation_size;
+  B4MRL_RETURN_IF_ERROR(
+      CheckHides(source.hidden, "observations", first_row, width, block.observations));
+  B4MRL_RETURN_IF_ERROR(
+      CheckHides(source.hidden, "next_observations", first_row, width, block.next_observations));
   return block;
 }
 
@@ -206,10 +228,11 @@ Status CheckHidden(const DatasetProvenance& provenance, uint32_t observation_siz
 Result<ImportedDataset> ImportDataset(const std::string& file_path, const std::string& cache_folder,
                                       uint64_t max_cache_bytes) {
   B4MRL_ASSIGN_OR_RETURN(const Hdf5Reader file, Hdf5Reader::Open(file_path));
-  B4MRL_ASSIGN_OR_RETURN(const SourceColumns source, OpenSource(file));
+  B4MRL_ASSIGN_OR_RETURN(SourceColumns source, OpenSource(file));
   ImportedDataset imported;
   B4MRL_ASSIGN_OR_RETURN(imported.provenance, ReadDatasetProvenance(file));
   B4MRL_RETURN_IF_ERROR(CheckHidden(imported.provenance, source.observation_size));
+  source.hidden = imported.provenance.hidden_dimensions;
   imported.behaviour_policy = BehaviourPolicy(file, imported.provenance);
   const uint64_t bytes = source.rows * (RowFloats(source) * sizeof(float) + 2);  // 2: two flags
   if (bytes > max_cache_bytes) {

@@ -53,8 +53,8 @@ Result<Hdf5Type> Classify(hid_t type, std::string_view path) {
       break;
   }
   return Refuse(StatusCode::kInvalidArgument, path,
-                "has an unsupported type, allowed: float32, float64, integer, bool, fixed-length "
-                "string");
+                "has an unsupported type, allowed: float32, float64; for flags and whole numbers "
+                "integer, bool; for text fixed-length string");
 }
 
 bool IsHardLinked(hid_t file, std::string_view path) {

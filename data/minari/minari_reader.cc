@@ -87,9 +87,10 @@ Result<Hdf5Column> MinariReader::OpenColumn(uint64_t episode, std::string_view n
   B4MRL_ASSIGN_OR_RETURN(Hdf5Column column, file_.OpenColumn(path));
   const bool is_flag = name == "terminations" || name == "truncations";
   const bool is_float = column.type() == Hdf5Type::kFloat32 || column.type() == Hdf5Type::kFloat64;
-  if (!is_flag && !is_float) {
+  const bool may_be_whole = name == "rewards";  // as those of many environments are
+  if (!is_flag && !is_float && !(may_be_whole && column.type() == Hdf5Type::kInteger)) {
     return InvalidArgument(fmt::format("type of '{}'", path), Hdf5TypeName(column.type()),
-                           "float32, float64");
+                           may_be_whole ? "float32, float64, integer" : "float32, float64");
   }
   if (column.shape().empty() || column.width() != width) {
     return InvalidNumber(fmt::format("elements in a row of '{}'", path), column.width(),

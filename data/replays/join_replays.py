@@ -3,8 +3,9 @@
     python join_replays.py OUT.h5 PART...        (needs numpy and h5py)
 
 A PART is the folder of an online `b4mrl train` of HalfCheetah, whose whole episodes of 1,000 steps
-up to its newest checkpoint are taken, or a dataset in D4RL's layout, which is taken whole. Prints
-the number of episodes, their mean return and the best. `b4mrl dataset import OUT.h5 --name
+up to its newest checkpoint are taken, or a dataset in D4RL's layout, which is taken whole. A part
+whose rows are not such episodes is refused, and no file written. Prints the number of episodes,
+their mean return and the best. `b4mrl dataset import OUT.h5 --name
 HalfCheetah/NAME` makes it a dataset to train on.
 """
 
@@ -21,9 +22,22 @@ STEPS = 1_000  # of an episode of HalfCheetah, which always ends by its time lim
 COLUMNS = ("observations", "actions", "next_observations", "rewards", "terminals", "timeouts")
 
 
+def check_episodes(path: Path, part: dict[str, np.ndarray]) -> None:
+    """Ends the program unless the rows are whole episodes, in their order."""
+    rows = len(part["rewards"])
+    ends = np.arange(rows) % STEPS == STEPS - 1
+    inside = np.flatnonzero(~ends[:-1])
+    joined = np.array_equal(part["next_observations"][inside], part["observations"][inside + 1])
+    timed_out = np.array_equal(part["timeouts"].astype(bool).ravel(), ends)
+    if rows == 0 or rows % STEPS or part["terminals"].any() or not timed_out or not joined:
+        sys.exit(f"{path} does not hold whole episodes of {STEPS} steps")
+
+
 def of_dataset(path: Path) -> dict[str, np.ndarray]:
     with h5py.File(path) as file:
-        return {name: file[name][()] for name in COLUMNS}
+        part = {name: file[name][()] for name in COLUMNS}
+    check_episodes(path, part)
+    return part
 
 
 def of_run(run: Path) -> dict[str, np.ndarray]:
@@ -31,10 +45,7 @@ def of_run(run: Path) -> dict[str, np.ndarray]:
     rows = stored_transitions(run, lanes) // STEPS * STEPS
     _, part = read_replay(run, rows)
     part["timeouts"] = np.arange(rows) % STEPS == STEPS - 1
-    inside = np.flatnonzero(~part["timeouts"])
-    joined = np.array_equal(part["next_observations"][inside], part["observations"][inside + 1])
-    if part["terminals"].any() or not joined:
-        sys.exit(f"{run} does not hold episodes of {STEPS} steps")
+    check_episodes(run, part)
     return part
 
 

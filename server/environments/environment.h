@@ -75,8 +75,8 @@ class Environment {
   // One control step. `action` is finite; values outside the action space follow the task's own
   // rule.
   virtual StepResult Step(std::span<const double> action) = 0;
-  // Step for an action that arrived as float32. Only Highway's differs from Step, because
-  // highway-env computes in the action's own precision.
+  // Step for an action that arrived as float32, and that no perturbation has made float64. It
+  // differs from Step only where EnvironmentModel::maps_float32.
   virtual StepResult StepFloat32(std::span<const double> action) { return Step(action); }
   // Whether an episode of `elapsed_steps` steps has reached its time limit. Highway compares the
   // simulated time instead, which is part of its state.
@@ -131,6 +131,8 @@ class EnvironmentModel {
   virtual const EnvironmentSpec& spec() const = 0;
   // The model's content, for experiment ids: equal text, equal dynamics under one engine version.
   virtual std::string Identity() const = 0;
+  // Whether an action's own precision counts, as in highway-env.
+  virtual bool maps_float32() const { return false; }
   // Bytes of memory that the object takes beside what all models of its kind share.
   virtual size_t memory_bytes() const { return 0; }
   // OK unless a user's model is such that no episode would last for more than a step; then the

@@ -27,7 +27,7 @@
 namespace b4mrl {
 namespace {
 
-// Greatest absolute value accepted in a state, a query's observation or a query's action.
+// Greatest absolute value accepted in a state or in a query's observation.
 constexpr double kLargestValue = 1e10;
 
 size_t Capacity(const HighwaySettings& settings) {
@@ -97,7 +97,11 @@ void Highway::Settle() {
 
 Status Highway::StartEpisode(uint64_t lane_seed, uint64_t episode) {
   // Perturbations vary the number of cars alone, which only a start reads. This takes 10 us.
-  if (!parameters().empty()) settings_ = ReadHighwaySettings(config_under_(parameters()));
+  if (!parameters().empty()) {
+    const std::optional<size_t> most = settings_.most_vehicles;
+    settings_ = ReadHighwaySettings(config_under_(parameters()));
+    settings_.most_vehicles = most;
+  }
   simulation_.Reset(lane_seed, episode);
   Settle();
   return Status();
@@ -148,6 +152,14 @@ NamedState Highway::GetNamedState() const {
   return {{"time", {simulation_.time}}, {"vehicles", Vehicles()}};
 }
 
+Status CheckTime(std::span<const double> time) {
+  if (time.size() != 1) {
+    return InvalidNumber("length of state part 'time'", static_cast<double>(time.size()), "1");
+  }
+  if (std::abs(time[0]) <= kLargestValue) return Status();
+  return InvalidNumber("state part 'time'", time[0], "-1e10..1e10 seconds");
+}
+
 Status Highway::CheckVehicles(std::span<const double> vehicles) const {
   const size_t capacity = traffic().capacity();
   if (vehicles.empty() || vehicles.size() % kVehicleColumns != 0 ||
@@ -186,9 +198,7 @@ Status Highway::SetNamedState(const NamedState& state) {
   }
   B4MRL_RETURN_IF_ERROR(CheckVehicles(vehicles->second));
   const auto time = state.find("time");
-  if (time != state.end() && (time->second.size() != 1 || !AllReasonable(time->second))) {
-    return Status(StatusCode::kInvalidArgument, "state part 'time' is not one number of seconds");
-  }
+  if (time != state.end()) B4MRL_RETURN_IF_ERROR(CheckTime(time->second));
   simulation_.time = time == state.end() ? 0 : time->second[0];
   Traffic& cars = simulation_.traffic;
   cars.Clear();
@@ -203,7 +213,7 @@ Status Highway::SetNamedState(const NamedState& state) {
 QueryResult Highway::Query(std::span<const double> observation, std::span<const double> action,
                            std::span<double> next_observation) {
   std::ranges::fill(next_observation, 0);
-  if (!AllReasonable(observation) || !AllReasonable(action)) return {};
+  if (!AllReasonable(observation)) return {};
   if (!TrafficFromObservation(settings_.observation, settings_.lanes_count, observation,
                               simulation_.traffic)) {
     return {};
@@ -281,15 +291,26 @@ EnvironmentSpec Describe(const Config& config) {
   return spec;
 }
 
+HighwaySettings SettingsOf(const EnvironmentSetup& setup) {
+  HighwaySettings settings = ReadHighwaySettings(setup.config);
+  // The setup's configuration has the number of cars at the upper end of its range.
+  if (!setup.parameters.empty()) settings.most_vehicles = settings.vehicles_count;
+  return settings;
+}
+
 class HighwayModel final : public EnvironmentModel {
  public:
   explicit HighwayModel(const EnvironmentSetup& setup)
       : spec_(Describe(setup.config)),
-        settings_(ReadHighwaySettings(setup.config)),
+        settings_(SettingsOf(setup)),
         config_under_(setup.config_under) {}
 
   const EnvironmentSpec& spec() const override { return spec_; }
-  std::string Identity() const override { return "highway-env 1.12"; }
+  std::string Identity() const override {
+    // A range of cars once gave other starts, which had random numbers in common.
+    return settings_.most_vehicles ? "highway-env 1.12, starts apart" : "highway-env 1.12";
+  }
+  bool maps_float32() const override { return true; }
   Status CheckQueryable() const override {
     if (DescribesTraffic(settings_.observation)) return Status();
     return Status(StatusCode::kUnsupported,

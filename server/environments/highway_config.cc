@@ -13,6 +13,8 @@ namespace b4mrl {
 namespace {
 
 constexpr double kLargest = 1e6;  // greatest absolute value of a reward or of the end of a range
+// Of a range. A narrower one would map places on the road to numbers beyond float32.
+constexpr double kLeastWidth = 1e-9;
 // 128 cars in one heap cost 1 ms a frame; a longer step would look like a frozen process.
 constexpr double kMaxFramesPerStep = 500;
 
@@ -24,6 +26,10 @@ NumberRange ReadRange(ConfigReader& reader, const std::string& key, const Number
   const Interval range = reader.Range(key, {fallback.low, fallback.high});
   if (!(std::abs(range.low) <= kLargest && std::abs(range.high) <= kLargest)) {
     reader.Fail(InvalidArgument(key, reader.Find(key)->dump(), "two numbers in -1e6..1e6"));
+    return fallback;
+  }
+  if (!(range.high - range.low >= kLeastWidth)) {
+    reader.Fail(InvalidArgument(key, reader.Find(key)->dump(), "[low, high] at least 1e-9 apart"));
     return fallback;
   }
   return {range.low, range.high};

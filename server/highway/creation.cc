@@ -17,9 +17,11 @@ constexpr NumberRange kDelta = {3.5, 4.5};
 constexpr uint64_t kDoublesPerOther = 3;  // speed, spacing, delta
 constexpr uint64_t kDoublesOfEgo = 1;     // spacing
 
+// Each episode before this one counts as one with the most vehicles, whatever it had: no two
+// episodes of a lane then share random numbers, and the place is a function of the arguments alone.
 NumpyRandom AtEpisode(const HighwaySettings& settings, uint64_t seed, uint64_t episode) {
   NumpyRandom random(seed);
-  const uint64_t others = settings.vehicles_count;
+  const uint64_t others = settings.most_vehicles.value_or(settings.vehicles_count);
   const uint64_t lane_draws = settings.lanes_count == 1              ? 0
                               : settings.initial_lane_id.has_value() ? others
                                                                      : others + 1;

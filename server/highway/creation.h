@@ -13,7 +13,9 @@ namespace b4mrl {
 inline constexpr NumberRange kCreationSpeed = {21, 24};
 
 // Fills `traffic` with the start of an episode. Episode 0 is that of reset(seed=seed), episode k
-// that of the k-th reset() without a seed after it. The capacity is at least vehicles_count + 1.
+// that of the k-th reset() without a seed after it, where all episodes have the same number of
+// vehicles; with most_vehicles they begin where those of that many would. The capacity is at least
+// vehicles_count + 1.
 void CreateTraffic(const HighwaySettings& settings, uint64_t seed, uint64_t episode,
                    Traffic& traffic);
 

@@ -70,6 +70,9 @@ struct HighwaySettings {
   double policy_frequency = 1;      // Hz
   int lanes_count = 3;
   size_t vehicles_count = 20;  // the ego not counted
+  // The largest number of vehicles_count where each episode of a lane has another one; none: all
+  // episodes have the same.
+  std::optional<size_t> most_vehicles;
   double duration = 30;
   double ego_spacing = 1.5;
   double vehicles_density = 1;

@@ -1,5 +1,7 @@
 // action-delay=STEPS: each step executes the action of STEPS steps ago; the first STEPS steps of an
-// episode execute zeros. The queue is lane state, oldest action first, so snapshots carry it.
+// episode execute zeros. The queue is lane state, oldest action first, so snapshots carry it. An
+// action is executed in the number type of the step that executes it, which differs from its own
+// only where a client changes its type within an episode.
 #include <algorithm>
 
 #include "server/perturbations/list.h"

@@ -26,6 +26,7 @@ class ActionNoise final : public NumberPerturbation {
       action[i] = std::clamp(noisy, bounds_[i].low, bounds_[i].high);
     }
   }
+  bool keeps_float32() const override { return false; }
 
  private:
   struct Bounds {

@@ -133,11 +133,12 @@ Result<double> ParseEnd(const PerturbationEntry& entry, const std::string& what,
 // Refuses a range beside another perturbation of its name: `info` has one entry a name, which is
 // the drawn number.
 Status CheckRangesAreAlone(const PerturbationSet& set) {
+  const std::vector<NamedArgument> items = set.items();
   for (const std::string& name : set.parameter_names()) {
-    const auto items = set.items();
-    if (std::ranges::count(items, name, &NamedArgument::name) == 1) continue;
-    return InvalidArgument("number of " + name + " perturbations", "more",
-                           fmt::format("1 where {} is a range", name));
+    const auto count = std::ranges::count(items, name, &NamedArgument::name);
+    if (count == 1) continue;
+    return InvalidNumber("number of " + name + " perturbations", static_cast<double>(count),
+                         fmt::format("1 where {} is a range", name));
   }
   return Status();
 }

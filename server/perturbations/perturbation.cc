@@ -52,6 +52,7 @@ PerturbationSet::PerturbationSet(const EnvironmentSpec& spec,
   for (const auto& member : members_) {
     state_sizes_.push_back(member->state_size(spec));
     state_size_ += state_sizes_.back();
+    keeps_float32_ = keeps_float32_ && member->keeps_float32();
     if (HasRange(*member)) parameter_names_.push_back(member->ToNamedArgument().name);
   }
 }

@@ -87,6 +87,9 @@ class Perturbation {
   // Changes the action that reaches the simulator.
   virtual void OnAction(const DrawContext& /*context*/, std::span<double> /*state*/,
                         std::span<double> /*action*/) const {}
+  // Whether OnAction gives a float32 action where it gets one. NumPy's sum of a float32 action and
+  // float64 noise, say, is float64.
+  virtual bool keeps_float32() const { return true; }
   // Changes the reward that is reported; `context` is that of the observation after the step.
   virtual void OnReward(const DrawContext& /*context*/, std::span<double> /*state*/,
                         double& /*reward*/) const {}
@@ -113,6 +116,8 @@ class PerturbationSet {
   std::vector<NamedArgument> items() const;
   std::span<const std::unique_ptr<Perturbation>> members() const { return members_; }
   size_t state_size() const { return state_size_; }
+  // Whether all members keep an action float32.
+  bool keeps_float32() const { return keeps_float32_; }
 
   // Names of the members that were given a range, in order: "gravity". At most
   // limits::kMaxPerturbations.
@@ -145,6 +150,7 @@ class PerturbationSet {
   std::vector<std::string> parameter_names_;
   std::vector<size_t> state_sizes_;
   size_t state_size_ = 0;
+  bool keeps_float32_ = true;
 };
 
 }  // namespace b4mrl

@@ -29,7 +29,8 @@ Result<std::unique_ptr<Perturbation>> Make(const PerturbationInput& input) {
                            "NAME.xml, a file in the models folder; letters, digits, '-', '_', '.'");
   }
   if (input.occurrence > 0) {
-    return InvalidArgument("number of models", "more", "one: model=FILE.xml may be given once");
+    return InvalidNumber("number of models", static_cast<double>(input.occurrence + 1),
+                         "1: model=FILE.xml may be given once");
   }
   return std::unique_ptr<Perturbation>(std::make_unique<UsersModel>(std::string(input.argument)));
 }

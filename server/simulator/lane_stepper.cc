@@ -30,12 +30,6 @@ void AbsorbOutcome(LaneRecord record) {
   header.digest = Absorb(header.digest, outcome);
 }
 
-// Whether all values are float32 numbers. Perturbed actions are not: in NumPy, too, float64 noise
-// turns a float32 action into float64.
-bool AllFloat32(std::span<const double> values) {
-  return std::ranges::all_of(values, [](double x) { return static_cast<float>(x) == x; });
-}
-
 void CopyRecord(ConstLaneRecord from, LaneRecord to) {
   std::memcpy(to.bytes().data(), from.bytes().data(), from.bytes().size());
 }
@@ -182,9 +176,10 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
                                        perturbed_action);
   B4MRL_RETURN_IF_ERROR(simulator_->EnterEpisode(environment, header.lane_seed, header.episode));
   environment.LoadState(before.state());
-  StepResult result = precision == ActionPrecision::kFloat32 && AllFloat32(perturbed_action)
-                          ? environment.StepFloat32(perturbed_action)
-                          : environment.Step(perturbed_action);
+  const bool is_float32 =
+      precision == ActionPrecision::kFloat32 && simulator_->perturbations().keeps_float32();
+  StepResult result = is_float32 ? environment.StepFloat32(perturbed_action)
+                                 : environment.Step(perturbed_action);
   ++header.elapsed_steps;
 
   const bool simulated = result.cause != Cause::kNumericalError;
@@ -208,7 +203,6 @@ Status LaneStepper::Step(Environment& environment, ConstLaneRecord before,
     std::ranges::copy(before.state(), after.state().begin());
     std::ranges::copy(before.observation(), after.observation().begin());
     std::ranges::copy(before.infos(), after.infos().begin());
-    std::ranges::copy(before.perturbation_state(), after.perturbation_state().begin());
     header.truncated = 1;
     header.cause = Cause::kNumericalError;
   }

@@ -14,8 +14,9 @@
 //
 // No number that is not finite is ever reported: a step that makes the engine warn, or gives such a
 // number, repeats the last observation, has reward 0 and ends the episode as truncated with
-// cause kNumericalError; the state stays that before the step. Immutable; any thread, one
-// Environment each.
+// cause kNumericalError. The environment's state stays that before the step. What perturbations
+// remember goes on, so that an action that fails leaves the queue of a delay as others do.
+// Immutable; any thread, one Environment each.
 #pragma once
 
 #include <cstdint>

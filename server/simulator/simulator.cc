@@ -90,10 +90,13 @@ Result<std::shared_ptr<const Simulator>> Simulator::Build(std::string_view envir
     simulator->spec_.reset_info_names.push_back(name);
   }
   simulator->config_json_ = completed.dump();
+  // Noise on float32 actions was once mapped in float32 where it was clipped.
+  const bool widens = simulator->model_->maps_float32() && !set.keeps_float32();
   simulator->identity_ =
-      fmt::format("{}; config {}; perturbations {}; model {}; {}; dynamics {}", entry->name,
-                  simulator->config_json_, FormatNamedArguments(simulator->perturbations_.items()),
-                  simulator->model_->Identity(), EngineVersion(), kDynamicsVersion);
+      fmt::format("{}; config {}; perturbations {}; model {}{}; {}; dynamics {}", entry->name,
+                  simulator->config_json_, FormatNamedArguments(set.items()),
+                  simulator->model_->Identity(), widens ? ", actions in float64" : "",
+                  EngineVersion(), kDynamicsVersion);
   simulator->identity_hash_ = XXH3_64bits(simulator->identity_.data(), simulator->identity_.size());
   B4MRL_ASSIGN_OR_RETURN(const Lease first, simulator->Borrow());
   simulator->state_size_ = first->state_size();
@@ -145,6 +148,11 @@ Status Simulator::CheckQueryable() const {
 QueryResult Simulator::Query(Environment& environment, const QueryRow& row,
                              std::span<const double> observation, std::span<const double> action,
                              std::span<double> next_observation) const {
+  // Asked here, because action-noise clips an infinite action to a finite one.
+  if (!AllFinite(observation) || !AllFinite(action)) {
+    std::ranges::fill(next_observation, 0);
+    return {};
+  }
   if (perturbations_.empty()) {
     return OnlyFinite(environment.Query(observation, action, next_observation), next_observation);
   }

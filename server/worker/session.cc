@@ -23,6 +23,14 @@ SimulatorRequest SimulatorOf(const pb::OpenRequest& request) {
   return simulator;
 }
 
+// Lane i gets seed + i, which must be a seed, too.
+Status CheckSeeds(uint64_t seed, uint32_t lanes) {
+  const uint64_t largest = UINT64_MAX - (std::max(lanes, 1u) - 1);
+  if (seed <= largest) return Status();
+  return InvalidArgument("seed", std::to_string(seed),
+                         fmt::format("0..{} with {} lanes", largest, lanes));
+}
+
 Result<LaneStepper> OpenStepper(const SimulatorRequest& request, pb::AutoresetMode mode) {
   B4MRL_ASSIGN_OR_RETURN(std::shared_ptr<const Simulator> simulator, Simulator::Open(request));
   return LaneStepper::Create(std::move(simulator), static_cast<AutoresetMode>(mode));
@@ -38,9 +46,11 @@ Result<LaneVerdict> JudgeLane(const LaneStatus& status, uint32_t lane, uint64_t 
   }
   if (number == status.committed + 1) return LaneVerdict::kExecute;
   if (number != status.committed || number == 0) {
+    const std::string last =
+        status.committed == 0 ? "" : fmt::format(" or {} (last)", status.committed);
     return Status(number > status.committed ? StatusCode::kGap : StatusCode::kStale,
-                  fmt::format("number of lane {} is {}, allowed: {} (next) or {} (last)", lane,
-                              number, status.committed + 1, status.committed));
+                  fmt::format("number of lane {} is {}, allowed: {} (next){}", lane, number,
+                              status.committed + 1, last));
   }
   if (status.operation != operation) {
     return Status(StatusCode::kStale,
@@ -58,6 +68,7 @@ Result<std::unique_ptr<Session>> Session::Build(SharedState& shared, uint32_t in
   if (!request.ParseFromString(std::string(SessionOpenBytes(record)))) {
     return Status(StatusCode::kDataLoss, "the session's request is damaged");
   }
+  B4MRL_RETURN_IF_ERROR(CheckSeeds(request.seed(), request.num_envs()));
   SimulatorRequest simulator = SimulatorOf(request);
   B4MRL_ASSIGN_OR_RETURN(LaneStepper stepper, OpenStepper(simulator, request.autoreset_mode()));
   std::unique_ptr<Session> session(new Session(shared, index, std::move(stepper)));

@@ -64,6 +64,16 @@ inline ExampleDataset MakeExampleDataset(const std::vector<size_t>& lengths,
   return data;
 }
 
+// `data` with those dimensions of all observations set to 0.
+inline ExampleDataset Hiding(const std::vector<uint32_t>& dimensions, ExampleDataset data) {
+  for (std::vector<float>* column : {&data.observations, &data.next_observations}) {
+    for (const uint32_t dimension : dimensions) {
+      for (size_t i = dimension; i < column->size(); i += data.observation_size) (*column)[i] = 0;
+    }
+  }
+  return data;
+}
+
 // A file that says `provenance` of its rows.
 inline Status WriteExample(const std::string& path, const ExampleDataset& data,
                            const DatasetProvenance& provenance) {

@@ -22,7 +22,7 @@ constexpr size_t kRows = 60;
 
 // A file with every kind of entry: columns, infos, provenance and a behaviour policy.
 void WriteWhole(const std::string& path) {
-  const ExampleDataset data = MakeExampleDataset({25, 35}, 17, 6);
+  const ExampleDataset data = Hiding({9, 16}, MakeExampleDataset({25, 35}, 17, 6));
   DatasetWriter writer = Take(DatasetWriter::Create(path, {.observation_dimensions = 17,
                                                            .action_dimensions = 6,
                                                            .qpos_dimensions = 1,

@@ -93,6 +93,7 @@ class Environment(Hosted, gym.Env[Array, Array]):
         """Lets the environment continue from `state`; returns the state's observation.
 
         VersionMismatchError: the state's snapshot is of another simulator or engine version.
+        InvalidArgumentError: it is of one whose lanes have another number of bytes.
         """
         (restoration,) = write_states([state])
         observation: Array = self.session.restore(restoration.parts)[0]

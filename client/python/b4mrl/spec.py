@@ -83,8 +83,9 @@ class EnvironmentSpec(Shown):
         reset_info_names: those of `info_names` that a reset reports, too.
         picture_width, picture_height: default size of pictures, in pixels.
         termination: bounds outside which a predicted observation ends the episode: the task's own,
-            but MOPO's one-sided ones for the default `healthy_state_range` of the Hopper. None: the
-            end of an episode does not follow from the observation.
+            but MOPO's one-sided ones for the default `healthy_state_range` of the Hopper, and
+            MOPO's for the Humanoid, whose ends are inside. None: the end of an episode does not
+            follow from the observation.
     """
 
     name: str

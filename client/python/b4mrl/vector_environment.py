@@ -169,7 +169,8 @@ class VectorEnvironment(Hosted, VectorEnv[Array, Array, Array]):
         """Lets the environments `env_ids`, or all, continue from `states`, one state for each.
 
         Returns the states' observations (k, *shape). VersionMismatchError: a snapshot is of another
-        simulator or engine version; environments whose states came before it stay restored.
+        simulator or engine version; InvalidArgumentError: of one whose lanes have another number of
+        bytes. Environments whose states came before it stay restored.
         """
         lanes = self._lanes(env_ids)
         targets = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes

@@ -14,12 +14,12 @@ namespace {
 
 // "HalfCheetah/<name>", recorded by a policy that could not see `hidden`.
 void WriteHiding(TestDaemon& daemon, const std::string& name, std::vector<uint32_t> hidden) {
+  const ExampleDataset data = Hiding(hidden, MakeExampleDataset({100, 50}, 17, 6));
   DatasetProvenance provenance;
   provenance.environment = "HalfCheetah";
   provenance.hidden_dimensions = std::move(hidden);
   std::filesystem::create_directories(daemon.folder("data/HalfCheetah"));
-  RequireOk(WriteExample(daemon.folder("data/HalfCheetah/" + name + ".h5"),
-                         MakeExampleDataset({100, 50}, 17, 6), provenance));
+  RequireOk(WriteExample(daemon.folder("data/HalfCheetah/" + name + ".h5"), data, provenance));
 }
 
 std::vector<float> Observations(const LearnerContext& context) {

@@ -3,6 +3,7 @@
 #include <hdf5.h>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 
 #include "tests/data/temporary_folder.h"
 
@@ -104,6 +105,18 @@ TEST_CASE("entries of a dataset's provenance outside their range are refused") {
   const std::string many = "1" + std::string(2 * kMaxRecordedParts, ',');
   CHECK_FALSE(ReadWithText("metadata/recording/rows", many).ok());
   CHECK_FALSE(ReadWithText("metadata/recording/command", std::string(5000, 'x')).ok());
+}
+
+TEST_CASE("a history that is no whole number of observations is refused, not rounded") {
+  const TemporaryFolder folder;
+  for (const double history : {1.5, 0.5, std::nan("")}) {
+    auto file = Hdf5Writer::Create(folder.File("x.h5"));
+    REQUIRE(file->WriteNumber("metadata/recording/history", history).ok());
+    REQUIRE(file->Commit().ok());
+    const Status status = Read(folder.File("x.h5")).status();
+    CHECK(status.code() == StatusCode::kInvalidArgument);
+    CHECK_THAT(status.message(), Catch::Contains("history") && Catch::Contains("whole numbers"));
+  }
 }
 
 TEST_CASE("a dataset's provenance outside its range is not written") {

@@ -91,6 +91,21 @@ TEST_CASE("an episode of others that is unfinished ends by time-out and is count
   CHECK(back->Read(0, 2)->timeouts == std::vector<uint8_t>{0, 1});
 }
 
+TEST_CASE("rewards may be whole numbers, as those of CartPole are in some datasets") {
+  const TemporaryFolder root;
+  REQUIRE(WriteMinariExample(root.path(), MakeExampleDataset({2})).ok());
+  MakeData(root.File("x-v0/data/main_data.hdf5"), [](Hdf5Writer& file) {
+    MakeEpisode(file, "rewards", Hdf5Type::kInteger, {2});
+    const std::vector<uint8_t> rewards = {1, 3};
+    REQUIRE(file.WriteRows("episode_0/rewards", 0, std::span(rewards)).ok());
+  });
+  uint64_t unfinished = 0;
+  REQUIRE(Convert(root, "x-v0", root.File("back.h5"), &unfinished).ok());
+  const auto back = DatasetFileReader::Open(root.File("back.h5"));
+  REQUIRE(back.ok());
+  CHECK(back->Read(0, 2)->rewards == std::vector<float>{1, 3});
+}
+
 TEST_CASE("arrays of other types, ranks and lengths than the layout's are refused by name") {
   struct Case {
     const char* array;

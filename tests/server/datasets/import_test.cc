@@ -2,6 +2,7 @@
 #include <atomic>
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <filesystem>
 
 #include "data/columns/column_cache.h"
@@ -260,7 +261,7 @@ TEST_CASE("an importer that crashes, hangs or babbles becomes an error") {
 
 TEST_CASE("an import says where the rows come from, and keeps that out of the cache") {
   ImportFixture fixture;
-  const ExampleDataset data = MakeExampleDataset({50}, 17, 6);
+  const ExampleDataset data = Hiding({9, 16}, MakeExampleDataset({50}, 17, 6));
   REQUIRE(WriteExample(fixture.file, data).ok());
   const auto plain = fixture.ImportAndOpen();
   DatasetProvenance provenance;
@@ -285,6 +286,27 @@ TEST_CASE("a file that hides dimensions which it does not have is refused") {
   provenance.hidden_dimensions = {2, 3};
   REQUIRE(WriteExample(fixture.file, MakeExampleDataset({5}, 3, 2), provenance).ok());
   CHECK(fixture.Import().status().code() == StatusCode::kInvalidArgument);
+}
+
+TEST_CASE("a file that shows a dimension which it says is hidden is refused with the row") {
+  ImportFixture fixture;
+  DatasetProvenance provenance;
+  provenance.hidden_dimensions = {0, 2};
+  ExampleDataset data = Hiding({0, 2}, MakeExampleDataset({20'000}, 3, 2));
+  data.observations[4 * 3 + 2] = -0.0f;  // is 0, too
+  REQUIRE(WriteExample(fixture.file, data, provenance).ok());
+  CHECK(fixture.Import().ok());
+  data.next_observations[19'000 * 3 + 2] = 0.5f;
+  REQUIRE(WriteExample(fixture.file, data, provenance).ok());
+  Status status = fixture.Import().status();
+  CHECK(status.code() == StatusCode::kInvalidArgument);
+  CHECK_THAT(status.message(),
+             Catch::Contains("dimension 2 in row 19000 of 'next_observations' is 0.5, allowed: 0"));
+  data.observations[4 * 3] = NAN;
+  REQUIRE(WriteExample(fixture.file, data, provenance).ok());
+  status = fixture.Import().status();
+  CHECK_THAT(status.message(), Catch::Contains("dimension 0 in row 4 of 'observations'"));
+  CHECK_FALSE(fixture.HasCache());
 }
 
 }  // namespace

@@ -84,8 +84,8 @@ TEST_CASE("dimensions that the behaviour policy could not see are hidden with th
   DatasetProvenance provenance;
   provenance.environment = "HalfCheetah";
   provenance.hidden_dimensions = {9, 12};
-  REQUIRE(
-      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  const ExampleDataset data = Hiding({9, 12}, fixture.data);
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), data, provenance).ok());
   CHECK(fixture.OpenMade("")->hidden_dimensions == std::vector<uint32_t>{9, 12});
   CHECK(fixture.OpenMade("hidden=3+9")->hidden_dimensions == std::vector<uint32_t>{3, 9, 12});
 }
@@ -95,8 +95,8 @@ TEST_CASE("hidden dimensions are 0 under noise, whoever hid them and in whicheve
   DatasetProvenance provenance;
   provenance.environment = "HalfCheetah";
   provenance.hidden_dimensions = {12};
-  REQUIRE(
-      WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), fixture.data, provenance).ok());
+  const ExampleDataset data = Hiding({12}, fixture.data);
+  REQUIRE(WriteExample(fixture.folder.File("HalfCheetah/medium.h5"), data, provenance).ok());
   const auto opened = fixture.OpenMade("hidden=3,obs-noise=1");
   CHECK(opened->hidden_dimensions == std::vector<uint32_t>{3, 12});
   const TransitionColumns& columns = opened->dataset->columns();

@@ -218,6 +218,17 @@ TEST_CASE("A query from numbers that describe no state is marked as invalid") {
   CHECK(blind->CheckQueryable().code() == StatusCode::kUnsupported);
 }
 
+TEST_CASE("A query's action is clipped as a step's is, however large") {
+  const auto simulator = OpenHighway();
+  TestLane lane(simulator);
+  lane.Reset(3);
+  const auto environment = Take(simulator->Borrow());
+  std::vector<double> next(25), expected(25);
+  CHECK(environment->Query(lane.observation(), std::vector<double>{1e300, -1e11}, next).valid);
+  CHECK(environment->Query(lane.observation(), std::vector<double>{1, -1}, expected).valid);
+  CHECK(next == expected);
+}
+
 TEST_CASE("An observation may show more cars than the real environment has") {
   const auto many = OpenHighway("cars"), few = OpenHighway("", R"({"vehicles_count": 1})");
   TestLane lane(many);
@@ -243,7 +254,9 @@ TEST_CASE("States that are no states of a highway are refused by name") {
   CHECK_THAT(refusal("vehicles", std::vector<double>(16)).message(), Contains("vehicles"));
   CHECK_THAT(refusal("vehicles", std::vector<double>(6 * 15)).message(), Contains("vehicles"));
   CHECK_THAT(refusal("speed", {1}).message(), Contains("'speed'"));
-  CHECK_THAT(refusal("time", {1, 2}).message(), Contains("time"));
+  CHECK_THAT(refusal("time", {1, 2}).message(), Contains("length of state part 'time' is 2"));
+  CHECK_THAT(refusal("time", {-1e11}).message(),
+             Contains("'time' is -100000000000, allowed: -1e10..1e10 seconds"));
   vehicles[15 + 4] = 3;  // of lanes 0 to 2
   CHECK_THAT(refusal("vehicles", vehicles).message(), Contains("vehicles[1][4]"));
   vehicles[15 + 4] = 0;
@@ -268,6 +281,8 @@ TEST_CASE("Settings that mean something else here are refused with their name") 
   CHECK_THAT(Why(R"({"observation": {"features": []}})"), Contains("features"));
   CHECK_THAT(Why(R"({"observation": {"order": "shuffled"}})"), Contains("sorted"));
   CHECK_THAT(Why(R"({"observation": {"features_range": {"z": [0, 1]}}})"), Contains("'z'"));
+  CHECK_THAT(Why(R"({"observation": {"clip": false, "features_range": {"x": [0, 1e-45]}}})"),
+             Contains("features_range: x") && Contains("1e-9 apart"));
   CHECK_THAT(Why(R"({"controlled_vehicles": 2})"), Contains("one car"));
   CHECK_THAT(Why(R"({"lanes_count": 0})"), Contains("lanes_count"));
   CHECK_THAT(Why(R"({"initial_lane_id": 3})"), Contains("initial_lane_id"));
@@ -328,8 +343,13 @@ TEST_CASE("Float32 actions keep their precision unless a perturbation changes th
     return lane.state();
   };
   CHECK(step("", ActionPrecision::kFloat32) != step("", ActionPrecision::kFloat64));
-  CHECK(step("action-noise=0.1", ActionPrecision::kFloat32) ==
-        step("action-noise=0.1", ActionPrecision::kFloat64));
+  for (const char* noise : {"action-noise=0.1", "action-noise=1000000", "action-noise=0"}) {
+    INFO(noise);  // of 1e6: clipped to the bounds, -1 or 1, which are float32 numbers
+    CHECK(step(noise, ActionPrecision::kFloat32) == step(noise, ActionPrecision::kFloat64));
+    CHECK_THAT(OpenHighway(noise)->identity(), Contains("actions in float64"));
+  }
+  CHECK(step("action-delay=0", ActionPrecision::kFloat32) == step("", ActionPrecision::kFloat32));
+  CHECK_THAT(OpenHighway("action-delay=1")->identity(), !Contains("actions in float64"));
 }
 
 }  // namespace

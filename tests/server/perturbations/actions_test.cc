@@ -189,6 +189,24 @@ TEST_CASE(
   CHECK(ToVector(lane.record().perturbation_state()) == std::vector<double>(kActions, 0.0));
 }
 
+TEST_CASE("A delayed action that fails has left the queue, and those behind it are executed") {
+  TestLane lane(OpenHalfCheetah("action-delay=1"), AutoresetMode::kDisabled);
+  TestLane plain(OpenHalfCheetah(), AutoresetMode::kDisabled);
+  lane.Reset(5);
+  plain.Reset(5);
+  lane.Step(std::vector<double>(kActions, 1e300));
+  plain.Step(std::vector<double>(kActions, 0.0));
+  lane.StepRandomly(0);
+  REQUIRE(lane.header().cause == Cause::kNumericalError);
+  REQUIRE(lane.state() == plain.state());
+  for (uint64_t k = 0; k < 3; ++k) {
+    lane.StepRandomly(k + 1);
+    plain.StepRandomly(k);
+    REQUIRE(lane.header().cause == Cause::kNone);
+    REQUIRE(lane.state() == plain.state());
+  }
+}
+
 TEST_CASE("Noise before a delay and noise behind it are what they are written to be") {
   const EnvironmentSpec spec = Unbounded();
   std::vector<double> queue(kActions, 0.0);

@@ -87,6 +87,22 @@ TEST_CASE("Rows that are not finite or blow up come back invalid and zero") {
   }
 }
 
+TEST_CASE("An action that is not finite is invalid under noise that would clip it, too") {
+  const auto simulator = OpenHalfCheetah("action-noise=0.3");
+  const auto environment = Take(simulator->Borrow());
+  const std::vector<double> observation(17, 0.0);
+  REQUIRE(Ask(*simulator, *environment, observation, std::vector<double>(6, 0.0)).result.valid);
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(),
+                           -std::numeric_limits<double>::infinity()}) {
+    std::vector<double> action(6, 0.0);
+    action[5] = bad;
+    const Answer answer = Ask(*simulator, *environment, observation, action);
+    CHECK_FALSE(answer.result.valid);
+    CHECK(answer.result.reward == 0);
+    CHECK(answer.next_observation == std::vector<double>(17, 0.0));
+  }
+}
+
 TEST_CASE("Every contact and limit at once fits the engine's memory") {
   const auto simulator = OpenHalfCheetah();
   const auto environment = Take(simulator->Borrow());

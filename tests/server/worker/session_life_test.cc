@@ -156,6 +156,17 @@ TEST_CASE("A simulator that needs more memory than any worker has is refused for
   CHECK(worker.dispatcher().session_count() == 0);
 }
 
+TEST_CASE("A session whose last lane would get a seed beyond 64 bits is refused") {
+  WorkerFixture worker;
+  worker.open.set_seed(UINT64_MAX - 1);
+  CHECK(worker.Attach(worker.Allocate(3)) == StatusCode::kInvalidArgument);
+  CHECK(worker.answers.back().envelope.status().message() ==
+        "seed is '18446744073709551614', allowed: 0..18446744073709551613 with 3 lanes");
+  worker.Open(2, "another token...");
+  worker.open.set_seed(UINT64_MAX);
+  worker.Open(0, "a third token...");
+}
+
 TEST_CASE("Live sessions come before opening ones where a replacement has memory for some") {
   WorkerFixture worker;
   const std::string hopper(limits::kTokenBytes, 'h');

@@ -25,6 +25,9 @@ TEST_CASE("Other numbers are refused with what would have been allowed") {
   REQUIRE(JudgeLane(lane, 3, 7, Operation::kStep).status().code() == StatusCode::kGap);
   REQUIRE(JudgeLane(lane, 3, UINT64_MAX, Operation::kStep).status().code() == StatusCode::kGap);
   REQUIRE(JudgeLane(lane, 3, 0, Operation::kStep).status().code() == StatusCode::kStale);
+  const LaneStatus fresh = After(0, Operation::kNone);
+  REQUIRE(JudgeLane(fresh, 3, 0, Operation::kReset).status().message() ==
+          "number of lane 3 is 0, allowed: 1 (next)");
 }
 
 TEST_CASE("The last number of another operation is not answered with that one's result") {
