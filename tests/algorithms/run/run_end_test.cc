@@ -120,7 +120,7 @@ bool IsSampleOf(const pb::Request& request, std::string_view role, uint64_t firs
          request.sample().first_batch() >= first;
 }
 
-// The opening of the dataset for the learner, behind that by which Train asks whether it would open.
+// The opening of the dataset for the learner, behind that by which Train asks whether it opens.
 Picks OpeningForTheRun() {
   return [opened = 0](const pb::Request& request) mutable {
     return request.has_open_dataset() && opened++ > 0;
