@@ -82,7 +82,7 @@ TEST_CASE("The last of an option's values counts") {
   CHECK(Says(outcome.err, "cannot list none"));
   // Each value of a list counts.
   const Outcome binds = Run({"serve", "--bind", "first", "--bind", "second"});
-  CHECK(Says(binds.err, "address is 'first'"));
+  CHECK(Says(binds.err, "--bind is 'first'"));
 }
 
 TEST_CASE("A dataset that can be made is told by the command that makes it") {
