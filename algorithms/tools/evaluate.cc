@@ -86,7 +86,7 @@ void SayWorldOf(const AgentProvenance& provenance, Client& client, const std::st
     return session.ok() ? NamedArgumentsOf(session->in_force().perturbations()) : perturbations;
   };
   const auto world = ParseNamedArguments(provenance.world);
-  if (world.ok() && in_force(*world) == in_force(simulator)) return;
+  if (world.ok() && (*world == simulator || in_force(*world) == in_force(simulator))) return;
   fmt::print(stderr,
              "b4mrl: the agent was trained for the world {0}, and is scored in {1}; --simulator "
              "\"{0}\" scores it there\n",

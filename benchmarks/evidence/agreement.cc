@@ -214,8 +214,9 @@ void Comparer::AddEffects(const CellScores& ours, const std::vector<Benchmark>& 
     const std::string run = SharedRun(*benchmark, item.algorithm);
     const auto reference = std::ranges::find(runs_, run, &Item::run);
     if (run == item.run || reference == runs_.end()) continue;
-    if (own(item).recipe != own(*reference).recipe) continue;
-    const auto [flawed, clean] = AtEqualUpdates(own(item), own(*reference));
+    const auto alike = AtEqualUpdates(own(item), own(*reference));
+    if (!alike) continue;
+    const auto& [flawed, clean] = *alike;
     if (settled_only && !(flawed.settled && clean.settled)) continue;
     effects_.push_back({item.run, run, flawed.mean - clean.mean});
   }

@@ -26,8 +26,8 @@ struct Comparison {
   // compared.
   void CompareAlike() {
     if (!IsThere()) return;
-    if (higher->recipe == lower->recipe) {
-      std::tie(higher, lower) = AtEqualUpdates(*higher, *lower);
+    if (auto alike = AtEqualUpdates(*higher, *lower)) {
+      std::tie(higher, lower) = *std::move(alike);
     } else {
       lower.reset();
     }

@@ -58,9 +58,11 @@ const CellScore& ScoreAt(const CellScore& score, uint64_t updates) {
   return found == score.earlier.end() ? score : *found;
 }
 
-std::pair<CellScore, CellScore> AtEqualUpdates(const CellScore& one, const CellScore& other) {
+std::optional<std::pair<CellScore, CellScore>> AtEqualUpdates(const CellScore& one,
+                                                              const CellScore& other) {
+  if (one.recipe != other.recipe) return std::nullopt;
   const uint64_t updates = std::min(one.updates, other.updates);
-  return {ScoreAt(one, updates), ScoreAt(other, updates)};
+  return std::pair(ScoreAt(one, updates), ScoreAt(other, updates));
 }
 
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,

@@ -58,8 +58,9 @@ using CellScores = std::map<CellName, CellScore>;
 // The score after so many updates: an earlier one, if it has that, or itself.
 const CellScore& ScoreAt(const CellScore& score, uint64_t updates);
 // What two scores of one algorithm differ by, where its training must not: that of the longer runs
-// as it was when they had as many updates as the others.
-std::pair<CellScore, CellScore> AtEqualUpdates(const CellScore& one, const CellScore& other);
+// as it was when they had as many updates as the others. Nothing if they are by two recipes.
+std::optional<std::pair<CellScore, CellScore>> AtEqualUpdates(const CellScore& one,
+                                                              const CellScore& other);
 
 // Null if there is none.
 const CellScore* Find(const CellScores& scores, const std::string& benchmark,

@@ -177,9 +177,8 @@ Dots DimensionDots(size_t series, const CellScores& scores, const std::string& a
   const CellScore* unhidden = Find(scores, clean, algorithm);
   for (size_t place = 0; place < benchmarks.size(); ++place) {
     const CellScore* found = Find(scores, benchmarks[place], algorithm);
-    const bool is_other =
-        found != nullptr && unhidden != nullptr && found->recipe != unhidden->recipe;
-    if (found == nullptr || is_other) continue;
+    if (found == nullptr) continue;
+    if (unhidden != nullptr && found->recipe != unhidden->recipe) continue;
     const CellScore& score = ScoreAt(*found, updates);
     dots.dots.push_back({.x = score.mean,
                          .y = static_cast<double>(place) + Dodge(series, 2, 0.4),

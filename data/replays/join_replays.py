@@ -5,8 +5,8 @@
 A PART is the folder of an online `b4mrl train` of HalfCheetah, whose whole episodes of 1,000 steps
 up to its newest checkpoint are taken, or a dataset in D4RL's layout, which is taken whole. A part
 whose rows are not such episodes is refused, and no file written. Prints the number of episodes,
-their mean return and the best. `b4mrl dataset import OUT.h5 --name
-HalfCheetah/NAME` makes it a dataset to train on.
+their mean return and the best. `b4mrl dataset import OUT.h5 --name HalfCheetah/NAME` makes it a
+dataset to train on.
 """
 
 import argparse

@@ -10,6 +10,7 @@
 #include "server/gateway/describe.h"
 #include "server/gateway/open_request.h"
 #include "server/perturbations/list.h"
+#include "server/replies/pending_request.h"
 
 namespace b4mrl {
 namespace {
@@ -83,8 +84,7 @@ Result<bool> Openings::IsCopy(const Asker& from, const std::string& token) const
   const auto number = peer->second.find(from.request_id);
   if (number == peer->second.end()) return false;
   if (waiting_.at(number->second).token == token) return true;
-  return InvalidArgument("request_id", std::to_string(from.request_id),
-                         "an id that is not under way with other contents");
+  return OtherContents(from.request_id);
 }
 
 Status Openings::Admit(const Asker& from) const {

@@ -7,6 +7,7 @@
 
 #include "proto/base/limits.h"
 #include "server/process/memory_shares.h"
+#include "server/replies/pending_request.h"
 #include "server/replies/reply.h"
 #include "server/replies/request_kinds.h"
 
@@ -74,8 +75,7 @@ Status Relay::Forward(const RoutingId& client, const pb::Request& request, Messa
 Status Relay::ForwardCopy(Route& route, Carried& carried, const RoutingId& client,
                           const pb::Request& request, Message message) {
   if (!IsCopy(carried.message, request, message)) {
-    return InvalidArgument("request_id", std::to_string(request.request_id()),
-                           "an id that is not under way with other contents");
+    return OtherContents(request.request_id());
   }
   // A client that has reconnected is another one here, and the process answers once.
   carried.client = client;
@@ -94,8 +94,8 @@ Status Relay::ForwardCopy(Route& route, Carried& carried, const RoutingId& clien
 bool Relay::IsCopy(const Message& earlier, const pb::Request& request, const Message& message) {
   request_.Clear();
   if (!ParseEnvelope(earlier.envelope, &request_).ok()) return false;
-  request_.set_deadline_ms(request.deadline_ms());  // which differs between copies
-  return request_.SerializeAsString() == request.SerializeAsString() &&
+  pb::Request latest = request;
+  return HashOfContents(&request_) == HashOfContents(&latest) &&
          earlier.payload.view() == message.payload.view();
 }
 

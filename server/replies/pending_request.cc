@@ -21,6 +21,11 @@ size_t HashOfContents(pb::Request* request) {
   return hash;
 }
 
+Status OtherContents(uint64_t request_id) {
+  return InvalidArgument("request_id", std::to_string(request_id),
+                         "an id that is not under way with other contents");
+}
+
 bool IsCopy(PendingRequest* one, PendingRequest* other) {
   return one->from.request_id == other->from.request_id && one->from.peer == other->from.peer &&
          ContentsOf(one) == ContentsOf(other);

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 
 #include "proto/b4mrl.pb.h"
 #include "proto/base/clock.h"
+#include "proto/base/status.h"
 #include "server/replies/reply.h"
 
 namespace b4mrl {
@@ -13,6 +15,9 @@ namespace b4mrl {
 // A hash of all that a request says but for the time that is left for it, which differs between
 // copies. Leaves the request as it was.
 size_t HashOfContents(pb::Request* request);
+
+// Refuses a request whose id is that of another one under way, of which it is no copy.
+Status OtherContents(uint64_t request_id);
 
 struct PendingRequest {
   Asker from;

@@ -133,8 +133,7 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
       job->sender = from.peer;  // resent after a reconnection: one execution, one reply
       return Status();
     }
-    return InvalidArgument("request_id", std::to_string(request.request_id()),
-                           "an id that is not under way with other contents");
+    return OtherContents(request.request_id());
   }
   B4MRL_RETURN_IF_ERROR(Admit(*session, request, payload));
   std::unique_ptr<RequestJob> job = handler->make_job({session, &request, std::move(payload)});

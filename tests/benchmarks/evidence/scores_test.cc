@@ -53,13 +53,13 @@ TEST_CASE("Two cells of an algorithm can be read after equally many updates") {
   const CellScores scores = OwnScores(table, deviations);
   const CellScore& longer = scores.at({kClean, "iql"});
   CHECK(longer.mean == 50);
-  const auto [clean, hidden] = AtEqualUpdates(longer, scores.at({medium, "iql"}));
+  const auto [clean, hidden] = AtEqualUpdates(longer, scores.at({medium, "iql"})).value();
   CHECK(clean.mean == 40);
   CHECK(clean.updates == 1000);
   CHECK_FALSE(clean.settled);
   CHECK(clean.standard_error == longer.standard_error);
   CHECK(hidden.mean == 30);
-  CHECK(AtEqualUpdates(scores.at({medium, "iql"}), longer).second.mean == 40);
+  CHECK(AtEqualUpdates(scores.at({medium, "iql"}), longer).value().second.mean == 40);
 }
 
 TEST_CASE("Where the main recipe has no result, another stands for the algorithm") {
