@@ -13,8 +13,12 @@
 namespace b4mrl {
 namespace {
 
-constexpr BootstrapOptions kBootstrap = {
-    .resampling = Resampling::kRunsAndBenchmarks, .resamples = 2000, .confidence = 0.95, .seed = 0};
+// Means of few benchmarks jump between resamples: after 2,000 of them a limit still depends on the
+// draw.
+constexpr BootstrapOptions kBootstrap = {.resampling = Resampling::kRunsAndBenchmarks,
+                                         .resamples = 50'000,
+                                         .confidence = 0.95,
+                                         .seed = 0};
 constexpr double kProfileStep = 5;
 constexpr double kProfileEnd = 100;
 

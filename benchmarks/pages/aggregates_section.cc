@@ -20,7 +20,7 @@ Table EstimatesTable(const Aggregates& aggregates) {
   table.caption =
       "Each cell counts once, however many benchmarks its runs fill: an algorithm that uses no "
       "dataset has one for each simulator, one that uses no simulator one for each dataset. "
-      "Intervals of 95%: percentile bootstrap, 2,000 resamples of cells and of the runs inside "
+      "Intervals of 95%: percentile bootstrap, 50,000 resamples of cells and of the runs inside "
       "them, from eight cells on. In the interquartile mean each cell stands by the mean of its "
       "runs where an algorithm's cells differ in their number of seeds.";
   table.columns = {{"Algorithm"},
@@ -86,10 +86,10 @@ Section AggregatesSection(const Evidence& evidence) {
     names += (names.empty() ? "" : ", ") + benchmark->name;
   }
   section.blocks.emplace_back(Paragraph{fmt::format(
-      "Algorithms with settled scores on the same {} benchmarks, those that are filled by the "
-      "same runs of all of them counted once: {}.{} Updates of the runs as above: ours differ "
-      "between algorithms. Runs "
-      "that learn nothing settle first, so while others still learn these figures are too low.",
+      "Algorithms with settled scores on the same {} benchmarks, those that are filled by the same "
+      "runs of all of them counted once: {}.{} Updates of the runs as above: ours differ between "
+      "algorithms. Runs that learn nothing settle first, so while others still learn these figures "
+      "are too low.",
       aggregates->benchmarks.size(), names, LeftOut(evidence.table, *aggregates))});
   section.blocks.emplace_back(EstimatesTable(*aggregates));
   section.blocks.emplace_back(ImprovementsTable(*aggregates));

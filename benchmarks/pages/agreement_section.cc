@@ -77,19 +77,17 @@ Table RanksTable(const PaperAgreement& settled) {
       "counts, but a run without a dataset, or without a simulator, still stands in many. Pairs of "
       "runs: of all these rankings, each pair once. An effect is the score minus that of the same "
       "algorithm, recipe and dataset with clean data and the gravity error alone, of ours after "
-      "equally "
-      "many updates. Separated: the paper's "
-      "means are more than two standard errors of their difference apart. Apart in both: the "
-      "paper's "
-      "and ours are, by the error of each cell (a single seed borrows it from the paper's "
-      "deviations), so that no other seed is likely to order them otherwise. Floor: a table that "
-      "knows algorithm and dataset alone, as the means of the paper's runs, the compared one among "
-      "them (of SAC and TD3, which use no dataset, over all of them). Ceiling: the paper's own "
-      "numbers with another seed, drawn from their means and deviations, these taken as divided by "
-      "the number of seeds (mean of 200). The intervals are percentile bootstraps with 2,000 "
-      "resamples of runs, of effects, or of the datasets of rankings and pairs: they tell what "
-      "other "
-      "cells could give, not what other seeds would.";
+      "equally many updates, or where the longer run was last evaluated before. Separated: the "
+      "paper's means are more than two standard errors of their difference apart. Apart in both: "
+      "the paper's and ours are, by the error of each cell (as for the claims; a single seed "
+      "borrows it from the paper's deviations), so that no other seed is likely to order them "
+      "otherwise. Floor: a table that knows algorithm and dataset alone, as the means of the "
+      "paper's runs, the compared one among them (of SAC and TD3, which use no dataset, over all "
+      "of them). Ceiling: the paper's own numbers with another seed, drawn from their means and "
+      "deviations, these taken as divided by the number of seeds (mean of 200). The intervals are "
+      "percentile bootstraps with 2,000 resamples of runs, of effects, or, for rankings and pairs, "
+      "of the datasets, each corruption of one for itself: they tell what other cells could give, "
+      "not what other seeds would.";
   table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
                    {"Floor", true}, {"Ceiling", true}};
   for (const RankFigure& figure : kFigures) {
@@ -109,11 +107,9 @@ Table OtherRanksTable(const Evidence& evidence, const PaperAgreement& settled) {
   table.caption =
       "In brackets n and the floor, which change with the cells. By last fifths: the mean score of "
       "a run's last fifth stands for that of its last evaluation. With a recipe: where an "
-      "algorithm "
-      "has run with it, its scores by that stand for the others; they are compared on the cells "
-      "that have settled with both. By the paper: its scores stand for ours of that algorithm. "
-      "All: "
-      "also cells that have not settled.";
+      "algorithm has run with it, its scores by that stand for the others; they are compared on "
+      "the cells that have settled with both. By the paper: its scores stand for ours of that "
+      "algorithm. All: also cells that have not settled.";
   table.columns = {{"Cells"}};
   for (const RankFigure& figure : kFigures) table.columns.push_back({figure.name, true});
   const auto add = [&](const std::string& which, const PaperAgreement& agreement) {
@@ -158,8 +154,7 @@ Table PairsTable(const std::vector<PairOrder>& pairs) {
       "algorithms, and those in which the two are turned over; the different pairs of runs behind "
       "them, and those that are turned over; and of these pairs those whose means lie apart in the "
       "paper and in ours. A run without a dataset, or without a simulator, stands in many "
-      "rankings, "
-      "so one difference between two runs may turn over many.";
+      "rankings, so one difference between two runs may turn over many.";
   table.columns = {{"Algorithm"},           {"Beside"},
                    {"Rankings", true},      {"Rankings turned over", true},
                    {"Pairs of runs", true}, {"Pairs turned over", true},
@@ -213,10 +208,10 @@ Table DeviationsTable(const Evidence& evidence, const std::vector<Deviation>& de
   table.caption = fmt::format(
       "A run that fills several cells stands once. {}: the score still rises, so longer training "
       "is the first thing to try; {}: it falls. Last fifth: the mean score over the last fifth of "
-      "the run. A "
-      "doubling adds: the points by which each doubling of the updates raises the score (median "
-      "slope over the logarithm of the updates, second half of the run). A score that has settled, "
-      "by the last two fifths of its run, may still rise by five points a doubling.",
+      "the run. A doubling adds: the points by which each doubling of the updates raises the score "
+      "(median slope over the logarithm of the updates, second half of the run). A score that has "
+      "settled, by the last two fifths of its run, may still rise by four points a doubling where "
+      "its curve is straight, and by more where it is not.",
       kRisingMark, kFallingMark);
   table.columns = {{"Benchmark"},
                    {"Algorithm"},

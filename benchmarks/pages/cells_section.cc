@@ -77,20 +77,18 @@ Section CellsSection(const Evidence& evidence) {
   table.title = "Scores beside what they cost.";
   table.caption = fmt::format(
       "A run that fills the cells of several benchmarks stands once, at the first of them. Last "
-      "fifth: the mean score over the last fifth of the run; a doubling adds: the points by "
-      "which each doubling of the updates raises the score, in the second half of the run. "
-      "Intervals of 95%: by Student's t from three seeds on; * with fewer seeds, where the "
-      "deviation between seeds is the algorithm's, pooled over our cells with three seeds or, "
-      "while there are fewer than ten of those, over the paper's (of BC, which the paper has "
-      "not, TD3-BC's). The paper's deviations stand as it prints them; it does not say by what "
-      "they are divided, and if that is the number of its seeds, three, these intervals should "
-      "be 1.22 times as wide; a borrowed deviation is taken for exact. An interval is about other "
-      "seeds, around the last evaluation: a "
-      "last fifth outside of it shows that the evaluations of one run vary more. Core-hours are "
-      "those of one run, evaluations included, but without the training of an ensemble that an "
-      "earlier run on the same machine had kept; interactions are counted by the daemon; {} where "
-      "a "
-      "run is read before its end.",
+      "fifth: the mean score over the last fifth of the run; a doubling adds: the points by which "
+      "each doubling of the updates raises the score, in the second half of the run. Intervals of "
+      "95%: by Student's t from three seeds on; * with fewer seeds, where the deviation between "
+      "seeds is the algorithm's, pooled over our cells with three seeds or, while there are fewer "
+      "than ten of those, over the paper's (the root of the mean square, each of its runs once; of "
+      "BC, which the paper has not, TD3-BC's). The paper's deviations stand as it prints them; it "
+      "does not say by what they are divided, and if that is the number of its seeds, three, these "
+      "intervals should be 1.22 times as wide; a borrowed deviation is taken for exact. An "
+      "interval is about other seeds, around the last evaluation: a last fifth outside of it shows "
+      "that the evaluations of one run vary more. Core-hours are those of one run, evaluations "
+      "included, but without the training of an ensemble that an earlier run on the same machine "
+      "had kept; interactions are counted by the daemon; {} where a run is read before its end.",
       kMissing);
   table.columns = {{"Benchmark"},        {"Algorithm"},
                    {"Score", true},      {"95% interval", true},

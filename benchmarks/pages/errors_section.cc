@@ -9,8 +9,7 @@ Section ErrorsSection(const Evidence& evidence) {
   table.title = "What is wrong in which environment.";
   table.caption =
       "The paper's table sim2real. The same noise and the same hidden dimensions corrupt data, "
-      "where "
-      "a benchmark says so.";
+      "where a benchmark says so.";
   table.columns = {
       {"Environment"}, {"Error"}, {"Perturbation"}, {"The paper's parameter"}, {"Its value"}};
   table.rows = evidence.parameters;

@@ -25,9 +25,9 @@ Section CurvesSection(const Evidence& evidence) {
   section.blocks.emplace_back(Paragraph{
       "Scores after each evaluation; with several seeds their mean, and a band of one deviation. "
       "Runs that are over four times as long as the shortest beside them have a panel of their "
-      "own; "
-      "beside the shorter ones a dashed line shows where they end. Panels whose runs are all shown "
-      "by another one are left out. MOPO and HyMOPO learn their models before the first update."});
+      "own; beside the shorter ones a dashed line shows where they end. Panels whose runs are all "
+      "shown by another one are left out. MOPO and HyMOPO learn their models before the first "
+      "update."});
   for (Picture& picture : CurvesPictures(evidence)) section.blocks.emplace_back(std::move(picture));
   return section;
 }

@@ -78,9 +78,9 @@ Table GainsTable(const std::vector<HybridGain>& gains, const std::vector<HybridG
   table.caption = fmt::format(
       "The best algorithm with one source is the best of those that have a score there: their "
       "number stands behind it, {} would be all. {}: one of the scores has not settled. In "
-      "brackets: the recipe. Gains of a hybrid with "
-      "another recipe than its main one stand at the end, beside algorithms that ran with the same "
-      "recipe where there are any; no count and no picture has them.",
+      "brackets: the recipe. Gains of a hybrid with another recipe than its main one stand at the "
+      "end, beside algorithms that ran with the same recipe where there are any; no count and no "
+      "picture has them.",
       kSingleSourceAlgorithms, kUnsettledMark);
   table.columns = {{"Benchmark"},          {"Hybrid"},  {"Gain", true}, {"Best with one source"},
                    {"Paper's gain", true}, {"Its best"}};
@@ -107,14 +107,14 @@ Section GainSection(const Evidence& evidence) {
   Section section;
   section.title = "Hybrid gain";
   section.blocks.emplace_back(Paragraph{
-      "An algorithm that has a simulator and data should do no worse than the best algorithm "
-      "that has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, "
-      "MOPO, TD3-BC and IQL on the same benchmark, in points. The best of several scores is "
-      "flattered by chance: among seven algorithms that are equally good, one is above the best "
-      "of the other six in one benchmark of seven. Algorithms differ in their updates (see the "
-      "opening): beside one with more of them, a hybrid that still rises may yet gain. Runs "
-      "that learn nothing settle first: gains that rest on settled scores alone are the lower "
-      "ones while many runs still learn."});
+      "An algorithm that has a simulator and data should do no worse than the best algorithm that "
+      "has one of them. Hybrid gain is its score minus that of the best of TD3, SAC, BC, MOPO, "
+      "TD3-BC and IQL on the same benchmark, in points. The best of several scores is flattered by "
+      "chance: among seven algorithms that are equally good, one is above the best of the other "
+      "six in one benchmark of seven; of the paper's, which has no BC, in one of six. Algorithms "
+      "differ in their updates (see the opening): beside one with more of them, a hybrid that "
+      "still rises may yet gain. Runs that learn nothing settle first: gains that rest on settled "
+      "scores alone are the lower ones while many runs still learn."});
   List counts{CountsOf(paper, "Paper,")};
   std::ranges::copy(CountsOf(ours, "Ours,"), std::back_inserter(counts.items));
   section.blocks.emplace_back(std::move(counts));

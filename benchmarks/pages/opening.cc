@@ -98,8 +98,7 @@ std::string EffortOf(const Evidence& evidence) {
       "Compare with care. Seeds a cell: ours {}, the paper's 3. Updates: ours {}; the paper does "
       "not say how many it took, most of the authors of its algorithms take 1M. Datasets: the "
       "paper's are D4RL's, this project's are recordings of its own agents at the same levels, "
-      "which "
-      "data/DATASHEET.md describes; the expert of HalfCheetah's scores 77.{}",
+      "which data/DATASHEET.md describes; the expert of HalfCheetah's scores 77.{}",
       SeedsOf(evidence), UpdatesOf(evidence),
       lacking.empty() ? "" : fmt::format(" Nothing of {} has run yet.", lacking));
 }
@@ -141,9 +140,8 @@ std::vector<Block> Opening(const Evidence& evidence) {
   std::vector<Block> blocks;
   blocks.emplace_back(Paragraph{fmt::format(
       "{} Made by b4mrl report from the results, and benchmarks/explanations.toml, beside the "
-      "figures of \"Benchmarks for "
-      "Reinforcement Learning with Biased Offline Data and Imperfect Simulators\" (arXiv "
-      "2407.00806), of which this is an independent implementation.",
+      "figures of \"Benchmarks for Reinforcement Learning with Biased Offline Data and Imperfect "
+      "Simulators\" (arXiv 2407.00806), of which this is an independent implementation.",
       SummaryOf(evidence))});
   blocks.emplace_back(Paragraph{EffortOf(evidence)});
   for (const std::string& text : {OtherRowsOf(evidence), RecipesOf(evidence)}) {

@@ -221,8 +221,7 @@ Picture GainPicture(const std::vector<HybridGain>& ours, const std::vector<Hybri
   picture.figure.title = "Hybrid gain: a hybrid's score minus the best with one source";
   picture.figure.sentences = {
       "Right of 0, simulator and data together are worth more than either alone. With an error in "
-      "the data "
-      "the simulator has the gravity error.",
+      "the data the simulator has the gravity error.",
       "Open: a score that it rests on still moves."};
   Panel panel;
   for (const std::string& benchmark : benchmarks) {

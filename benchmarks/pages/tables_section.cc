@@ -169,21 +169,20 @@ Section TablesSection(const Evidence& evidence) {
   section.title = "Scores, beside the paper's";
   section.blocks.emplace_back(Paragraph{fmt::format(
       "Scores are normalised as in D4RL: 0 is a random policy, 100 D4RL's expert; Highway's are "
-      "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; "
-      "± is the standard deviation over seeds (with their number as divisor), which a single "
-      "seed has not. {} marks a cell of which a run still goes on, or whose mean score over "
-      "its seeds rises by more than 1.5 points (a return by more than 3% of what its curve spans) "
-      "from the last fifth but one of the training to the last, {} one that falls by more than "
-      "that, {} one that was evaluated too rarely to say. Such cells decide nothing below, and {} "
-      "marks what is reckoned from them. A cell without a mark has settled, which is not to say "
-      "that ten times the updates would add nothing. {} is a cell that nothing has filled yet or, "
-      "of the paper, an algorithm that it has not; {} one that is not defined. \"Ours, nothing "
-      "hidden\" and "
-      "\"ours, through its noise\" are the same agents on other observations: without the "
-      "mask, or with the noise, of their training. Nothing hidden is no full information: in "
-      "training these inputs were always 0, so their weights are still those of the first "
-      "draw. Both are blank for agents that were not evaluated so. The gain of a hybrid is its "
-      "score minus the best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
+      "returns. They are those of a run's last evaluation. Behind ours stand seeds × updates; ± is "
+      "the standard deviation over seeds (with their number as divisor), which a single seed has "
+      "not. {} marks a cell of which a run still goes on, or whose mean score over its seeds rises "
+      "by more than 1.5 points (a return by more than 3% of what its curve spans) from the last "
+      "fifth but one of the training to the last, {} one that falls by more than that, {} one that "
+      "was evaluated too rarely to say. Such cells decide nothing below, and {} marks what is "
+      "reckoned from them. A cell without a mark has settled, which is not to say that ten times "
+      "the updates would add nothing. {} is a cell that nothing has filled yet or, of the paper, "
+      "an algorithm that it has not; {} one that is not defined. \"Ours, nothing hidden\" and "
+      "\"ours, through its noise\" are the same agents on other observations: without the mask, or "
+      "with the noise, of their training. Nothing hidden is no full information: in training these "
+      "inputs were always 0, so their weights are still those of the first draw. Both are blank "
+      "unless all agents of the cell were evaluated so. The gain of a hybrid is its score minus "
+      "the best of TD3, SAC, BC, MOPO, TD3-BC and IQL in that row.",
       kRisingMark, kFallingMark, kUntoldMark, kUnsettledMark, kMissing, kNotDefined)});
   // One table for each environment's challenge of which there is a score, in the order of the
   // suites.

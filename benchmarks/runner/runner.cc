@@ -82,7 +82,7 @@ bool Runner::Stops() const {
   return Interrupted() || !lost_.ok() || (options_.hours > 0 && end_.expired());
 }
 
-bool Runner::IsLost(const Status& status) {
+bool Runner::NoteIfLost(const Status& status) {
   if (status.recoverable() && !client_.ServerStatus().ok()) lost_ = status;
   return !lost_.ok();
 }
@@ -120,7 +120,7 @@ void Runner::ShowProgress() {
 bool Runner::Begin(size_t number) {
   const Result<bool> begun = TryToBegin(number);
   if (begun.ok()) return *begun;
-  if (Stops() || IsLost(begun.status())) return false;  // requests end with the work
+  if (Stops() || NoteIfLost(begun.status())) return false;  // requests end with the work
   Fail(tasks_[number], begun.status().message());
   return true;
 }
@@ -166,7 +166,10 @@ Result<bool> Runner::BeginTraining(size_t number, UniqueFd claim) {
       return true;
     }
     B4MRL_ASSIGN_OR_RETURN(const auto dataset, datasets_.Find(run.full_dataset));
-    if (!dataset) return BeginDataset(run);
+    if (!dataset) {  // which the run waits for
+      B4MRL_RETURN_IF_ERROR(BeginDataset(run));
+      return false;
+    }
     if (const std::string refusal = datasets_.Refusal(run, *dataset); !refusal.empty()) {
       Fail(task, refusal);
       return true;
@@ -238,13 +241,13 @@ std::vector<std::string> Runner::DaemonWords() const {
   return {"--data", options_.data_folder};
 }
 
-Result<bool> Runner::BeginDataset(const PlannedRun& run) {
+Status Runner::BeginDataset(const PlannedRun& run) {
   B4MRL_ASSIGN_OR_RETURN(std::optional<Job> job, datasets_.Begin(run));
   if (job) {
     Say(fmt::format("make {}", run.dataset));
     active_.push_back({*std::move(job), std::nullopt, run.full_dataset, std::nullopt});
   }
-  return false;  // the run waits for the dataset
+  return Status();
 }
 
 void Runner::Collect() {
@@ -269,7 +272,7 @@ void Runner::Finish(Active& active, int exit_code) {
     waiting_.push_front(*active.task);  // to be scored, or found done
     return;
   }
-  if (Stops() || (!written.ok() && IsLost(written))) return;
+  if (Stops() || (!written.ok() && NoteIfLost(written))) return;
   if (!written.ok()) return Fail(task, written.message());
   const auto state = ReadRunStatus(task.folder);
   if (!active.scoring && state.ok() && state->state == RunState::kDiverged) {

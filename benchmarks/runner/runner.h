@@ -87,8 +87,8 @@ class Runner {
   };
 
   bool Stops() const;  // whether the work ends now, to be resumed
-  // Whether a request failed because the daemon is gone. Then the work ends, to be resumed.
-  bool IsLost(const Status& status);
+  // Asks the daemon whether a request failed because it is gone: then the work ends, to be resumed.
+  bool NoteIfLost(const Status& status);
   void LookAtResults();
   // Each starts a process, or finds that none is needed; false: the run has to wait.
   bool Begin(size_t number);  // a run that cannot be begun has failed
@@ -97,7 +97,7 @@ class Runner {
   // The next evaluation of a trained agent that is missing. False: there is none.
   Result<bool> BeginMissingScoring(size_t number, const std::set<std::string>& present,
                                    UniqueFd& claim);
-  Result<bool> BeginDataset(const PlannedRun& run);
+  Status BeginDataset(const PlannedRun& run);  // unless it is being made already
   Status BeginScoring(size_t number, const Scoring& scoring, UniqueFd claim);
   void End(Task& task);  // as done
   // Whether the run can probably end within the hours.
