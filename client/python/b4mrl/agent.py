@@ -154,7 +154,12 @@ def load_agent(path: str | os.PathLike[str]) -> Policy:
     import h5py  # only here: HDF5 is slow to import
 
     source = checks.path("path", path)
-    with h5py.File(source, "r") as file:
+    try:
+        file = h5py.File(source, "r")
+    except OSError as error:
+        # HDF5 names only the files that it cannot find.
+        raise type(error)(error.errno, f"{source} cannot be read: {error}") from None
+    with file:
         entries = AgentFile(file)
         if "metadata/policy" not in entries:
             raise DataLossError(f"{source} holds no agent: it has no metadata/policy")

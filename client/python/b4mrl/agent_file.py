@@ -58,10 +58,10 @@ class AgentFile:
             raise DataLossError(f"{path} is {value!r}, allowed: UTF-8 ({error})") from None
 
     def number(self, path: str, high: float) -> float:
-        """A number in 0..high."""
+        """A whole number in 0..high."""
         value = float(self._one(path, "fiub", "a single number"))
-        if not 0 <= value <= high:
-            raise DataLossError(f"{path} is {value}, allowed: 0..{high:.0f}")
+        if not (0 <= value <= high and value.is_integer()):
+            raise DataLossError(f"{path} is {value}, allowed: whole numbers in 0..{high:.0f}")
         return value
 
     def vector(self, path: str, size: int, default: float) -> Vector:

@@ -117,6 +117,9 @@ class Client(Shown):
     def ledger(self, number: int = 0) -> Ledger:
         """A ledger, in which the daemon counts what a learner uses: number 0 opens a new one.
 
+        What is opened with the number of a ledger that the daemon has not, or not any more, is
+        opened all the same, and counted nowhere.
+
         UnknownNameError: the daemon has no ledger of that number.
         """
         return Ledger(self._ask_gateway, number)

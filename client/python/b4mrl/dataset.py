@@ -51,7 +51,8 @@ class Dataset(Shown):
         deadline_ms: time limit of each request, in milliseconds.
         connect: makes another connection to the dataset worker.
         open_queries: opens a session for queries of (environment, simulator); used by pair.
-        ledger: number of the ledger that counts the rows received.
+        ledger: number of the ledger that counts the rows served, also of batches that were requested
+            ahead and are never received.
 
     Attributes:
         name, rows, observation_size, action_size: name and sizes; `rows` counts the rows that the
@@ -217,7 +218,7 @@ class Dataset(Shown):
             rows: rows of each batch.
             seed: seed of the random choice.
             credits: number of batches requested ahead, so that the next one has usually arrived
-                when it is needed.
+                when it is needed. All streams of a dataset together have at most 64 under way.
             pair_with: a simulator, written as in Client.make. Each batch then also has that
                 simulator's columns for its rows: see pair, which this calls before it returns.
             pair_seed: seed of the simulator's noise.

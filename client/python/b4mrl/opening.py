@@ -113,19 +113,23 @@ def _open(endpoint: str, routes: Routes, request: Any, deadline_ms: float) -> Se
     # Open to the gateway and all requests to the session's worker carry the same token.
     token = secrets.token_bytes(limits.TOKEN_BYTES)
     opener = Connection(endpoint, token)
+    worker = None
     asked = request.open
     try:
         reply = opener.call(request, bytearray(), deadline_ms).reply.open
         if (reply.num_envs, reply.observation_dtype) != (asked.num_envs, asked.observation_dtype):
             raise errors.InternalError("the server's reply does not fit what was opened")
         in_force, spec = descriptions.read(reply), spec_of(reply.info)
+        dtype = arrays.dtype_of(reply.observation_dtype)
         worker = routes.reach(reply.port, token)
+        session = Session(worker, in_force, spec, dtype, deadline_ms)
     except BaseException:
         opener.farewell(close_request())  # the daemon may have opened the session already
+        if worker is not None:
+            worker.close()
         raise
     opener.close()
-    dtype = arrays.dtype_of(reply.observation_dtype)
-    return Session(worker, in_force, spec, dtype, deadline_ms)
+    return session
 
 
 def plain(**arguments: Any) -> dict[str, Any]:
@@ -144,7 +148,10 @@ def _step_limit(steps: int | None) -> int | None:
         return None
     if steps == config.WITHOUT_LIMIT:
         return config.WITHOUT_LIMIT
-    return checks.integer("max_episode_steps", steps, 1, config.MOST_STEPS)
+    try:
+        return checks.integer("max_episode_steps", steps, 1, config.MOST_STEPS)
+    except errors.InvalidArgumentError as error:
+        raise errors.InvalidArgumentError(f"{error}, or -1 for no limit") from None
 
 
 def mode_name(mode: Any) -> str:

@@ -114,6 +114,7 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
     """
     started: queue.SimpleQueue[subprocess.Popen[bytes] | Exception] = queue.SimpleQueue()
     unwanted = threading.Event()
+    is_abandoned = False  # Ctrl-C came before anyone had the process
 
     def start_and_stay() -> None:
         try:
@@ -131,9 +132,17 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
             return
         started.put(process)
         unwanted.wait()
+        if is_abandoned:
+            process.terminate()
+            process.wait()
 
     threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
-    outcome = started.get()
+    try:
+        outcome = started.get()
+    except BaseException:
+        is_abandoned = True
+        unwanted.set()
+        raise
     if isinstance(outcome, Exception):
         raise UnavailableError(f"cannot start the server: {outcome}") from outcome
     return outcome, unwanted
@@ -182,7 +191,7 @@ def serve(
     The daemon's program is the one that $B4MRL_SERVER names (`b4mrl` stands for the `b4mrl-serve`
     beside it), else `b4mrl-serve` or `b4mrl` in PATH, else `build/release/b4mrl-serve` in the
     checkout that holds this package or the working folder, if that file and its folders are this
-    user's or root's and no one else may write there.
+    user's or root's and not open to everyone.
 
     Args:
         tcp: listen on free tcp ports of loopback instead of ipc sockets in a private folder, which
@@ -240,7 +249,7 @@ def find_server() -> list[str]:
             return _command_of(os.path.abspath(candidate))
     raise UnavailableError(
         "the program b4mrl-serve is not found: name it in B4MRL_SERVER, add its folder to PATH, or "
-        "work in a checkout that was built (build/release) and to which only its owner may write"
+        "work in a checkout of yours that was built (build/release) and is not open to everyone"
     )
 
 

@@ -181,6 +181,7 @@ class Benchmark(Shown):
         Hidden is what its training hid: dimensions that the dataset hides or that its behaviour
         policy could not see; in a benchmark without a dataset, those that the simulator hides. A
         learner of a full dataset and a simulator that hides dimensions may see all of them.
+        UnknownNameError: the daemon has not the benchmark's dataset, which says what is hidden.
         """
         space = self._spec.observation
         if self._dataset is not None:
@@ -215,6 +216,7 @@ class Benchmark(Shown):
                 "trained" with the noise that the training's observations had.
 
         InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
+        UnknownNameError: the daemon has not the benchmark's dataset; see `mask`.
         """
         episodes = checks.integer("episodes", episodes, 1, limits.MAX_LANES_PER_SESSION)
         if observe not in _OBSERVE:

@@ -134,6 +134,8 @@ def _actions(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     allowed = f"allowed: numbers of shape {shape}"
     try:
         given = np.asarray(value)
+        if given.dtype.kind == "c":
+            raise TypeError("complex numbers")  # numpy would drop their imaginary parts
         if given.dtype != np.float32:
             given = given.astype(np.float64, copy=False)
     except (TypeError, ValueError, RuntimeError) as error:  # PyTorch's say what is to be called

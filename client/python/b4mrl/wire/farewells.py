@@ -115,13 +115,29 @@ def _watch_the_end() -> None:
         return
     _watched_process = os.getpid()
     atexit.register(give_back_all)
-    if multiprocessing.parent_process() is None:
-        return
+    if multiprocessing.parent_process() is not None:
+        _watch_the_childs_end()
+
+
+def _watch_the_childs_end() -> None:
     multiprocessing.util.Finalize(None, _end, exitpriority=100)
     is_main = threading.current_thread() is threading.main_thread()
     is_free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     if multiprocessing.current_process().daemon and is_main and is_free:
         signal.signal(signal.SIGTERM, _give_back_and_end)
+
+
+def _after_fork(_: object) -> None:
+    """Has a child of multiprocessing watched that was given sessions as it was begun.
+
+    Where a forkserver begins it, they are unpickled before it counts as a child, and what is to be
+    done at its end is forgotten as it begins to.
+    """
+    if _watched_process == os.getpid():
+        _watch_the_childs_end()
+
+
+multiprocessing.util.register_after_fork(_after_fork, _after_fork)
 
 
 def _end() -> None:

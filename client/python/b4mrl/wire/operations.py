@@ -64,6 +64,7 @@ class Operations:
         self._connection = connection
         self._numbers = numbers
         self._under_way: dict[int, _Operation] = {}  # by the request's id
+        self._reading = 0  # the id of the last request of `read_lanes`, unless it was answered
         self._inside = 0  # the thread that is in `call`; 0: none
 
     def call(
@@ -125,9 +126,30 @@ class Operations:
     def await_interrupted(self, deadline_ms: float) -> None:
         """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
         self._require_alone()
+        self._await_reading()
         self._drop_unsent()
         for request_id in self._interrupted():
             self._settle(request_id, deadline_ms)
+
+    def read_lanes(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
+        """Connection.call of a request that changes nothing, but takes the lanes for a while.
+
+        It sees what the interrupted operations have done. If Ctrl-C ends its wait, the next call
+        of this session waits in its place, as the daemon would refuse a lane that is being read.
+        """
+        self.await_interrupted(deadline_ms)
+        self._reading = self._connection.next_id
+        delivery = self._connection.reply_to(self._connection.send(request, payload, deadline_ms))
+        self._reading = 0
+        return delivery
+
+    def _await_reading(self) -> None:
+        """Waits until the daemon has done an interrupted request of `read_lanes`."""
+        if self._reading == 0:
+            return
+        if self._connection.is_in_flight(self._reading):
+            self._connection.receive(self._reading)
+        self._reading = 0
 
     def _require_alone(self) -> int:
         user = threading.get_ident()
@@ -173,6 +195,7 @@ class Operations:
 
         The operation counts as interrupted until _take reads its outcome or send_step returns.
         """
+        self._await_reading()
         if self._under_way:
             self._drop_unsent()
             for request_id in self._interrupted():

@@ -143,12 +143,11 @@ class Session:
     def snapshot(self, lanes: Lanes | None = None) -> dict[str, Array]:
         """The lanes' states: `snapshot` uint8 (n, bytes) and readable parts, float64 (n, size)."""
         self._refuse_closed()
-        self._operations.await_interrupted(self.deadline_ms)
         self._numbers.check_range(lanes)
         request = Request()
         request.snapshot.SetInParent()
         payload = arrays.pack({} if lanes is None else {"lanes": lanes}, request.arrays)
-        delivery = self._connection.call(request, payload, self.deadline_ms)
+        delivery = self._operations.read_lanes(request, payload, self.deadline_ms)
         count = self._numbers.count_of(lanes)
         found = delivery.arrays
         for name in found:
@@ -173,7 +172,6 @@ class Session:
         daemon cannot draw.
         """
         self._refuse_closed()
-        self._operations.await_interrupted(self.deadline_ms)
         width = checks.unsigned("width", width, bits=32) or self.spec.picture_width
         height = checks.unsigned("height", height, bits=32) or self.spec.picture_height
         chosen = np.arange(self.num_envs, dtype=np.uint32) if lanes is None else lanes
@@ -185,7 +183,7 @@ class Session:
             request = Request()
             request.render.width, request.render.height = width, height
             payload = arrays.pack({"lanes": part}, request.arrays)
-            delivery = self._connection.call(request, payload, self.deadline_ms)
+            delivery = self._operations.read_lanes(request, payload, self.deadline_ms)
             shape = (len(part), height, width, 3)
             frames.extend(
                 frame.copy() for frame in require(delivery.arrays, "frames", "uint8", shape)

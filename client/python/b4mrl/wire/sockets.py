@@ -24,6 +24,10 @@ _UNREAD_REPLIES = 2 * limits.MAX_REQUESTS_IN_FLIGHT
 # unclosed.
 _of_parents: list[zmq.Socket[bytes]] = []
 
+# Monitors of the sockets that may still report. ZeroMQ's only thread waits, without end and for all
+# sockets of the process, for a monitor that is gone, as Ctrl-C at the wrong moment would have it.
+_monitors: set[zmq.Socket[bytes]] = set()
+
 _MORE = zmq.NOBLOCK | zmq.SNDMORE
 
 
@@ -121,6 +125,7 @@ class SocketLink:
             _of_parents.extend((self._socket, self._monitor))
         elif not self._socket.closed:
             self._socket.disable_monitor()
+            _monitors.discard(self._monitor)
             self._monitor.close(linger=0)
             self._socket.close(linger=linger_ms)
 
@@ -158,6 +163,7 @@ def open_link(address: str) -> SocketLink:
     except zmq.ZMQError as error:
         socket.close(linger=0)
         raise _no_socket(address, error) from error
+    _monitors.add(monitor)  # a socket that was never connected has reported nothing
     link = SocketLink(address, socket, monitor)
     try:
         socket.connect(address)

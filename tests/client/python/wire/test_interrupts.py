@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import functools
 import os
-import pkgutil
 import random
 import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
@@ -22,6 +21,7 @@ from b4mrl.wire.operations import Operations
 
 from conftest import environment_workers
 from equality import assert_same
+from interrupting import interrupt
 
 # Where Ctrl-C comes: a function of the client, whether before or after it has done its work, and
 # whether the interrupted operation happens.
@@ -71,21 +71,6 @@ def pair(
         twin.reset(seed=1)
         assert env.transport == request.param
         yield env, twin
-
-
-def interrupt(call: Callable[[], object], place: str, when: str) -> None:
-    """Makes `call`, into which Ctrl-C comes."""
-    original = pkgutil.resolve_name(place)
-
-    def interrupted(*arguments: object, **options: object) -> None:
-        if when == "after" and original(*arguments, **options) is None and place.endswith("_read"):
-            return None  # there was no message yet
-        raise KeyboardInterrupt
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(place, interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            call()
 
 
 @everywhere
@@ -157,6 +142,15 @@ def test_states_are_those_behind_what_was_interrupted(pair) -> None:
     result = twin.step(np.ones(6))
     assert_same(env.get_state(), twin.get_state())
     assert_same(env.step(np.ones(6)), result)  # and the outcome is still there
+
+
+@pytest.mark.parametrize("call", ["get_state", "render"])
+def test_what_was_to_be_read_keeps_no_lane_busy(client: b4mrl.Client, call: str) -> None:
+    with client.make_vec("Humanoid", 64, render_mode="rgb_array", width=16, height=16) as vec:
+        vec.reset(seed=1)
+        for seed in range(10):
+            interrupt(getattr(vec, call), "b4mrl.wire.connection.Connection.receive_any", "before")
+            vec.reset(seed=seed)  # while the daemon may be reading the lanes
 
 
 @pytest.mark.parametrize(("place", "when"), [("send", "after"), ("_transmit", "after")])

@@ -18,11 +18,13 @@ from b4mrl import errors
 from b4mrl.wire import sockets
 from b4mrl.wire.connection import Connection
 
+from interrupting import interrupt
 from waiting import await_true, descriptor_count
 
 PROGRAM = """
-import sys, threading
+import multiprocessing, sys, threading
 import b4mrl, gymnasium, numpy
+from b4mrl.wire.sockets import open_link
 from gymnasium.vector import AsyncVectorEnv
 
 endpoint, kind = sys.argv[1:]
@@ -49,6 +51,14 @@ if __name__ == "__main__":
         other.query("HalfCheetah", numpy.zeros((2, 17)), numpy.zeros((2, 6)))
     if kind == "raises":
         raise SystemExit(3)
+    if kind == "gives":  # an environment to a child, which closes nothing either
+        child = multiprocessing.get_context("forkserver").Process(target=env.reset)
+        child.start()
+        child.join()
+    if kind == "drops":  # what Ctrl-C leaves of links that nobody has yet
+        for _ in range(300):
+            open_link(endpoint)
+        b4mrl.connect(endpoint, deadline_ms=60_000)
     if kind == "thread":
         first = threading.Event()
         threading.Thread(target=step_for_ever, args=(env, first), daemon=True).start()
@@ -70,12 +80,35 @@ def own_client() -> b4mrl.Client:
         yield client
 
 
-@pytest.mark.parametrize(("kind", "status"), [("ends", 0), ("raises", 3), ("fork", 0)])
+@pytest.mark.parametrize(
+    ("kind", "status"), [("ends", 0), ("raises", 3), ("fork", 0), ("gives", 0)]
+)
 def test_a_program_that_closes_nothing_leaves_no_session(
     own_client: b4mrl.Client, kind: str, status: int
 ) -> None:
     done = run(own_client.endpoint, kind)
     assert (done.returncode, done.stderr) == (status, "")
+    assert await_true(lambda: own_client.server_status().session_count == 0)
+
+
+def test_links_that_are_dropped_stop_no_other_one(endpoint: str) -> None:
+    assert run(endpoint, "drops").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("place", "when"),
+    [
+        ("b4mrl.opening.spec_of", "after"),
+        ("b4mrl.wire.routes.Routes.reach", "after"),
+        ("b4mrl.wire.session.Session.__init__", "before"),
+        ("b4mrl.wire.session.Session.__init__", "after"),
+    ],
+)
+def test_an_opening_that_ctrl_c_ends_leaves_no_session(
+    own_client: b4mrl.Client, place: str, when: str
+) -> None:
+    interrupt(lambda: own_client.make("Hopper"), place, when)
+    gc.collect()
     assert await_true(lambda: own_client.server_status().session_count == 0)
 
 
