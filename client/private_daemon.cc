@@ -26,7 +26,10 @@ namespace fs = std::filesystem;
 
 std::string FindBinary(const PrivateDaemonOptions& options) {
   if (!options.binary.empty()) return options.binary;
-  if (const char* path = std::getenv("B4MRL_SERVER"); path != nullptr && *path != '\0') return path;
+  if (const char* path = std::getenv("B4MRL_SERVER"); path != nullptr && *path != '\0') {
+    const fs::path named(path);  // the launcher stands for the daemon beside it
+    return named.filename() == "b4mrl" ? named.parent_path() / "b4mrl-serve" : named;
+  }
   return ProgramBesideThisOne("b4mrl-serve");
 }
 
@@ -50,7 +53,8 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   return variables;
 }
 
-// Between fork and exec: only async-signal-safe calls.
+// Between fork and exec: only async-signal-safe calls. The daemon gets no other descriptor of this
+// process, whose sockets and pipes would stay open with it.
 [[noreturn]] void RunChild(int output, pid_t parent, int niceness, const char* binary,
                            char* const* arguments, char* const* variables) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
@@ -59,7 +63,14 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   // it.
   setpgid(0, 0);
   (void)nice(niceness);
-  dup2(output, STDOUT_FILENO);
+  if (output == STDOUT_FILENO) {  // this process has no stdout of its own
+    fcntl(output, F_SETFD, 0);
+  } else {
+    dup2(output, STDOUT_FILENO);
+  }
+  const int nothing = open("/dev/null", O_RDONLY);
+  dup2(nothing, STDIN_FILENO);
+  close_range(STDERR_FILENO + 1, ~0u, 0);
   execve(binary, arguments, variables);
   _exit(127);
 }

@@ -40,8 +40,8 @@ Status HideAll(const google::protobuf::RepeatedField<uint32_t>& dimensions,
 }
 
 // `policy` with what `mask` hides set to 0 in its observations.
-BatchPolicy Masked(const BatchPolicy& policy, std::vector<uint8_t> mask) {
-  return [&policy, mask = std::move(mask),
+BatchPolicy Masked(BatchPolicy policy, std::vector<uint8_t> mask) {
+  return [policy = std::move(policy), mask = std::move(mask),
           seen = std::vector<float>()](const PolicyBatch& batch) mutable {
     seen.assign(batch.observations.begin(), batch.observations.end());
     for (size_t i = 0; i < seen.size(); ++i) {

@@ -1,5 +1,4 @@
 #include "server/serve_main.h"
-#include "proto/base/exit_codes.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/stubs/logging.h>
@@ -12,6 +11,7 @@
 #include <system_error>
 
 #include "data/suites/suites.h"
+#include "proto/base/exit_codes.h"
 #include "server/datasets/dataset_worker.h"
 #include "server/datasets/importer.h"
 #include "server/environments/mujoco/engine_version.h"

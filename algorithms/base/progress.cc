@@ -89,8 +89,11 @@ void Progress::Finish() {
 std::string Progress::Line(bool with_bar) const {
   const double seconds = SecondsSince(start_);
   const double rate = seconds > 0 ? static_cast<double>(done_ - first_) / seconds : 0;
-  const double fraction =
-      total_ > 0 ? std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_)) : 0;
+  if (total_ == 0) {
+    return fmt::format("{} {} {}, {}, {} so far{}{}", stage_, done_, unit_, FormatRate(rate, unit_),
+                       FormatDuration(seconds), note_.empty() ? "" : ", ", note_);
+  }
+  const double fraction = std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
   const uint64_t rest = total_ > done_ ? total_ - done_ : 0;
   const std::string left =
       rate > 0 ? FormatDuration(static_cast<double>(rest) / rate) + " left" : "";

@@ -23,7 +23,8 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  // Begins a stage: "train", counted in "updates" from `first` to `total`.
+  // Begins a stage: "train", counted in "updates" from `first` to `total`; 0 where nobody knows how
+  // many there will be.
   void Start(std::string_view stage, std::string_view unit, uint64_t total, uint64_t first = 0);
   // `note` is shown behind the numbers ("score 31.2").
   void Update(uint64_t done, std::string_view note = "");

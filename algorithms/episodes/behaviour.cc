@@ -30,7 +30,8 @@ Result<Behaviour> Behaviour::OfAgent(const Agent& agent, const EnvironmentSpec& 
   B4MRL_ASSIGN_OR_RETURN(AgentPolicy policy, AgentPolicy::Create(agent));
   B4MRL_RETURN_IF_ERROR(CheckSizes(policy, environment));
   if (!policy.stochastic()) {
-    return InvalidArgument("agent", "deterministic", "a stochastic policy (tanh_gaussian)");
+    return InvalidArgument("agent", "deterministic",
+                           "one with a stochastic policy (tanh_gaussian), such as SAC's");
   }
   return Behaviour(std::move(policy), environment);
 }

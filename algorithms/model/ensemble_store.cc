@@ -252,8 +252,8 @@ Status TrainOn(const Work& work, const DynamicsData<float>& data, const Ensemble
                const std::atomic<bool>& stop) {
   DynamicsProgress state = ensemble.Train(data, 0);
   int64_t saved_updates = state.updates;
-  progress.Start("train ensemble", "updates", static_cast<uint64_t>(ensemble.options().max_updates),
-                 static_cast<uint64_t>(state.updates));
+  // It ends when the hold-out error stops getting better, as a rule long before its largest number.
+  progress.Start("train ensemble", "updates", 0, static_cast<uint64_t>(state.updates));
   while (!state.finished && !stop) {
     state = ensemble.Train(data, kUpdatesPerCall);
     B4MRL_RETURN_IF_ERROR(CheckFinite(state));

@@ -64,15 +64,15 @@ void RunLog::Summarise(const EnvironmentSpec& environment, TrainSummary* summary
 }
 
 void RunLog::Show(double update, const EvaluationResult& result) {
-  const std::string score = result.score ? fmt::format("score {:.1f}", *result.score)
-                                         : fmt::format("return {:.1f}", result.mean_return);
-  progress_->Message(fmt::format("update {}: return {:.1f} +- {:.1f}, {}", update,
-                                 result.mean_return, result.std_return, score));
+  const std::string score = result.score ? fmt::format("score {:.1f}", *result.score) : "";
+  progress_->Message(fmt::format("update {}: return {:.1f} +- {:.1f}{}{}", update,
+                                 result.mean_return, result.std_return, score.empty() ? "" : ", ",
+                                 score));
   if (result.given_up > 0) {
     progress_->Message(fmt::format("{} of {} episodes were given up by the simulator",
                                    result.given_up, result.returns.size()));
   }
-  progress_->Note(score);
+  progress_->Note(score.empty() ? fmt::format("return {:.1f}", result.mean_return) : score);
 }
 
 Status RunLog::Save(CheckpointWriter& writer) {

@@ -130,14 +130,19 @@ void TakeEarlierScores(const std::string& folder, TrainSummary* summary) {
     const Json value = json->value(name, Json());
     return value.is_number() ? std::optional(value.get<double>()) : std::nullopt;
   };
-  const auto updates = static_cast<uint64_t>(number("evaluation_updates").value_or(0));
+  const auto count = [&](const char* name) -> uint64_t {
+    const Json value = json->value(name, Json());
+    return value.is_number_unsigned() ? value.get<uint64_t>() : 0;
+  };
+  const uint64_t updates = count("evaluation_updates");
   const Json returns = json->value("returns", Json());
-  if (!returns.is_array() || (summary->last && updates <= summary->last_updates)) return;
+  if (!returns.is_array() || returns.empty()) return;
+  if (summary->last && updates <= summary->last_updates) return;
   EvaluationResult last;
   for (const Json& value : returns) {
     if (value.is_number()) last.returns.push_back(value.get<double>());
   }
-  last.given_up = static_cast<uint32_t>(number("given_up_episodes").value_or(0));
+  last.given_up = static_cast<uint32_t>(count("given_up_episodes"));
   last.mean_return = number("mean_return").value_or(0);
   last.std_return = number("std_return").value_or(0);
   last.score = number("score");

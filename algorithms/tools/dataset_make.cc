@@ -269,7 +269,8 @@ std::vector<Command> AddDatasetMake(CLI::App& group) {
   app->add_option("--seed", command->seed,
                   "seed of the episodes' starts and of the actions [the recipe's, or 0]")
       ->transform(Seed());
-  app->add_option("--agent", command->agent, "agent file of the behaviour policy [the recipe's]");
+  app->add_option("--agent", command->agent,
+                  "file of an agent with a stochastic policy [the recipe's]");
   app->add_option("--simulator", command->simulator,
                   "perturbations of the world in which the episodes are recorded, "
                   "\"gravity,obs-noise=0.02\" [the recipe's]");

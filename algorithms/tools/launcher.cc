@@ -53,7 +53,11 @@ std::string OwnFolder() {
 
 std::string ProgramPath(const char* variable, std::string_view name) {
   const char* override_path = std::getenv(variable);
-  if (override_path != nullptr && *override_path != '\0') return override_path;
+  if (override_path != nullptr && *override_path != '\0') {
+    const std::string path = override_path;  // of the launcher: it stands for what is beside it
+    const size_t file = path.rfind('/') + 1;
+    return path.substr(file) == "b4mrl" ? path.substr(0, file) + std::string(name) : path;
+  }
   return OwnFolder() + "/" + std::string(name);
 }
 
@@ -94,6 +98,7 @@ int main(int argc, char** argv) {
   char** arguments = own_program ? argv + 1 : argv;
   arguments[0] = path.data();
   execv(path.c_str(), arguments);
-  std::fprintf(stderr, "b4mrl: cannot start %s: %s\n", path.c_str(), std::strerror(errno));
+  std::fprintf(stderr, "b4mrl: cannot start %s: %s%s\n", path.c_str(), std::strerror(errno),
+               errno == ENOENT ? "; the full build makes all programs (README.md)" : "");
   return kExitCannotStart;
 }

@@ -87,8 +87,8 @@ Status ReadOptional(const Hdf5Reader& file, const std::string& path, std::vector
 Status ReadOptional(const Hdf5Reader& file, const std::string& path, double high, uint64_t* out) {
   if (!file.Exists(path)) return Status();
   B4MRL_ASSIGN_OR_RETURN(const double value, file.ReadNumber(path));
-  if (!(value >= 0 && value <= high)) {
-    return InvalidNumber(path, value, fmt::format("0..{}", high));
+  if (!(value >= 0 && value <= high && value == std::floor(value))) {
+    return InvalidNumber(path, value, fmt::format("whole numbers in 0..{}", high));
   }
   *out = static_cast<uint64_t>(value);
   return Status();

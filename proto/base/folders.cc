@@ -49,7 +49,8 @@ uint64_t FolderIdentity(const std::string& path) {
 std::string SharedFolder(std::string_view name, const std::string& in_source_tree) {
   namespace fs = std::filesystem;
   const fs::path program_folder = fs::path(ProgramBesideThisOne("")).parent_path();
-  const fs::path installed = program_folder.parent_path() / "lib" / "b4mrl" / name;
+  fs::path installed = program_folder.parent_path() / "lib" / "b4mrl";
+  if (!name.empty()) installed /= name;  // an empty one would add a slash
   std::error_code error;
   return fs::is_directory(installed, error) ? installed.string() : in_source_tree;
 }

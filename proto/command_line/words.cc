@@ -41,6 +41,11 @@ std::optional<Status> UnknownWord(const CLI::App& app) {
   if (command->get_allow_extras()) return std::nullopt;
   const std::vector<std::string> words = app.remaining(/*recurse=*/true);
   if (words.empty()) return std::nullopt;
+  const std::string name = words[0].substr(0, words[0].find('='));
+  if (command != &app && name.starts_with("--") && command->get_option_no_throw(name) != nullptr) {
+    return InvalidArgument("option", name,
+                           fmt::format("behind its command, {}", command->get_name()));
+  }
   if (words[0].starts_with("--")) return UnknownOption(*command, words[0]);
   return InvalidArgument("argument", words[0], "options and values as in --help");
 }

@@ -38,9 +38,10 @@ uint64_t NumberOf(const Json& object, const char* name) {
 Result<FileIdentity> FileIdentity::Of(const std::string& path) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) return IoError("inspect", path, errno);
-  const int64_t modified_ns = info.st_mtim.tv_sec * 1'000'000'000 + info.st_mtim.tv_nsec;
-  return FileIdentity{static_cast<uint64_t>(info.st_size), static_cast<uint64_t>(modified_ns),
-                      info.st_ino};
+  // Unsigned, as a file may be of any year, and of those from 2262 on 64 bits hold no nanoseconds.
+  const uint64_t modified_ns = static_cast<uint64_t>(info.st_mtim.tv_sec) * 1'000'000'000u +
+                               static_cast<uint64_t>(info.st_mtim.tv_nsec);
+  return FileIdentity{static_cast<uint64_t>(info.st_size), modified_ns, info.st_ino};
 }
 
 std::string DatasetIndex::KeyOf(const std::string& name) {

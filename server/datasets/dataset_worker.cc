@@ -34,8 +34,8 @@ namespace {
 constexpr int64_t kTurnMs = 50;
 // The longest time for messages before those whose replies are under way have their turn.
 constexpr int64_t kMessagesMs = 1;
-// How many imports run at once, each in a process, and derivations, each in a thread.
 using Preparations = PreparationQueue<OpenedDataset>;
+// How many imports run at once, each in a process, and derivations, each in a thread.
 constexpr Preparations::Limits kImports = {.short_places = 3, .long_places = 2};
 constexpr Preparations::Limits kDerivations = {.short_places = 2, .long_places = 1};
 constexpr int64_t kShortMs = 2000;  // an import or a derivation that takes longer counts as long
@@ -149,7 +149,7 @@ void DatasetWorker::Run() {
     served_.ReleaseIdle();
   }
   store_.Stop();
-  AnswerAll(Status(StatusCode::kUnavailable, "the daemon is stopping"));
+  AnswerAll(Stopping());
   socket_.LingerOnClose(kFlushMs);
 }
 

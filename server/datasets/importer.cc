@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "data/files/stored_bytes.h"
+#include "proto/base/exit_codes.h"
 #include "proto/base/unique_fd.h"
 #include "proto/wire/json_depth.h"
 #include "server/datasets/provenance_json.h"
@@ -89,8 +90,8 @@ int RunImporter(const ImporterOptions& options) {
   const Result<ImportedDataset> imported = ImportInSandbox(options);
   std::printf("%s\n", Answer(imported).c_str());
   std::fflush(stdout);
-  if (imported.ok()) return 0;
-  return imported.status().code() == StatusCode::kInternal ? 1 : 3;
+  if (imported.ok()) return kExitDone;
+  return imported.status().code() == StatusCode::kInternal ? kExitFailed : kExitBadInput;
 }
 
 Result<ImportedDataset> ImportInChild(const std::string& program, const ImporterOptions& options,

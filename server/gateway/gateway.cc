@@ -132,7 +132,7 @@ void Gateway::Handle(IncomingMessage incoming) {
 
 void Gateway::HandleForeign(const Asker& from, Message message) {
   if (context_.draining()) {
-    return replies_.Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    return replies_.Reply(from, Stopping());
   }
   const Status status = relay_.Forward(from.peer, request_, std::move(message));
   if (status.ok()) return;
@@ -170,7 +170,7 @@ void Gateway::HandleStatus(const Asker& from) {
 
 void Gateway::HandleOpen(const Asker& from) {
   if (context_.draining()) {
-    return replies_.Reply(from, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    return replies_.Reply(from, Stopping());
   }
   request_.mutable_open()->clear_compiled_model();  // which only the gateway itself may set
   openings_.Open(from, request_);
@@ -213,13 +213,11 @@ void Gateway::Wait() {
 }
 
 bool Gateway::MayLeave() {
-  openings_.RefuseAll();  // a worker leaves when it has no work, whatever its socket still holds
   for (uint32_t child = 0; child < kMaxChildren; ++child) {
     if (child != kGatewayChild && context_.shared().child(child).process_id != 0) return false;
   }
-  if (relay_.in_flight() == 0) return true;
   if (!last_words_) last_words_ = Deadline::AfterMs(kLastWordsMs);
-  return last_words_->expired();
+  return relay_.in_flight() == 0 || last_words_->expired();
 }
 
 void Gateway::ReceiveBurst() {
@@ -233,7 +231,12 @@ void Gateway::ReceiveBurst() {
 
 void Gateway::Run() {
   int64_t next_reap_ms = 0;
-  while (!context_.draining() || !MayLeave()) {
+  while (true) {
+    if (context_.draining()) {
+      // A worker leaves when it has no work, whatever its socket still holds.
+      openings_.RefuseAll();
+      if (MayLeave()) break;
+    }
     ReceiveBurst();
     openings_.Pump();
     relay_.Pump();
@@ -253,9 +256,8 @@ void Gateway::Run() {
 Status RunGateway(ChildContext& context) {
   const GatewayShares memory = GatewaySharesOf(context.memory_bytes());
   Context sockets;
-  B4MRL_ASSIGN_OR_RETURN(
-      RouterSocket socket,
-      RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
+  B4MRL_ASSIGN_OR_RETURN(RouterSocket socket,
+                         RouterSocket::Bind(sockets, context.options().endpoints, memory.unread));
   std::vector<DealerSocket> workers;
   for (const std::string& address : context.options().worker_addresses) {
     B4MRL_ASSIGN_OR_RETURN(DealerSocket worker, DealerSocket::Connect(sockets, address));

@@ -76,11 +76,6 @@ bool IsLasting(const Result<std::string>& hash) {
   }
 }
 
-// Whether the compiled model exists. Marks it as used.
-bool IsInFolder(const std::string& cache_folder, const std::string& hash) {
-  return ModelStore::MarkAsUsed(CompiledModelPath(cache_folder, hash));
-}
-
 // Removes the compiled models that were used longest ago, and trials that are nobody's any more:
 // those of other daemons that share the folder are younger.
 void MakeRoom(const std::string& cache_folder) {
@@ -134,7 +129,7 @@ Result<std::string> ModelStore::Compile(const std::string& environment, const st
       options_.program, {options_.models_folder, file, environment, cache_folder_},
       Deadline::AfterMs(limits::kModelCompilerMs), &cancelled);
   if (hash.ok()) {
-    IsInFolder(cache_folder_, *hash);
+    MarkAsUsed(CompiledModelPath(cache_folder_, *hash));
     MakeRoom(cache_folder_);
   }
   // Changed while it was compiled: the next request compiles again.
@@ -150,7 +145,7 @@ std::optional<Result<std::string>> ModelStore::Recall(const std::string& environ
   const auto known = known_.find({environment, file});
   if (known == known_.end() || known->second.content != content) return std::nullopt;
   const Result<std::string>& hash = known->second.hash;
-  if (hash.ok() && !IsInFolder(cache_folder_, *hash)) return std::nullopt;
+  if (hash.ok() && !MarkAsUsed(CompiledModelPath(cache_folder_, *hash))) return std::nullopt;
   return hash;
 }
 

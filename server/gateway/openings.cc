@@ -11,6 +11,7 @@
 #include "server/gateway/open_request.h"
 #include "server/perturbations/list.h"
 #include "server/replies/pending_request.h"
+#include "server/replies/reply.h"
 
 namespace b4mrl {
 namespace {
@@ -74,7 +75,7 @@ void Openings::Close(const std::string& token) {
 
 void Openings::RefuseAll() {
   while (!waiting_.empty()) {
-    Leave(waiting_.begin()->first, Status(StatusCode::kUnavailable, "the daemon is stopping"));
+    Leave(waiting_.begin()->first, Stopping());
   }
 }
 

@@ -14,6 +14,7 @@
 
 #include "data/files/atomic_file.h"
 #include "data/files/file_hash.h"
+#include "proto/base/exit_codes.h"
 #include "proto/base/limits.h"
 #include "proto/wire/json_depth.h"
 #include "server/environments/list.h"
@@ -124,7 +125,7 @@ int RunModelCompiler(const ModelCompilerOptions& options) {
       hash.ok() ? Json({{"ok", true}, {"hash", *hash}}).dump() : ErrorAnswer(hash.status());
   std::printf("%s\n", answer.c_str());
   std::fflush(stdout);
-  return hash.ok() ? 0 : 3;
+  return hash.ok() ? kExitDone : kExitBadInput;
 }
 
 Result<std::string> CompileModelInChild(const std::string& program,

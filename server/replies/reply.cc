@@ -16,6 +16,8 @@ Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms) {
   return Deadline::AfterMs(std::min(deadline_ms, limits::kMaxDeadlineMs) + grace_ms);
 }
 
+Status Stopping() { return Status(StatusCode::kUnavailable, "the daemon is stopping"); }
+
 Status CheckWaiting(std::string_view things, const WaitingCount& now, const WaitingCount& most) {
   if (now.of_all < most.of_all && now.of_peer < most.of_peer) return Status();
   return Status(StatusCode::kLimitExceeded,

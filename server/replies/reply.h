@@ -25,6 +25,9 @@ struct Asker {
 // The request's own deadline, or the default, plus `grace_ms`, all counted from now. Any thread.
 Deadline DeadlineOf(const pb::Request& request, int64_t grace_ms = 0);
 
+// kUnavailable: what a daemon that is stopping answers.
+Status Stopping();
+
 // Numbers of requests that wait for the same thing.
 struct WaitingCount {
   size_t of_all = 0;   // of all connections

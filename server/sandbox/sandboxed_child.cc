@@ -45,7 +45,7 @@ Status ReadUntilEnd(const SandboxedChild& child, const ProgramWithOutput& proces
       return Status(StatusCode::kDeadlineExceeded, child.name + " did not end in time");
     }
     if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) {
-      return Status(StatusCode::kUnavailable, "the daemon is stopping");
+      return Status(StatusCode::kUnavailable, child.name + " was cancelled; ask again");
     }
     pollfd waiting{fd, POLLIN, 0};
     const auto wait_ms = static_cast<int>(std::min(deadline.remaining_ms(), kPollMs));

@@ -41,7 +41,6 @@ class LaneStepper {
   const Simulator& simulator() const { return *simulator_; }
   const EnvironmentSpec& spec() const { return simulator_->spec(); }
   const LaneLayout& layout() const { return layout_; }
-  AutoresetMode mode() const { return mode_; }
 
   // Writes the record of a lane that has not been reset yet.
   void Initialize(uint64_t lane_seed, LaneRecord record) const;

@@ -124,7 +124,7 @@ void ChildProcess::RestartWatches(int64_t now_ms) {
   for (ThreadWatch& watch : work_) watch.Restart(now_ms);
 }
 
-bool ChildProcess::MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms) {
+bool ChildProcess::FindFrozenLoop(int64_t now_ms, int64_t limit_ms) {
   uint64_t sign = shared_->child(child_).heartbeat.load();
   // Until its first beat an environment worker takes over sessions. There may be a thousand, and
   // each that it begins to build is a sign of life.
@@ -151,7 +151,7 @@ bool ChildProcess::MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms) {
   return true;
 }
 
-bool ChildProcess::WorkIsStuck(int64_t now_ms, int64_t limit_ms) {
+bool ChildProcess::FindStuckWork(int64_t now_ms, int64_t limit_ms) {
   bool stuck = false;
   for (size_t i = 0; i < work_.size(); ++i) {
     ThreadMark& mark = marks()[i];
@@ -171,7 +171,7 @@ void ChildProcess::KillIfFrozen(int64_t now_ms, bool paused) {
   if (!running() || killed_as_frozen_) return;
   if (paused) return RestartWatches(now_ms);
   const int64_t limit_ms = ready() ? limits::kFrozenChildMs : kStartingMs;
-  if (!WorkIsStuck(now_ms, limit_ms) && !MainLoopIsFrozen(now_ms, limit_ms)) return;
+  if (!FindStuckWork(now_ms, limit_ms) && !FindFrozenLoop(now_ms, limit_ms)) return;
   killed_as_frozen_ = true;
   Kill();
 }

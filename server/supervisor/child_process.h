@@ -54,9 +54,9 @@ class ChildProcess {
   void RestartWatches(int64_t now_ms);
   // Whether the main loop has had no heartbeat for `limit_ms`; marks its thread as guilty if it
   // stands still by itself.
-  bool MainLoopIsFrozen(int64_t now_ms, int64_t limit_ms);
+  bool FindFrozenLoop(int64_t now_ms, int64_t limit_ms);
   // Whether threads of an environment worker stand still at their work; marks them as guilty.
-  bool WorkIsStuck(int64_t now_ms, int64_t limit_ms);
+  bool FindStuckWork(int64_t now_ms, int64_t limit_ms);
   std::span<ThreadMark> marks() const;  // of an environment worker; empty for other children
 
   uint32_t child_;

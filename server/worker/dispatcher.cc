@@ -41,8 +41,6 @@ pb::Reply Closed() {
   return reply;
 }
 
-Status Stopping() { return Status(StatusCode::kUnavailable, "the daemon is stopping"); }
-
 bool SameBytes(const Frame& a, const Frame& b) { return a.view() == b.view(); }
 
 }  // namespace
@@ -153,8 +151,8 @@ Status Dispatcher::HandleSessionRequest(const Asker& from, pb::Request& request,
 Status Dispatcher::Admit(const Session& session, const pb::Request& request,
                          const Frame& payload) const {
   if (!accepting_) return Stopping();
-  return CheckRequest(session, request, payload,
-                      {jobs_.size(), queued_bytes_, painter_jobs_}, memory_.requests);
+  return CheckRequest(session, request, payload, {jobs_.size(), queued_bytes_, painter_jobs_},
+                      memory_.requests);
 }
 
 void Dispatcher::StopAccepting() {

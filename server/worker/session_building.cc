@@ -103,7 +103,7 @@ void Dispatcher::HandleAttach(const Asker& from, const pb::Request& request) {
 }
 
 Status Dispatcher::CheckAttach(const WaitingAttach& attach) const {
-  if (!accepting_) return Status(StatusCode::kUnavailable, "the daemon is stopping");
+  if (!accepting_) return Stopping();
   if (attach.index >= limits::kMaxSessions) {
     return InvalidNumber("session_index", attach.index,
                          fmt::format("0 to {}", limits::kMaxSessions - 1));

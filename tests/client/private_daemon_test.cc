@@ -1,6 +1,7 @@
 #include "client/private_daemon.h"
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <signal.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -11,6 +12,7 @@
 #include <fstream>
 
 #include "proto/base/clock.h"
+#include "proto/base/unique_fd.h"
 #include "tests/data/temporary_folder.h"
 #include "tests/environment_variable.h"
 
@@ -18,8 +20,9 @@ namespace b4mrl {
 namespace {
 
 // A program that plays the server.
-std::string WriteProgram(const TemporaryFolder& folder, const std::string& body) {
-  const std::string path = folder.File("program");
+std::string WriteProgram(const TemporaryFolder& folder, const std::string& body,
+                         const std::string& name = "program") {
+  const std::string path = folder.File(name);
   std::ofstream(path) << "#!/bin/sh\n" << body << "\n";
   std::filesystem::permissions(path, std::filesystem::perms::owner_all);
   return path;
@@ -91,6 +94,40 @@ TEST_CASE("a daemon gets its address, folder, arguments and variables") {
   // The sockets' folder goes with the daemon.
   const auto sockets = std::filesystem::path(address.substr(6)).parent_path();
   CHECK_FALSE(std::filesystem::exists(sockets));
+}
+
+TEST_CASE("a daemon gets no descriptor of its client's but stderr") {
+  const TemporaryFolder folder;
+  const UniqueFd ours(fcntl(STDOUT_FILENO, F_DUPFD, 100));  // above those that a shell opens itself
+  const std::string open = folder.File("open");
+  const std::string numbers = fmt::format("/proc/$$/fd/{}", ours.get());
+  const Result<PrivateDaemon> daemon = PrivateDaemon::Start(Running(
+      folder, fmt::format("readlink /proc/$$/fd/0 > {}; [ -e {} ] && echo {} >> {}; {}", open,
+                          numbers, ours.get(), open, kWaits)));
+  REQUIRE(daemon.ok());
+  CHECK(ReadBytes(open) == "/dev/null\n");
+}
+
+TEST_CASE("a client without a stdout has its daemon get ready") {
+  const TemporaryFolder folder;
+  const PrivateDaemonOptions options = Running(folder, kWaits);
+  const pid_t client = fork();
+  if (client == 0) {
+    close(STDIN_FILENO);
+    close(STDOUT_FILENO);
+    _exit(PrivateDaemon::Start(options).ok() ? 0 : 1);
+  }
+  int status = 0;
+  REQUIRE(waitpid(client, &status, 0) == client);
+  CHECK(status == 0);
+}
+
+TEST_CASE("the launcher's name stands for the server beside it") {
+  const TemporaryFolder folder;
+  WriteProgram(folder, "exit 1", "b4mrl");
+  WriteProgram(folder, kWaits, "b4mrl-serve");
+  const EnvironmentVariable variable("B4MRL_SERVER", folder.File("b4mrl"));
+  CHECK(PrivateDaemon::Start().ok());
 }
 
 TEST_CASE("a server that is missing, fails or stays silent is unavailable") {

@@ -46,11 +46,12 @@ class Terminal {
   UniqueFd master_;
 };
 
-// The line that a terminal of so many columns shows, without the codes around it.
-std::string LineOn(unsigned short columns) {
+// The line that a terminal of so many columns shows of 500 of `total` updates, without the codes
+// around it.
+std::string LineOn(unsigned short columns, uint64_t total = 1000) {
   Terminal terminal(columns);
   Progress progress;
-  progress.Start("train", "updates", 1000);
+  progress.Start("train", "updates", total);
   std::string shown;
   while (shown.empty()) {  // a tenth of a second, then the line is drawn
     progress.Update(500, "score 31.2");
@@ -77,6 +78,9 @@ TEST_CASE("A narrow terminal shows progress without its bar, and no more than fi
   CHECK(middle.ends_with("score 31.2"));
   CHECK(LineOn(20) == "train 500/1000 upda");  // the cursor takes the last column
   CHECK(LineOn(0).size() > 80);                // a terminal that does not tell its width
+  const std::string endless = LineOn(200, 0);  // nobody knows how many updates there will be
+  CHECK(endless.starts_with("train 500 updates, "));
+  CHECK(endless.ends_with(" so far, score 31.2"));
 }
 
 }  // namespace

@@ -39,6 +39,10 @@ TEST_CASE("A run that goes on and is stopped keeps the scores of its last evalua
     INFO(name);
     CHECK(after[name] == before[name]);
   }
+  nlohmann::json wrong = before;
+  wrong["evaluation_updates"] = -1;
+  WriteBytes(options.folder + "/result.json", wrong.dump());
+  CHECK(RunAndStop(options, daemon.client()).last_updates == 30);  // the checkpoint's
   CHECK(RunTraining(options, daemon.client()).last_updates == 60);
   CHECK(ResultOf(options)["evaluation_updates"] == 60);
 }

@@ -21,6 +21,8 @@ TEST_CASE("A misspelt word is named with what it might mean") {
       {{"dataset", "mke"}, "unknown command 'mke'; did you mean 'make'"},
       {{"benchmark", "rn"}, "unknown command 'rn'; did you mean 'run'"},
       {{"evaluate", "--agnt", "x"}, "unknown option '--agnt'; did you mean '--agent'"},
+      {{"--endpoint", "ipc:///x", "list", "environments"},
+       "option is '--endpoint', allowed: behind its command, list"},
       {{"benchmark", "run", "--budjet=x"}, "unknown option '--budjet'; did you mean '--budget'"},
       // A hyperparameter, which is no option of the command, is not taken for the mistake.
       {{"train", "--gamma", "0.9", "--updates", "x"}, "--updates: x is not a whole number"},
