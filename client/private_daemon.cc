@@ -27,8 +27,11 @@ namespace fs = std::filesystem;
 std::string FindBinary(const PrivateDaemonOptions& options) {
   if (!options.binary.empty()) return options.binary;
   if (const char* path = std::getenv("B4MRL_SERVER"); path != nullptr && *path != '\0') {
-    const fs::path named(path);  // the launcher stands for the daemon beside it
-    return named.filename() == "b4mrl" ? named.parent_path() / "b4mrl-serve" : named;
+    const fs::path named(path);
+    if (named.filename() != "b4mrl") return named;
+    std::error_code ignored;  // the launcher, perhaps by a link, stands for the daemon beside it
+    const fs::path launcher = fs::canonical(named, ignored);
+    return (launcher.empty() ? named : launcher).parent_path() / "b4mrl-serve";
   }
   return ProgramBesideThisOne("b4mrl-serve");
 }
@@ -53,8 +56,9 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   return variables;
 }
 
-// Between fork and exec: only async-signal-safe calls. The daemon gets no other descriptor of this
-// process, whose sockets and pipes would stay open with it.
+// Between fork and exec: only async-signal-safe calls. The daemon gets no descriptor of this
+// process but stderr, where the kernel can close them: its sockets and pipes would stay open with
+// the daemon.
 [[noreturn]] void RunChild(int output, pid_t parent, int niceness, const char* binary,
                            char* const* arguments, char* const* variables) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);

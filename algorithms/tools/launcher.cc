@@ -53,12 +53,16 @@ std::string OwnFolder() {
 
 std::string ProgramPath(const char* variable, std::string_view name) {
   const char* override_path = std::getenv(variable);
-  if (override_path != nullptr && *override_path != '\0') {
-    const std::string path = override_path;  // of the launcher: it stands for what is beside it
-    const size_t file = path.rfind('/') + 1;
-    return path.substr(file) == "b4mrl" ? path.substr(0, file) + std::string(name) : path;
+  if (override_path == nullptr || *override_path == '\0') {
+    return OwnFolder() + "/" + std::string(name);
   }
-  return OwnFolder() + "/" + std::string(name);
+  const std::string path = override_path;
+  std::array<char, PATH_MAX> launcher{};  // perhaps by a link, it stands for what is beside it
+  const bool is_launcher = path.substr(path.rfind('/') + 1) == "b4mrl" &&
+                           realpath(override_path, launcher.data()) != nullptr;
+  if (!is_launcher) return path;
+  const std::string_view found = launcher.data();
+  return std::string(found.substr(0, found.rfind('/') + 1)) + std::string(name);
 }
 
 // An instruction set that the learners need and this processor lacks; nullptr if it lacks none.
@@ -99,6 +103,8 @@ int main(int argc, char** argv) {
   arguments[0] = path.data();
   execv(path.c_str(), arguments);
   std::fprintf(stderr, "b4mrl: cannot start %s: %s%s\n", path.c_str(), std::strerror(errno),
-               errno == ENOENT ? "; the full build makes all programs (README.md)" : "");
+               errno == ENOENT ? "; the full build makes all programs (README.md), and variables "
+                                 "may name others"
+                               : "");
   return kExitCannotStart;
 }

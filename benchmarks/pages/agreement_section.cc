@@ -77,17 +77,17 @@ Table RanksTable(const PaperAgreement& settled) {
       "counts, but a run without a dataset, or without a simulator, still stands in many. Pairs of "
       "runs: of all these rankings, each pair once. An effect is the score minus that of the same "
       "algorithm, recipe and dataset with clean data and the gravity error alone, of ours after "
-      "equally many updates, or where the longer run was last evaluated before. Separated: the "
-      "paper's means are more than two standard errors of their difference apart. Apart in both: "
-      "the paper's and ours are, by the error of each cell (as for the claims; a single seed "
-      "borrows it from the paper's deviations), so that no other seed is likely to order them "
-      "otherwise. Floor: a table that knows algorithm and dataset alone, as the means of the "
-      "paper's runs, the compared one among them (of SAC and TD3, which use no dataset, over all "
-      "of them). Ceiling: the paper's own numbers with another seed, drawn from their means and "
-      "deviations, these taken as divided by the number of seeds (mean of 200). The intervals are "
-      "percentile bootstraps with 2,000 resamples of runs, of effects, or, for rankings and pairs, "
-      "of the datasets, each corruption of one for itself: they tell what other cells could give, "
-      "not what other seeds would.";
+      "equally many updates, or, where the longer run was not evaluated then, at its last "
+      "evaluation before that. Separated: the paper's means are more than two standard errors of "
+      "their difference apart. Apart in both: the paper's and ours are, by the error of each cell "
+      "(as for the claims; a cell of fewer than three seeds borrows it from the paper's "
+      "deviations), so that no other seed is likely to order them otherwise. Floor: a table that "
+      "knows algorithm and dataset alone, as the means of the paper's runs, the compared one among "
+      "them (of SAC and TD3, which use no dataset, over all of them). Ceiling: the paper's own "
+      "numbers with another seed, drawn from their means and deviations, these taken as divided by "
+      "the number of seeds (mean of 200). The intervals are percentile bootstraps with 2,000 "
+      "resamples of runs, of effects, or, for rankings and pairs, of the datasets, each corruption "
+      "of one for itself: they tell what other cells could give, not what other seeds would.";
   table.columns = {{"Figure"},      {"n", true},      {"Ours", true}, {"95% interval", true},
                    {"Floor", true}, {"Ceiling", true}};
   for (const RankFigure& figure : kFigures) {

@@ -101,9 +101,9 @@ TEST_CASE("a daemon gets no descriptor of its client's but stderr") {
   const UniqueFd ours(fcntl(STDOUT_FILENO, F_DUPFD, 100));  // above those that a shell opens itself
   const std::string open = folder.File("open");
   const std::string numbers = fmt::format("/proc/$$/fd/{}", ours.get());
-  const Result<PrivateDaemon> daemon = PrivateDaemon::Start(Running(
-      folder, fmt::format("readlink /proc/$$/fd/0 > {}; [ -e {} ] && echo {} >> {}; {}", open,
-                          numbers, ours.get(), open, kWaits)));
+  const Result<PrivateDaemon> daemon = PrivateDaemon::Start(
+      Running(folder, fmt::format("readlink /proc/$$/fd/0 > {}; [ -e {} ] && echo {} >> {}; {}",
+                                  open, numbers, ours.get(), open, kWaits)));
   REQUIRE(daemon.ok());
   CHECK(ReadBytes(open) == "/dev/null\n");
 }
@@ -115,7 +115,8 @@ TEST_CASE("a client without a stdout has its daemon get ready") {
   if (client == 0) {
     close(STDIN_FILENO);
     close(STDOUT_FILENO);
-    _exit(PrivateDaemon::Start(options).ok() ? 0 : 1);
+    const bool is_ready = PrivateDaemon::Start(options).ok();  // its daemon ends with the statement
+    _exit(is_ready ? 0 : 1);
   }
   int status = 0;
   REQUIRE(waitpid(client, &status, 0) == client);
@@ -126,7 +127,13 @@ TEST_CASE("the launcher's name stands for the server beside it") {
   const TemporaryFolder folder;
   WriteProgram(folder, "exit 1", "b4mrl");
   WriteProgram(folder, kWaits, "b4mrl-serve");
-  const EnvironmentVariable variable("B4MRL_SERVER", folder.File("b4mrl"));
+  {
+    const EnvironmentVariable variable("B4MRL_SERVER", folder.File("b4mrl"));
+    CHECK(PrivateDaemon::Start().ok());
+  }
+  const TemporaryFolder other;
+  std::filesystem::create_symlink(folder.File("b4mrl"), other.File("b4mrl"));
+  const EnvironmentVariable variable("B4MRL_SERVER", other.File("b4mrl"));
   CHECK(PrivateDaemon::Start().ok());
 }
 

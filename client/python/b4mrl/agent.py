@@ -156,9 +156,10 @@ def load_agent(path: str | os.PathLike[str]) -> Policy:
     source = checks.path("path", path)
     try:
         file = h5py.File(source, "r")
-    except OSError as error:
-        # HDF5 names only the files that it cannot find.
-        raise type(error)(error.errno, f"{source} cannot be read: {error}") from None
+    except OSError as error:  # whose text need not name the file
+        if error.errno is not None:
+            raise OSError(error.errno, os.strerror(error.errno), str(source)) from None
+        raise OSError(f"{source} cannot be read: {error}") from None
     with file:
         entries = AgentFile(file)
         if "metadata/policy" not in entries:

@@ -133,11 +133,11 @@ def _start(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.E
         started.put(process)
         unwanted.wait()
         if is_abandoned:
-            process.terminate()
-            process.wait()
+            _stop(process, unwanted, None, os.getpid())
 
-    threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True).start()
+    keeper = threading.Thread(target=start_and_stay, name="b4mrl-serve", daemon=True)
     try:
+        keeper.start()
         outcome = started.get()
     except BaseException:
         is_abandoned = True

@@ -23,6 +23,8 @@ TEST_CASE("A misspelt word is named with what it might mean") {
       {{"evaluate", "--agnt", "x"}, "unknown option '--agnt'; did you mean '--agent'"},
       {{"--endpoint", "ipc:///x", "list", "environments"},
        "option is '--endpoint', allowed: behind its command, list"},
+      {{"--endpoint=ipc:///x", "train", "--algorithm", "sac"},
+       "option is '--endpoint', allowed: behind its command, train"},
       {{"benchmark", "run", "--budjet=x"}, "unknown option '--budjet'; did you mean '--budget'"},
       // A hyperparameter, which is no option of the command, is not taken for the mistake.
       {{"train", "--gamma", "0.9", "--updates", "x"}, "--updates: x is not a whole number"},

@@ -215,8 +215,7 @@ class Benchmark(Shown):
             observe: "trained" sets what `mask` hides to 0; "full" hides nothing; "served" is
                 "trained" with the noise that the training's observations had.
 
-        InvalidArgumentError: `observe` is "served", and the training's observations have no noise.
-        UnknownNameError: the daemon has not the benchmark's dataset; see `mask`.
+        InvalidArgumentError: `observe` is "served", and the training has no noise. Else as `mask`.
         """
         episodes = checks.integer("episodes", episodes, 1, limits.MAX_LANES_PER_SESSION)
         if observe not in _OBSERVE:

@@ -130,8 +130,9 @@ def _watch_the_childs_end() -> None:
 def _after_fork(_: object) -> None:
     """Has a child of multiprocessing watched that was given sessions as it was begun.
 
-    Where a forkserver begins it, they are unpickled before it counts as a child, and what is to be
-    done at its end is forgotten as it begins to.
+    Unless it is a fork, they are unpickled before it counts as a child, and what is to be done at
+    its end is forgotten as it begins to. A spawned one ends by way of atexit all the same, a
+    forkserver's does not.
     """
     if _watched_process == os.getpid():
         _watch_the_childs_end()

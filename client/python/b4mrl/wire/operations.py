@@ -123,25 +123,33 @@ class Operations:
             delivery.error.env_ids = np.arange(self._numbers.count) if lanes is None else lanes
         return self._take(delivery, read)
 
-    def await_interrupted(self, deadline_ms: float) -> None:
-        """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
-        self._require_alone()
-        self._await_reading()
-        self._drop_unsent()
-        for request_id in self._interrupted():
-            self._settle(request_id, deadline_ms)
-
     def read_lanes(self, request: Any, payload: bytearray, deadline_ms: float) -> Delivery:
         """Connection.call of a request that changes nothing, but takes the lanes for a while.
 
         It sees what the interrupted operations have done. If Ctrl-C ends its wait, the next call
         of this session waits in its place, as the daemon would refuse a lane that is being read.
         """
-        self.await_interrupted(deadline_ms)
-        self._reading = self._connection.next_id
-        delivery = self._connection.reply_to(self._connection.send(request, payload, deadline_ms))
-        self._reading = 0
+        user = self._require_alone()
+        try:
+            self._inside = user
+            self._await_interrupted(deadline_ms)
+            self._reading = self._connection.next_id
+            request_id = self._connection.send(request, payload, deadline_ms)
+            delivery = self._connection.reply_to(request_id)
+            self._reading = 0
+        except errors.B4mrlError:
+            self._reading = 0
+            raise
+        finally:
+            self._inside = 0
         return delivery
+
+    def _await_interrupted(self, deadline_ms: float) -> None:
+        """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
+        self._await_reading()
+        self._drop_unsent()
+        for request_id in self._interrupted():
+            self._settle(request_id, deadline_ms)
 
     def _await_reading(self) -> None:
         """Waits until the daemon has done an interrupted request of `read_lanes`."""

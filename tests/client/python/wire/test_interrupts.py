@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import pkgutil
 import random
 import signal
 import threading
@@ -148,9 +149,12 @@ def test_states_are_those_behind_what_was_interrupted(pair) -> None:
 def test_what_was_to_be_read_keeps_no_lane_busy(client: b4mrl.Client, call: str) -> None:
     with client.make_vec("Humanoid", 64, render_mode="rgb_array", width=16, height=16) as vec:
         vec.reset(seed=1)
+        operations = vec.session._operations
         for seed in range(10):
             interrupt(getattr(vec, call), "b4mrl.wire.connection.Connection.receive_any", "before")
+            assert operations._connection.is_in_flight(operations._reading)
             vec.reset(seed=seed)  # while the daemon may be reading the lanes
+            assert operations._reading == 0
 
 
 @pytest.mark.parametrize(("place", "when"), [("send", "after"), ("_transmit", "after")])
@@ -343,6 +347,24 @@ def test_a_signal_handler_is_refused_the_environment_that_waits(client: b4mrl.Cl
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     assert refused > 10
+
+
+def test_a_signal_handler_takes_nothing_from_a_call_that_reads(client: b4mrl.Client) -> None:
+    refused = []
+
+    def use(*_: object) -> None:
+        with pytest.raises(errors.FailedPreconditionError, match="signal handler"):
+            vec.get_state()
+        refused.append(True)
+
+    place = "b4mrl.wire.connection.Connection.receive_any"
+    original = pkgutil.resolve_name(place)
+    with client.make_vec("Hopper", 2) as vec, pytest.MonkeyPatch.context() as patch:
+        vec.reset(seed=3)
+        expected = vec.get_state()
+        patch.setattr(place, lambda *arguments: (use(), original(*arguments))[1])
+        assert_same(vec.get_state(), expected)
+    assert refused
 
 
 def test_a_signal_reaches_a_call_that_waits() -> None:

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import b4mrl
 import gymnasium as gym
@@ -55,6 +56,7 @@ if __name__ == "__main__":
         child = multiprocessing.get_context("forkserver").Process(target=env.reset)
         child.start()
         child.join()
+        raise SystemExit(child.exitcode)
     if kind == "drops":  # what Ctrl-C leaves of links that nobody has yet
         for _ in range(300):
             open_link(endpoint)
@@ -110,6 +112,16 @@ def test_an_opening_that_ctrl_c_ends_leaves_no_session(
     interrupt(lambda: own_client.make("Hopper"), place, when)
     gc.collect()
     assert await_true(lambda: own_client.server_status().session_count == 0)
+
+
+def test_ctrl_c_at_its_start_leaves_no_daemon() -> None:
+    def children() -> list[str]:
+        threads = Path("/proc/self/task").glob("*/children")
+        return [child for thread in threads for child in thread.read_text().split()]
+
+    before = children()
+    interrupt(lambda: b4mrl.serve(tcp=True), "threading.Thread.start", "after")
+    assert await_true(lambda: set(children()) <= set(before))
 
 
 def test_a_thread_that_steps_on_does_not_disturb_the_end(own_client: b4mrl.Client) -> None:
