@@ -67,14 +67,7 @@ std::vector<std::string> Environment(const PrivateDaemonOptions& options) {
   // it.
   setpgid(0, 0);
   (void)nice(niceness);
-  if (output == STDOUT_FILENO) {  // this process has no stdout of its own
-    fcntl(output, F_SETFD, 0);
-  } else {
-    dup2(output, STDOUT_FILENO);
-  }
-  const int nothing = open("/dev/null", O_RDONLY);
-  dup2(nothing, STDIN_FILENO);
-  close_range(STDERR_FILENO + 1, ~0u, 0);
+  TakeStreams(output, STDERR_FILENO);
   execve(binary, arguments, variables);
   _exit(127);
 }

@@ -89,21 +89,19 @@ void Progress::Finish() {
 std::string Progress::Line(bool with_bar) const {
   const double seconds = SecondsSince(start_);
   const double rate = seconds > 0 ? static_cast<double>(done_ - first_) / seconds : 0;
-  if (total_ == 0) {
-    return fmt::format("{} {} {}, {}, {} so far{}{}", stage_, done_, unit_, FormatRate(rate, unit_),
-                       FormatDuration(seconds), note_.empty() ? "" : ", ", note_);
-  }
-  const double fraction = std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
   const uint64_t rest = total_ > done_ ? total_ - done_ : 0;
   const std::string left =
       rate > 0 ? FormatDuration(static_cast<double>(rest) / rate) + " left" : "";
+  const std::string time = total_ > 0 ? left : FormatDuration(seconds) + " so far";
+  const std::string of_all = total_ > 0 ? fmt::format("/{}", total_) : "";
   std::string bar;
-  if (with_bar) {
+  if (with_bar && total_ > 0) {
+    const double fraction = std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_));
     const int full = static_cast<int>(fraction * kBarWidth);
     bar = fmt::format("[{}{}] ", std::string(full, '#'), std::string(kBarWidth - full, '.'));
   }
-  return fmt::format("{} {}{}/{} {}, {}, {}{}{}", stage_, bar, done_, total_, unit_,
-                     FormatRate(rate, unit_), left, note_.empty() ? "" : ", ", note_);
+  return fmt::format("{} {}{}{} {}, {}, {}{}{}", stage_, bar, done_, of_all, unit_,
+                     FormatRate(rate, unit_), time, note_.empty() ? "" : ", ", note_);
 }
 
 void Progress::Erase() {

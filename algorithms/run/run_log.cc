@@ -64,15 +64,18 @@ void RunLog::Summarise(const EnvironmentSpec& environment, TrainSummary* summary
 }
 
 void RunLog::Show(double update, const EvaluationResult& result) {
-  const std::string score = result.score ? fmt::format("score {:.1f}", *result.score) : "";
-  progress_->Message(fmt::format("update {}: return {:.1f} +- {:.1f}{}{}", update,
-                                 result.mean_return, result.std_return, score.empty() ? "" : ", ",
-                                 score));
+  std::string note = fmt::format("return {:.1f}", result.mean_return);
+  std::string message = fmt::format("update {}: {} +- {:.1f}", update, note, result.std_return);
+  if (result.score) {
+    note = fmt::format("score {:.1f}", *result.score);
+    message += ", " + note;
+  }
+  progress_->Message(message);
   if (result.given_up > 0) {
     progress_->Message(fmt::format("{} of {} episodes were given up by the simulator",
                                    result.given_up, result.returns.size()));
   }
-  progress_->Note(score.empty() ? fmt::format("return {:.1f}", result.mean_return) : score);
+  progress_->Note(note);
 }
 
 Status RunLog::Save(CheckpointWriter& writer) {

@@ -48,16 +48,7 @@ sigset_t StopSignals() {
   signal(SIGXFSZ, SIG_DFL);  // which the runner ignores, as a user's own learner need not
   const sigset_t stop = StopSignals();
   sigprocmask(SIG_UNBLOCK, &stop, nullptr);
-  const int nothing = open("/dev/null", O_RDONLY);
-  dup2(nothing, STDIN_FILENO);
-  dup2(log, STDOUT_FILENO);
-  dup2(log, STDERR_FILENO);
-  const bool inherits = inherited > STDERR_FILENO;
-  if (inherits) {
-    fcntl(inherited, F_SETFD, 0);
-    if (inherited > STDERR_FILENO + 1) close_range(STDERR_FILENO + 1, inherited - 1, 0);
-  }
-  close_range((inherits ? inherited : STDERR_FILENO) + 1, ~0u, 0);
+  TakeStreams(log, log, inherited);
   execve(argv[0], argv, environment);
   _exit(127);
 }

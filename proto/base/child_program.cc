@@ -54,6 +54,32 @@ std::vector<char*> PointersTo(std::vector<std::string>& texts) {
 
 namespace {
 
+// Makes `from` the descriptor `to`, which a program that is started keeps.
+void Place(int from, int to) {
+  if (from == to) {
+    fcntl(to, F_SETFD, 0);  // which dup2 would leave as it is
+  } else {
+    dup2(from, to);
+  }
+}
+
+}  // namespace
+
+void TakeStreams(int output, int errors, int kept) {
+  Place(errors, STDERR_FILENO);
+  Place(output, STDOUT_FILENO);
+  const int nothing = open("/dev/null", O_RDONLY);
+  Place(nothing, STDIN_FILENO);
+  const bool keeps = kept > STDERR_FILENO;
+  if (keeps) {
+    fcntl(kept, F_SETFD, 0);
+    if (kept > STDERR_FILENO + 1) close_range(STDERR_FILENO + 1, kept - 1, 0);
+  }
+  close_range((keeps ? kept : STDERR_FILENO) + 1, ~0u, 0);
+}
+
+namespace {
+
 // Starts a program with these descriptors as its stdin and stdout, and no other beside stderr.
 // `flags` are those of posix_spawnattr_setflags, to which this adds one. Returns 0 or an errno.
 int Spawn(const std::string& program, std::vector<std::string> words, int input, int output,

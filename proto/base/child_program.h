@@ -26,6 +26,10 @@ std::vector<std::string> EnvironmentWith(const std::vector<std::string>& added);
 // The texts as the system's calls take them, with a null pointer at the end. Valid as long as they.
 std::vector<char*> PointersTo(std::vector<std::string>& texts);
 
+// For a new process between fork and exec, by system calls alone: stdin reads nothing, stdout and
+// stderr become these descriptors, and no other stays open but `kept`, unless that is negative.
+void TakeStreams(int output, int errors, int kept = -1);
+
 struct ProgramOnSocket {
   pid_t process_id = 0;
   UniqueFd socket;  // our end of the socket pair, whose other end is the program's stdin

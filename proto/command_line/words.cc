@@ -38,12 +38,13 @@ std::optional<Status> UnknownCommand(const CLI::App& app, const std::vector<std:
 std::optional<Status> UnknownWord(const CLI::App& app) {
   const CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  const bool has_command = command != &app;
   for (const std::string& word : app.remaining()) {  // those in front of the command
     const std::string name = word.substr(0, word.find('='));
-    if (command == &app || !name.starts_with("--")) continue;
-    if (command->get_option_no_throw(name) == nullptr) continue;
-    return InvalidArgument("option", name,
-                           fmt::format("behind its command, {}", command->get_name()));
+    if (has_command && name.starts_with("--") && command->get_option_no_throw(name) != nullptr) {
+      return InvalidArgument("option", name,
+                             fmt::format("behind its command, {}", command->get_name()));
+    }
   }
   if (command->get_allow_extras()) return std::nullopt;
   const std::vector<std::string> words = app.remaining(/*recurse=*/true);

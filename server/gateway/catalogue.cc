@@ -3,7 +3,7 @@
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
-#include <chrono>
+#include <ctime>
 #include <utility>
 
 #include "server/environments/list.h"
@@ -16,7 +16,7 @@ namespace {
 
 // The worst resolution of a file system's times of change: a folder that changed more recently may
 // change again without showing a later time.
-constexpr auto kSettled = std::chrono::seconds(2);
+constexpr int64_t kSettledSeconds = 2;
 // Bytes of a reply's envelope beside its entries: version, id, status, total and lengths.
 constexpr size_t kEnvelopeRest = 64;
 
@@ -93,16 +93,12 @@ void Catalogue::FillPage(const pb::CatalogueRequest& request, pb::Reply* reply) 
 }
 
 void Catalogue::ReadFolder() {
-  using std::chrono::nanoseconds;
   struct stat info {};
-  nanoseconds changed{0};  // stays 0 if there is no such folder
-  if (stat(models_folder_.c_str(), &info) == 0) {
-    changed = std::chrono::seconds(info.st_mtim.tv_sec) + nanoseconds(info.st_mtim.tv_nsec);
-  }
-  if (folder_changed_ns_ == changed.count()) return;
-  const nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
-  folder_changed_ns_.reset();
-  if (changed + kSettled < now) folder_changed_ns_ = changed.count();
+  if (stat(models_folder_.c_str(), &info) != 0) info = {};  // there is no such folder
+  const std::pair<int64_t, int64_t> changed = {info.st_mtim.tv_sec, info.st_mtim.tv_nsec};
+  if (folder_changed_ == changed) return;
+  folder_changed_.reset();
+  if (changed.first < time(nullptr) - kSettledSeconds) folder_changed_ = changed;
   std::vector<std::string> files = ListModelFiles(models_folder_);
   if (files == files_ && !entries_.empty()) return;
   files_ = std::move(files);

@@ -11,6 +11,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "data/suites/suites.h"
@@ -45,7 +46,8 @@ class Catalogue {
   const std::string models_folder_;
   const size_t page_bytes_;  // of all entries of a page
   std::vector<std::string> files_;
-  std::optional<int64_t> folder_changed_ns_;  // when files_ was read; unset if it may be outdated
+  // The folder's change (seconds, nanoseconds) when files_ was read; unset if it may be outdated.
+  std::optional<std::pair<int64_t, int64_t>> folder_changed_;
   // Each entry is a serialised CatalogueReply that holds it alone.
   std::vector<std::string> entries_;
   std::vector<std::string> benchmarks_;

@@ -61,7 +61,7 @@ class Policy(Shown):
         self._layers = _layers(file, is_noisy)
         self.history_length, self.action_size = 1, len(self._layers[-1][1])
         if _entry("history_length") in file:
-            self.history_length = int(file.number(_entry("history_length"), MAX_HISTORY))
+            self.history_length = file.number(_entry("history_length"), MAX_HISTORY)
         inputs = self._layers[0][0].shape[1]
         if self.history_length < 1 or inputs % self.history_length:
             raise DataLossError(

@@ -57,12 +57,12 @@ class AgentFile:
         except UnicodeDecodeError as error:
             raise DataLossError(f"{path} is {value!r}, allowed: UTF-8 ({error})") from None
 
-    def number(self, path: str, high: float) -> float:
+    def number(self, path: str, high: int) -> int:
         """A whole number in 0..high."""
         value = float(self._one(path, "fiub", "a single number"))
         if not (0 <= value <= high and value.is_integer()):
-            raise DataLossError(f"{path} is {value}, allowed: whole numbers in 0..{high:.0f}")
-        return value
+            raise DataLossError(f"{path} is {value}, allowed: whole numbers in 0..{high}")
+        return int(value)
 
     def vector(self, path: str, size: int, default: float) -> Vector:
         """`size` numbers, float32 (size,); `default` where the entry is absent or empty."""

@@ -64,7 +64,7 @@ class Operations:
         self._connection = connection
         self._numbers = numbers
         self._under_way: dict[int, _Operation] = {}  # by the request's id
-        self._reading = 0  # the id of the last request of `read_lanes`, unless it was answered
+        self._reading = 0  # the id of the last request of `read_lanes`; 0: no call need await it
         self._inside = 0  # the thread that is in `call`; 0: none
 
     def call(
@@ -134,15 +134,9 @@ class Operations:
             self._inside = user
             self._await_interrupted(deadline_ms)
             self._reading = self._connection.next_id
-            request_id = self._connection.send(request, payload, deadline_ms)
-            delivery = self._connection.reply_to(request_id)
-            self._reading = 0
-        except errors.B4mrlError:
-            self._reading = 0
-            raise
+            return self._connection.reply_to(self._connection.send(request, payload, deadline_ms))
         finally:
             self._inside = 0
-        return delivery
 
     def _await_interrupted(self, deadline_ms: float) -> None:
         """Waits until the daemon has executed the interrupted operations; keeps their outcomes."""
@@ -152,9 +146,10 @@ class Operations:
             self._settle(request_id, deadline_ms)
 
     def _await_reading(self) -> None:
-        """Waits until the daemon has done an interrupted request of `read_lanes`."""
-        if self._reading == 0:
-            return
+        """Waits until the daemon has done an interrupted request of `read_lanes`.
+
+        Comes before the next request is sent, which would have the id of one that never was.
+        """
         if self._connection.is_in_flight(self._reading):
             self._connection.receive(self._reading)
         self._reading = 0
