@@ -22,7 +22,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "client/link.h"
 #include "proto/b4mrl.pb.h"

@@ -1,7 +1,5 @@
 #include "client/evaluation.h"
 
-#include <numeric>
-
 #include "proto/base/mean_and_std.h"
 #include "proto/base/role_seed.h"
 #include "proto/wire/tensor_rows.h"

@@ -1,6 +1,5 @@
 #include "algorithms/cores/actor_critic.h"
 
-#include <algorithm>
 #include <cmath>
 #include <string>
 

@@ -14,7 +14,6 @@
 #include "algorithms/nn/network.h"
 #include "algorithms/nn/squashed_gaussian.h"
 #include "algorithms/policy/inference.h"
-#include "proto/base/rng.h"
 
 namespace b4mrl {
 

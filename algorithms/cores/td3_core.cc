@@ -1,8 +1,5 @@
 #include "algorithms/cores/td3_core.h"
 
-#include <algorithm>
-#include <cmath>
-
 #include "algorithms/base/metrics.h"
 #include "algorithms/nn/losses.h"
 #include "algorithms/nn/products/eigen_map.h"

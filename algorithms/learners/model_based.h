@@ -11,10 +11,8 @@
 #pragma once
 
 #include <deque>
-#include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "algorithms/base/learner.h"

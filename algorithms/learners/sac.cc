@@ -13,7 +13,6 @@
 #include "algorithms/cores/sac_core.h"
 
 #include <memory>
-#include <utility>
 
 #include "algorithms/learners/core_options.h"
 #include "algorithms/learners/online_learner.h"

@@ -16,7 +16,6 @@
 #include "algorithms/cores/td3_core.h"
 
 #include <memory>
-#include <utility>
 
 #include "algorithms/learners/core_options.h"
 #include "algorithms/learners/online_learner.h"

@@ -27,11 +27,9 @@
 #include <cstdint>
 #include <memory>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "algorithms/nn/network.h"
-#include "proto/base/rng.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {

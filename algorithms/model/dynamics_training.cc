@@ -1,7 +1,6 @@
 // DynamicsEnsemble's training: splitting, minibatches, hold-out evaluation, early stopping.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <string>
 

@@ -13,7 +13,6 @@
 // immutable; a workspace belongs to one thread at a time.
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>

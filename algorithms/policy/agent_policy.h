@@ -16,7 +16,6 @@
 #pragma once
 
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "algorithms/nn/products/view.h"

@@ -14,7 +14,6 @@
 #include <string_view>
 
 #include "algorithms/base/learner.h"
-#include "algorithms/episodes/evaluate.h"
 #include "algorithms/run/run_ledger.h"
 #include "algorithms/run/run_record.h"
 #include "proto/base/status.h"

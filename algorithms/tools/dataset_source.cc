@@ -1,7 +1,6 @@
 #include "algorithms/tools/dataset_source.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace b4mrl {
 

@@ -1,12 +1,10 @@
 // b4mrl train: trains one learner in one run.
 #include <fmt/format.h>
 
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <type_traits>
 
 #include "algorithms/list.h"
 #include "algorithms/run/check_training.h"
@@ -14,7 +12,6 @@
 #include "algorithms/tools/command.h"
 #include "client/interrupt.h"
 #include "data/d4rl/agent_file.h"
-#include "data/files/atomic_file.h"
 #include "proto/base/limits.h"
 #include "proto/base/names.h"
 

@@ -3,7 +3,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <optional>
 
 #include "benchmarks/evidence/aggregates.h"
 #include "benchmarks/pages/entries.h"

@@ -1,7 +1,6 @@
 // Every cell with its interval and its cost, and the same numbers for programs.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <set>
 
 #include "benchmarks/pages/entries.h"

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "algorithms/pictures/fit.h"
-#include "benchmarks/pages/entries.h"
 #include "benchmarks/pages/figures.h"
 #include "proto/base/mean_and_std.h"
 

@@ -2,7 +2,6 @@
 // any thread.
 #pragma once
 
-#include <cstddef>
 #include <string>
 #include <vector>
 

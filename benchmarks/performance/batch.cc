@@ -4,7 +4,6 @@
 //
 // The dataset is synthetic and has a million rows, as the paper's. Its content does not change the
 // times, but its size in memory does.
-#include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <memory>

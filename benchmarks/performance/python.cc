@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <vector>
 
 #include "benchmarks/performance/benchmarks.h"
 #include "benchmarks/performance/support/daemon.h"

@@ -4,7 +4,7 @@
 #include <set>
 #include <vector>
 
-#include "proto/wire/named_arguments.h"
+#include "proto/base/spec.h"
 
 namespace b4mrl {
 

@@ -3,7 +3,6 @@
 // Thread rule: one thread.
 #pragma once
 
-#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>

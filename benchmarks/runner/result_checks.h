@@ -2,7 +2,6 @@
 // scoring them again. Thread rule: one thread. An interrupt (client/interrupt.h) ends the work.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>

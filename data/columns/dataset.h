@@ -8,7 +8,6 @@
 #include <string>
 #include <string_view>
 #include <tuple>
-#include <vector>
 
 #include "data/columns/column_cache.h"
 #include "data/columns/statistics.h"

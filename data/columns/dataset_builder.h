@@ -7,7 +7,6 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "data/columns/column_cache.h"
 #include "data/columns/dataset.h"

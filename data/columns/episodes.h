@@ -11,7 +11,6 @@
 // Pure functions; any thread.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string_view>

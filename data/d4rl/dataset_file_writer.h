@@ -19,7 +19,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "data/columns/dataset.h"
 #include "data/d4rl/agent_file.h"

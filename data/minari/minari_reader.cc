@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "data/files/atomic_file.h"
-#include "proto/base/limits.h"
 
 namespace b4mrl {
 namespace {

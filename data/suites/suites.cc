@@ -7,8 +7,6 @@
 #include <cmath>
 #include <filesystem>
 #include <iterator>
-#include <optional>
-#include <set>
 #include <system_error>
 #include <utility>
 

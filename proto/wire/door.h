@@ -22,7 +22,6 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <string>
 
 #include "proto/base/status.h"
 #include "proto/base/unique_fd.h"

@@ -1,7 +1,5 @@
 #include "server/datasets/corruption.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <bit>
 #include <cstring>

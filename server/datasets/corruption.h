@@ -11,7 +11,6 @@
 #pragma once
 
 #include <atomic>
-#include <string>
 #include <vector>
 
 #include "data/columns/dataset.h"

@@ -3,7 +3,6 @@
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
-#include <ctime>
 #include <utility>
 
 #include "server/environments/list.h"

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "data/suites/suites.h"
-#include "proto/base/limits.h"
 #include "server/environments/list.h"
 #include "server/gateway/catalogue.h"
 #include "server/gateway/describe.h"

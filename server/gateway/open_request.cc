@@ -3,8 +3,6 @@
 #include <fmt/format.h>
 #include <sys/random.h>
 
-#include <algorithm>
-
 #include "proto/base/limits.h"
 
 namespace b4mrl {

@@ -4,7 +4,6 @@
 #include <string>
 
 #include "proto/b4mrl.pb.h"
-#include "proto/base/clock.h"
 #include "proto/base/status.h"
 
 namespace b4mrl {

@@ -6,7 +6,6 @@
 // (1994); NumPy's documentation of SeedSequence and Generator.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <optional>
 

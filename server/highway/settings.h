@@ -3,7 +3,6 @@
 // actions; units are metres, seconds, radians. Immutable while a simulation uses them.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <vector>

@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "proto/base/status.h"
 #include "server/process/child.h"
 
 namespace b4mrl {

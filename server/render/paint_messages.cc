@@ -1,6 +1,5 @@
 #include "server/render/paint_messages.h"
 
-#include <fmt/format.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <xxhash.h>

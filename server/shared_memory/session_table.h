@@ -4,9 +4,7 @@
 #pragma once
 
 #include <optional>
-#include <string>
 #include <string_view>
-#include <vector>
 
 #include "proto/base/status.h"
 #include "server/shared_memory/shared_state.h"

@@ -2,8 +2,6 @@
 // changes no lane.
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include "proto/base/limits.h"
 #include "server/scheduling/piece_timer.h"
 #include "server/shared_memory/blame.h"

@@ -1,8 +1,6 @@
 // The request Render: pictures of lanes. It changes no lane and keeps none busy.
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include "proto/base/limits.h"
 #include "server/render/painter_process.h"
 #include "server/worker/handlers.h"

@@ -10,7 +10,6 @@
 #include <array>
 #include <atomic>
 #include <mutex>
-#include <string>
 #include <vector>
 
 #include "proto/b4mrl.pb.h"

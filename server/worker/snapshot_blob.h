@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <string_view>
 
 #include "proto/base/status.h"
 #include "server/simulator/lane_record.h"

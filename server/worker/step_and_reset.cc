@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "proto/base/limits.h"
 #include "server/scheduling/piece_timer.h"
 #include "server/shared_memory/blame.h"
 #include "server/worker/fault_point.h"

@@ -2,9 +2,7 @@
 // a core's arrays with them.
 #pragma once
 
-#include <cstdint>
 #include <map>
-#include <span>
 #include <string>
 #include <vector>
 

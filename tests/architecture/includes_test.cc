@@ -1,6 +1,7 @@
 // The arrows between folders, and which folder may include which third-party library.
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <map>
 #include <regex>
 #include <set>

@@ -1,7 +1,6 @@
 // The checkout's own source files, read once, for tests of what they may contain.
 #pragma once
 
-#include <filesystem>
 #include <string>
 #include <string_view>
 #include <vector>

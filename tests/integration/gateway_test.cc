@@ -2,7 +2,6 @@
 #include <signal.h>
 
 #include <catch2/catch.hpp>
-#include <filesystem>
 #include <future>
 #include <map>
 #include <string>

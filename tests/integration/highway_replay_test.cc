@@ -1,7 +1,6 @@
 // The recordings of highway-env, replayed by a client through the daemon.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <string>
 #include <vector>
 
 #include "tests/integration/support/daemon.h"

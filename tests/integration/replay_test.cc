@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstring>
-#include <string>
 #include <vector>
 
 #include "tests/integration/support/daemon.h"

@@ -4,8 +4,6 @@
 // no longer than its scratch and its matrix.
 #pragma once
 
-#include <cstdint>
-
 #include "algorithms/nn/products/bf16.h"
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/nn/products/precision.h"

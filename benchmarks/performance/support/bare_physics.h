@@ -5,7 +5,6 @@
 // observation are not computed. One thread calls; the class starts the threads that simulate.
 #pragma once
 
-#include <cstdint>
 #include <functional>
 #include <memory>
 #include <span>

@@ -15,7 +15,6 @@
 // mujoco_environment.h). These numbers are therefore parts of the state: the observation shows
 // them, and the next reward starts from the centre of mass.
 #include <algorithm>
-#include <array>
 #include <string>
 
 #include "server/environments/mujoco/locomotion.h"

@@ -1,8 +1,5 @@
 #include "server/environments/mujoco/locomotion.h"
 
-#include <fmt/format.h>
-
-#include <algorithm>
 #include <cmath>
 #include <limits>
 

@@ -13,7 +13,6 @@
 #include <array>
 #include <optional>
 #include <span>
-#include <vector>
 
 #include "server/environments/config_reader.h"
 #include "server/environments/mujoco/mujoco_environment.h"

@@ -14,10 +14,7 @@
 
 #include <mujoco/mujoco.h>
 
-#include <functional>
-#include <memory>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "proto/base/status.h"

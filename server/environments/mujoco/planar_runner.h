@@ -4,7 +4,6 @@
 //                +-velocity_limit. A query starts a clipped velocity at the limit.
 #pragma once
 
-#include <limits>
 #include <span>
 
 #include "server/environments/mujoco/locomotion.h"

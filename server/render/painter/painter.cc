@@ -1,6 +1,5 @@
 #include "server/render/painter/painter.h"
 
-#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>

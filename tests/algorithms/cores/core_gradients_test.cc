@@ -2,7 +2,6 @@
 // parameter, so its losses are functions of the parameters, and its gradients can be checked
 // against them. Every noise is held fixed.
 #include <catch2/catch.hpp>
-#include <string>
 #include <vector>
 
 #include "algorithms/cores/iql_core.h"

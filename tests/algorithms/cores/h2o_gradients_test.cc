@@ -2,7 +2,6 @@
 // parameter, so its losses are functions of the parameters.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <string>
 #include <vector>
 
 #include "algorithms/cores/h2o_core.h"

@@ -1,5 +1,4 @@
 // Learners and steps that the simulator gives up, or that nobody waits for any more.
-#include <algorithm>
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <filesystem>

@@ -1,6 +1,5 @@
 // The pre-pass, the rollouts, collection and evaluation against a real daemon.
 #include <catch2/catch.hpp>
-#include <cmath>
 #include <cstring>
 
 #include "algorithms/episodes/evaluate.h"

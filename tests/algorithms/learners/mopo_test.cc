@@ -1,9 +1,7 @@
 // MOPO as a learner: what its batches are made of. A fake daemon serves its dataset.
 #include <catch2/catch.hpp>
 #include <cstdint>
-#include <map>
 #include <memory>
-#include <string>
 #include <utility>
 #include <vector>
 

@@ -6,8 +6,6 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
-#include <string_view>
-#include <utility>
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/base/replay_file.h"

@@ -4,12 +4,12 @@
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/list.h"
 #include "algorithms/run/train_loop.h"
+#include "data/d4rl/agent_file.h"
 #include "tests/algorithms/fake_episodes.h"
 #include "tests/algorithms/logged_rows.h"
 #include "tests/data/file_size_limit.h"

@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "algorithms/base/checkpoint.h"
 #include "algorithms/list.h"

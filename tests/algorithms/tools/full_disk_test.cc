@@ -8,7 +8,6 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
-#include <optional>
 
 #include "client/client.h"
 #include "client/private_daemon.h"

@@ -1,7 +1,6 @@
 #include "benchmarks/runner/frozen_plan.h"
 
 #include <catch2/catch.hpp>
-#include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>

@@ -1,7 +1,6 @@
 #include "data/columns/column_cache.h"
 
 #include <sys/stat.h>
-#include <atomic>
 
 #include <catch2/catch.hpp>
 #include <cctype>

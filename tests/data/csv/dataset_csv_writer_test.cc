@@ -1,6 +1,5 @@
 #include "data/csv/dataset_csv_writer.h"
 
-#include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdlib>

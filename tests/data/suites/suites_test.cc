@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <catch2/catch.hpp>
-#include <set>
 
 #include "tests/data/temporary_folder.h"
 #include "tests/results.h"

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <string>
-#include <utility>
 
 #include "client/client.h"
 #include "client/private_daemon.h"

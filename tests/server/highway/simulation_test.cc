@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 
 #include "server/environments/highway_config.h"
 #include "server/highway/observation.h"

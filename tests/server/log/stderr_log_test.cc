@@ -12,7 +12,6 @@
 #include <climits>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "tests/data/temporary_folder.h"
 

@@ -2,7 +2,6 @@
 #include "server/replies/request_kinds.h"
 
 #include <catch2/catch.hpp>
-#include <string>
 
 namespace b4mrl {
 namespace {

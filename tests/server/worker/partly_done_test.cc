@@ -1,5 +1,4 @@
 // Requests of which a worker that died has executed some lanes: what their copies are told.
-#include <algorithm>
 #include <catch2/catch.hpp>
 
 #include "server/shared_memory/blame.h"

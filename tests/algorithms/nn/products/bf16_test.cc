@@ -9,7 +9,6 @@
 #include <cstring>
 #include <limits>
 #include <string_view>
-#include <vector>
 
 #include "algorithms/nn/products/blas.h"
 #include "algorithms/nn/products/precision.h"

@@ -1,7 +1,6 @@
 // What the Humanoid has beyond the planar tasks: numbers that lag behind its state, contact forces,
 // a quaternion, and many contacts at once.
 #include <algorithm>
-#include <cmath>
 
 #include "tests/reference/mujoco_reference.h"
 #include "tests/server/environments/simulation.h"
